@@ -1,0 +1,27 @@
+"""One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
+
+from .characterize import characterize
+from .circuit import PYBAMM_NAMES, CircuitParameters
+from .circuits import CIRCUITS, Circuit, get_circuit
+from .curves import AbstractCurve, InterpolatedCurve, OcvFit, PolynomialCurve
+from .hysteresis import HysteresisFit, SegmentedHysteresis
+from .model import CellModel, FitError
+from .soc_axis import OcvPoint
+
+__all__ = [
+    "CIRCUITS",
+    "PYBAMM_NAMES",
+    "AbstractCurve",
+    "CellModel",
+    "Circuit",
+    "CircuitParameters",
+    "FitError",
+    "HysteresisFit",
+    "InterpolatedCurve",
+    "OcvFit",
+    "OcvPoint",
+    "PolynomialCurve",
+    "SegmentedHysteresis",
+    "characterize",
+    "get_circuit",
+]

@@ -1,0 +1,139 @@
+"""From the records of an OCV test to a characterized cell."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
+
+from ..errors import InputError
+from ..records.record import Record
+from ..records.rests import rest_current_a
+from .curves import AbstractCurve, OcvFit, fit_curve, curve_warnings
+from .hysteresis import HysteresisFit, SegmentedHysteresis
+from .model import CellModel, FitError, fit_error
+from .rest_points import MINIMUM_REST_S, find_rest_sweeps
+from .slow_sweep import find_slow_sweeps
+from .soc_axis import OcvPoint, decide_capacity, place_on_soc
+from .sweep import CHARGE, DISCHARGE, WORD, Sweep, join_sweeps
+
+
+def characterize(
+    records: Sequence[Record],
+    *,
+    capacity_ah: float | None = None,
+    ocv_fit: OcvFit = "polynomial",
+    hysteresis_fit: HysteresisFit = "continuous",
+) -> CellModel:
+    """The cell that an OCV test shows: one or several records, in any order.
+
+    Each record is a pulse-rest test or a slow sweep, of either direction or both. Raises
+    `InputError` that names the record where it is neither, and `ValueError` for an unknown fit.
+    """
+    if not records:
+        raise InputError("an OCV test is needed; no record was given")
+    if capacity_ah is not None and not capacity_ah > 0:
+        raise InputError(f"the capacity must be positive, in Ah; {capacity_ah} was given")
+    found = [sweep for record in records for sweep in find_sweeps(record, capacity_ah)]
+    sweeps = {
+        direction: join_sweeps(same)
+        for direction in (DISCHARGE, CHARGE)
+        if (same := [sweep for sweep in found if sweep.direction == direction])
+    }
+    capacity = decide_capacity(sweeps, capacity_ah)
+    points = place_on_soc(sweeps, capacity, shares_axis=len(records) == 1)
+    measured = {direction: _curve(branch, ocv_fit) for direction, branch in points.items()}
+    warnings = list(capacity.warnings) + _kind_warnings(sweeps)
+    for direction, curve in measured.items():
+        warnings.extend(curve_warnings(curve, WORD[direction]))
+    only = next(iter(measured.values()))
+    charge, discharge = measured.get(CHARGE, only), measured.get(DISCHARGE, only)
+    if len(measured) == 2:
+        soc = _shared_soc(charge, discharge)
+        hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
+    else:
+        hysteresis = SegmentedHysteresis.zero()
+    return CellModel(
+        capacity_ah=capacity.value_ah,
+        capacity_origin=capacity.origin,
+        charge=charge,
+        discharge=discharge,
+        hysteresis=hysteresis,
+        charge_points=points.get(CHARGE, ()),
+        discharge_points=points.get(DISCHARGE, ()),
+        errors=_errors(measured, hysteresis),
+        warnings=tuple(warnings),
+    )
+
+
+def find_sweeps(record: Record, capacity_ah: float | None) -> list[Sweep]:
+    """The OCV sweeps of one record, on its own axis of charge.
+
+    `capacity_ah` sets what current counts as rest; without it the charge that the record spans
+    does. Raises `InputError` where the record is no OCV test.
+    """
+    span_ah = float(np.ptp(record.discharged_ah))
+    if span_ah == 0:
+        raise InputError(
+            f"{record.name} is not an OCV test: no charge passed; give the test that moves the "
+            "cell between full and empty"
+        )
+    # A capacity given in mAh would turn the whole record into one rest.
+    provisional_ah = span_ah if capacity_ah is None else min(capacity_ah, span_ah)
+    threshold_a = rest_current_a(record, provisional_ah)
+    slow = find_slow_sweeps(record, threshold_a, MINIMUM_REST_S)
+    return slow or find_rest_sweeps(record, threshold_a)
+
+
+def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> AbstractCurve:
+    soc = np.array([point.soc for point in points])
+    voltage_v = np.array([point.voltage_v for point in points])
+    return fit_curve(soc, voltage_v, ocv_fit)
+
+
+def _shared_soc(charge: AbstractCurve, discharge: AbstractCurve) -> Float[np.ndarray, "points"]:
+    """SOC of all points of both branches that lie on both."""
+    low = max(charge.soc[0], discharge.soc[0])
+    high = min(charge.soc[-1], discharge.soc[-1])
+    soc = np.union1d(charge.soc, discharge.soc)
+    soc = soc[(soc >= low) & (soc <= high)]
+    if soc.size == 0:
+        raise InputError(
+            f"the charge covers SOC {charge.soc[0]:.3f} to {charge.soc[-1]:.3f}, the discharge "
+            f"{discharge.soc[0]:.3f} to {discharge.soc[-1]:.3f}: they share nothing, so they are "
+            "not one test"
+        )
+    return soc
+
+
+def _errors(
+    measured: Mapping[int, AbstractCurve], hysteresis: SegmentedHysteresis
+) -> dict[str, FitError]:
+    """Errors at the points; those of the average against the mean of both branches' PCHIP."""
+    errors = {WORD[direction]: fit_error(curve.errors_v) for direction, curve in measured.items()}
+    curves = list(measured.values())
+    if len(curves) == 2:
+        soc = _shared_soc(measured[CHARGE], measured[DISCHARGE])
+        through_v = [PchipInterpolator(curve.soc, curve.voltage_v)(soc) for curve in curves]
+        fitted_v = [curve(soc) for curve in curves]
+        errors["average"] = fit_error(np.mean(fitted_v, axis=0) - np.mean(through_v, axis=0))
+        errors["hysteresis"] = fit_error(hysteresis.errors_v)
+    else:
+        errors["average"] = errors[WORD[next(iter(measured))]]
+    return errors
+
+
+def _kind_warnings(sweeps: Mapping[int, Sweep]) -> list[str]:
+    if len(sweeps) == 1:
+        (only,) = sweeps.values()
+        return [
+            f"only the {WORD[only.direction]} was measured: the hysteresis voltage is unknown and "
+            "taken as zero"
+        ]
+    kinds = {sweep.kind for sweep in sweeps.values()}
+    if len(kinds) == 2:
+        return [
+            "one branch comes from rests, the other from a slow sweep: the hysteresis voltage "
+            "holds the overpotential of the slow current"
+        ]
+    return []

@@ -1,0 +1,6 @@
+"""Circuits: what stands behind the two RC pairs."""
+
+from .circuit import Circuit
+from .registry import CIRCUITS, get_circuit
+
+__all__ = ["CIRCUITS", "Circuit", "get_circuit"]

@@ -1,0 +1,227 @@
+"""Open-circuit voltage as a function of the state of charge, through measured points."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, Self
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial import Polynomial
+from scipy.interpolate import PchipInterpolator
+
+from ..errors import InputError
+from .stored import stored_numbers, stored_value
+
+OcvFit = Literal["polynomial", "interpolated"]
+
+POLYNOMIAL_DEGREE = 7
+FALL_TOLERANCE_V = 0.5e-3
+OVERSHOOT_TOLERANCE_V = 3e-3
+MISS_TOLERANCE_V = 10e-3
+CHECKS_PER_GAP = 50
+
+
+@dataclass(frozen=True)
+class AbstractCurve(ABC):
+    """A curve over SOC, constant beyond its end points.
+
+    `points` are the (SOC, voltage in V) it was fitted to, SOC strictly increasing. Raises
+    `InputError` where they are not finite or not increasing.
+    """
+
+    points: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.points, dtype=float)
+        if values.ndim != 2 or values.shape[1] != 2 or len(values) < 2:
+            raise InputError("an OCV curve needs at least two points of SOC and voltage")
+        if not np.isfinite(values).all() or not (np.diff(values[:, 0]) > 0).all():
+            raise InputError("the points of an OCV curve must be finite and increase in SOC")
+
+    @cached_property
+    def soc(self) -> Float[np.ndarray, "points"]:
+        return np.array([soc for soc, _ in self.points])
+
+    @cached_property
+    def voltage_v(self) -> Float[np.ndarray, "points"]:
+        return np.array([voltage for _, voltage in self.points])
+
+    @property
+    def errors_v(self) -> Float[np.ndarray, "points"]:
+        """Curve minus measured voltage at the points."""
+        return self(self.soc) - self.voltage_v
+
+    def __call__(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Voltage in V at `soc`."""
+        return self._inside(np.clip(soc, self.soc[0], self.soc[-1]))
+
+    @abstractmethod
+    def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Voltage between the end points."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The curve as plain numbers, for JSON."""
+
+
+@dataclass(frozen=True)
+class PolynomialCurve(AbstractCurve):
+    """The seventh-order polynomial of Li et al. (2023), Eq. 21.
+
+    `coefficients` are a0 to a7 of the plain powers of SOC, in V.
+
+    >>> soc = np.linspace(0.0, 1.0, 9)
+    >>> curve = PolynomialCurve.fit(soc, 3.0 + soc**2)
+    >>> float(np.round(curve(np.array(0.5)), 9))
+    3.25
+    """
+
+    coefficients: tuple[float, ...]
+
+    @classmethod
+    def fit(cls, soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"]) -> Self:
+        """Least squares. Raises `InputError` for fewer points than coefficients."""
+        needed = POLYNOMIAL_DEGREE + 1
+        if len(soc) < needed:
+            raise InputError(
+                f"a polynomial of degree {POLYNOMIAL_DEGREE} needs at least {needed} OCV points; "
+                f"there are {len(soc)}. Use --ocv-fit interpolated."
+            )
+        points = _points(soc, voltage_v)
+        # Fitted on [-1, 1], where the powers are far from parallel; stored in powers of SOC.
+        fitted = Polynomial.fit(soc, voltage_v, POLYNOMIAL_DEGREE).convert()
+        padded = np.zeros(needed)
+        padded[: len(fitted.coef)] = fitted.coef
+        return cls(points, tuple(float(a) for a in padded))
+
+    def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        return np.polynomial.polynomial.polyval(soc, self.coefficients)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "fit": "polynomial",
+            "coefficients [V]": list(self.coefficients),
+            "soc": self.soc.tolist(),
+            "voltage [V]": self.voltage_v.tolist(),
+        }
+
+
+@dataclass(frozen=True)
+class InterpolatedCurve(AbstractCurve):
+    """The monotone cubic through the points (PCHIP; Fritsch and Carlson 1980, as in SciPy).
+
+    >>> curve = InterpolatedCurve.fit(np.array([0.0, 0.5, 1.0]), np.array([3.0, 3.5, 4.0]))
+    >>> float(curve(np.array(0.25)))
+    3.25
+    """
+
+    @classmethod
+    def fit(cls, soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"]) -> Self:
+        return cls(_points(soc, voltage_v))
+
+    @cached_property
+    def _pchip(self) -> PchipInterpolator:
+        return PchipInterpolator(self.soc, self.voltage_v)
+
+    def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        return self._pchip(soc)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "fit": "interpolated",
+            "soc": self.soc.tolist(),
+            "voltage [V]": self.voltage_v.tolist(),
+        }
+
+
+def fit_curve(
+    soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"], fit: OcvFit
+) -> AbstractCurve:
+    """The curve of the kind `fit` through the points, SOC strictly increasing.
+
+    Raises `ValueError` for an unknown kind and `InputError` for too few points.
+    """
+    if fit == "polynomial":
+        return PolynomialCurve.fit(soc, voltage_v)
+    if fit == "interpolated":
+        return InterpolatedCurve.fit(soc, voltage_v)
+    raise ValueError(f"no OCV fit is called {fit!r}; there are polynomial, interpolated")
+
+
+def curve_from_dict(stored: Mapping[str, Any]) -> AbstractCurve:
+    """The curve that `to_dict` wrote. Raises `InputError` for what it did not write."""
+    fit = stored_value(stored, "fit", "OCV curve")
+    soc = stored_numbers(stored, "soc", "OCV curve")
+    voltage_v = stored_numbers(stored, "voltage [V]", "OCV curve")
+    if len(soc) != len(voltage_v):
+        raise InputError(
+            f"the stored OCV curve has {len(soc)} SOC values but {len(voltage_v)} voltages"
+        )
+    points = tuple(zip(soc, voltage_v, strict=True))
+    if fit == "interpolated":
+        return InterpolatedCurve(points)
+    if fit != "polynomial":
+        raise InputError(f"the stored OCV curve is of the unknown fit {fit!r}")
+    coefficients = stored_numbers(stored, "coefficients [V]", "OCV curve")
+    if len(coefficients) != POLYNOMIAL_DEGREE + 1:
+        raise InputError(
+            f"the stored OCV polynomial has {len(coefficients)} coefficients; "
+            f"degree {POLYNOMIAL_DEGREE} has {POLYNOMIAL_DEGREE + 1}"
+        )
+    return PolynomialCurve(points, coefficients)
+
+
+def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
+    """Where the curve falls with SOC, leaves the range of neighboring points or misses them.
+
+    An OCV rises with SOC; what falls between good points is the fit, not the cell.
+    """
+    found = []
+    grid = np.concatenate(
+        [
+            np.linspace(left, right, CHECKS_PER_GAP, endpoint=False)
+            for left, right in zip(curve.soc[:-1], curve.soc[1:], strict=True)
+        ]
+        + [curve.soc[-1:]]
+    )
+    voltage_v = curve(grid)
+    fall_v = np.maximum.accumulate(voltage_v) - voltage_v
+    worst = int(np.argmax(fall_v))
+    if fall_v[worst] > FALL_TOLERANCE_V:
+        top = int(np.argmax(voltage_v[: worst + 1]))
+        found.append(
+            f"the {name} OCV curve falls by {1e3 * fall_v[worst]:.1f} mV from SOC "
+            f"{grid[top]:.3f} to {grid[worst]:.3f}"
+        )
+    left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
+    margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
+    between_v = voltage_v[:-1].reshape(-1, CHECKS_PER_GAP)
+    above_v = between_v.max(axis=1) - np.maximum(left_v, right_v)
+    below_v = np.minimum(left_v, right_v) - between_v.min(axis=1)
+    beyond_v = np.maximum(above_v, below_v)
+    gap = int(np.argmax(beyond_v - margin_v))
+    if beyond_v[gap] > margin_v[gap]:
+        found.append(
+            f"the {name} OCV curve leaves its points by {1e3 * beyond_v[gap]:.1f} mV between SOC "
+            f"{curve.soc[gap]:.3f} and {curve.soc[gap + 1]:.3f}"
+        )
+    errors_v = np.abs(curve.errors_v)
+    missed = int(np.argmax(errors_v))
+    if errors_v[missed] > MISS_TOLERANCE_V:
+        found.append(
+            f"the {name} OCV curve misses its points by up to {1e3 * errors_v[missed]:.1f} mV, "
+            f"at SOC {curve.soc[missed]:.3f}"
+        )
+    if isinstance(curve, PolynomialCurve):
+        return tuple(
+            f"{text}: the polynomial wiggles; try --ocv-fit interpolated" for text in found
+        )
+    return tuple(f"{text}: look at the points there" for text in found)
+
+
+def _points(
+    soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"]
+) -> tuple[tuple[float, float], ...]:
+    return tuple((float(s), float(v)) for s, v in zip(soc, voltage_v, strict=True))

@@ -1,0 +1,78 @@
+"""OCV points of a slow constant-current sweep, such as C/20 or C/30."""
+
+import numpy as np
+
+from ..records.record import Record
+from .sweep import CHARGE, DISCHARGE, Sweep, SweepPoint
+
+# C/10 with the slack of a cell that holds a little less than its rating.
+SLOWEST_HOURS = 9.5
+POINTS = 101
+# Samples without current inside a sweep, as a fraction: a tester pauses now and then.
+PAUSES = 0.01
+# Half the window each point is averaged over, as a fraction of the sweep.
+HALF_WINDOW = 1e-3
+
+
+def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: float) -> list[Sweep]:
+    """The slow sweeps of a record, cut-off to cut-off, in time order; often none.
+
+    A slow sweep passes its charge in one direction, without long rests, at C/10 of that charge
+    or less. Its voltage still holds the overpotential of that current.
+    """
+    discharged_ah = record.discharged_ah
+    sweeps = []
+    for first, last in _one_way_stretches(record, rest_current_a, minimum_rest_s):
+        is_backward = record.hold.value == "backward"
+        begin = max(first - 1, 0) if is_backward else first
+        end = last if is_backward else min(last + 1, record.samples - 1)
+        passed_ah = abs(discharged_ah[end] - discharged_ah[begin])
+        current_a = np.abs(record.current_a[first : last + 1])
+        is_loaded = current_a > rest_current_a
+        is_slow = np.median(current_a[is_loaded]) * SLOWEST_HOURS <= passed_ah
+        if is_slow and (~is_loaded).mean() <= PAUSES:
+            sweeps.append(_thin(record, first, last, begin, end))
+    return sweeps
+
+
+def _one_way_stretches(
+    record: Record, rest_current_a: float, minimum_rest_s: float
+) -> list[tuple[int, int]]:
+    """First and last loaded sample of each stretch of one direction without a long rest."""
+    loaded = np.flatnonzero(np.abs(record.current_a) > rest_current_a)
+    if loaded.size == 0:
+        return []
+    turns = np.diff(np.sign(record.current_a[loaded])) != 0
+    # A gap of the logger is no rest: only samples that show no current count.
+    rests = (np.diff(loaded) > 2) & (np.diff(record.time_s[loaded]) >= minimum_rest_s)
+    cuts = np.flatnonzero(turns | rests)
+    firsts = loaded[np.concatenate([[0], cuts + 1])]
+    lasts = loaded[np.concatenate([cuts, [len(loaded) - 1]])]
+    return [(int(first), int(last)) for first, last in zip(firsts, lasts, strict=True)]
+
+
+def _thin(record: Record, first: int, last: int, begin: int, end: int) -> Sweep:
+    """The sweep with its voltage averaged at points evenly spaced in charge."""
+    axis_ah = record.discharged_ah
+    direction = CHARGE if axis_ah[end] < axis_ah[begin] else DISCHARGE
+    charge_ah, voltage_v = axis_ah[first : last + 1], record.voltage_v[first : last + 1]
+    half_ah = HALF_WINDOW * abs(axis_ah[end] - axis_ah[begin])
+    points = []
+    for target_ah in np.linspace(charge_ah[0], charge_ah[-1], POINTS):
+        nearest = int(np.argmin(np.abs(charge_ah - target_ah)))
+        is_near = np.abs(charge_ah - target_ah) <= half_ah
+        # The end points are the cut-offs; an average there would pull the curve inward.
+        if target_ah in (charge_ah[0], charge_ah[-1]) or not is_near.any():
+            is_near = np.arange(len(charge_ah)) == nearest
+        points.append(
+            SweepPoint(
+                discharged_ah=float(charge_ah[is_near].mean()),
+                voltage_v=float(voltage_v[is_near].mean()),
+                source=record.name,
+                row=int(record.row[first + nearest]),
+                rest_s=0.0,
+            )
+        )
+    return Sweep(
+        "slow", direction, record.name, float(axis_ah[begin]), float(axis_ah[end]), tuple(points)
+    )

@@ -1,0 +1,162 @@
+"""What a record must satisfy before anything is computed from it.
+
+Each check takes the samples and gives them back, possibly fewer or with a warning, or raises
+InputError with the file, the row, the value and the remedy.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from barnax.errors import InputError
+from barnax.records.samples import Samples
+
+FEWEST_SAMPLES = 10
+
+# One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
+_CELL_RANGE_V = (0.5, 6.0)
+_MODULE_V, _MILLIVOLT_V = 10.0, 100.0
+
+# The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
+# cell at 1C reads 2000 in milliamperes. A slow sweep of a small cell gives itself away by its
+# ampere-hours instead: 2 Ah read as 2000.
+_LOADED_A, _SWING_AH = 500.0, 1500.0
+
+# What two samples of one time stamp may differ by and still be one sample, logged twice.
+_SAME_VOLTAGE_V, _SAME_CURRENT_SHARE = 2e-3, 0.02
+
+
+def check_samples(samples: Samples) -> Samples:
+    """The samples, fit for use. Raises InputError where they are not."""
+    if len(samples.time_s) == 0:
+        raise InputError(
+            f"{samples.file}: has a header and no samples below it; give the file with its data."
+        )
+    samples = _with_increasing_time(samples)
+    if len(samples.time_s) < FEWEST_SAMPLES:
+        raise InputError(
+            f"{samples.file}: holds {len(samples.time_s)} samples, and a record needs at least "
+            f"{FEWEST_SAMPLES}; give a longer one."
+        )
+    samples = _with_plausible_voltage(samples)
+    return _with_plausible_current(samples)
+
+
+def _with_increasing_time(samples: Samples) -> Samples:
+    """Samples logged twice are merged; after that the time must strictly increase."""
+    time, current, voltage = samples.time_s, samples.current_a, samples.voltage_v
+    step = np.diff(time)
+    is_exact = (step == 0) & (np.diff(current) == 0) & (np.diff(voltage) == 0)
+    current_tolerance = _SAME_CURRENT_SHARE * np.max(np.abs(current))
+    is_near = (
+        (step == 0)
+        & ~is_exact
+        & (np.abs(np.diff(current)) <= current_tolerance * (1 + 1e-9))
+        & (np.abs(np.diff(voltage)) <= _SAME_VOLTAGE_V * (1 + 1e-9))
+    )
+    wrong = (step <= 0) & ~is_exact & ~is_near
+    if wrong.any():
+        _refuse_time(samples, int(np.argmax(wrong)) + 1)
+    if is_exact.any():
+        samples = samples.warn(f"{_rows(is_exact)} merged: exact repeats of the row before")
+    if is_near.any():
+        first = samples.place(int(np.argmax(is_near)) + 1)
+        samples = samples.warn(
+            f"{_rows(is_near)} dropped (first: {first}): the time stamp of the row before, with "
+            "current and voltage alike within the tester's resolution"
+        )
+    return samples.keep(np.concatenate([[True], ~(is_exact | is_near)]))
+
+
+def _refuse_time(samples: Samples, at: int) -> None:
+    before, after = samples.time_s[at - 1], samples.time_s[at]
+    if after < before:
+        raise InputError(
+            f"{samples.file}: {samples.place(at)}: time runs backwards, from {before:.10g} s to "
+            f"{after:.10g} s. Sort the rows by time, split joined tests into files of their own, "
+            f"or, if '{samples.names['time']}' restarts with each step, give the test's own clock."
+        )
+    raise InputError(
+        f"{samples.file}: {samples.place(at)}: time {after:.10g} s stands twice with different "
+        f"values ({samples.current_a[at - 1]:.6g} A, {samples.voltage_v[at - 1]:.6g} V, then "
+        f"{samples.current_a[at]:.6g} A, {samples.voltage_v[at]:.6g} V); delete one of the two "
+        "rows, or export the time with more digits."
+    )
+
+
+def _rows(mask: Bool[np.ndarray, "intervals"]) -> str:
+    count = int(mask.sum())
+    return "1 row" if count == 1 else f"{count} rows"
+
+
+def _with_plausible_voltage(samples: Samples) -> Samples:
+    voltage, name = samples.voltage_v, samples.names["voltage"]
+    median = float(np.median(voltage))
+    if abs(median) > _MILLIVOLT_V:
+        raise InputError(
+            f"{samples.file}: half of the voltages in '{name}' are above {median:.6g} V, which "
+            "looks like millivolts; rename the column to 'Voltage / mV'."
+        )
+    if abs(median) > _MODULE_V:
+        raise InputError(
+            f"{samples.file}: half of the voltages in '{name}' are above {median:.6g} V, too much "
+            "for one cell; give the voltage of one cell, not of several in series."
+        )
+    worst = int(np.argmax(np.abs(voltage)))
+    if abs(voltage[worst]) > _MILLIVOLT_V:
+        raise InputError(
+            f"{samples.file}: {samples.place(worst)}: {voltage[worst]:.6g} V in '{name}' is no "
+            "cell's voltage; correct or delete the row."
+        )
+    outside = (voltage < _CELL_RANGE_V[0]) | (voltage > _CELL_RANGE_V[1])
+    if outside.any():
+        first = int(np.argmax(outside))
+        samples = samples.warn(
+            f"{int(outside.sum())} voltages are outside {_CELL_RANGE_V[0]} to {_CELL_RANGE_V[1]} V"
+            f" (first: {voltage[first]:.6g} V, {samples.place(first)})"
+        )
+    return samples
+
+
+def _with_plausible_current(samples: Samples) -> Samples:
+    magnitude, name = np.abs(samples.current_a), samples.names["current"]
+    peak = float(magnitude.max())
+    if peak == 0:
+        raise InputError(
+            f"{samples.file}: every current in '{name}' is zero, so nothing can be learned from "
+            "the record; give the column that holds the measured current."
+        )
+    loaded = float(np.median(magnitude[magnitude > 0.05 * peak]))
+    passed_ah = np.cumsum(samples.current_a[1:] * np.diff(samples.time_s)) / 3600
+    swing_ah = float(np.ptp(passed_ah))
+    reasons = []
+    if loaded > _LOADED_A:
+        reasons.append(f"the current under load is {loaded:.6g} A")
+    if swing_ah > _SWING_AH:
+        reasons.append(f"the record moves {swing_ah:.6g} Ah one way")
+    ratio = _throughput_ratio(samples)
+    if ratio is not None and 200 < ratio < 5000:
+        reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
+    if reasons:
+        worst = int(np.argmax(magnitude))
+        raise InputError(
+            f"{samples.file}: {samples.place(worst)}: {samples.current_a[worst]:.6g} A in '{name}':"
+            f" {' and '.join(reasons)}, which looks like milliamperes; rename the column to "
+            "'Current / mA'."
+        )
+    return samples
+
+
+def _throughput_ratio(samples: Samples) -> float | None:
+    """Integrated |I| over what the tester counted in and out, where it counted enough to tell."""
+    counters = samples.counters
+    if counters.charged_ah is None or counters.discharged_ah is None:
+        return None
+    counted = _gains_ah(counters.charged_ah) + _gains_ah(counters.discharged_ah)
+    interval_h = np.diff(samples.time_s) / 3600
+    integrated = float(np.sum(np.abs(samples.current_a[1:]) * interval_h))
+    # A counter printed to 0.1 mAh that moved a few times proves nothing.
+    return integrated / counted if counted > 1e-3 else None
+
+
+def _gains_ah(counter_ah: Float[np.ndarray, "samples"]) -> float:
+    return float(np.sum(np.maximum(np.diff(counter_ah), 0)))

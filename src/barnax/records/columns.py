@@ -1,0 +1,140 @@
+"""Which column of a table holds which quantity, and in what unit.
+
+A column name is an alias and a unit, in any of the usual spellings: Battery Data Format labels
+("Current / A") and machine names ("current_ampere"), PyBaMM ("Current [A]"), Arbin
+("Current(A)"), BioLogic ("I/mA"), and plain names ("current"), whose unit is then assumed.
+"""
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from barnax.errors import InputError
+from barnax.records.units import QUANTITIES, Quantity, Unit
+
+Dialect = Literal["Battery Data Format", "Arbin", "PyBaMM", "plain"]
+
+# A unit stands behind a slash, in brackets, or after a blank (machine names); Arbin numbers its
+# auxiliary channels behind the bracket.
+_UNIT = re.compile(r"^(?:\s*[/\[(]\s*|\s+(?:in\s+)?)(?P<unit>[^\])]*?)\s*(?:[\])]\s*\d*)?$")
+_ARBIN = {"test time(s)", "step index", "current(a)", "voltage(v)"}
+_BDF = {"test time / s", "current / a", "voltage / v"}
+_BDF_MACHINE = {"test time second", "current ampere", "voltage volt"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column found: its place in the table, its name as written, and its unit.
+
+    `is_unit_assumed` says that the name gives no unit and the quantity's own was taken.
+    """
+
+    index: int
+    header: str
+    quantity: Quantity
+    unit: Unit
+    is_unit_assumed: bool
+
+
+def find_columns(header: Sequence[str]) -> dict[str, Column]:
+    """The column of each quantity that the header names, by the quantity's name.
+
+    Where several columns could hold one quantity, the more specific alias wins, then the column
+    that states its unit, then the first of two equal names.
+    """
+    found: dict[str, Column] = {}
+    for quantity in QUANTITIES:
+        candidates = []
+        for index, name in enumerate(header):
+            match = _match(name, quantity)
+            if match is not None:
+                rank, unit, assumed = match
+                column = Column(index, name, quantity, unit, assumed)
+                candidates.append((rank, assumed, index, column))
+        if candidates:
+            found[quantity.name] = min(candidates, key=lambda candidate: candidate[:3])[3]
+    return found
+
+
+def require_columns(header: Sequence[str], file: str) -> dict[str, Column]:
+    """The same, with time, current and voltage certain to be there.
+
+    Raises InputError that names the missing quantity, what was found and what would be accepted.
+    """
+    found = find_columns(header)
+    missing = [quantity for quantity in QUANTITIES if quantity.is_required]
+    missing = [quantity for quantity in missing if quantity.name not in found]
+    if missing:
+        raise InputError(
+            f"{file}: no column for {' and '.join(quantity.name for quantity in missing)}. "
+            f"Columns found: {', '.join(name for name in header if name) or 'none'}. "
+            + " ".join(_advice(quantity, header) for quantity in missing)
+        )
+    return found
+
+
+def has_arbin_header(header: Sequence[str]) -> bool:
+    """Whether the names are those of an Arbin channel sheet."""
+    return {_tight(name) for name in header} >= _ARBIN
+
+
+def dialect_of(header: Sequence[str]) -> Dialect:
+    """Whose column names these are; some promise a sign, and Arbin's a hold."""
+    names = {_normal(name) for name in header}
+    if has_arbin_header(header):
+        return "Arbin"
+    if names >= _BDF or names >= _BDF_MACHINE:
+        return "Battery Data Format"
+    if "current [a]" in names:
+        return "PyBaMM"
+    return "plain"
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[\s_]+", " ", name.replace("µ", "u").replace("μ", "u")).strip().lower()
+
+
+def _tight(name: str) -> str:
+    return _normal(name).replace(" (", "(")
+
+
+def _match(name: str, quantity: Quantity) -> tuple[int, Unit, bool] | None:
+    """Rank of the alias (0 is the most specific), the unit, and whether it is assumed."""
+    normal = _normal(name).replace("<", "").replace(">", "")
+    for rank, alias in enumerate(quantity.aliases):
+        if normal == alias:
+            # A bare T is a temperature to some and a time to others; a bare t is a time.
+            if alias == "t" and (name.strip() != "t" or quantity.name != "time"):
+                continue
+            is_unit_assumed = quantity.needs_unit and alias not in quantity.self_explaining
+            return rank, quantity.base_unit, is_unit_assumed
+        if normal.startswith(alias) and (rest := _UNIT.match(normal[len(alias) :])):
+            unit = quantity.units.get(rest["unit"].replace("^", ""))
+            if unit is not None:
+                return rank, unit, False
+    return None
+
+
+def _advice(quantity: Quantity, header: Sequence[str]) -> str:
+    examples = ", ".join(f"'{name}'" for name in quantity.examples)
+    units = ", ".join(dict.fromkeys(unit.symbol for unit in quantity.units.values()))
+    likely = _likely(quantity, header)
+    hint = f"Likely candidates: {', '.join(likely)}. " if likely else ""
+    return (
+        f"{hint}Accepted names for the {quantity.name}: {examples} (units {units}); rename the "
+        "column in the first row."
+    )
+
+
+def _likely(quantity: Quantity, header: Sequence[str]) -> list[str]:
+    """Names that begin like an alias with a unit nobody knows, or are spelled nearly like one."""
+    likely = []
+    for name in header:
+        normal = _normal(name)
+        words = re.split(r"[\[(/]", normal)[0].strip()
+        long = [alias for alias in quantity.aliases if len(alias) > 2]
+        if any(alias in normal for alias in long) or difflib.get_close_matches(words, long, 1, 0.7):
+            likely.append(f"'{name}'")
+    return likely

@@ -1,0 +1,24 @@
+"""What the tester's own ampere-hour counters say happened between samples."""
+
+import numpy as np
+from jaxtyping import Float
+
+from barnax.records.samples import Counters
+
+
+def counted_increments_ah(
+    counters: Counters, *, with_net: bool
+) -> Float[np.ndarray, "intervals"] | None:
+    """Ah counted in each interval, charge positive; zero where a counter was reset.
+
+    None without counters. `with_net` accepts a net counter where the other two are missing; its
+    sign is then the file's own.
+    """
+    parts = []
+    if counters.charged_ah is not None:
+        parts.append(np.maximum(np.diff(counters.charged_ah), 0))
+    if counters.discharged_ah is not None:
+        parts.append(-np.maximum(np.diff(counters.discharged_ah), 0))
+    if not parts and with_net and counters.net_ah is not None:
+        parts.append(np.diff(counters.net_ah))
+    return np.sum(parts, axis=0) if parts else None

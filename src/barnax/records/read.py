@@ -1,0 +1,75 @@
+"""From a cycler's file to a checked record, in one straight line."""
+
+import hashlib
+from pathlib import Path
+from typing import Literal
+
+from barnax.errors import InputError
+from barnax.records.checks import check_samples
+from barnax.records.hold import decide_hold
+from barnax.records.readers import read_table
+from barnax.records.record import Hold, Record
+from barnax.records.samples import take_samples
+from barnax.records.sign import CHARGE, DISCHARGE, Sign, decide_sign
+
+
+def read_record(
+    path: str | Path,
+    *,
+    current_sign: Sign | Literal["auto"] = "auto",
+    current_hold: Hold | Literal["auto"] = "auto",
+) -> Record:
+    """The record in a cycler's file, with discharge current positive.
+
+    `current_sign` is the file's own ("charge-positive" or "discharge-positive"), `current_hold`
+    says whether a sample's current flowed "forward" or "backward" in time; "auto" finds both.
+
+    Raises InputError when the file cannot be read or its content cannot be one cell's record,
+    and when the given sign contradicts strong evidence.
+
+    >>> import pathlib, tempfile
+    >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\\n" for k in range(20))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "pulses.csv")
+    ...     _ = file.write_text("Time [s],Current [mA],Voltage [V]\\n" + rows)
+    ...     record = read_record(file)
+    >>> record.sign.value, float(record.current_a.max())
+    ('charge-positive', 0.001)
+    """
+    _check_option("--current-sign", current_sign, ("auto", CHARGE, DISCHARGE))
+    _check_option("--current-hold", current_hold, ("auto", "forward", "backward"))
+    path = Path(path)
+    content = _content(path)
+    samples = check_samples(take_samples(read_table(content, path.name), path.name))
+    sign, sign_warnings = decide_sign(samples, current_sign)
+    hold = decide_hold(samples, current_hold)
+    return Record(
+        name=path.name,
+        time_s=samples.time_s,
+        # Adding zero makes the -0.0 of a resting tester a plain zero.
+        current_a=samples.current_a * (-1.0 if sign.value == CHARGE else 1.0) + 0.0,
+        voltage_v=samples.voltage_v,
+        temperature_degc=samples.temperature_degc,
+        step=samples.step,
+        row=samples.row,
+        sign=sign,
+        hold=hold,
+        sha256=hashlib.sha256(content).hexdigest(),
+        warnings=(*samples.warnings, *sign_warnings),
+    )
+
+
+def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise InputError(f"{option} is {value!r}; it must be one of {', '.join(allowed)}.")
+
+
+def _content(path: Path) -> bytes:
+    if path.is_dir():
+        raise InputError(f"{path.name}: is a directory; give one file of measured samples.")
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name and the folder.") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error

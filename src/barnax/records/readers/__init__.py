@@ -1,0 +1,35 @@
+"""The registry of file formats, told apart by a file's content and never by its suffix.
+
+A new format is one module with a `Reader` and one line here. Order matters: the delimited text
+comes last because almost anything without a signature could be text.
+"""
+
+from barnax.errors import InputError
+from barnax.records.readers.parquet import PARQUET
+from barnax.records.readers.reader import Reader
+from barnax.records.readers.text import TEXT
+from barnax.records.readers.workbook import WORKBOOK
+from barnax.records.table import Table
+
+READERS: tuple[Reader, ...] = (PARQUET, WORKBOOK, TEXT)
+
+
+def read_table(content: bytes, file: str) -> Table:
+    """The table inside a file's bytes; `file` is the name that messages use.
+
+    Raises InputError when the file is empty, when no reader knows its content, or when the
+    reader that knows it finds it damaged.
+    """
+    if not content.strip():
+        raise InputError(f"{file}: the file is empty; give a file that holds measured samples.")
+    for reader in READERS:
+        if reader.recognizes(content):
+            return reader.read(content, file)
+    known = ", ".join(reader.name for reader in READERS)
+    raise InputError(
+        f"{file}: the content is binary and of no known format, whatever the file's suffix says. "
+        f"Known formats: {known}. Export the record as one of them."
+    )
+
+
+__all__ = ["READERS", "Reader", "read_table"]

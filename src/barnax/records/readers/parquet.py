@@ -1,0 +1,32 @@
+"""Parquet tables."""
+
+import io
+
+import numpy as np
+import polars as pl
+
+from barnax.errors import InputError
+from barnax.records.readers.reader import Reader
+from barnax.records.table import Table
+
+
+def _recognizes(content: bytes) -> bool:
+    return content.startswith(b"PAR1")
+
+
+def _read(content: bytes, file: str) -> Table:
+    try:
+        frame = pl.read_parquet(io.BytesIO(content))
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InputError(
+            f"{file}: the Parquet file is damaged or cut short ({str(error).strip()}); "
+            "copy or export it again."
+        ) from error
+    return Table(
+        header=tuple(frame.columns),
+        columns=tuple(frame.get_columns()),
+        row=np.arange(2, frame.height + 2),
+    )
+
+
+PARQUET = Reader("Parquet table", _recognizes, _read)

@@ -1,0 +1,89 @@
+"""Delimited text: comma, semicolon, tab or bar between the cells, point or comma in numbers."""
+
+import codecs
+import csv
+import io
+import re
+
+import numpy as np
+import polars as pl
+
+from barnax.errors import InputError
+from barnax.records.readers.reader import Reader
+from barnax.records.table import Table
+
+_DELIMITERS = ",;\t|"
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+_DECIMAL_COMMA = re.compile(r"^\s*-?\d+,\d+(?:[eE][+-]?\d+)?\s*$")
+
+
+def _recognizes(content: bytes) -> bool:
+    """Text has no zero byte, but for UTF-16, which says so in its first two."""
+    return content.startswith(_UTF16) or b"\0" not in content[:65536]
+
+
+def _decoded(content: bytes, file: str) -> str:
+    """The text; testers write UTF-8, UTF-16 or, for their degree signs, Latin-1."""
+    if content.startswith(_UTF16):
+        try:
+            return content.decode("utf-16")
+        except UnicodeDecodeError as error:
+            raise InputError(
+                f"{file}: starts as UTF-16 text but does not go on so; save it as UTF-8."
+            ) from error
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _read(content: bytes, file: str) -> Table:
+    text = _decoded(content, file)
+    # The row in the file is kept, so blank lines above the header count.
+    lead = len(text) - len(text.lstrip("\r\n"))
+    blank_above = len(text[:lead].splitlines())
+    head, _, body = text[lead:].partition("\n")
+    if not head.isprintable() and not head.rstrip("\r").replace("\t", "").isprintable():
+        raise InputError(
+            f"{file}: the first line is not text, so this is no table of samples, whatever the "
+            "file's suffix says; export the record as CSV, Parquet or a workbook."
+        )
+    delimiter = max(_DELIMITERS, key=head.count)
+    header = _cells(head.rstrip("\r"), delimiter)
+    columns = _string_columns(body, len(header), delimiter, file)
+    first_line = _cells(body.partition("\n")[0].rstrip("\r"), delimiter)
+    if delimiter != "," and any(_DECIMAL_COMMA.match(cell) for cell in first_line):
+        columns = [column.str.replace_all(",", ".", literal=True) for column in columns]
+    rows = len(columns[0])
+    return Table(
+        header=tuple(header),
+        columns=tuple(columns),
+        row=np.arange(2, rows + 2) + blank_above,
+    )
+
+
+def _string_columns(body: str, width: int, delimiter: str, file: str) -> list[pl.Series]:
+    """The cells below the header as text, so that a message can quote what stands there."""
+    if not body.strip():
+        return [pl.Series(str(k), [], dtype=pl.String) for k in range(width)]
+    try:
+        frame = pl.read_csv(
+            io.BytesIO(body.encode()),
+            has_header=False,
+            schema={str(k): pl.String for k in range(width)},
+            separator=delimiter,
+            truncate_ragged_lines=True,
+        )
+    except pl.exceptions.PolarsError as error:
+        raise InputError(
+            f"{file}: cannot be split into columns at {delimiter!r} ({str(error).splitlines()[0]});"
+            " export it as plain CSV without quotes inside cells."
+        ) from error
+    return [column.str.strip_chars().replace("", None) for column in frame.get_columns()]
+
+
+TEXT = Reader("delimited text", _recognizes, _read)

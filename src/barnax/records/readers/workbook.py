@@ -1,0 +1,136 @@
+"""Spreadsheet workbooks, above all the ones Arbin testers write.
+
+An Arbin workbook holds `Info`, `Channel_<chassis>-<channel>` and, past the old sheet limit of
+65,536 rows, `Channel_<chassis>-<channel>_2` and so on; users add sheets of their own. CALCE
+publishes OOXML workbooks under the suffix `.xls`, so the suffix says nothing.
+"""
+
+import io
+import re
+import zipfile
+
+import fastexcel
+import numpy as np
+import polars as pl
+
+from barnax.errors import InputError
+from barnax.records.columns import find_columns, has_arbin_header
+from barnax.records.readers.reader import Reader
+from barnax.records.table import Table
+
+_OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+_CHANNEL = re.compile(r"^channel[ _]*(?P<channel>\d+(?:-\d+)?)?", re.IGNORECASE)
+_NEEDED = {"time", "current", "voltage"}
+
+
+def _recognizes(content: bytes) -> bool:
+    if content.startswith(_OLE):
+        return True
+    if not content.startswith(b"PK"):
+        return False
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return any(name.startswith("xl/") for name in archive.namelist())
+    except zipfile.BadZipFile:
+        # A workbook cut short: its reader gives the better message.
+        return b"xl/" in content
+
+
+def _read(content: bytes, file: str) -> Table:
+    try:
+        workbook = fastexcel.read_excel(content)
+        headers = {name: _header(workbook, name) for name in workbook.sheet_names}
+        chosen = _chosen_sheets(headers, file)
+        bodies = {name: _body(workbook, name) for name in chosen}
+    except fastexcel.FastExcelError as error:
+        raise InputError(
+            f"{file}: the workbook is damaged or cut short ({str(error).splitlines()[0]}); "
+            "copy or export it again."
+        ) from error
+    header = headers[chosen[0]]
+    for name in chosen:
+        if headers[name] != header:
+            raise InputError(
+                f"{file}: sheets {chosen[0]} and {name} have different columns and cannot be "
+                "joined; give them the same first row."
+            )
+    return _joined(bodies, header, ignored=[name for name in headers if name not in chosen])
+
+
+def _header(workbook: fastexcel.ExcelReader, name: str) -> tuple[str, ...]:
+    first = workbook.load_sheet(name, header_row=None, n_rows=1, dtypes="string").to_polars()
+    return tuple(str(cell) for cell in first.row(0)) if first.height else ()
+
+
+def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
+    """The sheets that hold the record: Arbin's channel, else the only one with the columns."""
+    arbin = [
+        name for name, cells in headers.items() if _CHANNEL.match(name) and has_arbin_header(cells)
+    ]
+    channels = {match["channel"] for name in arbin if (match := _CHANNEL.match(name))}
+    if len(channels) > 1:
+        raise InputError(
+            f"{file}: the workbook holds {len(channels)} channels (sheets {', '.join(arbin)}), "
+            "and a record is of one cell; save each channel as a workbook of its own."
+        )
+    if arbin:
+        return arbin
+    whole = [name for name, cells in headers.items() if find_columns(cells).keys() >= _NEEDED]
+    if len(whole) == 1:
+        return whole
+    if whole:
+        raise InputError(
+            f"{file}: several sheets could be the record ({', '.join(whole)}); keep one of them."
+        )
+    listed = "; ".join(f"{name}: {', '.join(cells) or 'empty'}" for name, cells in headers.items())
+    raise InputError(
+        f"{file}: no sheet has columns for time, current and voltage in its first row. "
+        f"Sheets found: {listed}. Name the columns, for example, 'Test Time / s', 'Current / A' "
+        "and 'Voltage / V'."
+    )
+
+
+def _body(workbook: fastexcel.ExcelReader, name: str) -> pl.DataFrame:
+    """A sheet's lines below its header."""
+    if workbook.load_sheet(name, header_row=None).height < 2:
+        return pl.DataFrame()
+    return workbook.load_sheet(
+        name, header_row=None, skip_rows=1, schema_sample_rows=None
+    ).to_polars()
+
+
+def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: list[str]) -> Table:
+    """The sheets one after another, in the order of their first lines' clock.
+
+    Workbooks do not promise the order of their sheets; the clock does.
+    """
+    clock = find_columns(header)["time"].index
+    filled = {name: body for name, body in bodies.items() if body.height}
+    names = sorted(filled, key=lambda name: _first_number(filled[name].to_series(clock)))
+    notes = (f"ignored the sheets {', '.join(ignored)}",) if ignored else ()
+    return Table(
+        header=header,
+        columns=tuple(
+            _stacked([filled[name].to_series(k) for name in names]) for k in range(len(header))
+        ),
+        row=np.concatenate([np.arange(2, filled[name].height + 2) for name in names] or [[]]),
+        sheets=tuple((name, filled[name].height) for name in names),
+        notes=notes,
+    )
+
+
+def _first_number(column: pl.Series) -> float:
+    number = column.head(1).cast(pl.Float64, strict=False).item()
+    return float("inf") if number is None else number
+
+
+def _stacked(parts: list[pl.Series]) -> pl.Series:
+    """One series; text as soon as one part is text, so that a stray word can be quoted."""
+    if not parts:
+        return pl.Series([], dtype=pl.String)
+    if len({part.dtype for part in parts}) > 1:
+        parts = [part.cast(pl.String) for part in parts]
+    return pl.concat([part.alias("") for part in parts])
+
+
+WORKBOOK = Reader("spreadsheet workbook", _recognizes, _read)

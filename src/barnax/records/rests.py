@@ -1,0 +1,65 @@
+"""When a cell rests, and which way its current last flowed."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from barnax.records.record import Record
+
+# Long enough for a robust spread, short against a rest.
+_WINDOW_SAMPLES = 32
+
+
+def rest_current_a(record: Record, capacity_ah: float) -> float:
+    """The current below which a cell counts as resting, in A.
+
+    C/100, and never under five times the current's noise at rest: a tester's offset is not a
+    direction.
+    """
+    return max(capacity_ah / 100, 5 * _noise_at_rest_a(record, capacity_ah))
+
+
+def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
+    """The median robust noise of short windows of small, steady current; zero without such.
+
+    The windows lie below C/20 throughout and below C/50 in the median. Differences of neighbors
+    over sqrt(2) give the noise of white noise and little of a drift or a slow dither.
+    """
+    windows = record.samples // _WINDOW_SAMPLES
+    current = record.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
+    is_small = (np.abs(current) < capacity_ah / 20).all(axis=1)
+    current = current[is_small]
+    steps = np.diff(current, axis=1)
+    noise_a = 1.4826 * np.median(np.abs(steps), axis=1) / np.sqrt(2)
+    # Half against half: the means of white noise hardly differ, those of a swing do.
+    half = _WINDOW_SAMPLES // 2
+    drift_a = np.abs(current[:, :half].mean(axis=1) - current[:, half:].mean(axis=1))
+    is_low = np.abs(np.median(current, axis=1)) < capacity_ah / 50
+    is_steady = is_low & (drift_a <= 3 * noise_a * np.sqrt(2 / half))
+    return float(np.median(noise_a[is_steady])) if is_steady.any() else 0.0
+
+
+def is_rested(record: Record, threshold_a: float) -> Bool[np.ndarray, "samples"]:
+    """Where the current's magnitude is below `threshold_a`."""
+    return np.abs(record.current_a) < threshold_a
+
+
+def current_direction(
+    record: Record, threshold_a: float, initial: int = 1
+) -> Float[np.ndarray, "samples"]:
+    """The last direction of the current: +1 charging, -1 discharging (Sig of Eq. 5).
+
+    Below `threshold_a` the last direction goes on; before the first one it is `initial`, +1 for
+    a cell that comes from a charge.
+    """
+    moving = ~is_rested(record, threshold_a) & (record.current_a != 0)
+    last_moving = np.maximum.accumulate(np.where(moving, np.arange(record.samples), -1))
+    direction = -np.sign(record.current_a[last_moving])
+    return np.where(last_moving >= 0, direction, float(initial))
+
+
+def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
+    """First and last sample of each unbroken rest, in order."""
+    rested = is_rested(record, threshold_a).astype(np.int8)
+    edges = np.diff(np.concatenate([[0], rested, [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return [(int(first), int(last)) for first, last in zip(starts, ends, strict=True)]

@@ -1,0 +1,194 @@
+"""Which sign a file gives to a charging current: decided from the data, with the reason.
+
+Column names promise a sign and break the promise (A123 files with Battery Data Format names are
+discharge-positive), so they count only where the data say nothing.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from barnax.errors import InputError
+from barnax.records.counters import counted_increments_ah
+from barnax.records.record import Decision
+from barnax.records.samples import Samples
+
+CHARGE, DISCHARGE = "charge-positive", "discharge-positive"
+Sign = Literal["charge-positive", "discharge-positive"]
+
+_PROMISED: dict[str, Sign] = {
+    "Battery Data Format": CHARGE,
+    "Arbin": CHARGE,
+    "PyBaMM": DISCHARGE,
+    "plain": CHARGE,
+}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one look at the data says: +1 charge-positive, -1 discharge-positive, 0 nothing."""
+
+    vote: int
+    is_strong: bool
+    words: str
+
+    @property
+    def weight(self) -> int:
+        return self.vote * (2 if self.is_strong else 1)
+
+
+def decide_sign(samples: Samples, given: Sign | Literal["auto"]) -> tuple[Decision, list[str]]:
+    """The file's sign of current, and warnings about how it was found.
+
+    Raises InputError when a sign is given against strong evidence.
+    """
+    found = _from_data(samples)
+    if given == "auto":
+        return found or _from_names(samples)
+    if found is None:
+        return Decision(given, "given", "given by the user; the data say nothing"), []
+    decision, _ = found
+    if decision.value == given:
+        return Decision(given, "given", f"given by the user, and {decision.reason}"), []
+    if decision.strength == "strong":
+        raise InputError(
+            f"{samples.file}: the sign was given as {given}, but the data are {decision.value}: "
+            f"{decision.reason}. Leave --current-sign at auto, or give {decision.value} "
+            "(--ocv-current-sign and --validate-current-sign for those records)."
+        )
+    warning = (
+        f"the sign was given as {given}, against weak evidence for {decision.value}: "
+        f"{decision.reason}"
+    )
+    return Decision(given, "given", f"given by the user, although {decision.reason}"), [warning]
+
+
+def _from_names(samples: Samples) -> tuple[Decision, list[str]]:
+    value = _PROMISED[samples.dialect]
+    reason = f"the data do not tell, and {samples.dialect} column names usually mean {value}"
+    warning = f"the sign of the current is assumed {value}: {reason}; see --current-sign"
+    return Decision(value, "assumed", reason), [warning]
+
+
+def _from_data(samples: Samples) -> tuple[Decision, list[str]] | None:
+    """The sign that the evidence favors, or None where it favors none."""
+    looks = (_at_current_steps(samples), _under_sustained_current(samples), _of_counters(samples))
+    evidence = [look for look in looks if look is not None]
+    total = sum(look.weight for look in evidence)
+    if total == 0:
+        return None
+    vote = 1 if total > 0 else -1
+    value = CHARGE if vote > 0 else DISCHARGE
+    against = [look for look in evidence if look.vote == -vote]
+    is_strong = abs(total) >= 2 and not any(look.is_strong for look in against)
+    reason = "; ".join(look.words for look in evidence if look.vote == vote)
+    if against:
+        reason += "; against it: " + "; ".join(look.words for look in against)
+    warnings = []
+    if not is_strong:
+        warnings.append(
+            f"the sign of the current is taken as {value} on weak evidence ({reason}); "
+            "see --current-sign"
+        )
+    if samples.dialect != "plain" and value != _PROMISED[samples.dialect]:
+        warnings.append(
+            f"{samples.dialect} column names mean {_PROMISED[samples.dialect]} currents, but the "
+            f"data are {value}: {reason}"
+        )
+    return Decision(value, "strong" if is_strong else "weak", reason), warnings
+
+
+def _at_current_steps(samples: Samples) -> Evidence | None:
+    """A cell's resistance lifts its voltage when the charging current steps up."""
+    step_a, step_v = np.diff(samples.current_a), np.diff(samples.voltage_v)
+    is_step = np.abs(step_a) > 0.1 * np.max(np.abs(samples.current_a))
+    noise_v = _voltage_noise(step_v, ~is_step)
+    is_clear = is_step & (np.abs(step_v) > 6 * noise_v) & (step_v != 0)
+    count = int(is_clear.sum())
+    if count == 0:
+        return None
+    product = step_a[is_clear] * step_v[is_clear]
+    vote = 1 if product.sum() > 0 else -1
+    agree = int(np.sum(product * vote > 0))
+    if agree < 0.7 * count:
+        return None
+    moves = "rises" if vote > 0 else "falls"
+    return Evidence(
+        vote,
+        is_strong=count >= 3 and agree >= 0.85 * count,
+        words=f"the voltage {moves} with the current at {agree} of {count} steps",
+    )
+
+
+def _under_sustained_current(samples: Samples) -> Evidence | None:
+    """A steady charging current lifts the voltage; weighed by how far it moves."""
+    current, voltage = samples.current_a, samples.voltage_v
+    peak = np.max(np.abs(current))
+    is_loaded = np.abs(current) > 0.05 * peak
+    is_steady = (
+        is_loaded[1:] & is_loaded[:-1] & (np.abs(np.diff(current)) < 0.05 * np.abs(current[1:]))
+    )
+    noise_v = _voltage_noise(np.diff(voltage), np.ones(len(voltage) - 1, bool))
+    first, last = _stretches(is_steady)
+    # Eight intervals keep single relaxations out; what moves less than the noise is no trend.
+    is_long = last - first >= 8
+    first, last = first[is_long], last[is_long]
+    move_v = voltage[last] - voltage[first]
+    is_clear = np.abs(move_v) > 6 * noise_v
+    signed_v = (move_v * np.sign(current[first]))[is_clear]
+    total = float(np.abs(signed_v).sum())
+    if total == 0:
+        return None
+    vote = 1 if signed_v.sum() > 0 else -1
+    share = float(np.sum(np.maximum(signed_v * vote, 0))) / total
+    if share < 0.75:
+        return None
+    moves = "rises" if vote > 0 else "falls"
+    return Evidence(
+        vote,
+        is_strong=share >= 0.9 and total >= 0.1,
+        words=(
+            f"under sustained positive current the voltage {moves} "
+            f"({share:.0%} of {total:.3g} V over {int(is_clear.sum())} stretches)"
+        ),
+    )
+
+
+def _of_counters(samples: Samples) -> Evidence | None:
+    """The tester's own counters say which current it calls a charge."""
+    counted_ah = counted_increments_ah(samples.counters, with_net=False)
+    if counted_ah is None:
+        return None
+    mean_a = (samples.current_a[1:] + samples.current_a[:-1]) / 2
+    integrated_ah = mean_a * np.diff(samples.time_s) / 3600
+    product = counted_ah * integrated_ah
+    size = float(np.sqrt(np.sum(counted_ah**2) * np.sum(integrated_ah**2)))
+    if size == 0:
+        return None
+    cosine = float(product.sum()) / size
+    if abs(cosine) < 0.3:
+        return None
+    words = "agree with the current's sign" if cosine > 0 else "run against the current's sign"
+    return Evidence(
+        1 if cosine > 0 else -1,
+        is_strong=abs(cosine) > 0.7,
+        words=f"the tester's charge and discharge counters {words} (correlation {cosine:.2f})",
+    )
+
+
+def _voltage_noise(
+    step_v: Float[np.ndarray, "intervals"], quiet: Bool[np.ndarray, "intervals"]
+) -> float:
+    """Robust noise of one voltage step where nothing else happens, in V."""
+    if not quiet.any():
+        return 0.0
+    steps = step_v[quiet]
+    return 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+
+
+def _stretches(holds: Bool[np.ndarray, "intervals"]) -> tuple[np.ndarray, np.ndarray]:
+    """First and last sample of each unbroken stretch of intervals."""
+    edges = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

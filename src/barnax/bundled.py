@@ -1,0 +1,64 @@
+"""The virtual cell that ships with barnax: where its four Parquet files lie.
+
+The files are simulated, not measured; `data/virtual_cell/README.md` tells how. An installed wheel
+carries them beside this module, an editable install reads them from the repository.
+"""
+
+from pathlib import Path
+from typing import Final, final
+
+from .errors import InputError
+
+BUNDLED_NAMES: Final = ("identification", "validation", "ocv_charge", "ocv_discharge")
+CELL_FOLDER: Final = "virtual_cell"
+
+
+def bundled_file(name: str) -> Path:
+    """The path of one bundled file: a name of `BUNDLED_NAMES`, without the suffix.
+
+    Raises `InputError` for another name, and where the installation lacks the file.
+
+    >>> bundled_file("ocv_charge").name
+    'ocv_charge.parquet'
+    """
+    if name not in BUNDLED_NAMES:
+        raise InputError(
+            f"no bundled file is called {name!r}; the names are {', '.join(BUNDLED_NAMES)}"
+        )
+    here = Path(__file__).resolve()
+    in_wheel, in_repository = here.parent / "data", here.parents[2] / "data"
+    candidates = [data / CELL_FOLDER / f"{name}.parquet" for data in (in_wheel, in_repository)]
+    for path in candidates:
+        if path.is_file():
+            return path
+    raise InputError(
+        f"the bundled file {name}.parquet is missing from this installation (looked for "
+        f"{' and '.join(str(path) for path in candidates)}); reinstall barnax"
+    )
+
+
+@final
+class BundledCell:
+    """The paths of the bundled cell by their role, looked up when asked for.
+
+    >>> [path.name for path in BUNDLED.ocv]
+    ['ocv_charge.parquet', 'ocv_discharge.parquet']
+    """
+
+    @property
+    def record(self) -> Path:
+        """The record to identify on."""
+        return bundled_file("identification")
+
+    @property
+    def validation(self) -> Path:
+        """The record to validate on."""
+        return bundled_file("validation")
+
+    @property
+    def ocv(self) -> tuple[Path, Path]:
+        """The OCV tests: charge, then discharge."""
+        return bundled_file("ocv_charge"), bundled_file("ocv_discharge")
+
+
+BUNDLED: Final = BundledCell()

@@ -2,21 +2,42 @@
 
 from .barnacle import BarnacleMating
 from .bmo import bmo
+from .gwo import GreyWolf
 from .ibmo import ibmo, ibmo_centered, ibmo_printed
+from .igwo import ImprovedGreyWolf
 from .population import AbstractPopulationMinimiser, Box, Swarm, keep_best, sort_by_loss
-from .registry import OPTIMIZERS, make_optimizer
+from .pso import ParticleSwarm
+from .registry import (
+    OPTIMIZERS,
+    OptimizerSummary,
+    evaluations_per_iteration,
+    make_optimizer,
+    summarize_optimizers,
+)
+from .sfo import SailfishSearch
+from .soa import SeagullSearch
+from .woa import WhaleSearch
 
 __all__ = [
     "OPTIMIZERS",
     "AbstractPopulationMinimiser",
     "BarnacleMating",
     "Box",
+    "GreyWolf",
+    "ImprovedGreyWolf",
+    "OptimizerSummary",
+    "ParticleSwarm",
+    "SailfishSearch",
+    "SeagullSearch",
     "Swarm",
+    "WhaleSearch",
     "bmo",
+    "evaluations_per_iteration",
     "ibmo",
     "ibmo_centered",
     "ibmo_printed",
     "keep_best",
     "make_optimizer",
     "sort_by_loss",
+    "summarize_optimizers",
 ]

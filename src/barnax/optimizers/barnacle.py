@@ -53,6 +53,7 @@ class BarnacleMating(AbstractPopulationMinimiser):
     levy_per_dimension: bool = False
     cast_center: Literal["origin", "centroid"] = "origin"
     reevaluate_parents: bool = False
+    bounded: bool = True
     rtol: float = 0.0
     atol: float = 0.0
     norm: Callable[[PyTree], Scalar] = optx.max_norm

@@ -14,7 +14,7 @@ TentBranch = Literal["state", "random"]
 def tent_map(
     key: Key[Array, ""], population: int, dims: int, branch: TentBranch, dtype: Any
 ) -> Float[Array, "candidates dims"]:
-    """Tent sequences (Li et al., 2023, Eq. 13), one seed a candidate, iterated along the dimensions.
+    """Tent sequences (Li et al., 2023, Eq. 13): a seed a candidate, iterated along the dimensions.
 
     `branch="state"` takes the branch by the value itself, which keeps the sequence uniform in
     [0, 1]. `"random"` takes it by an independent random number, as the equation is printed; then

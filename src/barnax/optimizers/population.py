@@ -1,9 +1,9 @@
 """The one population minimiser: what every algorithm here shares.
 
 An algorithm says how a first population is laid out (`start`, `prepare`), how new positions are
-proposed (`propose`) and which candidates live on (`survive`). Bounds, keys, the vmap over candidates,
-losses that are not finite, counting and the history are settled here, once. Every algorithm is
-an `optimistix.AbstractMinimiser`, so one call, `optimistix.minimise`, runs it.
+proposed (`propose`) and which candidates live on (`survive`). Bounds, keys, the vmap over
+candidates, losses that are not finite, counting and the history are settled here, once. Every
+algorithm is an `optimistix.AbstractMinimiser`, so one call, `optimistix.minimise`, runs it.
 """
 
 import abc
@@ -28,7 +28,9 @@ class Box(eqx.Module):
     def clip(self, positions: Float[Array, "*candidates dims"]) -> Float[Array, "*candidates dims"]:
         return jnp.clip(positions, self.lower, self.upper)
 
-    def scale(self, fractions: Float[Array, "*candidates dims"]) -> Float[Array, "*candidates dims"]:
+    def scale(
+        self, fractions: Float[Array, "*candidates dims"]
+    ) -> Float[Array, "*candidates dims"]:
         """Fractions of the box, in [0, 1], as positions."""
         return self.lower + fractions * (self.upper - self.lower)
 
@@ -83,6 +85,9 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
       by a fresh one for every single evaluation; for objectives with noise of their own.
     - `y0` gives shape and dtype only; its value is never used as a guess.
 
+    With `bounded` every candidate is clipped to the box before it is evaluated. Without, only
+    the first population lies inside; some published results were made that way.
+
     A loss that is NaN or infinite counts as infinite and can never become the best. The
     solution's `stats` hold `best_loss`, `history` (the best loss after each generation, the
     initial population first), `evaluations`, and `failures` (losses that were not finite). Where
@@ -91,6 +96,7 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
 
     population: AbstractVar[int]
     iterations: AbstractVar[int]
+    bounded: AbstractVar[bool]
     # Optimistix asks for these three; here the budget alone ends a run, so they stay unread.
     rtol: AbstractVar[float]
     atol: AbstractVar[float]
@@ -118,7 +124,7 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         del aux_struct, tags
         if f_struct.shape != ():
             raise ValueError(
-                f"a population minimiser needs a scalar objective; it returned shape {f_struct.shape}"
+                f"a population minimiser needs a scalar objective, not shape {f_struct.shape}"
             )
         box = _box(y, options)
         start_key, noise_key = jr.split(jr.fold_in(_key(options), 0))
@@ -143,7 +149,8 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         generation = state.generation + 1
         propose_key, noise_key = jr.split(jr.fold_in(_key(options), generation))
         positions, memory = self.propose(propose_key, state.swarm, generation, box)
-        positions = box.clip(positions)
+        if self.bounded:
+            positions = box.clip(positions)
         losses, aux, failures = _evaluate(fn, positions, y, args, options, noise_key)
 
         best = jnp.argmin(losses)
@@ -193,8 +200,11 @@ def _box(y: Array, options: dict[str, Any]) -> Box:
         raise ValueError(
             f"a population minimiser searches inside a box; options lack {' and '.join(missing)}"
         )
-    bound = lambda name: jnp.broadcast_to(jnp.asarray(options[name], y.dtype), y.shape).ravel()
-    return Box(bound("lower"), bound("upper"))
+    lower, upper = (
+        jnp.broadcast_to(jnp.asarray(options[name], y.dtype), y.shape).ravel()
+        for name in ("lower", "upper")
+    )
+    return Box(lower, upper)
 
 
 def _evaluate(

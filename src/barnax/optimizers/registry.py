@@ -1,11 +1,22 @@
 """Every optimizer by its name. A new one is one file and one line here."""
 
+import inspect
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
 
 from .bmo import bmo
+from .gwo import GreyWolf
 from .ibmo import ibmo, ibmo_centered, ibmo_printed
-from .population import AbstractPopulationMinimiser
+from .igwo import ImprovedGreyWolf
+from .population import AbstractPopulationMinimiser, Box, Swarm
+from .pso import ParticleSwarm
+from .sfo import SailfishSearch
+from .soa import SeagullSearch
+from .woa import WhaleSearch
 
 OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingProxyType(
     {
@@ -13,8 +24,22 @@ OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingPr
         "ibmo-printed": ibmo_printed,
         "ibmo-centered": ibmo_centered,
         "bmo": bmo,
+        "pso": ParticleSwarm,
+        "woa": WhaleSearch,
+        "soa": SeagullSearch,
+        "sfo": SailfishSearch,
+        "gwo": GreyWolf,
+        "igwo": ImprovedGreyWolf,
     }
 )
+
+
+class OptimizerSummary(NamedTuple):
+    """One line of a list of optimizers."""
+
+    name: str
+    source: str
+    evaluations_per_iteration: int
 
 
 def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopulationMinimiser:
@@ -29,3 +54,34 @@ def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopul
     if iterations < 1:
         raise ValueError(f"a search needs at least 1 iteration; {iterations} was given")
     return OPTIMIZERS[name](population=population, iterations=iterations)
+
+
+def evaluations_per_iteration(optimizer: AbstractPopulationMinimiser) -> int:
+    """How many candidates the optimizer evaluates in one generation."""
+
+    def first_offspring(key, positions, losses):
+        box = Box(positions[0], positions[0] + 1)
+        swarm = optimizer.prepare(Swarm(positions, losses), box)
+        return optimizer.propose(key, swarm, jnp.array(1), box)[0]
+
+    population = optimizer.population
+    shapes = jax.eval_shape(
+        first_offspring, jax.random.key(0), jnp.zeros((population, 2)), jnp.zeros(population)
+    )
+    return shapes.shape[0]
+
+
+def summarize_optimizers(population: int = 30) -> list[OptimizerSummary]:
+    """Every registered optimizer with its source and what an iteration costs.
+
+    >>> summarize_optimizers()[-1].evaluations_per_iteration
+    60
+    """
+    return [
+        OptimizerSummary(
+            name,
+            (inspect.getdoc(make) or "").split("\n")[0].rstrip("."),
+            evaluations_per_iteration(make(population=population)),
+        )
+        for name, make in OPTIMIZERS.items()
+    ]

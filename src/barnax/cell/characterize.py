@@ -9,13 +9,15 @@ from scipy.interpolate import PchipInterpolator
 from ..errors import InputError
 from ..records.record import Record
 from ..records.rests import rest_current_a
-from .curves import AbstractCurve, OcvFit, fit_curve, curve_warnings
+from .curves import AbstractCurve, OcvFit, curve_warnings, fit_curve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError, fit_error
 from .rest_points import MINIMUM_REST_S, find_rest_sweeps
 from .slow_sweep import find_slow_sweeps
 from .soc_axis import OcvPoint, decide_capacity, place_on_soc
 from .sweep import CHARGE, DISCHARGE, WORD, Sweep, join_sweeps
+
+SAME_POINT = 1e-6
 
 
 def characterize(
@@ -97,6 +99,8 @@ def _shared_soc(charge: AbstractCurve, discharge: AbstractCurve) -> Float[np.nda
     high = min(charge.soc[-1], discharge.soc[-1])
     soc = np.union1d(charge.soc, discharge.soc)
     soc = soc[(soc >= low) & (soc <= high)]
+    # Points of both branches at the same SOC differ in their last bits; one of them is enough.
+    soc = soc[np.concatenate([[True], np.diff(soc) > SAME_POINT])[: soc.size]]
     if soc.size == 0:
         raise InputError(
             f"the charge covers SOC {charge.soc[0]:.3f} to {charge.soc[-1]:.3f}, the discharge "

@@ -215,9 +215,7 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
             f"at SOC {curve.soc[missed]:.3f}"
         )
     if isinstance(curve, PolynomialCurve):
-        return tuple(
-            f"{text}: the polynomial wiggles; try --ocv-fit interpolated" for text in found
-        )
+        return tuple(f"{text}: try --ocv-fit interpolated" for text in found)
     return tuple(f"{text}: look at the points there" for text in found)
 
 

@@ -88,8 +88,9 @@ def _point_samples(
         if not _is_long(rests_s[last]):
             continue
         if samples:
-            between_ah = np.ptp(discharged_ah[samples[-1] : last + 1])
-            if between_ah <= SAME_SOC * span_ah:
+            net_ah = abs(discharged_ah[last] - discharged_ah[samples[-1]])
+            swing_ah = np.ptp(discharged_ah[samples[-1] : last + 1])
+            if net_ah <= SAME_SOC * span_ah and swing_ah <= CYCLE * span_ah:
                 samples.pop()
         samples.append(int(last))
     if blocks and len(samples) >= 2 and blocks[0][0] == 0 and blocks[0][1] < samples[0]:

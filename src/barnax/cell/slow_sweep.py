@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..records.record import Record
+from ..records.rests import is_rested
 from .sweep import CHARGE, DISCHARGE, Sweep, SweepPoint
 
 # C/10 with the slack of a cell that holds a little less than its rating.
@@ -28,7 +29,7 @@ def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: floa
         end = last if is_backward else min(last + 1, record.samples - 1)
         passed_ah = abs(discharged_ah[end] - discharged_ah[begin])
         current_a = np.abs(record.current_a[first : last + 1])
-        is_loaded = current_a > rest_current_a
+        is_loaded = ~is_rested(record, rest_current_a)[first : last + 1]
         is_slow = np.median(current_a[is_loaded]) * SLOWEST_HOURS <= passed_ah
         if is_slow and (~is_loaded).mean() <= PAUSES:
             sweeps.append(_thin(record, first, last, begin, end))
@@ -39,12 +40,12 @@ def _one_way_stretches(
     record: Record, rest_current_a: float, minimum_rest_s: float
 ) -> list[tuple[int, int]]:
     """First and last loaded sample of each stretch of one direction without a long rest."""
-    loaded = np.flatnonzero(np.abs(record.current_a) > rest_current_a)
+    loaded = np.flatnonzero(~is_rested(record, rest_current_a))
     if loaded.size == 0:
         return []
     turns = np.diff(np.sign(record.current_a[loaded])) != 0
-    # A gap of the logger is no rest: only samples that show no current count.
-    rests = (np.diff(loaded) > 2) & (np.diff(record.time_s[loaded]) >= minimum_rest_s)
+    # A gap of the logger is no rest: some samples in it must show no current.
+    rests = (np.diff(loaded) > 1) & (np.diff(record.time_s[loaded]) >= minimum_rest_s)
     cuts = np.flatnonzero(turns | rests)
     firsts = loaded[np.concatenate([[0], cuts + 1])]
     lasts = loaded[np.concatenate([cuts, [len(loaded) - 1]])]

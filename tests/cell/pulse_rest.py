@@ -1,0 +1,89 @@
+"""Records of cells whose open-circuit voltage is known exactly."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from barnax.records.record import Decision, Hold, Record
+
+CAPACITY_AH = 2.0
+RESISTANCE_OHM = 0.05
+W_NODES_V = (0.0, 0.02, 0.012, 0.008, 0.0)
+W_AT_KNOTS_V = (0.0, 0.02, 0.012, 0.012, 0.008, 0.0)
+KNOTS = (0.0, 0.1, 0.35, 0.75, 0.95, 1.0)
+
+
+def average_v(soc: np.ndarray) -> np.ndarray:
+    return 3.2 + 0.9 * soc - 0.5 * soc**2 + 0.55 * soc**3
+
+
+def hysteresis_v(soc: np.ndarray) -> np.ndarray:
+    return np.interp(soc, KNOTS, W_AT_KNOTS_V)
+
+
+def branch_v(soc: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    return average_v(soc) + direction * hysteresis_v(soc) / 2
+
+
+def record_of(
+    intervals_a: Sequence[float] | np.ndarray,
+    *,
+    start_soc: float,
+    direction: int,
+    interval_s: float | np.ndarray = 60.0,
+    capacity_ah: float = CAPACITY_AH,
+    voltage: Callable[[np.ndarray, np.ndarray], np.ndarray] = branch_v,
+    hold: Hold = "forward",
+    name: str = "test.csv",
+) -> Record:
+    """The record of a cell driven by these currents, discharge positive; it ends at rest.
+
+    `direction` is the one before the record.
+    """
+    current_a = np.asarray(intervals_a, dtype=float)
+    seconds = np.broadcast_to(interval_s, current_a.shape)
+    time_s = np.concatenate([[0.0], np.cumsum(seconds)])
+    passed_ah = np.concatenate([[0.0], np.cumsum(current_a * seconds)]) / 3600
+    signs = np.concatenate([[direction], -np.sign(current_a)])
+    last_moved = np.maximum.accumulate(np.where(signs != 0, np.arange(len(signs)), 0))
+    sampled_a = np.append(current_a, 0.0) if hold == "forward" else np.append(0.0, current_a)
+    ocv_v = voltage(start_soc - passed_ah / capacity_ah, signs[last_moved])
+    samples = len(time_s)
+    return Record(
+        name=name,
+        time_s=time_s,
+        current_a=sampled_a,
+        voltage_v=ocv_v - RESISTANCE_OHM * sampled_a,
+        temperature_degc=None,
+        step=None,
+        row=np.arange(2, samples + 2),
+        sign=Decision("charge-positive", "strong", "made so"),
+        hold=Decision(hold, "strong", "made so"),
+        sha256="",
+    )
+
+
+def pulses(direction: int, count: int = 20, *, share: float = 1.0, rest: int = 60) -> np.ndarray:
+    """Equal pulses that move `share` of the capacity, each followed by `rest` minutes of rest."""
+    minutes = 6
+    pulse_a = -direction * share * CAPACITY_AH / count / (minutes / 60)
+    return np.tile(np.concatenate([np.full(minutes, pulse_a), np.zeros(rest)]), count)
+
+
+def both_ways(hold: Hold = "forward", count: int = 20, *, returned: float = 1.0) -> Record:
+    """A discharge from full to empty and a charge back, in one record that begins at rest."""
+    rest = np.zeros(60)
+    parts = [rest, pulses(-1, count), pulses(+1, count, share=returned)]
+    return record_of(np.concatenate(parts), start_soc=1.0, direction=1, hold=hold)
+
+
+def discharge_only(**changes: object) -> Record:
+    current_a = np.concatenate([np.zeros(60), pulses(-1)])
+    options = {"start_soc": 1.0, "direction": 1, "name": "discharge.csv"} | changes
+    return record_of(current_a, **options)  # pyright: ignore[reportArgumentType]
+
+
+def charge_only(**changes: object) -> Record:
+    current_a = np.concatenate([np.zeros(60), pulses(+1)])
+    options = {"start_soc": 0.0, "direction": -1, "name": "charge.csv"} | changes
+    return record_of(current_a, **options)  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,112 @@
+"""OCV tests as testers wrote them; the expected figures come from tables made elsewhere."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from barnax.cell import characterize
+from barnax.errors import InputError
+from barnax.records import read_record
+
+INCREMENTAL = "calce-inr18650-20r/ocv-incremental_25degC_SP20-3.parquet"
+TENTHS = np.arange(1, 10) / 10
+
+
+@pytest.fixture(scope="module")
+def incremental(real_data: Path):
+    return read_record(real_data / INCREMENTAL)
+
+
+@pytest.fixture(scope="module")
+def samsung(incremental):
+    return characterize([incremental], ocv_fit="interpolated")
+
+
+def test_the_samsung_cell_has_the_published_rested_voltages(samsung):
+    # SP20-3 after 2 h of rest, SOC by 1.996 Ah. The table interpolates linearly.
+    points = samsung.discharge_points
+    linear_v = np.interp(TENTHS, [p.soc for p in points], [p.voltage_v for p in points])
+    published_v = [3.4731, 3.5628, 3.6017, 3.6292, 3.6719, 3.7599, 3.8477, 3.9480, 4.0583]
+    np.testing.assert_allclose(linear_v, published_v, atol=1.1e-3)
+
+
+def test_the_samsung_cell_has_the_published_gap(samsung):
+    gap_mv = 1e3 * (samsung.charge(TENTHS) - samsung.discharge(TENTHS))
+    published_mv = [14.0, 17.8, 10.4, 10.6, 7.8, 11.3, 12.5, 11.8, 10.4]
+    np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
+
+
+def test_the_samsung_cell_has_the_published_capacity(samsung):
+    assert samsung.capacity_ah == pytest.approx(1.9960, abs=5e-4)
+
+
+def test_both_branches_of_the_samsung_cell_share_one_axis(incremental):
+    cell = characterize([incremental], capacity_ah=2.0, ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (11, 12)
+    assert cell.discharge_points[-1].soc == 1.0
+    assert cell.discharge_points[0].soc == pytest.approx(0.0020, abs=1e-4)
+    assert cell.charge_points[0] == cell.discharge_points[0]
+    assert cell.charge_points[-1].soc == pytest.approx(0.9879, abs=1e-4)
+
+
+def test_a_capacity_of_20_ah_is_refused_for_the_samsung_cell(incremental):
+    with pytest.raises(InputError, match=r"20 Ah was given, but the OCV test passed 1.996 Ah"):
+        characterize([incremental], capacity_ah=20.0)
+
+
+def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
+    folder = real_data / "plett-a123-26650"
+    records = [read_record(folder / f"ocv-{name}_25degC.parquet") for name in ("s3", "s1")]
+    cell = characterize(records, ocv_fit="interpolated")
+    soc = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
+    gap_mv = 1e3 * (cell.charge(soc) - cell.discharge(soc))
+    published_mv = [48.7, 41.8, 46.5, 58.1, 37.3, 33.4, 38.6, 39.6, 27.3, 23.6, 25.4]
+    np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
+    assert cell.capacity_ah == pytest.approx(2.060, abs=2e-3)
+
+
+def test_a_wiggling_polynomial_of_the_lfp_cell_is_warned_about(real_data: Path):
+    record = read_record(real_data / "plett-a123-26650" / "ocv-s1_25degC.parquet")
+    cell = characterize([record], ocv_fit="polynomial")
+    assert any("the discharge OCV curve falls by" in text for text in cell.warnings)
+
+
+def test_a_slow_pair_that_does_not_close_is_warned_about(real_data: Path):
+    folder = real_data / "calce-inr18650-20r"
+    record = read_record(folder / "ocv-low-current_25degC_SP20-1.parquet")
+    cell = characterize([record], ocv_fit="interpolated")
+    assert len(cell.charge_points) == len(cell.discharge_points) == 101
+    assert any("2.157 Ah out" in text for text in cell.warnings)
+
+
+def test_the_leaf_hppc_test_is_a_discharge_of_long_rests(real_data: Path):
+    record = read_record(real_data / "nissan-leaf-lmo-33ah" / "hppc_25degC.parquet")
+    cell = characterize([record], capacity_ah=33.1, ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (10, 0)
+    assert cell.discharge_points[-1].voltage_v == pytest.approx(4.182, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("calce-inr18650-20r/dst_25degC_80soc_SP20-2.parquet", "of its 2 rests"),
+        ("calce-inr18650-20r/us06_25degC_50soc_SP20-2.parquet", "longest rest is 10.1 min"),
+        ("plett-a123-26650/dyn-s1_25degC.parquet", "longest rest is 15.0 min"),
+    ],
+)
+def test_a_drive_cycle_is_refused_as_an_ocv_test(real_data: Path, name, found):
+    with pytest.raises(InputError, match=found):
+        characterize([read_record(real_data / name)])
+
+
+def test_the_virtual_cell_has_the_gap_that_was_put_into_its_graphite(real_data: Path):
+    # 12 mV between lithiation and delithiation at every stoichiometry of the graphite.
+    folder = real_data.parent / "virtual_cell"
+    if not folder.is_dir():
+        pytest.skip("the virtual cell is not beside the measured cells")
+    records = [read_record(folder / f"ocv_{way}.parquet") for way in ("charge", "discharge")]
+    cell = characterize(records, ocv_fit="interpolated")
+    assert cell.capacity_ah == pytest.approx(2.0, abs=0.01)
+    assert cell.hysteresis.parameters["P"] == pytest.approx(0.012, abs=0.002)
+    assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)

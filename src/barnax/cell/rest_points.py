@@ -93,16 +93,21 @@ def _point_samples(
             if net_ah <= SAME_SOC * span_ah and swing_ah <= CYCLE * span_ah:
                 samples.pop()
         samples.append(int(last))
-    if blocks and len(samples) >= 2 and blocks[0][0] == 0 and blocks[0][1] < samples[0]:
-        first, last = blocks[0]
-        rising = discharged_ah[samples[0]] < discharged_ah[last]
-        step_v = record.voltage_v[samples[0]] - record.voltage_v[last]
-        step_v = step_v if rising else -step_v
-        drift_v = abs(record.voltage_v[last] - record.voltage_v[first])
+    first, last = blocks[0] if blocks else (0, 0)
+    if samples and first == 0 and last < samples[0]:
         apart_ah = abs(discharged_ah[samples[0]] - discharged_ah[last])
-        if drift_v <= SETTLED_V and 0 < step_v <= NEIGHBOR_V and apart_ah > SAME_SOC * span_ah:
+        is_apart = apart_ah > SAME_SOC * span_ah
+        if is_apart and _is_plausible_start(record, last, samples[0]):
             samples.insert(0, int(last))
     return samples
+
+
+def _is_plausible_start(record: Record, last: int, following: int) -> bool:
+    """Whether the short rest that begins the record, up to `last`, is the end of a long one."""
+    charged = np.sign(record.discharged_ah[last] - record.discharged_ah[following])
+    step_v = charged * (record.voltage_v[following] - record.voltage_v[last])
+    drift_v = abs(record.voltage_v[last] - record.voltage_v[0])
+    return bool(drift_v <= SETTLED_V and 0 < step_v <= NEIGHBOR_V)
 
 
 def _directions(discharged_ah: Charge, lasts: list[int]) -> list[int]:

@@ -1,0 +1,74 @@
+"""Identify lithium-ion equivalent-circuit parameters, and know how good the answer is.
+
+Names are imported on first use: importing barnax loads no JAX, sets nothing and touches no
+device.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from . import plots as plots
+    from .bundled import bundled_file as bundled_file
+    from .cell import CellModel as CellModel
+    from .cell import CircuitParameters as CircuitParameters
+    from .cell import characterize as characterize
+    from .errors import InputError as InputError
+    from .evaluate import Evaluation as Evaluation
+    from .evaluate import evaluate_course as evaluate_course
+    from .evaluate import validate as validate
+    from .identification import Identification as Identification
+    from .identification import identify as identify
+    from .optimizers import OPTIMIZERS as OPTIMIZERS
+    from .optimizers import make_optimizer as make_optimizer
+    from .problem import Problem as Problem
+    from .problem import make_problem as make_problem
+    from .records import Record as Record
+    from .records import read_record as read_record
+    from .refinement import CrossCheck as CrossCheck
+    from .refinement import refine as refine
+    from .result import Result as Result
+    from .result import make_result as make_result
+    from .window import Window as Window
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "CellModel": "cell",
+    "CircuitParameters": "cell",
+    "CrossCheck": "refinement",
+    "Evaluation": "evaluate",
+    "Identification": "identification",
+    "InputError": "errors",
+    "OPTIMIZERS": "optimizers",
+    "Problem": "problem",
+    "Record": "records",
+    "Result": "result",
+    "Window": "window",
+    "bundled_file": "bundled",
+    "characterize": "cell",
+    "evaluate_course": "evaluate",
+    "identify": "identification",
+    "make_optimizer": "optimizers",
+    "make_problem": "problem",
+    "make_result": "result",
+    "read_record": "records",
+    "refine": "refinement",
+    "validate": "evaluate",
+}
+_MODULES = {"plots"}
+
+__all__ = ["__version__", *sorted(_HOME), *sorted(_MODULES)]
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f".{name}", __name__)
+    if name in _HOME:
+        value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,136 @@
+"""The search box in physical units: its defaults, the user's changes, and fixed values."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from .errors import InputError
+
+RESISTANCES = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")
+# Each pair is bounded in its time constant or in its capacitance.
+PAIRS = (("tau1 [s]", "C1 [F]"), ("tau2 [s]", "C2 [F]"))
+NAMES = (*RESISTANCES, *(name for pair in PAIRS for name in pair))
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Lower and upper bound of R0, R1, R2 and, for each RC pair, of its tau or its C.
+
+    `fixed` holds values that are not searched. Names are PyBaMM's, with their units.
+    """
+
+    ranges: Mapping[str, Range]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def default(cls, capacity_ah: float, interval_s: float, duration_s: float) -> "Bounds":
+        """0.1 to 200 mohm at 2 Ah, scaled to the capacity; tau from half an interval to all.
+
+        `interval_s` is the median sampling interval, `duration_s` the scored duration: faster
+        or slower than these a time constant cannot be seen. Both pairs share one box.
+        """
+        scale = 2.0 / capacity_ah
+        resistance = (1e-4 * scale, 0.2 * scale)
+        tau = (interval_s / 2, max(duration_s, interval_s))
+        return cls({**dict.fromkeys(RESISTANCES, resistance), PAIRS[0][0]: tau, PAIRS[1][0]: tau})
+
+    def with_changes(
+        self, ranges: Mapping[str, Range], fixed: Mapping[str, float], source: str
+    ) -> "Bounds":
+        """These bounds with the user's ranges and fixed values in place.
+
+        Raises `InputError` for an unknown name, a range that is reversed or not positive, and
+        for both tau and C of one pair; `source` says where the change came from.
+        """
+        changed = dict(self.ranges)
+        for name, (low, high) in ranges.items():
+            _require_known(name, source)
+            if not (0 < low < high < math.inf):
+                raise InputError(
+                    f"{source}: the bounds of {name!r} are [{low}, {high}]; they must be positive "
+                    "and the lower one smaller than the upper one"
+                )
+        for name, value in fixed.items():
+            _require_known(name, source)
+            if not 0 < value < math.inf:
+                raise InputError(f"{source}: {name!r} cannot be fixed at {value}; give a positive value")
+            if name in ranges:
+                raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
+        for tau, capacitance in PAIRS:
+            chosen = [name for name in (tau, capacitance) if name in ranges or name in fixed]
+            if len(chosen) == 2:
+                raise InputError(
+                    f"{source}: give {tau!r} or {capacitance!r}, not both; one follows from the "
+                    "other and the resistance"
+                )
+            for name in chosen:
+                changed.pop(tau, None)
+                changed.pop(capacitance, None)
+                if name in ranges:
+                    changed[name] = ranges[name]
+        for name in RESISTANCES:
+            if name in ranges:
+                changed[name] = ranges[name]
+            elif name in fixed:
+                changed.pop(name)
+        return Bounds(changed, dict(fixed))
+
+    @property
+    def pairs_are_alike(self) -> bool:
+        """Whether both RC pairs have the same box, so that swapping them stays inside."""
+        if self.fixed.keys() - {"R0 [Ohm]"}:
+            return False
+        first, second = (self._pair(index) for index in (0, 1))
+        return first == second
+
+    def second_name(self, index: int) -> str:
+        """The name that bounds or fixes pair `index` beside its resistance."""
+        return next(name for name in PAIRS[index] if name in self.ranges or name in self.fixed)
+
+    def _pair(self, index: int) -> tuple[Range, str, Range]:
+        name = self.second_name(index)
+        kind = "tau" if name.startswith("tau") else "C"
+        return self.ranges[RESISTANCES[index + 1]], kind, self.ranges[name]
+
+
+def read_bounds(path: Path) -> dict[str, Range]:
+    """Ranges from the `[bounds]` table of a TOML file: `"R0 [Ohm]" = [0.001, 0.1]`.
+
+    Raises `InputError` where the file cannot be read or says something else.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read ({problem.strerror or problem})") from problem
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise InputError(f"{path}: is not a TOML file ({problem})") from problem
+    table = document.get("bounds")
+    if not isinstance(table, dict) or len(document) != 1:
+        raise InputError(f'{path}: must hold one table, [bounds], with lines like "R0 [Ohm]" = [0.001, 0.1]')
+    ranges = {}
+    for name, value in table.items():
+        is_pair = isinstance(value, list) and len(value) == 2
+        if not is_pair or not all(isinstance(end, int | float) and not isinstance(end, bool) for end in value):
+            raise InputError(f"{path}: {name!r} must be two numbers, [lower, upper]; it is {value!r}")
+        ranges[name] = (float(value[0]), float(value[1]))
+    return ranges
+
+
+def parse_fixed(texts: list[str]) -> dict[str, float]:
+    """Fixed values from options such as `C1 [F]=500`. Raises `InputError` where one is not so."""
+    fixed = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        try:
+            fixed[name] = float(value)
+        except ValueError as problem:
+            raise InputError(f'--fix {text!r}: write a name and a number, such as "C1 [F]=500"') from problem
+    return fixed
+
+
+def _require_known(name: str, source: str) -> None:
+    if name not in NAMES:
+        raise InputError(f"{source}: {name!r} is not a parameter; there are {', '.join(NAMES)}")

@@ -1,0 +1,59 @@
+"""The command `barnax` and its exit statuses."""
+
+import sys
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from .. import __version__
+from ..errors import InputError
+from .identify import identify
+from .validate import validate
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="barnax",
+    help="Identify lithium-ion equivalent-circuit parameters from measured current and voltage.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(identify)
+app.command()(validate)
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        print(f"barnax {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Identify lithium-ion equivalent-circuit parameters from measured current and voltage.
+
+    Run [bold]barnax identify[/bold] without arguments to see it work on the bundled cell.
+    """
+
+
+def main() -> None:
+    """Run the command line; bad input is one message and exit status 2, never a traceback."""
+    try:
+        app()
+    except InputError as problem:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(
+            "[bold red]error:[/bold red]", str(problem).replace("[", r"\["), markup=True
+        )
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        Console(stderr=True).print("interrupted; nothing was written")
+        sys.exit(INTERRUPTED)

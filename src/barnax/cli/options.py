@@ -1,0 +1,110 @@
+"""Options that several commands share, with their help."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+
+WINDOW = "Window"
+INPUT = "Reading the files"
+OUTPUT = "Output"
+SEARCH = "Search"
+
+CurrentSign = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|charge-positive|discharge-positive",
+        help="Sign of current in the record; by default decided from the data.",
+        rich_help_panel=INPUT,
+    ),
+]
+CurrentHold = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|forward|backward",
+        help="Whether a sample's current flowed in the interval after or before it.",
+        rich_help_panel=INPUT,
+    ),
+]
+RestCurrent = Annotated[
+    float | None,
+    typer.Option(
+        metavar="A", help="Current below which the cell rests [default: C/100].", rich_help_panel=INPUT
+    ),
+]
+InitialDirection = Annotated[
+    int,
+    typer.Option(
+        metavar="+1|-1",
+        help="Last current before the record: +1 charge, -1 discharge.",
+        rich_help_panel=WINDOW,
+    ),
+]
+StartTime = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S", help="Start the simulation here, on the file's clock.", rich_help_panel=WINDOW
+    ),
+]
+StartAfterStep = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Start at the last sample of this step's last block.", rich_help_panel=WINDOW
+    ),
+]
+InitialSoc = Annotated[
+    float | None,
+    typer.Option(
+        metavar="0..1",
+        help="State of charge at the start [default: from the rested voltage].",
+        rich_help_panel=WINDOW,
+    ),
+]
+ScoreSteps = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N,N", help="Count errors only in these steps, such as 7,8.", rich_help_panel=WINDOW
+    ),
+]
+ScoreFrom = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Count errors from this time on.", rich_help_panel=WINDOW),
+]
+ScoreTo = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Count errors up to this time.", rich_help_panel=WINDOW),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Where results go [default: barnax-out].",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Force = Annotated[
+    bool,
+    typer.Option("--force", help="Replace the result that the folder holds.", rich_help_panel=OUTPUT),
+]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Print the result as JSON; files only with --out.", rich_help_panel=OUTPUT
+    ),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="No tables and no progress.", rich_help_panel=OUTPUT),
+]
+
+
+def parse_steps(text: str | None) -> tuple[int, ...] | None:
+    """Step numbers from `7,8`. Raises `InputError` where they are not numbers."""
+    if text is None:
+        return None
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as problem:
+        raise InputError(f"--score-steps {text!r}: write step numbers, such as 7,8") from problem

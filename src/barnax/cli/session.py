@@ -1,0 +1,107 @@
+"""One run of a command: its console, its progress, its timings, its compiled code."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import platformdirs
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+
+class Session:
+    """What a command shows while it works. Tables go to stdout, everything else to stderr."""
+
+    def __init__(self, is_quiet: bool):
+        self._is_quiet = is_quiet
+        self._console = Console(highlight=False)
+        self._notes = Console(stderr=True, highlight=False)
+        self._timings: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, title: str) -> Iterator[None]:
+        """Time a stage, under a spinner."""
+        with self._timed(title):
+            if self._is_quiet or not self._notes.is_terminal:
+                yield
+            else:
+                with self._notes.status(title):
+                    yield
+
+    @contextmanager
+    def bar(self, title: str, seeds: int) -> Iterator[Callable[[int], None]]:
+        """Time a stage, under a progress bar that is advanced by finished seeds."""
+        progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("seeds"),
+            TimeElapsedColumn(),
+            console=self._notes,
+            disable=self._is_quiet or not self._notes.is_terminal,
+        )
+        with self._timed(title), progress:
+            task = progress.add_task(title, total=seeds)
+            yield lambda gained: progress.advance(task, gained)
+
+    def show(self, blocks: Iterable[RenderableType]) -> None:
+        """Print tables and sentences, unless the command is quiet."""
+        if not self._is_quiet:
+            for block in blocks:
+                self._console.print(block)
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print warnings to stderr, unless the command is quiet."""
+        if not self._is_quiet:
+            for text in warnings:
+                self._notes.print("[yellow]warning:[/yellow]", text.replace("[", r"\["))
+
+    def timings_json(self) -> bytes:
+        """Seconds of every stage so far, as `timings.json`."""
+        seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self._timings.items()}
+        return (json.dumps(seconds, indent=1) + "\n").encode()
+
+    @contextmanager
+    def _timed(self, title: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._timings[title] = time.perf_counter() - start
+
+
+def command_line() -> list[str]:
+    """What was run, folders left out, so that equal runs elsewhere store equal commands."""
+    return ["barnax", *(Path(word).name if os.path.isabs(word) else word for word in sys.argv[1:])]
+
+
+def use_compilation_cache() -> None:
+    """Keep compiled searches between runs, in the user's cache folder.
+
+    `JAX_COMPILATION_CACHE_DIR` names another folder, `JAX_ENABLE_COMPILATION_CACHE=false`
+    switches it off.
+    """
+    import jax
+
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        folder = platformdirs.user_cache_path("barnax") / "jax"
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def complete_methods(incomplete: str) -> list[str]:
+    """Registered optimizers for shell completion."""
+    from ..optimizers import OPTIMIZERS
+
+    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
+
+
+def complete_circuits(incomplete: str) -> list[str]:
+    """Registered circuits for shell completion."""
+    from ..cell import CIRCUITS
+
+    return [name for name in CIRCUITS if name.startswith(incomplete)]

@@ -1,0 +1,97 @@
+"""Search coordinates: the vectors an optimizer moves, and the circuits they stand for."""
+
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .bounds import RESISTANCES, Bounds
+from .errors import InputError
+from .simulate import Impedance
+
+Scale = Literal["rc", "log"]
+SCALES: tuple[Scale, ...] = ("rc", "log")
+
+
+class Coordinates(eqx.Module):
+    """A box of free parameters and the map from a point in it to an `Impedance`.
+
+    Parameters stand in the order R0, R1, X1, R2, X2. In `rc` coordinates X is a capacitance and
+    all are raw, as in the paper; where R C leaves the limits of tau, C is clipped. In `log`
+    coordinates the point holds logarithms and X is the time constant, or the capacitance where
+    the user bounded that.
+    """
+
+    lower: Float[Array, "free"]
+    upper: Float[Array, "free"]
+    fixed: Float[Array, "parameters"]
+    tau_limits_s: tuple[tuple[float, float], ...] = eqx.field(static=True)
+    free: tuple[int, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    holds_tau: tuple[bool, ...] = eqx.field(static=True)
+    is_log: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, bounds: Bounds, scale: Scale) -> "Coordinates":
+        """The coordinates of a box. Raises `InputError` where nothing is free."""
+        if scale not in SCALES:
+            raise InputError(f"coordinates {scale!r} are not known; there are {', '.join(SCALES)}")
+        is_log = scale == "log"
+        slots = [_resistance(bounds, 0)]
+        tau_limits, holds_tau = [], []
+        for pair in (0, 1):
+            resistance = _resistance(bounds, pair + 1)
+            name, low, high = _range(bounds, bounds.second_name(pair))
+            is_tau = name.startswith("tau")
+            is_searched_as_tau = is_tau and (is_log or low == high)
+            tau_limits.append((low, high) if is_tau else (0.0, np.inf))
+            holds_tau.append(is_searched_as_tau)
+            if is_tau and not is_searched_as_tau:
+                name, low, high = f"C{pair + 1} [F]", low / resistance[2], high / resistance[1]
+            slots += [resistance, (name, low, high)]
+        free = tuple(index for index, (_, low, high) in enumerate(slots) if low < high)
+        if not free:
+            raise InputError("every parameter is fixed; leave at least one free")
+        ends = np.array([slot[1:] for slot in slots])
+        ends = np.log(ends) if is_log else ends
+        return cls(
+            lower=jnp.asarray(ends[list(free), 0]),
+            upper=jnp.asarray(ends[list(free), 1]),
+            fixed=jnp.asarray(ends[:, 0]),
+            tau_limits_s=tuple(tau_limits),
+            free=free,
+            names=tuple(slots[index][0] for index in free),
+            holds_tau=tuple(holds_tau),
+            is_log=is_log,
+        )
+
+    def decode(self, point: Float[Array, "free"]) -> Impedance:
+        """The circuit at a point."""
+        values = self.fixed.at[jnp.array(self.free)].set(point)
+        values = jnp.exp(values) if self.is_log else values
+        r0, r1, x1, r2, x2 = values
+        tau = []
+        for pair, (r, x) in enumerate(((r1, x1), (r2, x2))):
+            low, high = self.tau_limits_s[pair]
+            tau.append(x if self.holds_tau[pair] else jnp.clip(r * x, low, high))
+        return Impedance(r0, (r1, r2), tuple(tau))
+
+    def encode(self, impedance: Impedance) -> Float[Array, "free"]:
+        """The point of a circuit, moved into the box where it lies outside."""
+        values = [impedance.r0]
+        for pair, (r, tau) in enumerate(zip(impedance.r, impedance.tau, strict=True)):
+            values += [r, tau if self.holds_tau[pair] else tau / r]
+        point = jnp.stack(values)[jnp.array(self.free)]
+        point = jnp.log(point) if self.is_log else point
+        return jnp.clip(point, self.lower, self.upper)
+
+
+def _resistance(bounds: Bounds, index: int) -> tuple[str, float, float]:
+    return _range(bounds, RESISTANCES[index])
+
+
+def _range(bounds: Bounds, name: str) -> tuple[str, float, float]:
+    low, high = bounds.ranges.get(name) or (bounds.fixed[name], bounds.fixed[name])
+    return name, low, high

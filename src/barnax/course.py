@@ -1,0 +1,128 @@
+"""One record made ready to simulate: its window, its SOC, and the voltage of a resting cell."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .cell import CellModel
+from .cell.circuits import get_circuit
+from .errors import InputError
+from .records import Record
+from .records.rests import current_direction, rest_current_a
+from .simulate import Drive, Intervals
+from .window import Window, first_sample, initial_soc, scored_samples, soc_along
+
+# Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
+OCV_MARGIN = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The simulated stretch of one record, first to last scored sample.
+
+    `source_v` is the open-circuit voltage with the circuit's hysteresis term; `direction` the
+    last direction of the current (+1 charging, -1 discharging).
+    """
+
+    record: Record
+    circuit: str
+    first: int
+    soc: Float[np.ndarray, "simulated"]
+    direction: Float[np.ndarray, "simulated"]
+    source_v: Float[np.ndarray, "simulated"]
+    scored: Bool[np.ndarray, "simulated"]
+    rest_current_a: float
+    initial_soc: float
+    initial_soc_reason: str
+    warnings: tuple[str, ...]
+
+    @property
+    def stretch(self) -> slice:
+        return slice(self.first, self.first + len(self.soc))
+
+    @property
+    def time_s(self) -> Float[np.ndarray, "simulated"]:
+        return self.record.time_s[self.stretch]
+
+    @property
+    def current_a(self) -> Float[np.ndarray, "simulated"]:
+        return self.record.current_a[self.stretch]
+
+    @property
+    def voltage_v(self) -> Float[np.ndarray, "simulated"]:
+        return self.record.voltage_v[self.stretch]
+
+    @property
+    def scored_duration_s(self) -> float:
+        times = self.time_s[self.scored]
+        return float(times[-1] - times[0])
+
+    @property
+    def median_interval_s(self) -> float:
+        return float(np.median(np.diff(self.time_s)))
+
+    def drive(self, shortest_tau_s: float) -> Drive:
+        """The device arrays of this stretch, exact for time constants from `shortest_tau_s` on."""
+        last = slice(self.first, self.first + len(self.soc) - 1)
+        interval_s = self.record.interval_s[last]
+        held_a = self.record.interval_current_a[last]
+        return Drive(
+            current_a=jnp.asarray(self.current_a),
+            held_a=jnp.asarray(np.append(held_a, 0.0)),
+            source_v=jnp.asarray(self.source_v),
+            measured_v=jnp.asarray(self.voltage_v),
+            weight=jnp.asarray(self.scored, float),
+            intervals=Intervals.measure(np.append(interval_s, interval_s[-1]), shortest_tau_s),
+        )
+
+
+def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -> Course:
+    """A record made ready. Raises `InputError` where window, SOC or OCV range do not fit it."""
+    rest_a = window.rest_current_a or rest_current_a(record, cell.capacity_ah)
+    first = first_sample(record, window)
+    scored = scored_samples(record, window, first)
+    start_soc, reason = initial_soc(record, cell, window, first, rest_a)
+    soc = soc_along(record, cell.capacity_ah, first, start_soc)
+    warnings = _check_soc(record, cell, soc, scored)
+
+    stretch = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
+    if np.count_nonzero(scored) < 10 or stretch.stop - first < 10:
+        raise InputError(f"{record.name}: fewer than 10 samples are left to score; widen the window")
+    direction = current_direction(record, rest_a, window.initial_direction)[stretch]
+    return Course(
+        record=record,
+        circuit=circuit,
+        first=first,
+        soc=soc[stretch],
+        direction=direction,
+        source_v=get_circuit(circuit).source_voltage(cell, soc[stretch], direction),
+        scored=scored[stretch],
+        rest_current_a=rest_a,
+        initial_soc=start_soc,
+        initial_soc_reason=reason,
+        warnings=warnings,
+    )
+
+
+def _check_soc(
+    record: Record, cell: CellModel, soc: np.ndarray, scored: np.ndarray
+) -> tuple[str, ...]:
+    low, high = cell.soc_range
+    outside = scored & ((soc < low) | (soc > high))
+    if not np.any(outside):
+        return ()
+    far = np.flatnonzero(scored & ((soc < low - OCV_MARGIN) | (soc > high + OCV_MARGIN)))
+    if len(far):
+        raise InputError(
+            f"{record.name}: row {record.row[far[0]]} is scored at a state of charge of "
+            f"{soc[far[0]]:.3f}, but the OCV points span only {low:.3f} to {high:.3f}; check "
+            f"--capacity ({cell.capacity_ah:.4g} Ah) and --initial-soc, give an OCV test that "
+            "reaches there, or leave those samples out with --score-steps or --score-to"
+        )
+    return (
+        f"{record.name}: {np.count_nonzero(outside)} of {np.count_nonzero(scored)} scored samples "
+        f"lie up to {OCV_MARGIN} SOC outside the OCV points ({low:.3f} to {high:.3f}), where the "
+        "open-circuit voltage is held constant",
+    )

@@ -1,0 +1,52 @@
+"""One circuit simulated on one record, with its errors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .cell import CellModel, CircuitParameters
+from .course import Course, make_course
+from .metrics import Metrics, measure
+from .precision import in_float64
+from .problem import impedance_of
+from .records import Record
+from .simulate import terminal_voltage
+from .window import Window
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Simulated voltage at every simulated sample of a record, and metrics over the scored ones."""
+
+    course: Course
+    simulated_v: Float[np.ndarray, "simulated"]
+    metrics: Metrics
+
+    @property
+    def error_v(self) -> Float[np.ndarray, "simulated"]:
+        """Measured minus simulated voltage."""
+        return self.course.voltage_v - self.simulated_v
+
+
+@in_float64
+def evaluate_course(course: Course, parameters: CircuitParameters) -> Evaluation:
+    """The errors of a circuit on a record made ready."""
+    drive = course.drive(min(parameters.tau1_s, parameters.tau2_s))
+    simulated_v = np.asarray(terminal_voltage(impedance_of(parameters), drive))
+    metrics = measure(course.voltage_v[course.scored], simulated_v[course.scored])
+    return Evaluation(course, simulated_v, metrics)
+
+
+def validate(
+    record: Record,
+    cell: CellModel,
+    circuit: str,
+    parameters: CircuitParameters,
+    window: Window | None = None,
+) -> Evaluation:
+    """The errors of identified parameters on another record of the same cell.
+
+    Raises `InputError` where window or OCV range do not fit the record.
+    """
+    return evaluate_course(make_course(record, cell, circuit, window or Window()), parameters)

@@ -1,0 +1,59 @@
+"""How far simulated voltage is from measured voltage (Li et al., 2023, Eq. 22 to 26)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+Voltage = Float[np.ndarray, "samples"]
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Errors of one simulation over its scored samples.
+
+    `r2` is the usual coefficient of determination; `r2_paper` is Eq. 24 as printed, which takes
+    deviations from the mean of the *simulated* voltage. `ce_v` is the cumulative absolute error,
+    in volts, so it grows with the number of samples.
+    """
+
+    rmse_v: float
+    r2: float
+    r2_paper: float
+    mape_percent: float
+    ce_v: float
+    max_v: float
+    samples: int
+
+
+def measure(measured_v: Voltage, simulated_v: Voltage) -> Metrics:
+    """All metrics of one simulation. Raises `ValueError` where there is nothing to compare.
+
+    >>> import numpy as np
+    >>> measure(np.array([3.0, 4.0]), np.array([3.0, 3.9])).max_v
+    0.10000000000000009
+    """
+    if measured_v.shape != simulated_v.shape or measured_v.size == 0:
+        raise ValueError(
+            f"metrics need equally many measured and simulated samples, and at least one; "
+            f"got shapes {measured_v.shape} and {simulated_v.shape}"
+        )
+    error_v = measured_v - simulated_v
+    squares = float(np.sum(error_v**2))
+    return Metrics(
+        rmse_v=float(np.sqrt(squares / error_v.size)),
+        r2=_determination(squares, measured_v, np.mean(measured_v)),
+        r2_paper=_determination(squares, measured_v, np.mean(simulated_v)),
+        mape_percent=float(100 * np.mean(np.abs(error_v / measured_v))),
+        ce_v=float(np.sum(np.abs(error_v))),
+        max_v=float(np.max(np.abs(error_v))),
+        samples=int(error_v.size),
+    )
+
+
+def _determination(squares: float, measured_v: Voltage, center_v: np.floating) -> float:
+    spread = float(np.sum((measured_v - center_v) ** 2))
+    if spread == 0:
+        # A flat record explains nothing: perfect only if it is met exactly.
+        return 1.0 if squares == 0 else -np.inf
+    return 1 - squares / spread

@@ -1,0 +1,133 @@
+"""The identification problem: one record, one cell, one circuit, one box."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Scalar
+
+from .bounds import Bounds, Range
+from .cell import CellModel, CircuitParameters
+from .coordinates import Coordinates, Scale
+from .course import Course, make_course
+from .precision import in_float64
+from .records import Record
+from .simulate import Drive, Impedance, overpotential, squared_error
+from .window import Window
+
+
+class Objective(eqx.Module):
+    """What the compiled search sees: the drive and the map from points to circuits."""
+
+    drive: Drive
+    coordinates: Coordinates
+
+
+def rmse(point: Float[Array, "free"], objective: Objective) -> Scalar:
+    """Root mean square error of terminal voltage, in V (Li et al., 2023, Eq. 22)."""
+    squares = squared_error(objective.coordinates.decode(point), objective.drive)
+    return jnp.sqrt(squares / jnp.sum(objective.drive.weight))
+
+
+def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array, "samples"]:
+    """Measured minus simulated voltage, scaled so that the sum of squares is the RMSE squared."""
+    drive = objective.drive
+    error_v = drive.base_error_v + overpotential(objective.coordinates.decode(point), drive)
+    return drive.weight * error_v / jnp.sqrt(jnp.sum(drive.weight))
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything a search needs and a report names."""
+
+    course: Course
+    cell: CellModel
+    window: Window
+    bounds: Bounds
+    scale: Scale
+    objective: Objective
+
+    @property
+    def circuit(self) -> str:
+        return self.course.circuit
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return (*self.course.record.warnings, *self.cell.warnings, *self.course.warnings)
+
+    def objective_in(self, scale: Scale) -> Objective:
+        """The same objective in other coordinates. Call inside float64."""
+        return Objective(self.objective.drive, Coordinates.of(self.bounds, scale))
+
+    def parameters_at(
+        self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
+    ) -> list[CircuitParameters]:
+        """The circuits at some points, pairs ordered by tau where both have one box."""
+        circuits = _decode(jnp.asarray(np.stack(points)), coordinates)
+        values = np.stack([circuits.r0, *circuits.r, *circuits.tau], axis=1).tolist()
+        found = [
+            CircuitParameters(r0=r0, r1=r1, c1=tau1 / r1, r2=r2, c2=tau2 / r2)
+            for r0, r1, r2, tau1, tau2 in values
+        ]
+        return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
+
+
+@eqx.filter_jit
+def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> Impedance:
+    return jax.vmap(coordinates.decode)(points)
+
+
+def impedance_of(parameters: CircuitParameters) -> Impedance:
+    """A circuit's values as the simulation takes them. Call inside float64."""
+    return Impedance(
+        r0=jnp.asarray(parameters.r0),
+        r=(jnp.asarray(parameters.r1), jnp.asarray(parameters.r2)),
+        tau=(jnp.asarray(parameters.tau1_s), jnp.asarray(parameters.tau2_s)),
+    )
+
+
+@in_float64
+def make_problem(
+    record: Record,
+    cell: CellModel,
+    circuit: str = "iso-rc",
+    *,
+    window: Window | None = None,
+    bounds: Mapping[str, Range] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    coordinates: Scale = "rc",
+    source: str = "bounds",
+) -> Problem:
+    """The problem of finding `circuit`'s parameters for a cell from one of its records.
+
+    `bounds` and `fixed` change the default box under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`,
+    `"tau1 [s]"`); `source` names where they came from in messages. Raises `InputError` where
+    window, box or OCV range do not fit the record, `ValueError` for an unknown circuit.
+    """
+    window = window or Window()
+    course = make_course(record, cell, circuit, window)
+    box = Bounds.default(cell.capacity_ah, course.median_interval_s, course.scored_duration_s)
+    box = box.with_changes(bounds or {}, fixed or {}, source)
+    coordinate_map = Coordinates.of(box, coordinates)
+    return Problem(
+        course=course,
+        cell=cell,
+        window=window,
+        bounds=box,
+        scale=coordinates,
+        objective=Objective(course.drive(shortest_tau_s(box)), coordinate_map),
+    )
+
+
+def shortest_tau_s(bounds: Bounds) -> float:
+    """The smallest time constant the box allows, in s."""
+    shortest = []
+    for index in (0, 1):
+        low = {**bounds.fixed, **{name: ends[0] for name, ends in bounds.ranges.items()}}
+        name = bounds.second_name(index)
+        resistance = 1.0 if name.startswith("tau") else low[f"R{index + 1} [Ohm]"]
+        shortest.append(low[name] * resistance)
+    return min(shortest)

@@ -1,0 +1,112 @@
+"""Tables and sentences about an identification, for a terminal."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from .cell import CellModel, CircuitParameters
+from .evaluate import Evaluation
+from .refinement import CrossCheck
+from .result import describe
+
+
+def identification_report(
+    checked: CrossCheck, evaluations: Sequence[Evaluation]
+) -> list[RenderableType]:
+    """What was decided, the parameters, the errors and the verdict. The first evaluation is the
+    identification record's."""
+    problem = checked.found.problem
+    return [
+        _decisions(checked),
+        parameters_table(checked),
+        metrics_table(evaluations),
+        Text(f"Verdict: {checked.verdict}"),
+        Text(ocv_sentence(problem.cell)),
+    ]
+
+
+def parameters_table(checked: CrossCheck) -> Table:
+    """Refined values, and the spread of the seeds' own answers before refinement."""
+    method, _ = describe(checked.found.optimizer)
+    seeds = len(checked.found.seeds)
+    table = Table(title=f"Parameters, {checked.found.problem.circuit}")
+    table.add_column("parameter")
+    table.add_column("unit")
+    table.add_column("refined", justify="right", style="bold")
+    for head in ("median", "lowest", "highest"):
+        table.add_column(f"{head}\n({method}, {seeds} seeds)", justify="right")
+    answers = [_values(seed.parameters) for seed in checked.found.seeds]
+    for name, (unit, value) in _values(checked.parameters).items():
+        spread = np.array([answer[name][1] for answer in answers])
+        figures = (value, np.median(spread), spread.min(), spread.max())
+        table.add_row(name, unit, *(f"{figure:.5g}" for figure in figures))
+    before_mv = 1e3 * np.array([seed.rmse_v for seed in checked.found.seeds])
+    figures = (1e3 * checked.rmse_v, np.median(before_mv), before_mv.min(), before_mv.max())
+    table.add_section()
+    table.add_row("RMSE", "mV", *(f"{figure:.4f}" for figure in figures))
+    return table
+
+
+def metrics_table(evaluations: Sequence[Evaluation]) -> Table:
+    """Errors on every record (Li et al., 2023, Eq. 22 to 26)."""
+    table = Table(title="Errors of the refined parameters")
+    table.add_column("record")
+    for head in ("RMSE\n\\[mV]", "R2", "R2 (paper's)", "MAPE\n\\[%]", "CE\n\\[V]", "max\n\\[mV]", "samples"):
+        table.add_column(head, justify="right")
+    for evaluation in evaluations:
+        metrics = evaluation.metrics
+        table.add_row(
+            evaluation.course.record.name,
+            f"{1e3 * metrics.rmse_v:.3f}",
+            f"{metrics.r2:.5f}",
+            f"{metrics.r2_paper:.5f}",
+            f"{metrics.mape_percent:.3f}",
+            f"{metrics.ce_v:.2f}",
+            f"{1e3 * metrics.max_v:.1f}",
+            f"{metrics.samples}",
+        )
+    return table
+
+
+def ocv_sentence(cell: CellModel) -> str:
+    """How well the OCV curves pass through their points."""
+    parts = [
+        f"{name} {1e3 * error.rms_v:.2f} (max {1e3 * error.max_v:.2f})"
+        for name, error in cell.errors.items()
+    ]
+    return (
+        f"OCV from {len(cell.discharge_points)} discharge and {len(cell.charge_points)} charge "
+        f"points; fit errors at the points in mV, rms: {', '.join(parts)}."
+    )
+
+
+def _decisions(checked: CrossCheck) -> RenderableType:
+    problem = checked.found.problem
+    course = problem.course
+    record = course.record
+    lines = [
+        f"Record {record.name}: {int(course.scored.sum())} scored of {len(course.soc)} simulated "
+        f"samples, SOC {course.initial_soc:.3f} at the start ({course.initial_soc_reason}).",
+        f"Current is {record.sign.value} in the file ({record.sign.strength}: "
+        f"{record.sign.reason}); held {record.hold.value} ({record.hold.reason}).",
+        f"Capacity {problem.cell.capacity_ah:.4f} Ah ({problem.cell.capacity_origin}); rest is "
+        f"under {1e3 * course.rest_current_a:.3g} mA.",
+        f"{checked.found.evaluations} simulations in the search, key {checked.found.key}.",
+    ]
+    return Text("\n".join(lines))
+
+
+def _values(parameters: CircuitParameters) -> dict[str, tuple[str, float]]:
+    """Unit and value of every parameter and time constant, in readable units."""
+    return {
+        "R0": ("mOhm", 1e3 * parameters.r0),
+        "R1": ("mOhm", 1e3 * parameters.r1),
+        "C1": ("F", parameters.c1),
+        "tau1": ("s", parameters.tau1_s),
+        "R2": ("mOhm", 1e3 * parameters.r2),
+        "C2": ("F", parameters.c2),
+        "tau2": ("s", parameters.tau2_s),
+    }

@@ -1,0 +1,298 @@
+"""`result.json`: what an identification found, and all that is needed to use or repeat it."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from .cell import CellModel, CircuitParameters
+from .errors import InputError
+from .evaluate import Evaluation
+from .metrics import Metrics
+from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
+from .problem import Problem
+from .records import Record
+from .refinement import CrossCheck
+from .window import Window
+
+SCHEMA_VERSION = 1
+VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
+LARGEST_FILE = 200_000_000
+
+Volts = Annotated[float, Field(ge=0)]
+Parameters = dict[str, float]
+
+
+class Part(BaseModel):
+    """A part of the file: immutable, nothing unknown, nothing infinite."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True
+    )
+
+
+class SeedPart(Part):
+    """One seed of the search, before refinement."""
+
+    rmse_v: Volts = Field(alias="rmse [V]")
+    parameters: Parameters
+    evaluations: int
+    failures: int
+    history_v: list[float] = Field(alias="history [V]")
+
+
+class SearchPart(Part):
+    """The search as it was set up, and what each seed found."""
+
+    method: str
+    settings: dict[str, Any]
+    coordinates: Literal["rc", "log"]
+    objective: Literal["scan"]
+    population: int
+    iterations: int
+    key: int
+    evaluations: int
+    seeds: list[SeedPart] = Field(min_length=1)
+
+
+class OptimumPart(Part):
+    """A distinct place where refined seeds ended."""
+
+    rmse_v: Volts = Field(alias="rmse [V]")
+    parameters: Parameters
+    seeds: int
+
+
+class RefinedPart(Part):
+    """The Levenberg-Marquardt cross-check; `moved` is each seed's largest relative change."""
+
+    rmse_v: Volts = Field(alias="rmse [V]")
+    at_bound: list[str]
+    optima: list[OptimumPart] = Field(min_length=1)
+    moved: list[float]
+    verdict: str
+
+
+class MetricsPart(Part):
+    """Errors on one record over its scored samples."""
+
+    record: str
+    rmse_v: Volts = Field(alias="rmse [V]")
+    r2: float
+    r2_paper: float
+    mape_percent: float = Field(alias="mape [%]")
+    ce_v: Volts = Field(alias="ce [V]")
+    max_v: Volts = Field(alias="max [V]")
+    samples: int
+
+
+class MetricsBlock(Part):
+    """Errors of the refined parameters."""
+
+    identification: MetricsPart
+    validation: list[MetricsPart]
+
+
+class DecisionPart(Part):
+    """What was decided about a file, and why."""
+
+    value: str
+    strength: Literal["given", "strong", "weak", "assumed"]
+    reason: str
+
+
+class InputPart(Part):
+    """One file that was read."""
+
+    role: Literal["identification", "validation", "ocv"]
+    name: str
+    sha256: str
+    sign: DecisionPart
+    hold: DecisionPart
+
+
+class Result(Part):
+    """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
+
+    >>> Result.from_json("missing.json")
+    Traceback (most recent call last):
+    barnax.errors.InputError: missing.json: cannot be read (No such file or directory)
+    """
+
+    schema_version: Literal[1] = SCHEMA_VERSION
+    model: str
+    parameters: Parameters
+    search: SearchPart
+    refined: RefinedPart
+    metrics: MetricsBlock
+    cell: dict[str, Any]
+    bounds: dict[str, tuple[float, float]]
+    fixed: Parameters
+    window: dict[str, Any]
+    initial_soc: float
+    initial_soc_reason: str
+    inputs: list[InputPart]
+    warnings: list[str]
+    command: list[str]
+    versions: dict[str, str]
+
+    @field_validator("parameters")
+    @classmethod
+    def _name_a_circuit(cls, values: Parameters) -> Parameters:
+        return CircuitParameters.from_dict(values).to_dict()
+
+    @property
+    def circuit_parameters(self) -> CircuitParameters:
+        return CircuitParameters.from_dict(self.parameters)
+
+    @property
+    def cell_model(self) -> CellModel:
+        return CellModel.from_dict(self.cell)
+
+    @property
+    def window_options(self) -> Window:
+        return Window.from_dict(self.window)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The file's content as plain Python values, units in the keys."""
+        return self.model_dump(mode="json", by_alias=True)
+
+    def to_json(self) -> str:
+        return self.model_dump_json(by_alias=True, indent=1) + "\n"
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> "Result":
+        """The result in a file. Raises `InputError` that names what is wrong with it."""
+        path = Path(path)
+        try:
+            if path.stat().st_size > LARGEST_FILE:
+                raise InputError(f"{path}: too large for a result ({path.stat().st_size} bytes)")
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as problem:
+            reason = getattr(problem, "strerror", None) or problem
+            raise InputError(f"{path}: cannot be read ({reason})") from problem
+        try:
+            result = cls.model_validate_json(text)
+            result.cell_model, result.window_options  # noqa: B018 - read here to be validated
+        except ValidationError as problem:
+            first = problem.errors()[0]
+            place = ".".join(str(step) for step in first["loc"]) or "the file"
+            raise InputError(f"{path}: is not a barnax result: {place}: {first['msg']}") from problem
+        except (InputError, TypeError) as problem:
+            raise InputError(f"{path}: is not a barnax result: {problem}") from problem
+        return result
+
+
+def make_result(
+    checked: CrossCheck,
+    identification: Evaluation,
+    validation: Sequence[Evaluation] = (),
+    *,
+    ocv: Sequence[Record] = (),
+    command: Sequence[str] = (),
+) -> Result:
+    """Everything an identification found, as one value that can be stored.
+
+    `ocv` are the records the cell was characterized from; `command` what was run.
+    """
+    found, problem = checked.found, checked.found.problem
+    method, settings = describe(found.optimizer)
+    records = [("identification", problem.course.record)]
+    records += [("validation", each.course.record) for each in validation]
+    records += [("ocv", record) for record in ocv]
+    return Result(
+        model=problem.circuit,
+        parameters=checked.parameters.to_dict(),
+        search=SearchPart(
+            method=method,
+            settings=settings,
+            coordinates=problem.scale,
+            objective="scan",
+            population=found.optimizer.population,
+            iterations=found.optimizer.iterations,
+            key=found.key,
+            evaluations=found.evaluations,
+            seeds=[
+                SeedPart(
+                    rmse_v=seed.rmse_v,
+                    parameters=seed.parameters.to_dict(),
+                    evaluations=seed.evaluations,
+                    failures=seed.failures,
+                    history_v=seed.history_v.tolist(),
+                )
+                for seed in found.seeds
+            ],
+        ),
+        refined=RefinedPart(
+            rmse_v=checked.rmse_v,
+            at_bound=list(checked.at_bound),
+            optima=[
+                OptimumPart(
+                    rmse_v=optimum.rmse_v,
+                    parameters=optimum.parameters.to_dict(),
+                    seeds=optimum.seeds,
+                )
+                for optimum in checked.optima
+            ],
+            moved=[seed.moved for seed in checked.refined],
+            verdict=checked.verdict,
+        ),
+        metrics=MetricsBlock(
+            identification=metrics_part(identification),
+            validation=[metrics_part(each) for each in validation],
+        ),
+        cell=problem.cell.to_dict(),
+        bounds=dict(problem.bounds.ranges),
+        fixed=dict(problem.bounds.fixed),
+        window=problem.window.to_dict(),
+        initial_soc=problem.course.initial_soc,
+        initial_soc_reason=problem.course.initial_soc_reason,
+        inputs=[_input_part(role, record) for role, record in records],
+        warnings=list(all_warnings(problem, validation, ocv)),
+        command=list(command),
+        versions={"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED},
+    )
+
+
+def metrics_part(evaluation: Evaluation) -> MetricsPart:
+    """The metrics of one record under its name."""
+    metrics: Metrics = evaluation.metrics
+    return MetricsPart(record=evaluation.course.record.name, **asdict(metrics))
+
+
+def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any]]:
+    """An optimizer's registered name, or its class's, and its settings."""
+    settings = {
+        field.name: getattr(optimizer, field.name)
+        for field in fields(optimizer)
+        if isinstance(getattr(optimizer, field.name), bool | int | float | str)
+    }
+    budget = {"population": optimizer.population, "iterations": optimizer.iterations}
+    for name, make in OPTIMIZERS.items():
+        if make(**budget) == optimizer:
+            return name, settings
+    return type(optimizer).__name__, settings
+
+
+def all_warnings(
+    problem: Problem, validation: Sequence[Evaluation], ocv: Sequence[Record]
+) -> tuple[str, ...]:
+    """Every warning of a run once, in the order of the flow."""
+    texts = [*(text for record in ocv for text in record.warnings), *problem.warnings]
+    for each in validation:
+        texts += [*each.course.record.warnings, *each.course.warnings]
+    return tuple(dict.fromkeys(texts))
+
+
+def _input_part(role: Any, record: Record) -> InputPart:
+    return InputPart(
+        role=role,
+        name=record.name,
+        sha256=record.sha256,
+        sign=DecisionPart(**asdict(record.sign)),
+        hold=DecisionPart(**asdict(record.hold)),
+    )

@@ -57,12 +57,12 @@ def _with_increasing_time(samples: Samples) -> Samples:
     if wrong.any():
         _refuse_time(samples, int(np.argmax(wrong)) + 1)
     if is_exact.any():
-        samples = samples.warn(f"{_rows(is_exact)} merged: exact repeats of the row before")
+        samples = samples.warn(f"{_count(is_exact, 'row')} merged: exact repeats of the row before")
     if is_near.any():
         first = samples.place(int(np.argmax(is_near)) + 1)
         samples = samples.warn(
-            f"{_rows(is_near)} dropped (first: {first}): the time stamp of the row before, with "
-            "current and voltage alike within the tester's resolution"
+            f"{_count(is_near, 'row')} dropped (first: {first}): the time stamp of the row "
+            "before, with current and voltage alike within the tester's resolution"
         )
     return samples.keep(np.concatenate([[True], ~(is_exact | is_near)]))
 
@@ -83,9 +83,9 @@ def _refuse_time(samples: Samples, at: int) -> None:
     )
 
 
-def _rows(mask: Bool[np.ndarray, "intervals"]) -> str:
+def _count(mask: Bool[np.ndarray, "places"], noun: str) -> str:
     count = int(mask.sum())
-    return "1 row" if count == 1 else f"{count} rows"
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _with_plausible_voltage(samples: Samples) -> Samples:
@@ -111,8 +111,8 @@ def _with_plausible_voltage(samples: Samples) -> Samples:
     if outside.any():
         first = int(np.argmax(outside))
         samples = samples.warn(
-            f"{int(outside.sum())} voltages are outside {_CELL_RANGE_V[0]} to {_CELL_RANGE_V[1]} V"
-            f" (first: {voltage[first]:.6g} V, {samples.place(first)})"
+            f"{_count(outside, 'voltage')} outside {_CELL_RANGE_V[0]} to {_CELL_RANGE_V[1]} V "
+            f"(first: {voltage[first]:.6g} V, {samples.place(first)})"
         )
     return samples
 

@@ -105,21 +105,42 @@ def _at_current_steps(samples: Samples) -> Evidence | None:
     step_a, step_v = np.diff(samples.current_a), np.diff(samples.voltage_v)
     is_step = np.abs(step_a) > 0.1 * np.max(np.abs(samples.current_a))
     noise_v = _voltage_noise(step_v, ~is_step)
-    is_clear = is_step & (np.abs(step_v) > 6 * noise_v) & (step_v != 0)
-    count = int(is_clear.sum())
-    if count == 0:
+    is_clear = is_step & (np.abs(step_v) > 6 * noise_v)
+    clear = _agreement(step_a[is_clear] * step_v[is_clear])
+    every = _agreement(step_a[is_step] * step_v[is_step])
+    # Where few of the steps are clear, the current may be noise and the clear ones chance.
+    is_clear_strong = clear.share >= 0.85 and clear.count >= max(3, 0.2 * is_step.sum())
+    # Small steps among relaxations stand out only by their number: four sigma of a fair coin.
+    is_every_strong = every.share >= 0.7 and (2 * every.share - 1) * every.count**0.5 >= 4
+    chosen = every if is_every_strong and not is_clear_strong else clear
+    if chosen.count == 0 or chosen.share < 0.7:
         return None
-    product = step_a[is_clear] * step_v[is_clear]
-    vote = 1 if product.sum() > 0 else -1
-    agree = int(np.sum(product * vote > 0))
-    if agree < 0.7 * count:
-        return None
-    moves = "rises" if vote > 0 else "falls"
+    moves = "rises" if chosen.vote > 0 else "falls"
     return Evidence(
-        vote,
-        is_strong=count >= 3 and agree >= 0.85 * count,
-        words=f"the voltage {moves} with the current at {agree} of {count} steps",
+        chosen.vote,
+        is_strong=is_clear_strong or is_every_strong,
+        words=(
+            f"the voltage {moves} with the current at {round(chosen.share * chosen.count)} of "
+            f"{chosen.count} steps"
+        ),
     )
+
+
+@dataclass(frozen=True)
+class _Agreement:
+    """Which way most products point by their sum, and the share of their number that agrees."""
+
+    vote: int
+    share: float
+    count: int
+
+
+def _agreement(product: Float[np.ndarray, "steps"]) -> _Agreement:
+    product = product[product != 0]
+    if not len(product):
+        return _Agreement(0, 0.0, 0)
+    vote = 1 if product.sum() > 0 else -1
+    return _Agreement(vote, float(np.mean(product * vote > 0)), len(product))
 
 
 def _under_sustained_current(samples: Samples) -> Evidence | None:
@@ -181,11 +202,16 @@ def _of_counters(samples: Samples) -> Evidence | None:
 def _voltage_noise(
     step_v: Float[np.ndarray, "intervals"], quiet: Bool[np.ndarray, "intervals"]
 ) -> float:
-    """Robust noise of one voltage step where nothing else happens, in V."""
-    if not quiet.any():
-        return 0.0
+    """Robust noise of one voltage step where nothing else happens, in V.
+
+    Never under half of the tester's resolution, which is the smallest such step.
+    """
     steps = step_v[quiet]
-    return 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+    moved = np.abs(steps[steps != 0])
+    if not len(moved):
+        return 0.0
+    spread_v = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+    return max(spread_v, float(moved.min()) / 2)
 
 
 def _stretches(holds: Bool[np.ndarray, "intervals"]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,106 @@
+"""Records made from a formula, and the files they are written to."""
+
+import io
+import zipfile
+from xml.sax.saxutils import escape
+
+import numpy as np
+import polars as pl
+
+
+def simulated_cell(current_a, interval_s=1.0, *, r0=0.05, capacity_ah=2.0, soc=0.6):
+    """Voltage of a two-RC cell for a discharge-positive current, held forward, in plain loops."""
+    voltage, u1, u2 = [], 0.0, 0.0
+    for current in current_a:
+        voltage.append(3.3 + 0.8 * soc - r0 * current - u1 - u2)
+        u1 += (0.01 * current - u1) * (1 - np.exp(-interval_s / 8))
+        u2 += (0.02 * current - u2) * (1 - np.exp(-interval_s / 90))
+        soc -= current * interval_s / 3600 / capacity_ah
+    return np.array(voltage)
+
+
+def pulses_a(samples=200, amplitude_a=2.0, seed=0):
+    """A discharge-positive current that jumps every few samples and rests in between."""
+    rng = np.random.default_rng(seed)
+    levels = rng.choice([0.0, 0.5, 1.0, -0.4], size=samples // 5 + 1)
+    levels[:2] = 0.0, 1.0
+    return amplitude_a * np.repeat(levels, 5)[:samples]
+
+
+def pulse_frame(samples=200, *, charge_positive=True, interval_s=1.0, seed=0):
+    """A pulse record under Battery Data Format labels."""
+    current = pulses_a(samples, seed=seed)
+    return pl.DataFrame(
+        {
+            "Test Time / s": np.arange(samples) * interval_s,
+            "Current / A": -current if charge_positive else current,
+            "Voltage / V": simulated_cell(current, interval_s),
+        }
+    )
+
+
+def arbin_rows(frame, start=0, stop=None):
+    """The frame as cells of an Arbin channel sheet, with the counters of a backward hold."""
+    time, current, voltage = (frame[name].to_numpy() for name in frame.columns[:3])
+    charged = np.concatenate([[0], np.cumsum(np.maximum(current[1:], 0) * np.diff(time))]) / 3600
+    taken = np.concatenate([[0], np.cumsum(np.maximum(-current[1:], 0) * np.diff(time))]) / 3600
+    header = [
+        "Data_Point",
+        "Test_Time(s)",
+        "Step_Index",
+        "Cycle_Index",
+        "Current(A)",
+        "Voltage(V)",
+        "Charge_Capacity(Ah)",
+        "Discharge_Capacity(Ah)",
+    ]
+    step = np.cumsum(np.concatenate([[1], np.diff(current) != 0]))
+    columns = (np.arange(len(time)) + 1, time, step, time * 0 + 1, current, voltage, charged, taken)
+    lines = [list(map(float, line)) for line in zip(*columns, strict=True)]
+    return [header, *lines[start:stop]]
+
+
+def workbook(sheets):
+    """The bytes of a small OOXML workbook; `sheets` maps names to rows of cells."""
+    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    package = "http://schemas.openxmlformats.org/package/2006"
+    kind = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"
+    listed = "".join(
+        f'<sheet name="{name}" sheetId="{k}" r:id="rId{k}"/>' for k, name in enumerate(sheets, 1)
+    )
+    links = "".join(
+        f'<Relationship Id="rId{k}" Type="{office}/worksheet" Target="worksheets/sheet{k}.xml"/>'
+        for k in range(1, len(sheets) + 1)
+    )
+    parts = {
+        "[Content_Types].xml": f'<Types xmlns="{package}/content-types">'
+        '<Default Extension="rels" '
+        'ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+        '<Default Extension="xml" ContentType="application/xml"/>'
+        f'<Override PartName="/xl/workbook.xml" ContentType="{kind}"/></Types>',
+        "_rels/.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="rId1" '
+        f'Type="{office}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
+        "xl/workbook.xml": f'<workbook xmlns="{main}" xmlns:r="{office}">'
+        f"<sheets>{listed}</sheets></workbook>",
+        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{package}/relationships">'
+        f"{links}</Relationships>",
+    }
+    for k, rows in enumerate(sheets.values(), 1):
+        lines = "".join(f"<row>{''.join(map(_cell, row))}</row>" for row in rows)
+        parts[f"xl/worksheets/sheet{k}.xml"] = (
+            f'<worksheet xmlns="{main}"><sheetData>{lines}</sheetData></worksheet>'
+        )
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, text in parts.items():
+            archive.writestr(name, '<?xml version="1.0" encoding="UTF-8"?>' + text)
+    return file.getvalue()
+
+
+def _cell(value):
+    if value is None:
+        return "<c/>"
+    if isinstance(value, str):
+        return f'<c t="inlineStr"><is><t>{escape(value)}</t></is></c>'
+    return f"<c><v>{value!r}</v></c>"

@@ -1,0 +1,267 @@
+"""What is written in a usual form comes back as it was, discharge positive."""
+
+import hashlib
+import subprocess
+import sys
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barnax.records import read_record
+
+from .synthetic_records import arbin_rows, pulse_frame, pulses_a, simulated_cell, workbook
+
+LABELS = {
+    "labels": ("Test Time / s", "Current / A", "Voltage / V"),
+    "machine names": ("test_time_second", "current_ampere", "voltage_volt"),
+    "PyBaMM": ("Time [s]", "Current [A]", "Terminal voltage [V]"),
+    "Arbin": ("Test_Time(s)", "Current(A)", "Voltage(V)"),
+    "new Arbin": ("Test Time (s)", "Current (A)", "Voltage (V)"),
+    "BioLogic": ("time/s", "<I>/A", "Ecell/V"),
+    "letters": ("t", "I", "U"),
+    "shouted": ("TIME", "CURRENT", "VOLTAGE"),
+    "ampworks": ("Seconds", "Amps", "Volts"),
+}
+TIME_UNITS = {"s": 1, "ms": 1e-3, "min": 60, "h": 3600}
+CURRENT_UNITS = {"A": 1, "mA": 1e-3, "uA": 1e-6}
+VOLTAGE_UNITS = {"V": 1, "mV": 1e-3}
+
+
+def renamed(frame, names):
+    return frame.rename(dict(zip(frame.columns, names, strict=True)))
+
+
+@pytest.mark.parametrize("names", LABELS.values(), ids=LABELS)
+def test_usual_column_names_are_understood(tmp_path, names):
+    frame = pulse_frame()
+    renamed(frame, names).write_csv(tmp_path / "cell.csv")
+    record = read_record(tmp_path / "cell.csv")
+    np.testing.assert_allclose(record.current_a, -frame["Current / A"].to_numpy(), atol=1e-12)
+    np.testing.assert_allclose(record.voltage_v, frame["Voltage / V"].to_numpy(), rtol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    charge_positive=st.booleans(),
+    kind=st.sampled_from(["csv", "tsv", "semicolon", "parquet"]),
+    units=st.tuples(*map(st.sampled_from, (list(TIME_UNITS), list(CURRENT_UNITS), ["V", "mV"]))),
+    style=st.sampled_from(["{} / {}", "{} [{}]", "{}({})", " {} ({}) "]),
+)
+def test_a_record_comes_back_from_any_file_unit_and_sign(
+    tmp_path_factory, seed, charge_positive, kind, units, style
+):
+    current = pulses_a(150, seed=seed)
+    step_s = np.random.default_rng(seed).uniform(0.5, 2.0, 150)
+    clock, voltage = np.cumsum(step_s), simulated_cell(current)
+    columns = (clock, -current if charge_positive else current, voltage)
+    scales = (TIME_UNITS[units[0]], CURRENT_UNITS[units[1]], VOLTAGE_UNITS[units[2]])
+    frame = pl.DataFrame(
+        {
+            style.format(name, unit): values / scale
+            for name, unit, values, scale in zip(
+                ("Time", "Current", "Voltage"), units, columns, scales, strict=True
+            )
+        }
+    )
+    path = tmp_path_factory.mktemp("round") / "cell.dat"
+    separators = {"csv": ",", "tsv": "\t", "semicolon": ";"}
+    if kind == "parquet":
+        frame.write_parquet(path)
+    else:
+        frame.write_csv(path, separator=separators[kind])
+    record = read_record(path)
+    np.testing.assert_allclose(record.time_s, clock, rtol=1e-12)
+    np.testing.assert_allclose(record.current_a, current, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(record.voltage_v, voltage, rtol=1e-12)
+    assert (record.sign.value == "charge-positive") == charge_positive
+    assert list(record.row) == list(range(2, 152))
+
+
+def test_a_conversion_of_units_is_told(tmp_path):
+    frame = renamed(pulse_frame(), ("Time [min]", "Current [mA]", "Voltage [V]"))
+    frame.write_csv(tmp_path / "cell.csv")
+    warnings = read_record(tmp_path / "cell.csv").warnings
+    assert "column 'Time [min]' converted from min to s" in warnings
+    assert "column 'Current [mA]' converted from mA to A" in warnings
+
+
+def test_a_name_without_unit_is_taken_in_base_units_with_a_warning(tmp_path):
+    renamed(pulse_frame(), ("time", "current", "voltage")).write_csv(tmp_path / "cell.csv")
+    warnings = read_record(tmp_path / "cell.csv").warnings
+    assert "column 'current' names no unit; A is assumed" in warnings
+
+
+def test_temperature_and_step_are_read_where_they_are(tmp_path):
+    frame = pulse_frame(30).with_columns(
+        pl.lit(298.15).alias("Temperature [K]"),
+        pl.Series("Step Index / 1", np.arange(30) // 5),
+        pl.lit("cell A").alias("Remark"),
+    )
+    frame.write_csv(tmp_path / "cell.csv")
+    record = read_record(tmp_path / "cell.csv")
+    np.testing.assert_allclose(record.temperature_degc, 25.0, rtol=1e-12)
+    np.testing.assert_array_equal(record.step, np.arange(30) // 5)
+
+
+def test_the_surface_is_preferred_to_the_ambient_temperature(tmp_path):
+    frame = pulse_frame(30).with_columns(
+        pl.lit(20.0).alias("Ambient Temperature / degC"),
+        pl.lit(31.0).alias("Surface Temperature / degC"),
+    )
+    frame.write_csv(tmp_path / "cell.csv")
+    assert np.all(read_record(tmp_path / "cell.csv").temperature_degc == 31.0)
+
+
+def test_an_optional_column_with_gaps_is_left_out_with_a_warning(tmp_path):
+    frame = pulse_frame(30).with_columns(
+        pl.Series("Surface Temperature / degC", [25.0] * 29 + [None])
+    )
+    frame.write_csv(tmp_path / "cell.csv")
+    record = read_record(tmp_path / "cell.csv")
+    assert record.temperature_degc is None
+    assert any("Surface Temperature" in warning for warning in record.warnings)
+
+
+def test_the_test_time_is_preferred_to_the_step_time(tmp_path):
+    frame = pulse_frame(40)
+    frame.insert_column(0, pl.Series("StepTime(s)", np.arange(40) % 5))
+    frame.insert_column(0, pl.Series("Step_Time(s)", np.arange(40) % 5))
+    renamed(
+        frame, ("StepTime(s)", "Step_Time(s)", "Time(s)", "Current(A)", "Voltage(V)")
+    ).write_csv(tmp_path / "cell.csv")
+    assert read_record(tmp_path / "cell.csv").time_s[-1] == 39
+
+
+def test_blanks_duplicate_names_and_trailing_commas_do_no_harm(tmp_path):
+    rows = "".join(
+        f"No, {time}, 1, 1, {current}, {voltage},\r\n"
+        for time, current, voltage in pulse_frame(30).rows()
+    )
+    (tmp_path / "cell.csv").write_text(
+        "Exclude,Time(s),Loop,Loop, Current(A),Voltage(V),\r\n" + rows
+    )
+    np.testing.assert_array_equal(
+        read_record(tmp_path / "cell.csv").voltage_v, pulse_frame(30)["Voltage / V"].to_numpy()
+    )
+
+
+def test_blank_lines_are_passed_over_and_rows_still_counted(tmp_path):
+    lines = pulse_frame(30).write_csv().splitlines()
+    text = "\n".join([*lines[:11], "", ",,", *lines[11:], "", ""])
+    (tmp_path / "cell.csv").write_text(text)
+    record = read_record(tmp_path / "cell.csv")
+    assert record.samples == 30
+    assert list(record.row[8:12]) == [10, 11, 14, 15]
+
+
+def test_blank_lines_above_the_header_count_as_rows(tmp_path):
+    (tmp_path / "cell.csv").write_text("\n\n" + pulse_frame(30).write_csv())
+    assert read_record(tmp_path / "cell.csv").row[0] == 4
+
+
+def test_decimal_commas_are_understood_between_semicolons(tmp_path):
+    frame = pulse_frame(30)
+    text = frame.write_csv(separator=";").replace(".", ",")
+    (tmp_path / "cell.csv").write_text(text)
+    record = read_record(tmp_path / "cell.csv")
+    np.testing.assert_allclose(record.voltage_v, frame["Voltage / V"].to_numpy(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_usual_encodings_are_understood(tmp_path, encoding):
+    frame = pulse_frame(30).with_columns(pl.lit(25.0).alias("Temperature [°C]"))
+    (tmp_path / "cell.csv").write_bytes(frame.write_csv().encode(encoding))
+    assert np.all(read_record(tmp_path / "cell.csv").temperature_degc == 25.0)
+
+
+def test_the_content_and_not_the_suffix_says_what_a_file_is(tmp_path):
+    pulse_frame().write_parquet(tmp_path / "cell.csv")
+    (tmp_path / "cell.parquet").write_bytes(workbook({"Channel_1-001": arbin_rows(pulse_frame())}))
+    pulse_frame().write_csv(tmp_path / "cell.xlsx")
+    voltages = [read_record(path).voltage_v for path in sorted(tmp_path.iterdir())]
+    for voltage in voltages:
+        np.testing.assert_allclose(voltage, voltages[0], rtol=1e-12)
+
+
+def test_channel_sheets_are_joined_by_their_clock_and_others_named(tmp_path):
+    rows = arbin_rows(pulse_frame())
+    sheets = {
+        "Info": [["TEST REPORT"]],
+        "Channel_1-001_2": [rows[0], *rows[101:]],
+        "Channel_1-001": rows[:101],
+        "Sheet1": [["Test_Time(s)", "Current", "Voltage"], [0.0, 1.0, 3.0]],
+        "Channel_Chart": [],
+    }
+    (tmp_path / "cell.xls").write_bytes(workbook(sheets))
+    record = read_record(tmp_path / "cell.xls")
+    np.testing.assert_array_equal(record.time_s, np.arange(200))
+    assert list(record.row[[0, 99, 100, 199]]) == [2, 101, 2, 101]
+    assert "ignored the sheets Info, Sheet1, Channel_Chart" in record.warnings
+    assert record.hold.value == "backward"
+
+
+def test_a_plain_workbook_is_read_from_its_only_fitting_sheet(tmp_path):
+    frame = pulse_frame(30)
+    sheets = {"notes": [["hello"]], "data": [frame.columns, *map(list, frame.rows())]}
+    (tmp_path / "cell.xlsx").write_bytes(workbook(sheets))
+    assert read_record(tmp_path / "cell.xlsx").samples == 30
+
+
+def test_exact_repeats_are_merged_and_counted(tmp_path):
+    frame = pulse_frame(30)
+    pl.concat([frame[:5], frame[4:10], frame[9:]]).write_csv(tmp_path / "cell.csv")
+    record = read_record(tmp_path / "cell.csv")
+    np.testing.assert_array_equal(record.time_s, np.arange(30))
+    assert "2 rows merged: exact repeats of the row before" in record.warnings
+    assert list(record.row[3:7]) == [5, 6, 8, 9]
+
+
+def test_one_sample_logged_twice_within_resolution_is_merged_with_a_warning(tmp_path):
+    frame = pulse_frame(30)
+    twice = frame[4:5].with_columns(pl.col("Voltage / V") + 0.001)
+    pl.concat([frame[:5], twice, frame[5:]]).write_csv(tmp_path / "cell.csv")
+    record = read_record(tmp_path / "cell.csv")
+    np.testing.assert_array_equal(record.time_s, np.arange(30))
+    assert any("1 row dropped (first: row 7)" in warning for warning in record.warnings)
+
+
+def test_odd_voltages_are_a_warning_with_count_and_row(tmp_path):
+    frame = pulse_frame(30)
+    voltages = frame["Voltage / V"].to_list()
+    voltages[3] = 0.01
+    frame.with_columns(pl.Series("Voltage / V", voltages)).write_csv(tmp_path / "cell.csv")
+    warnings = read_record(tmp_path / "cell.csv").warnings
+    assert any("1 voltage outside" in warning and "row 5" in warning for warning in warnings)
+
+
+def test_the_hash_is_of_the_file_as_it_stands(tmp_path):
+    path = tmp_path / "cell.csv"
+    pulse_frame().write_csv(path)
+    record = read_record(str(path))
+    assert record.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert record.name == "cell.csv"
+
+
+def test_a_resting_tester_gives_a_plain_zero(tmp_path):
+    pulse_frame().with_columns(pl.col("Current / A") + 0.0).write_csv(tmp_path / "cell.csv")
+    current = read_record(tmp_path / "cell.csv").current_a
+    assert not np.any(np.signbit(current[current == 0]))
+
+
+def test_a_long_file_is_read_within_two_seconds(tmp_path):
+    pulse_frame(1000).select(pl.all().repeat_by(170).explode()).with_columns(
+        pl.Series("Test Time / s", np.arange(170_000.0))
+    ).write_csv(tmp_path / "cell.csv")
+    start = time.perf_counter()
+    assert read_record(tmp_path / "cell.csv").samples == 170_000
+    assert time.perf_counter() - start < 2
+
+
+def test_importing_the_records_imports_no_jax():
+    code = "import barnax.records, sys; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

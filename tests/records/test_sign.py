@@ -1,0 +1,128 @@
+"""The sign of a file's current is found from the data, and its names are believed last."""
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from barnax.records import read_record
+
+from .synthetic_records import pulse_frame, pulses_a, simulated_cell
+
+SIGNS = ["charge-positive", "discharge-positive"]
+NAMES = {
+    "charge-positive": ["Test Time / s", "Current / A", "Voltage / V"],
+    "discharge-positive": ["Time [s]", "Current [A]", "Voltage [V]"],
+}
+
+
+def written(folder, current_a, voltage_v, sign, *, interval_s=1.0, names=None, counters=False):
+    """A file of a discharge-positive current under the given sign."""
+    time = np.arange(len(current_a)) * interval_s
+    filed = -current_a if sign == "charge-positive" else current_a
+    names = names or NAMES["charge-positive"]
+    frame = pl.DataFrame(dict(zip(names, (time, filed, voltage_v), strict=True)))
+    if counters:
+        moved = current_a * interval_s / 3600
+        frame = frame.with_columns(
+            pl.Series("Charging Capacity / Ah", np.cumsum(np.maximum(-moved, 0))),
+            pl.Series("Discharging Capacity / Ah", np.cumsum(np.maximum(moved, 0))),
+        )
+    path = folder / "cell.parquet"
+    frame.write_parquet(path)
+    return path
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    sign=st.sampled_from(SIGNS),
+    r0=st.floats(0.01, 0.2),
+    amplitude_a=st.floats(0.2, 20),
+    noise_v=st.floats(0, 1e-3),
+)
+def test_pulses_of_a_cell_give_their_sign_away(
+    tmp_path_factory, seed, sign, r0, amplitude_a, noise_v
+):
+    # A jump of a fifth of the amplitude must stand out of the noise for anyone to see it.
+    assume(r0 * amplitude_a > 20 * noise_v)
+    current = pulses_a(300, amplitude_a, seed=seed)
+    noise = noise_v * np.random.default_rng(seed).standard_normal(300)
+    voltage = simulated_cell(current, r0=r0, capacity_ah=amplitude_a) + noise
+    decision = read_record(written(tmp_path_factory.mktemp("sign"), current, voltage, sign)).sign
+    assert (decision.value, decision.strength) == (sign, "strong")
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_slow_sweep_gives_its_sign_away_by_its_trend(tmp_path, sign, direction):
+    current = np.full(1000, direction * 2.0 / 30)
+    voltage = simulated_cell(current, 100.0, soc=0.5 + 0.45 * direction)
+    decision = read_record(written(tmp_path, current, voltage, sign, interval_s=100.0)).sign
+    assert (decision.value, decision.strength) == (sign, "strong")
+    assert "sustained" in decision.reason
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+def test_counters_give_the_sign_away_where_the_voltage_does_not(tmp_path, sign):
+    current = pulses_a(300)
+    path = written(tmp_path, current, np.full(300, 3.3), sign, counters=True)
+    decision = read_record(path).sign
+    assert (decision.value, decision.strength) == (sign, "strong")
+    assert "counters" in decision.reason
+
+
+@pytest.mark.parametrize("promised", SIGNS)
+def test_names_decide_only_where_the_data_say_nothing_and_with_a_warning(tmp_path, promised):
+    path = written(
+        tmp_path, pulses_a(300), np.full(300, 3.3), "charge-positive", names=NAMES[promised]
+    )
+    record = read_record(path)
+    assert (record.sign.value, record.sign.strength) == (promised, "assumed")
+    assert any("--current-sign" in warning for warning in record.warnings)
+
+
+@pytest.mark.parametrize("promised", SIGNS)
+def test_a_broken_promise_of_the_names_is_a_warning(tmp_path, promised):
+    (truth,) = set(SIGNS) - {promised}
+    current = pulses_a(300)
+    path = written(tmp_path, current, simulated_cell(current), truth, names=NAMES[promised])
+    record = read_record(path)
+    assert record.sign.value == truth
+    assert any(f"column names mean {promised}" in warning for warning in record.warnings)
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+def test_discharge_is_positive_inside_whatever_the_file_says(tmp_path, sign):
+    current = pulses_a(300)
+    record = read_record(written(tmp_path, current, simulated_cell(current), sign))
+    np.testing.assert_array_equal(record.current_a, current)
+
+
+def test_a_sign_given_against_weak_evidence_is_taken_with_a_warning(tmp_path):
+    current = np.zeros(100)
+    current[50:54] = 1.0
+    voltage = np.full(100, 3.7)
+    voltage[50:] -= 0.05
+    path = written(tmp_path, current, voltage, "charge-positive")
+    assert read_record(path).sign.strength == "weak"
+    record = read_record(path, current_sign="discharge-positive")
+    assert (record.sign.value, record.sign.strength) == ("discharge-positive", "given")
+    assert any("against weak evidence" in warning for warning in record.warnings)
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+def test_a_sign_given_with_the_evidence_is_taken_without_a_word(tmp_path, sign):
+    pulse_frame(charge_positive=sign == "charge-positive").write_csv(tmp_path / "cell.csv")
+    record = read_record(tmp_path / "cell.csv", current_sign=sign)
+    assert record.sign.strength == "given"
+    assert not any("sign" in warning for warning in record.warnings)
+
+
+def test_a_rest_of_pure_noise_is_never_strong_evidence(tmp_path):
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        voltage = 3.7 + 2e-4 * rng.standard_normal(100) + 1e-5 * np.arange(100)
+        path = written(tmp_path, 2e-3 * rng.standard_normal(100), voltage, "charge-positive")
+        assert read_record(path).sign.strength != "strong"

@@ -127,8 +127,10 @@ def _place(row: int, sheet: int, sheets: tuple[str, ...]) -> str:
 
 def _numbers(cells: pl.Series, found: Column) -> Float[np.ndarray, "lines"]:
     """The column in its base unit, NaN where a cell is no number."""
-    if cells.dtype.is_temporal():
-        # A clock's date or duration is no number of the stated unit.
+    if isinstance(cells.dtype, pl.Categorical | pl.Enum):
+        cells = cells.cast(pl.String)
+    if not (cells.dtype.is_numeric() or cells.dtype == pl.String):
+        # A date, a duration or a truth value is no number of the stated unit.
         return np.full(len(cells), np.nan)
     numbers = cells.cast(pl.Float64, strict=False).to_numpy()
     if found.unit.factor == 1 and found.unit.offset == 0:

@@ -17,9 +17,10 @@ def _recognizes(content: bytes) -> bool:
 def _read(content: bytes, file: str) -> Table:
     try:
         frame = pl.read_parquet(io.BytesIO(content))
-    except (pl.exceptions.PolarsError, OSError) as error:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        # Polars panics, outside Exception, on some files damaged in their middle.
         raise InputError(
-            f"{file}: the Parquet file is damaged or cut short ({str(error).strip()}); "
+            f"{file}: the Parquet file is damaged or cut short ({str(error).splitlines()[0]}); "
             "copy or export it again."
         ) from error
     return Table(

@@ -42,27 +42,26 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _read(content: bytes, file: str) -> Table:
-    text = _decoded(content, file)
+    text = _decoded(content, file).replace("\r\n", "\n").replace("\r", "\n")
     # The row in the file is kept, so blank lines above the header count.
-    lead = len(text) - len(text.lstrip("\r\n"))
-    blank_above = len(text[:lead].splitlines())
+    lead = len(text) - len(text.lstrip("\n"))
     head, _, body = text[lead:].partition("\n")
-    if not head.isprintable() and not head.rstrip("\r").replace("\t", "").isprintable():
+    if not head.replace("\t", "").isprintable():
         raise InputError(
             f"{file}: the first line is not text, so this is no table of samples, whatever the "
             "file's suffix says; export the record as CSV, Parquet or a workbook."
         )
     delimiter = max(_DELIMITERS, key=head.count)
-    header = _cells(head.rstrip("\r"), delimiter)
+    header = _cells(head, delimiter)
     columns = _string_columns(body, len(header), delimiter, file)
-    first_line = _cells(body.partition("\n")[0].rstrip("\r"), delimiter)
+    first_line = _cells(body.partition("\n")[0], delimiter)
     if delimiter != "," and any(_DECIMAL_COMMA.match(cell) for cell in first_line):
         columns = [column.str.replace_all(",", ".", literal=True) for column in columns]
     rows = len(columns[0])
     return Table(
         header=tuple(header),
         columns=tuple(columns),
-        row=np.arange(2, rows + 2) + blank_above,
+        row=np.arange(2, rows + 2) + lead,
     )
 
 

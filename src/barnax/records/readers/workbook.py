@@ -5,9 +5,7 @@ An Arbin workbook holds `Info`, `Channel_<chassis>-<channel>` and, past the old 
 publishes OOXML workbooks under the suffix `.xls`, so the suffix says nothing.
 """
 
-import io
 import re
-import zipfile
 
 import fastexcel
 import numpy as np
@@ -24,16 +22,8 @@ _NEEDED = {"time", "current", "voltage"}
 
 
 def _recognizes(content: bytes) -> bool:
-    if content.startswith(_OLE):
-        return True
-    if not content.startswith(b"PK"):
-        return False
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            return any(name.startswith("xl/") for name in archive.namelist())
-    except zipfile.BadZipFile:
-        # A workbook cut short: its reader gives the better message.
-        return b"xl/" in content
+    """An OOXML workbook is a zip archive with a folder xl; the kind before it is an OLE file."""
+    return content.startswith(_OLE) or (content.startswith(b"PK") and b"xl/" in content)
 
 
 def _read(content: bytes, file: str) -> Table:
@@ -113,7 +103,7 @@ def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: l
         columns=tuple(
             _stacked([filled[name].to_series(k) for name in names]) for k in range(len(header))
         ),
-        row=np.concatenate([np.arange(2, filled[name].height + 2) for name in names] or [[]]),
+        row=np.concatenate([np.arange(0), *(np.arange(filled[name].height) + 2 for name in names)]),
         sheets=tuple((name, filled[name].height) for name in names),
         notes=notes,
     )

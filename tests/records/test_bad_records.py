@@ -32,9 +32,9 @@ def test_a_missing_column_is_named_with_candidates_and_accepted_names(tmp_path):
     message = refusal(csv(tmp_path, frame))
     assert "cell.csv: no column for current." in message
     assert "Test Time / s, Current (C-rate), Voltage / V" in message
-    assert "Likely candidates: 'Current (C-rate)'" in message
+    assert "Likely candidates for the current: 'Current (C-rate)'" in message
     assert "'current_ampere'" in message
-    assert "rename" in message
+    assert "Rename the columns" in message
 
 
 def test_a_row_with_nan_is_named_by_its_row_and_column(tmp_path):
@@ -117,6 +117,29 @@ def test_millivolts_under_a_volt_name_are_refused(tmp_path):
 def test_the_voltage_of_a_module_is_refused(tmp_path):
     frame = pulse_frame().with_columns(pl.col("Voltage / V") * 12)
     assert "too much for one cell" in refusal(csv(tmp_path, frame))
+
+
+def test_a_reversed_voltage_is_refused(tmp_path):
+    frame = pulse_frame().with_columns(-pl.col("Voltage / V"))
+    assert "the sense leads were swapped" in refusal(csv(tmp_path, frame))
+
+
+def test_a_column_of_dates_asks_for_plain_numbers(tmp_path):
+    frame = pulse_frame().with_columns(pl.lit("2020-01-01 00:00:00").alias("Test Time / s"))
+    message = refusal(csv(tmp_path, frame))
+    assert "row 2: '2020-01-01 00:00:00' stands under 'Test Time / s'" in message
+    assert "plain numbers in s" in message
+
+
+def test_a_parquet_column_of_durations_is_no_number(tmp_path):
+    seconds = pl.duration(seconds=pl.col("Test Time / s")).alias("Test Time / s")
+    pulse_frame().with_columns(seconds).write_parquet(tmp_path / "cell.parquet")
+    assert "plain numbers in s" in refusal(tmp_path / "cell.parquet")
+
+
+def test_a_long_header_is_shortened_in_the_message(tmp_path):
+    (tmp_path / "cell.csv").write_text("<td>nothing</td> " * 500 + "\n1\n")
+    assert len(refusal(tmp_path / "cell.csv")) < 1500
 
 
 def test_a_single_impossible_voltage_is_named_by_its_row(tmp_path):

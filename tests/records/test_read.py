@@ -164,6 +164,11 @@ def test_blank_lines_above_the_header_count_as_rows(tmp_path):
     assert read_record(tmp_path / "cell.csv").row[0] == 4
 
 
+def test_old_line_ends_are_understood(tmp_path):
+    (tmp_path / "cell.csv").write_bytes(pulse_frame(30).write_csv().replace("\n", "\r").encode())
+    assert read_record(tmp_path / "cell.csv").samples == 30
+
+
 def test_decimal_commas_are_understood_between_semicolons(tmp_path):
     frame = pulse_frame(30)
     text = frame.write_csv(separator=";").replace(".", ",")

@@ -101,6 +101,12 @@ def _with_plausible_voltage(samples: Samples) -> Samples:
             f"{samples.file}: half of the voltages in '{name}' are above {median:.6g} V, too much "
             "for one cell; give the voltage of one cell, not of several in series."
         )
+    if median < 0:
+        raise InputError(
+            f"{samples.file}: half of the voltages in '{name}' are below {median:.6g} V, so the "
+            "sense leads were swapped or the column is not the cell's voltage; turn its sign or "
+            "give the right column."
+        )
     worst = int(np.argmax(np.abs(voltage)))
     if abs(voltage[worst]) > _MILLIVOLT_V:
         raise InputError(

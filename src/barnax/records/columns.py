@@ -7,6 +7,7 @@ A column name is an alias and a unit, in any of the usual spellings: Battery Dat
 
 import difflib
 import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -67,10 +68,12 @@ def require_columns(header: Sequence[str], file: str) -> dict[str, Column]:
     missing = [quantity for quantity in QUANTITIES if quantity.is_required]
     missing = [quantity for quantity in missing if quantity.name not in found]
     if missing:
+        names = ", ".join(name for name in header if name) or "none"
         raise InputError(
-            f"{file}: no column for {' and '.join(quantity.name for quantity in missing)}. "
-            f"Columns found: {', '.join(name for name in header if name) or 'none'}. "
+            f"{file}: no column for {', '.join(quantity.name for quantity in missing)}. "
+            f"Columns found: {textwrap.shorten(names, 400, placeholder=' ...')}. "
             + " ".join(_advice(quantity, header) for quantity in missing)
+            + " Rename the columns so, in the file's first row."
         )
     return found
 
@@ -121,11 +124,8 @@ def _advice(quantity: Quantity, header: Sequence[str]) -> str:
     examples = ", ".join(f"'{name}'" for name in quantity.examples)
     units = ", ".join(dict.fromkeys(unit.symbol for unit in quantity.units.values()))
     likely = _likely(quantity, header)
-    hint = f"Likely candidates: {', '.join(likely)}. " if likely else ""
-    return (
-        f"{hint}Accepted names for the {quantity.name}: {examples} (units {units}); rename the "
-        "column in the first row."
-    )
+    hint = f"Likely candidates for the {quantity.name}: {', '.join(likely)}. " if likely else ""
+    return f"{hint}Accepted names for the {quantity.name}: {examples} (units {units})."
 
 
 def _likely(quantity: Quantity, header: Sequence[str]) -> list[str]:
@@ -136,5 +136,5 @@ def _likely(quantity: Quantity, header: Sequence[str]) -> list[str]:
         words = re.split(r"[\[(/]", normal)[0].strip()
         long = [alias for alias in quantity.aliases if len(alias) > 2]
         if any(alias in normal for alias in long) or difflib.get_close_matches(words, long, 1, 0.7):
-            likely.append(f"'{name}'")
+            likely.append(f"'{textwrap.shorten(name, 60, placeholder=' ...')}'")
     return likely

@@ -14,6 +14,12 @@ def rest_current_a(record: Record, capacity_ah: float) -> float:
 
     C/100, and never under five times the current's noise at rest: a tester's offset is not a
     direction.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> rest_current_a(record, capacity_ah=2.0)
+    0.02
     """
     return max(capacity_ah / 100, 5 * _noise_at_rest_a(record, capacity_ah))
 
@@ -39,7 +45,14 @@ def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
 
 
 def is_rested(record: Record, threshold_a: float) -> Bool[np.ndarray, "samples"]:
-    """Where the current's magnitude is below `threshold_a`."""
+    """Where the current's magnitude is below `threshold_a`.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> bool(is_rested(record, threshold_a=0.02)[0])
+    True
+    """
     return np.abs(record.current_a) < threshold_a
 
 
@@ -50,6 +63,13 @@ def current_direction(
 
     Below `threshold_a` the last direction goes on; before the first one it is `initial`, +1 for
     a cell that comes from a charge.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> direction = current_direction(record, threshold_a=0.02)
+    >>> float(direction[0]), float(direction[-1])
+    (1.0, -1.0)
     """
     moving = ~is_rested(record, threshold_a) & (record.current_a != 0)
     last_moving = np.maximum.accumulate(np.where(moving, np.arange(record.samples), -1))
@@ -58,7 +78,14 @@ def current_direction(
 
 
 def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
-    """First and last sample of each unbroken rest, in order."""
+    """First and last sample of each unbroken rest, in order.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> len(rest_blocks(record, threshold_a=0.02))
+    22
+    """
     rested = is_rested(record, threshold_a).astype(np.int8)
     edges = np.diff(np.concatenate([[0], rested, [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1

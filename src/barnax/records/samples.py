@@ -10,8 +10,6 @@ from barnax.errors import InputError
 from barnax.records.columns import Column, Dialect, dialect_of, require_columns
 from barnax.records.table import Table
 
-_REMEDY = "delete the row, or fill it from the tester's own file"
-
 
 @dataclass(frozen=True, eq=False)
 class Counters:
@@ -92,7 +90,8 @@ def take_samples(table: Table, file: str) -> Samples:
             raise InputError(
                 f"{file}: {place}: {'nothing' if cell is None else repr(cell)} stands under "
                 f"'{columns[name].header}', where a finite number is needed "
-                f"({int(bad.sum())} such cells in the column); {_REMEDY}."
+                f"({int(bad.sum())} such cells in the column); "
+                f"{_remedy(bad[~is_blank], columns[name])}."
             )
     kept = {name: values[~is_blank] for name, values in lines.items()}
     notes = list(table.notes) + [_unit_note(found) for found in columns.values()]
@@ -119,6 +118,12 @@ def take_samples(table: Table, file: str) -> Samples:
         dialect=dialect_of(table.header),
         warnings=tuple(note for note in [*notes, *temperature_notes, *step_notes] if note),
     )
+
+
+def _remedy(is_bad: Bool[np.ndarray, "lines"], found: Column) -> str:
+    if is_bad.all():
+        return f"give the whole column as plain numbers in {found.unit.symbol}"
+    return "delete the row, or fill it from the tester's own file"
 
 
 def _place(row: int, sheet: int, sheets: tuple[str, ...]) -> str:

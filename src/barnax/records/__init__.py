@@ -1,8 +1,8 @@
 """Measured data in, checked records out."""
 
-from barnax.records.read import read_record
-from barnax.records.record import Decision, Hold, Record, Strength
-from barnax.records.rests import current_direction, is_rested, rest_blocks, rest_current_a
+from .read import read_record
+from .record import Decision, Hold, Record, Strength
+from .rests import current_direction, is_rested, rest_blocks, rest_current_a
 
 __all__ = [
     "Decision",

@@ -7,8 +7,8 @@ InputError with the file, the row, the value and the remedy.
 import numpy as np
 from jaxtyping import Bool, Float
 
-from barnax.errors import InputError
-from barnax.records.samples import Samples
+from ..errors import InputError
+from .samples import Samples
 
 FEWEST_SAMPLES = 10
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from barnax.errors import InputError
-from barnax.records.units import QUANTITIES, Quantity, Unit
+from ..errors import InputError
+from .units import QUANTITIES, Quantity, Unit
 
 Dialect = Literal["Battery Data Format", "Arbin", "PyBaMM", "plain"]
 

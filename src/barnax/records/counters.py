@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from barnax.records.samples import Counters
+from .samples import Counters
 
 
 def counted_increments_ah(

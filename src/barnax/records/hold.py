@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from barnax.records.counters import counted_increments_ah
-from barnax.records.record import Decision, Hold
-from barnax.records.samples import Samples
+from .counters import counted_increments_ah
+from .record import Decision, Hold
+from .samples import Samples
 
 Increments = Float[np.ndarray, "intervals"]
 

@@ -4,13 +4,13 @@ import hashlib
 from pathlib import Path
 from typing import Literal
 
-from barnax.errors import InputError
-from barnax.records.checks import check_samples
-from barnax.records.hold import decide_hold
-from barnax.records.readers import read_table
-from barnax.records.record import Hold, Record
-from barnax.records.samples import take_samples
-from barnax.records.sign import CHARGE, DISCHARGE, Sign, decide_sign
+from ..errors import InputError
+from .checks import check_samples
+from .hold import decide_hold
+from .readers import read_table
+from .record import Hold, Record
+from .samples import take_samples
+from .sign import CHARGE, DISCHARGE, Sign, decide_sign
 
 
 def read_record(

@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from barnax.records.record import Record
+from .record import Record
+from .stretches import stretches
 
 # Long enough for a robust spread, short against a rest.
 _WINDOW_SAMPLES = 32
@@ -86,7 +87,5 @@ def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
     >>> len(rest_blocks(record, threshold_a=0.02))
     22
     """
-    rested = is_rested(record, threshold_a).astype(np.int8)
-    edges = np.diff(np.concatenate([[0], rested, [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return [(int(first), int(last)) for first, last in zip(starts, ends, strict=True)]
+    first, last = stretches(is_rested(record, threshold_a))
+    return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float, Int
 
-from barnax.errors import InputError
-from barnax.records.columns import Column, Dialect, dialect_of, require_columns
-from barnax.records.table import Table
+from ..errors import InputError
+from .columns import Column, Dialect, dialect_of, require_columns
+from .table import Table
 
 
 @dataclass(frozen=True, eq=False)

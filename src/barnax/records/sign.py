@@ -10,10 +10,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from barnax.errors import InputError
-from barnax.records.counters import counted_increments_ah
-from barnax.records.record import Decision
-from barnax.records.samples import Samples
+from ..errors import InputError
+from .counters import counted_increments_ah
+from .record import Decision
+from .samples import Samples
+from .stretches import stretches
 
 CHARGE, DISCHARGE = "charge-positive", "discharge-positive"
 Sign = Literal["charge-positive", "discharge-positive"]
@@ -28,7 +29,7 @@ _PROMISED: dict[str, Sign] = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one look at the data says: +1 charge-positive, -1 discharge-positive, 0 nothing."""
+    """What one look at the data says: +1 charge-positive, -1 discharge-positive."""
 
     vote: int
     is_strong: bool
@@ -73,13 +74,17 @@ def _from_names(samples: Samples) -> tuple[Decision, list[str]]:
 
 
 def _from_data(samples: Samples) -> tuple[Decision, list[str]] | None:
-    """The sign that the evidence favors, or None where it favors none."""
+    """The sign that the evidence favors, or None where there is none.
+
+    Where the looks weigh the same on either side, the first decides: the voltage is physics, the
+    counters are names.
+    """
     looks = (_at_current_steps(samples), _under_sustained_current(samples), _of_counters(samples))
     evidence = [look for look in looks if look is not None]
-    total = sum(look.weight for look in evidence)
-    if total == 0:
+    if not evidence:
         return None
-    vote = 1 if total > 0 else -1
+    total = sum(look.weight for look in evidence)
+    vote = int(np.sign(total)) or evidence[0].vote
     value = CHARGE if vote > 0 else DISCHARGE
     against = [look for look in evidence if look.vote == -vote]
     is_strong = abs(total) >= 2 and not any(look.is_strong for look in against)
@@ -152,7 +157,8 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
         is_loaded[1:] & is_loaded[:-1] & (np.abs(np.diff(current)) < 0.05 * np.abs(current[1:]))
     )
     noise_v = _voltage_noise(np.diff(voltage), np.ones(len(voltage) - 1, bool))
-    first, last = _stretches(is_steady)
+    first, last_interval = stretches(is_steady)
+    last = last_interval + 1
     # Eight intervals keep single relaxations out; what moves less than the noise is no trend.
     is_long = last - first >= 8
     first, last = first[is_long], last[is_long]
@@ -212,9 +218,3 @@ def _voltage_noise(
         return 0.0
     spread_v = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
     return max(spread_v, float(moved.min()) / 2)
-
-
-def _stretches(holds: Bool[np.ndarray, "intervals"]) -> tuple[np.ndarray, np.ndarray]:
-    """First and last sample of each unbroken stretch of intervals."""
-    edges = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

@@ -4,12 +4,12 @@ A new format is one module with a `Reader` and one line here. Order matters: the
 comes last because almost anything without a signature could be text.
 """
 
-from barnax.errors import InputError
-from barnax.records.readers.parquet import PARQUET
-from barnax.records.readers.reader import Reader
-from barnax.records.readers.text import TEXT
-from barnax.records.readers.workbook import WORKBOOK
-from barnax.records.table import Table
+from ...errors import InputError
+from ..table import Table
+from .parquet import PARQUET
+from .reader import Reader
+from .text import TEXT
+from .workbook import WORKBOOK
 
 READERS: tuple[Reader, ...] = (PARQUET, WORKBOOK, TEXT)
 

@@ -5,9 +5,9 @@ import io
 import numpy as np
 import polars as pl
 
-from barnax.errors import InputError
-from barnax.records.readers.reader import Reader
-from barnax.records.table import Table
+from ...errors import InputError
+from ..table import Table
+from .reader import Reader
 
 
 def _recognizes(content: bytes) -> bool:

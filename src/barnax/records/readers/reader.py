@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from barnax.records.table import Table
+from ..table import Table
 
 
 @dataclass(frozen=True)

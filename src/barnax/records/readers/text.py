@@ -8,9 +8,9 @@ import re
 import numpy as np
 import polars as pl
 
-from barnax.errors import InputError
-from barnax.records.readers.reader import Reader
-from barnax.records.table import Table
+from ...errors import InputError
+from ..table import Table
+from .reader import Reader
 
 _DELIMITERS = ",;\t|"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)

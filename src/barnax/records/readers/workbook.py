@@ -11,10 +11,10 @@ import fastexcel
 import numpy as np
 import polars as pl
 
-from barnax.errors import InputError
-from barnax.records.columns import find_columns, has_arbin_header
-from barnax.records.readers.reader import Reader
-from barnax.records.table import Table
+from ...errors import InputError
+from ..columns import find_columns, has_arbin_header
+from ..table import Table
+from .reader import Reader
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 _CHANNEL = re.compile(r"^channel[ _]*(?P<channel>\d+(?:-\d+)?)?", re.IGNORECASE)

@@ -102,3 +102,14 @@ def test_the_longest_measured_file_is_read_within_two_seconds(real_data):
     start = time.perf_counter()
     read_record(real_data / f"{CALCE}/ocv-low-current_25degC_SP20-1.parquet")
     assert time.perf_counter() - start < 2
+
+
+@pytest.mark.parametrize("samples", [60, 300])
+def test_a_piece_of_a_drive_cycle_never_proves_an_arbin_record_forward(
+    real_data, tmp_path, samples
+):
+    whole = pl.read_parquet(real_data / f"{CALCE}/us06_25degC_50soc_SP20-2.parquet")
+    for start in range(1400, 8000, 200):
+        whole[start : start + samples].write_parquet(tmp_path / "piece.parquet")
+        hold = read_record(tmp_path / "piece.parquet").hold
+        assert (hold.value, hold.strength) != ("forward", "strong")

@@ -4,19 +4,39 @@ Testers that log a sample at the end of its interval (Arbin) prove it by their o
 counters: the increments follow the current of the interval's last sample.
 """
 
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .counters import counted_increments_ah
+from .counters import counted_increments_ah, counter_quantum_ah
 from .record import Decision, Hold
 from .samples import Samples
 
 Increments = Float[np.ndarray, "intervals"]
 
-# Fewer telling intervals than these prove nothing, whatever their residuals.
-_FEWEST_STEP_CHANGES, _FEWEST_INTERVALS = 2, 20
+# Inside a drive cycle that beats against the log, some dozens of intervals in a row can look like
+# either hold, so the intervals at large must agree far better than the changes of step.
+_AT_CHANGES = {"fewest": 2, "margin": 0.5}
+_ANYWHERE = {"fewest": 20, "margin": 0.15}
+_AGREEING = 0.8
+
+
+@dataclass(frozen=True)
+class _Ledger:
+    """Ah an interval: as counted, and by its last and its first sample's current."""
+
+    counted_ah: Increments
+    backward_ah: Increments
+    forward_ah: Increments
+
+    def at(self, chosen: Bool[np.ndarray, "intervals"]) -> "_Ledger":
+        return _Ledger(self.counted_ah[chosen], self.backward_ah[chosen], self.forward_ah[chosen])
+
+    def fractions(self) -> Increments:
+        """The share of each interval for which its last sample's current flowed."""
+        return (self.counted_ah - self.forward_ah) / (self.backward_ah - self.forward_ah)
 
 
 def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
@@ -47,71 +67,75 @@ def _from_counters(samples: Samples) -> Decision | None:
     its own and anywhere between two samples, which proves neither hold; such intervals are asked
     only where the file has no step changes that tell.
     """
-    ledger = _ledger(samples)
-    if ledger is None:
+    everywhere, tells = _ledger(samples)
+    if not tells.any():
         return None
-    counted_ah, backward_ah, forward_ah, tells = ledger
-    fraction = _fraction_backward(counted_ah[tells], backward_ah[tells], forward_ah[tells])
-    places = [(tells, _FEWEST_INTERVALS, "intervals")]
+    telling = everywhere.at(tells)
+    weight = (telling.backward_ah - telling.forward_ah) ** 2
+    fraction = float(np.average(telling.fractions(), weights=weight))
+    decision = None
     if samples.step is not None:
-        at_change = tells & (np.diff(samples.step) != 0)
-        places.insert(0, (at_change, _FEWEST_STEP_CHANGES, "changes of step"))
-    for chosen, fewest, words in places:
-        count = int(chosen.sum())
-        if count < fewest:
-            continue
-        backward = _rms(counted_ah[chosen] - backward_ah[chosen])
-        forward = _rms(counted_ah[chosen] - forward_ah[chosen])
-        better, worse = sorted((backward, forward))
-        if better > 0.5 * worse:
-            continue
-        value, end = ("backward", "last") if backward < forward else ("forward", "first")
+        at_changes = everywhere.at(tells & (np.diff(samples.step) != 0))
+        decision = _verdict(at_changes, "changes of step", **_AT_CHANGES)
+    decision = decision or _verdict(telling, "intervals", **_ANYWHERE)
+    if decision is not None and 0.25 < fraction < 0.75:
         reason = (
-            f"at {count} {words} the tester's Ah counters follow the current of the interval's "
-            f"{end} sample (off by {1e3 * better:.2g} mAh, by {1e3 * worse:.2g} mAh with the other)"
+            f"{decision.reason}; over all intervals the last sample's current flowed for "
+            f"{fraction:.0%} of the time, so that inside its steps the record fits neither hold "
+            "well"
         )
-        if 0.25 < fraction < 0.75:
-            reason += (
-                f"; over all intervals the last sample's current flowed for {fraction:.0%} of the "
-                "time, so that inside its steps the record fits neither hold well"
-            )
-        return Decision(value, "strong", reason)
-    return None
+        return replace(decision, reason=reason)
+    return decision
 
 
-def _ledger(
-    samples: Samples,
-) -> tuple[Increments, Increments, Increments, Bool[np.ndarray, "intervals"]] | None:
-    """Ah an interval as counted, by the last and by the first sample's current, and where to ask.
+def _verdict(ledger: _Ledger, words: str, *, fewest: int, margin: float) -> Decision | None:
+    """The hold that these intervals prove, if they do.
 
-    An interval tells where the two currents differ by more than the counter resolves, and where
-    no counter was reset.
+    Its residual must be below `margin` times the other's, and most intervals must agree, one by
+    one: a large one alone proves nothing.
     """
-    counted_ah = counted_increments_ah(samples.counters, with_net=True)
-    if counted_ah is None or not counted_ah.any():
+    count = len(ledger.counted_ah)
+    if count < fewest:
         return None
+    backward = _rms(ledger.counted_ah - ledger.backward_ah)
+    forward = _rms(ledger.counted_ah - ledger.forward_ah)
+    is_backward = backward < forward
+    better, worse = sorted((backward, forward))
+    agreeing = float(np.mean((ledger.fractions() > 0.5) == is_backward))
+    if better > margin * worse or agreeing < _AGREEING:
+        return None
+    return Decision(
+        "backward" if is_backward else "forward",
+        "strong",
+        f"at {count} {words} the tester's Ah counters follow the current of the interval's "
+        f"{'last' if is_backward else 'first'} sample (off by {1e3 * better:.2g} mAh, by "
+        f"{1e3 * worse:.2g} mAh with the other)",
+    )
+
+
+def _ledger(samples: Samples) -> tuple[_Ledger, Bool[np.ndarray, "intervals"]]:
+    """Every interval's ampere-hours, and which intervals tell.
+
+    An interval tells where its two currents differ by far more than the counters resolve, and
+    where no counter was reset.
+    """
     interval_h = np.diff(samples.time_s) / 3600
     backward_ah = samples.current_a[1:] * interval_h
     forward_ah = samples.current_a[:-1] * interval_h
+    counted_ah = counted_increments_ah(samples.counters, with_net=True)
+    if counted_ah is None or not counted_ah.any():
+        nowhere = np.zeros(len(interval_h), bool)
+        return _Ledger(np.zeros_like(interval_h), backward_ah, forward_ah), nowhere
     # The counters' own sign may be opposite to the file's.
     if np.sum(counted_ah * (backward_ah + forward_ah)) < 0:
         counted_ah = -counted_ah
-    quantum_ah = np.min(np.abs(counted_ah[counted_ah != 0]))
+    quantum_ah = counter_quantum_ah(samples.counters)
     largest_ah = np.maximum(np.abs(backward_ah), np.abs(forward_ah))
-    difference_ah = np.abs(backward_ah - forward_ah)
     is_reset = np.abs(counted_ah) > 2 * largest_ah + quantum_ah
     # A hundredth of the record's largest step of charge keeps the noise of the current out.
-    floor_ah = max(2 * quantum_ah, 0.01 * float(np.max(largest_ah)))
-    return counted_ah, backward_ah, forward_ah, ~is_reset & (difference_ah > floor_ah)
-
-
-def _fraction_backward(
-    counted_ah: Increments, backward_ah: Increments, forward_ah: Increments
-) -> float:
-    """The share of an interval for which its last sample's current flowed, by least squares."""
-    difference_ah = backward_ah - forward_ah
-    size = float(np.sum(difference_ah**2))
-    return float(np.sum((counted_ah - forward_ah) * difference_ah)) / size if size else 0.0
+    floor_ah = max(5 * quantum_ah, 0.01 * float(np.max(largest_ah)))
+    tells = ~is_reset & (np.abs(backward_ah - forward_ah) > floor_ah)
+    return _Ledger(counted_ah, backward_ah, forward_ah), tells
 
 
 def _rms(values: Increments) -> float:

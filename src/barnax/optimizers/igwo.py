@@ -70,19 +70,16 @@ def _learn(
 
     Neighbors are the wolves no farther than the hunt would have taken this one (Eq. 10 to 12).
     """
-    neighbor_key, wolf_key, step_key = jr.split(key, 3)
+    chance, wolf_chance, step = jr.uniform(key, (3, *positions.shape), positions.dtype)
     radius = jnp.sum((positions - hunted) ** 2, axis=1)
     distances = jnp.sum((positions[:, None, :] - positions[None, :, :]) ** 2, axis=2)
-    is_near = distances <= radius[:, None]
+    is_near = (distances <= radius[:, None]).astype(positions.dtype)
 
     # The k-th true entry of a row is the number of entries whose running count is at most k.
-    running_count = jnp.cumsum(is_near, axis=1)
-    chance = jr.uniform(neighbor_key, positions.shape, positions.dtype)
-    k = jnp.floor(chance * running_count[:, -1:].astype(positions.dtype)).astype(int)
+    running_count = is_near @ jnp.triu(jnp.ones_like(is_near))
+    k = jnp.floor(chance * running_count[:, -1:])
     neighbor = jnp.sum(running_count[:, None, :] <= k[:, :, None], axis=2)
 
-    wolf = jr.randint(wolf_key, positions.shape, 0, len(positions))
-    difference = jnp.take_along_axis(positions, neighbor, axis=0) - jnp.take_along_axis(
-        positions, wolf, axis=0
-    )
-    return positions + jr.uniform(step_key, positions.shape, positions.dtype) * difference
+    wolf = jnp.floor(wolf_chance * len(positions)).astype(int)
+    learned = jnp.take_along_axis(positions, neighbor, axis=0)
+    return positions + step * (learned - jnp.take_along_axis(positions, wolf, axis=0))

@@ -55,13 +55,11 @@ class ParticleSwarm(AbstractPopulationMinimiser):
     def propose(
         self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
-        own_key, swarm_key = jr.split(key)
         positions, flight = swarm.positions, swarm.memory
         progress = generation.astype(positions.dtype) / self.iterations
         inertia = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
         best = flight.best_positions[jnp.argmin(flight.best_losses)]
-        own = jr.uniform(own_key, positions.shape, positions.dtype)
-        common = jr.uniform(swarm_key, positions.shape, positions.dtype)
+        own, common = jr.uniform(key, (2, *positions.shape), positions.dtype)
         velocities = (
             inertia * flight.velocities
             + self.own_pull * own * (flight.best_positions - positions)

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import jax.random as jr
 import optimistix as optx
-from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
 
 from .leader import best_of, better_leader
 from .population import AbstractPopulationMinimiser, Box, Swarm, sort_by_loss
@@ -44,26 +45,27 @@ class SailfishSearch(AbstractPopulationMinimiser):
     def propose(
         self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
-        attack_key, flee_key, fish_key, dimension_key, birth_key = jr.split(key, 5)
         sailfish, sardines = self._schools(swarm)
         elite, injured = swarm.memory.position, best_of(sardines).position
-        dtype = swarm.positions.dtype
+        dims, dtype = swarm.positions.shape[1], swarm.positions.dtype
+        # Each fish has two numbers of its own and two rows of numbers, one a dimension.
+        numbers = jr.uniform(key, (self.population, 2 + 2 * dims), dtype)
+        attack_numbers, flee_numbers = jnp.split(numbers, [len(sailfish.losses)])
 
         density = 1 - len(sailfish.losses) / self.population
-        numbers = jr.uniform(attack_key, (2, len(sailfish.losses), 1), dtype)
-        rate = density * (2 * numbers[0] - 1)
-        attacking = elite - rate * (numbers[1] * (elite + injured) / 2 - sailfish.positions)
+        rate = density * (2 * attack_numbers[:, :1] - 1)
+        goal = attack_numbers[:, 1:2] * (elite + injured) / 2
+        attacking = elite - rate * (goal - sailfish.positions)
 
         # The paper's A (1 - 2 l eps) with its eps of 0.001 is this at its 500 iterations.
         power = self.attack_power * (1 - generation.astype(dtype) / self.iterations)
-        school = sardines.positions
-        fled = jr.uniform(flee_key, (len(school), 1), dtype) * (elite - school + power)
-        chances = jr.uniform(dimension_key, school.shape, dtype)
-        some_flee = _is_chosen(jr.uniform(fish_key, (1, len(school)), dtype), power)[0][:, None]
-        flees = (power >= 0.5) | (some_flee & _is_chosen(chances, power))
-        fleeing = jnp.where(flees, fled, school)
+        fled = flee_numbers[:, :1] * (elite - sardines.positions + power)
+        is_fleeing = _random_subset(flee_numbers[:, 1], power)[:, None]
+        flees_along = jax.vmap(_random_subset, (0, None))(flee_numbers[:, 2 : 2 + dims], power)
+        flees = (power >= 0.5) | (is_fleeing & flees_along)
+        fleeing = jnp.where(flees, fled, sardines.positions)
 
-        born = box.scale(jr.uniform(birth_key, school.shape, dtype))
+        born = box.scale(flee_numbers[:, 2 + dims :])
         return jnp.concatenate([attacking, fleeing, born]), swarm.memory
 
     def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
@@ -96,12 +98,11 @@ class SailfishSearch(AbstractPopulationMinimiser):
         )
 
 
-def _is_chosen(chances: Float[Array, "rows items"], share: Array) -> Array:
-    """A random subset of every row, of `share` of its length rounded down; none if negative."""
-    count = jnp.floor(share * chances.shape[1]).astype(int)
-    index = jnp.clip(count, 0, chances.shape[1] - 1)
-    threshold = jnp.take(jnp.sort(chances, axis=1), index, axis=1)
-    return chances < threshold[:, None]
+def _random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "items"]:
+    """A random subset of `share` of the items, rounded down: those of the smallest numbers."""
+    # Counting the smaller ones is several times faster here than sorting.
+    rank = jnp.sum(numbers[None, :] < numbers[:, None], axis=1)
+    return rank < jnp.floor(share * len(numbers))
 
 
 def _rows(swarm: Swarm, rows: Int[Array, "rows"]) -> Swarm:

@@ -53,9 +53,9 @@ class SeagullSearch(AbstractPopulationMinimiser):
 def _attack_of_the_code(
     key: Key[Array, ""], positions: Float[Array, "candidates dims"], best: Array, control: Array
 ) -> Float[Array, "candidates dims"]:
-    step_key, turn_key = jr.split(key)
-    step = control * (2 * jr.uniform(step_key, positions.shape, positions.dtype) - 1)
-    turn = 1 + (control - 1) * jr.uniform(turn_key, positions.shape, positions.dtype)
+    numbers = jr.uniform(key, (2, *positions.shape), positions.dtype)
+    step = control * (2 * numbers[0] - 1)
+    turn = 1 + (control - 1) * numbers[1]
     migration = control * positions + step * (best - positions)
     return migration * jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn) + best
 
@@ -63,11 +63,10 @@ def _attack_of_the_code(
 def _attack_of_the_paper(
     key: Key[Array, ""], positions: Float[Array, "candidates dims"], best: Array, control: Array
 ) -> Float[Array, "candidates dims"]:
-    move_key, angle_key = jr.split(key)
-    one_each = (len(positions), 1)
-    movement = 2 * control**2 * jr.uniform(move_key, one_each, positions.dtype)
+    numbers = jr.uniform(key, (2, len(positions), 1), positions.dtype)
+    movement = 2 * control**2 * numbers[0]
     distance = jnp.abs(control * positions + movement * (best - positions))
-    angle = 2 * jnp.pi * jr.uniform(angle_key, one_each, positions.dtype)
+    angle = 2 * jnp.pi * numbers[1]
     radius = jnp.exp(angle)
     spiral = (radius * jnp.cos(angle)) * (radius * jnp.sin(angle)) * (radius * angle)
     return distance * spiral + best

@@ -39,17 +39,18 @@ class WhaleSearch(AbstractPopulationMinimiser):
     def propose(
         self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
-        number_key, whale_key = jr.split(key)
         positions = swarm.positions
         best = swarm.memory.position
         progress = (generation - 1).astype(positions.dtype) / self.iterations
         a = 2 - 2 * progress
-        numbers = jr.uniform(number_key, (4, self.population, 1), positions.dtype)
+        # Four numbers of its own and a whale for every dimension, one row a whale.
+        numbers = jr.uniform(key, (self.population, 4 + positions.shape[1]), positions.dtype)
+        numbers, whale_numbers = numbers[:, :4].T[:, :, None], numbers[:, 4:]
         step = 2 * a * numbers[0] - a
         weight = 2 * numbers[1]
         turn = 1 - (2 + progress) * numbers[2]
 
-        random = self._random_whales(whale_key, positions)
+        random = self._random_whales(whale_numbers, positions)
         prey = jnp.where(jnp.abs(step) >= 1, random, best)
         encircling = prey - step * jnp.abs(weight * prey - positions)
         spiral = jnp.abs(best - positions) * jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn) + best
@@ -59,8 +60,8 @@ class WhaleSearch(AbstractPopulationMinimiser):
         leader = better_leader(offspring.memory, offspring)
         return Swarm(offspring.positions, offspring.losses, leader)
 
-    def _random_whales(self, key: Key[Array, ""], positions: Array) -> Array:
+    def _random_whales(self, numbers: Array, positions: Array) -> Array:
+        whale = jnp.floor(numbers * self.population).astype(int)
         if self.one_random_whale:
-            return positions[jr.randint(key, (self.population,), 0, self.population)]
-        whale = jr.randint(key, positions.shape, 0, self.population)
+            return positions[whale[:, 0]]
         return jnp.take_along_axis(positions, whale, axis=0)

@@ -1,0 +1,1 @@
+"""Table 2 of Li et al. (2023), run again."""

@@ -19,7 +19,7 @@ Increments = Float[np.ndarray, "intervals"]
 # Inside a drive cycle that beats against the log, some dozens of intervals in a row can look like
 # either hold, so the intervals at large must agree far better than the changes of step.
 _AT_CHANGES = {"fewest": 2, "margin": 0.5}
-_ANYWHERE = {"fewest": 20, "margin": 0.15}
+_ANYWHERE = {"fewest": 20, "margin": 0.05}
 _AGREEING = 0.8
 
 

@@ -132,6 +132,9 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Bool[np.ndarray, "intervals"]]:
     quantum_ah = counter_quantum_ah(samples.counters)
     largest_ah = np.maximum(np.abs(backward_ah), np.abs(forward_ah))
     is_reset = np.abs(counted_ah) > 2 * largest_ah + quantum_ah
+    for counter_ah in (samples.counters.charged_ah, samples.counters.discharged_ah):
+        if counter_ah is not None:
+            is_reset |= np.diff(counter_ah) < 0
     # A hundredth of the record's largest step of charge keeps the noise of the current out.
     floor_ah = max(5 * quantum_ah, 0.01 * float(np.max(largest_ah)))
     tells = ~is_reset & (np.abs(backward_ah - forward_ah) > floor_ah)

@@ -1,0 +1,74 @@
+"""Results made by hand, whose every number a test knows."""
+
+from typing import Any, cast
+
+import numpy as np
+
+from barnax.cell import CircuitParameters
+from barnax.course import Course
+from barnax.evaluate import Evaluation
+from barnax.identification import Identification, SeedAnswer
+from barnax.metrics import measure
+from barnax.optimizers import make_optimizer
+from barnax.records.record import Decision, Record
+from barnax.refinement import CrossCheck, Optimum
+
+CIRCUIT = CircuitParameters(r0=0.05, r1=0.01, c1=1000.0, r2=0.02, c2=5000.0)
+
+
+def make_record(samples: int, interval_s: float = 1.0, name: str = "cycle.csv") -> Record:
+    """A repeated square wave of current, and a voltage that falls with ripple."""
+    number = np.arange(samples)
+    current_a = np.where(number % 20 < 10, 2.0, -1.0)
+    given = Decision("forward", "given", "made so")
+    return Record(
+        name=name,
+        time_s=1000.0 + interval_s * number,
+        current_a=current_a,
+        voltage_v=4.0 - 0.5 * number / samples - 0.05 * current_a,
+        temperature_degc=None,
+        step=None,
+        row=number + 2,
+        sign=Decision("discharge-positive", "given", "made so"),
+        hold=given,
+        sha256="",
+    )
+
+
+def make_evaluation(
+    record: Record, scored: np.ndarray | None = None, error_v: np.ndarray | None = None
+) -> Evaluation:
+    """An evaluation of all samples of `record`, off by `error_v` (a slow wave by default)."""
+    number = np.arange(record.samples)
+    scored = np.ones(record.samples, bool) if scored is None else scored
+    error_v = 5e-3 * np.sin(number / 50) if error_v is None else error_v
+    course = Course(
+        record=record,
+        circuit="so-rc",
+        first=0,
+        soc=1.0 - number / record.samples,
+        direction=np.full(record.samples, -1.0),
+        source_v=record.voltage_v,
+        scored=scored,
+        rest_current_a=0.02,
+        initial_soc=1.0,
+        initial_soc_reason="given",
+        warnings=(),
+    )
+    simulated_v = record.voltage_v - error_v
+    return Evaluation(course, simulated_v, measure(record.voltage_v[scored], simulated_v[scored]))
+
+
+def make_identification(histories_v: list[list[float]], population: int = 10) -> Identification:
+    """Seeds with these histories, each generation as large as the population."""
+    seeds = tuple(
+        SeedAnswer(history[-1], CIRCUIT, np.array(history), population * len(history), 0)
+        for history in histories_v
+    )
+    generations = len(histories_v[0]) - 1
+    optimizer = make_optimizer("bmo", population, generations)
+    return Identification(cast(Any, None), optimizer, 0, seeds)
+
+
+def make_cross_check(found: Identification, rmse_v: float) -> CrossCheck:
+    return CrossCheck(found, (), (Optimum(rmse_v, CIRCUIT, len(found.seeds)),), (), "")

@@ -1,0 +1,100 @@
+"""What holds for every figure."""
+
+import doctest
+import importlib
+import io
+import re
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from sample_results import make_cross_check, make_evaluation, make_identification, make_record
+
+from barnax import bundled_file, characterize, plots, read_record
+
+
+def make_all_figures() -> dict[str, Figure]:
+    tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
+    cell = characterize(tests)
+    scored = np.arange(600) >= 100
+    evaluation = make_evaluation(make_record(600), scored)
+    found = make_identification([[0.03, 0.02, 0.011], [0.04, 0.012, 0.012]])
+    return {
+        "voltage": plots.plot_voltage(evaluation),
+        "error": plots.plot_error(evaluation),
+        "ocv": plots.plot_ocv(cell),
+        "hysteresis": plots.plot_hysteresis(cell),
+        "convergence": plots.plot_convergence(found, make_cross_check(found, 0.01)),
+    }
+
+
+NAMES = ("voltage", "error", "ocv", "hysteresis", "convergence")
+
+
+@pytest.fixture(scope="module")
+def figures():
+    return make_all_figures()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_axis_label_ends_in_or_holds_a_unit(figures, name):
+    for axes in figures[name].axes:
+        labels = [axes.get_xlabel(), axes.get_ylabel()]
+        shown = [label for label in labels if label]
+        assert shown or axes.get_shared_x_axes().get_siblings(axes)
+        assert all(re.search(r"\[(V|mV|A|s|h|%|-)\]", label) for label in shown)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_lowest_panels_name_what_runs_along_them(figures, name):
+    assert figures[name].axes[-1].get_xlabel()
+    assert figures[name].axes[0].get_ylabel()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_figures_can_be_written_without_a_warning(figures, name, kind):
+    file = io.BytesIO()
+    figures[name].savefig(file, format=kind)
+    assert len(file.getvalue()) > 1000
+
+
+def test_drawing_leaves_pyplot_and_the_global_style_as_they_were():
+    settings = dict(matplotlib.rcParams)
+    make_all_figures()
+    assert pyplot.get_fignums() == []
+    assert dict(matplotlib.rcParams) == settings
+
+
+def test_the_style_of_the_session_does_not_show():
+    file, plain = io.BytesIO(), io.BytesIO()
+    evaluation = make_evaluation(make_record(300))
+    plots.plot_voltage(evaluation).savefig(plain, format="raw")
+    with matplotlib.rc_context(
+        {"axes.facecolor": "black", "xtick.labelsize": 30.0, "axes.grid": False}
+    ):
+        figure = plots.plot_voltage(evaluation)
+    figure.savefig(file, format="raw")
+    assert file.getvalue() == plain.getvalue()
+
+
+def test_importing_the_figures_loads_neither_jax_nor_pyplot():
+    check = (
+        "import sys, barnax.plots; "
+        "sys.exit(', '.join({'jax', 'matplotlib.pyplot'} & set(sys.modules)) or 0)"
+    )
+    ran = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, timeout=60)
+    assert (ran.returncode, ran.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "module", ["decimation", "error", "hysteresis", "ocv", "time_axis", "voltage"]
+)
+def test_the_examples_in_the_docstrings_hold(module):
+    found = doctest.testmod(importlib.import_module(f"barnax.plots.{module}"))
+    assert found.failed == 0
+    assert found.attempted > 0

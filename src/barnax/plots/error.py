@@ -32,6 +32,7 @@ FEWEST_IN_BIN = 5
 # A few samples at the very end of a discharge can be ten times as far off as all the others.
 FEW_PERCENT = 0.5
 MARGIN = 0.3
+NEARLY_INSIDE = 1.5
 
 
 @figure_style()
@@ -135,7 +136,7 @@ def _frame(axes: Axes, scored_mv: Samples) -> None:
     low, high = np.percentile(np.concatenate([scored_mv, [-rmse_mv, rmse_mv]]), few)
     margin = MARGIN * (high - low) or 1.0
     low, high = min(low - margin, -1.1 * rmse_mv), max(high + margin, 1.1 * rmse_mv)
-    if 2 * low < scored_mv.min() and scored_mv.max() < 2 * high:
+    if NEARLY_INSIDE * low < scored_mv.min() and scored_mv.max() < NEARLY_INSIDE * high:
         low = min(low, scored_mv.min() - margin / 4)
         high = max(high, scored_mv.max() + margin / 4)
     outside = (scored_mv < low) | (scored_mv > high)

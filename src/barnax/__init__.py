@@ -60,6 +60,7 @@ _MODULES = {"plots"}
 
 __all__ = ["__version__", *sorted(_HOME), *sorted(_MODULES)]
 
+
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return importlib.import_module(f".{name}", __name__)
@@ -69,6 +70,7 @@ def __getattr__(name: str) -> Any:
         globals()[name] = value
         return value
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 def __dir__() -> list[str]:
     return __all__

@@ -56,7 +56,9 @@ class Bounds:
         for name, value in fixed.items():
             _require_known(name, source)
             if not 0 < value < math.inf:
-                raise InputError(f"{source}: {name!r} cannot be fixed at {value}; give a positive value")
+                raise InputError(
+                    f"{source}: {name!r} cannot be fixed at {value}; give a positive value"
+                )
             if name in ranges:
                 raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
         for tau, capacitance in PAIRS:
@@ -109,12 +111,18 @@ def read_bounds(path: Path) -> dict[str, Range]:
         raise InputError(f"{path}: is not a TOML file ({problem})") from problem
     table = document.get("bounds")
     if not isinstance(table, dict) or len(document) != 1:
-        raise InputError(f'{path}: must hold one table, [bounds], with lines like "R0 [Ohm]" = [0.001, 0.1]')
+        raise InputError(
+            f'{path}: must hold one table, [bounds], with lines like "R0 [Ohm]" = [0.001, 0.1]'
+        )
     ranges = {}
     for name, value in table.items():
         is_pair = isinstance(value, list) and len(value) == 2
-        if not is_pair or not all(isinstance(end, int | float) and not isinstance(end, bool) for end in value):
-            raise InputError(f"{path}: {name!r} must be two numbers, [lower, upper]; it is {value!r}")
+        if not is_pair or not all(
+            isinstance(end, int | float) and not isinstance(end, bool) for end in value
+        ):
+            raise InputError(
+                f"{path}: {name!r} must be two numbers, [lower, upper]; it is {value!r}"
+            )
         ranges[name] = (float(value[0]), float(value[1]))
     return ranges
 
@@ -127,7 +135,9 @@ def parse_fixed(texts: list[str]) -> dict[str, float]:
         try:
             fixed[name] = float(value)
         except ValueError as problem:
-            raise InputError(f'--fix {text!r}: write a name and a number, such as "C1 [F]=500"') from problem
+            raise InputError(
+                f'--fix {text!r}: write a name and a number, such as "C1 [F]=500"'
+            ) from problem
     return fixed
 
 

@@ -89,7 +89,9 @@ def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -
 
     stretch = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
     if np.count_nonzero(scored) < 10 or stretch.stop - first < 10:
-        raise InputError(f"{record.name}: fewer than 10 samples are left to score; widen the window")
+        raise InputError(
+            f"{record.name}: fewer than 10 samples are left to score; widen the window"
+        )
     direction = current_direction(record, rest_a, window.initial_direction)[stretch]
     return Course(
         record=record,

@@ -72,7 +72,9 @@ def identify(
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: at least one seed is needed")
     blocks = seed_blocks(seeds, SEEDS_PER_BLOCK)
-    block_keys = [jax.vmap(lambda seed: jr.fold_in(key, seed))(jnp.asarray(block)) for block in blocks]
+    block_keys = [
+        jax.vmap(lambda seed: jr.fold_in(key, seed))(jnp.asarray(block)) for block in blocks
+    ]
     search = _search.lower(optimizer, problem.objective, block_keys[0]).compile()
 
     @in_float64  # the setting belongs to a thread
@@ -97,7 +99,9 @@ def identify(
 
 
 @eqx.filter_jit
-def _search(optimizer: AbstractPopulationMinimiser, objective: Objective, keys: Key[Array, "seeds"]):
+def _search(
+    optimizer: AbstractPopulationMinimiser, objective: Objective, keys: Key[Array, "seeds"]
+):
     """Best point, history, evaluations and failures of every key, in one compiled call."""
     box = objective.coordinates
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import lineax as lx
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Scalar
 
 from .cell import CircuitParameters
 from .coordinates import Coordinates
@@ -18,13 +19,16 @@ from .problem import Objective, Problem, impedance_of, residuals
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
-# Two refined answers are one optimum if RMSE and every parameter agree this closely (relative).
+# Refined answers whose RMSE agree this closely (relative) are one optimum; if their parameters
+# differ by more than this all the same, the optimum is a family of circuits.
 SAME_RMSE = 1e-5
 SAME_PARAMETER = 1e-2
 # Relative tolerances of Levenberg-Marquardt, in the scaled residuals and their unknowns.
 SEED_TOLERANCE = 1e-6
 FINAL_TOLERANCE = 1e-10
-MAX_STEPS = 500
+# A descent that needs longer creeps along a valley; only the best one is followed to its end.
+STEPS = 100
+FINAL_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -39,11 +43,15 @@ class RefinedSeed:
 
 @dataclass(frozen=True)
 class Optimum:
-    """A distinct place where refined seeds ended, and how many of them."""
+    """A distinct place where refined seeds ended, and how many of them.
+
+    `is_family` says that circuits with different parameters fit equally well there.
+    """
 
     rmse_v: float
     parameters: CircuitParameters
     seeds: int
+    is_family: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +79,20 @@ def refine(found: Identification, *, progress: Callable[[int], None] | None = No
 
     It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
     bounds hold exactly and an optimum at a bound is a stationary point. Every seed is taken to
-    `SEED_TOLERANCE`, then the distinct optima to `FINAL_TOLERANCE`. `progress` is called with the
-    number of seeds finished since the last call.
+    `SEED_TOLERANCE` in at most `STEPS` steps, the best then to `FINAL_TOLERANCE` with what is at
+    a bound held there. No answer is made worse. `progress` is called with the number of seeds
+    finished since the last call.
     """
     descent = _Descent(found.problem, unit_v=found.best.rmse_v)
-    refined = descent([answer.parameters for answer in found.seeds], SEED_TOLERANCE, progress)
-    coarse = distinct_optima(refined)
-    foremost = coarse[:SEEDS_PER_BLOCK]
-    polished = descent([optimum.parameters for optimum in foremost], FINAL_TOLERANCE)
-    optima = [
-        Optimum(end.rmse_v, end.parameters, optimum.seeds)
-        for end, optimum in zip(polished, foremost, strict=True)
-    ]
-    optima = (*sorted(optima, key=lambda optimum: optimum.rmse_v), *coarse[len(foremost) :])
-    at_bound = _at_bound(descent.objective.coordinates, optima[0].parameters)
+    answers = [answer.parameters for answer in found.seeds]
+    refined = descent(answers, SEED_TOLERANCE, progress=progress)
+    best = min(refined, key=lambda seed: seed.rmse_v)
+    for _ in range(FINAL_ROUNDS):
+        (best,) = descent([best.parameters], FINAL_TOLERANCE, holds_bounds=True)
+        if best.has_converged:
+            break
+    optima = distinct_optima(refined, best)
+    at_bound = _at_bound(descent.objective.coordinates, best.parameters)
     verdict = _verdict(found, refined, optima, at_bound)
     return CrossCheck(found, tuple(refined), optima, at_bound, verdict)
 
@@ -101,13 +109,15 @@ class _Descent:
         self._unit_v = jnp.asarray(unit_v or 1.0)
         template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
         self._compiled = _descend.lower(
-            self.objective, template, self._unit_v, jnp.asarray(FINAL_TOLERANCE)
+            self.objective, template, self._unit_v, jnp.asarray(0.0), jnp.asarray(False)
         ).compile()
 
     def __call__(
         self,
         circuits: Sequence[CircuitParameters],
         tolerance: float,
+        *,
+        holds_bounds: bool = False,
         progress: Callable[[int], None] | None = None,
     ) -> list[RefinedSeed]:
         encode = self.objective.coordinates.encode
@@ -119,8 +129,8 @@ class _Descent:
 
         @in_float64  # the setting belongs to a thread
         def run(points):
-            ends = self._compiled(self.objective, points, self._unit_v, jnp.asarray(tolerance))
-            return jax.tree.map(np.asarray, ends)
+            settings = (self._unit_v, jnp.asarray(tolerance), jnp.asarray(holds_bounds))
+            return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
         ends = run_blocks(run, given, len(starts), progress)
         points, errors_v, converged = zip(*ends, strict=True)
@@ -134,48 +144,73 @@ class _Descent:
 
 
 @eqx.filter_jit
-def _descend(objective: Objective, points: Float[Array, "seeds free"], unit_v, tolerance):
+def _descend(
+    objective: Objective,
+    points: Float[Array, "seeds free"],
+    unit_v: Scalar,
+    tolerance: Scalar,
+    holds_bounds: Bool[Array, ""],
+):
     """End point, its RMSE in V and whether it converged, from every start."""
     box = objective.coordinates
     width = box.upper - box.lower
+    # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
+    # runtime (jaxlib 0.10.2).
+    solver = optx.LevenbergMarquardt(
+        rtol=tolerance, atol=tolerance, linear_solver=lx.Normal(lx.Cholesky())
+    )
 
-    def inside(angle):
-        return box.lower + width * (1 + jnp.sin(angle)) / 2
+    def place(angle, start):
+        fraction = (start - box.lower) / width
+        is_held = holds_bounds & ((fraction < AT_BOUND) | (fraction > 1 - AT_BOUND))
+        bound = jnp.where(fraction < 0.5, box.lower, box.upper)
+        return jnp.where(is_held, bound, box.lower + width * (1 + jnp.sin(angle)) / 2)
 
-    def errors(angle, objective):
-        return residuals(inside(angle), objective) / unit_v
+    def errors(angle, given):
+        objective, start = given
+        return residuals(place(angle, start), objective) / unit_v
 
-    def one(point):
+    def one(start):
         # The sine is flat at the ends of the box: a start exactly there could never leave.
-        fraction = jnp.clip((point - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
+        fraction = jnp.clip((start - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
         solution = optx.least_squares(
             errors,
-            optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance),
+            solver,
             jnp.arcsin(2 * fraction - 1),
-            objective,
+            (objective, start),
             {"jac": "fwd"},
-            max_steps=MAX_STEPS,
+            max_steps=STEPS,
             throw=False,
         )
-        end = inside(solution.value)
-        rmse_v = jnp.linalg.norm(residuals(end, objective))
-        return end, rmse_v, solution.result == optx.RESULTS.successful
+        has_converged = solution.result == optx.RESULTS.successful
+        ends = jnp.stack([start, place(solution.value, start)])
+        errors_v = jax.vmap(lambda end: jnp.linalg.norm(residuals(end, objective)))(ends)
+        better = jnp.nanargmin(errors_v)
+        return ends[better], errors_v[better], has_converged
 
     return jax.vmap(one)(points)
 
 
-def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
-    """Refined answers gathered into distinct optima, the best first."""
-    groups: list[list[RefinedSeed]] = []
+def distinct_optima(refined: Sequence[RefinedSeed], best: RefinedSeed) -> tuple[Optimum, ...]:
+    """Refined seeds gathered into distinct optima, the first one being that of `best`."""
+    groups = [[best]]
     for seed in sorted(refined, key=lambda seed: seed.rmse_v):
-        for group in groups:
-            is_same_rmse = seed.rmse_v <= group[0].rmse_v * (1 + SAME_RMSE)
-            if is_same_rmse and _largest_change(group[0].parameters, seed.parameters) < SAME_PARAMETER:
-                group.append(seed)
-                break
+        if seed.rmse_v <= groups[-1][0].rmse_v * (1 + SAME_RMSE):
+            groups[-1].append(seed)
         else:
             groups.append([seed])
-    return tuple(Optimum(group[0].rmse_v, group[0].parameters, len(group)) for group in groups)
+    return tuple(
+        Optimum(
+            rmse_v=group[0].rmse_v,
+            parameters=group[0].parameters,
+            seeds=len(group) - (group is groups[0]),
+            is_family=any(
+                _largest_change(group[0].parameters, seed.parameters) > SAME_PARAMETER
+                for seed in group
+            ),
+        )
+        for group in groups
+    )
 
 
 def _largest_change(before: CircuitParameters, after: CircuitParameters) -> float:
@@ -201,7 +236,7 @@ def _verdict(
     at_bound: Sequence[str],
 ) -> str:
     total, best = len(refined), optima[0]
-    gap = found.best.rmse_v / best.rmse_v - 1
+    gap = 100 * (found.best.rmse_v / best.rmse_v - 1)
     if total == 1:
         agreement = "One seed was run, so nothing tells whether another would end elsewhere."
     elif best.seeds == total:
@@ -212,13 +247,19 @@ def _verdict(
             f"{best.seeds} of {total} seeds end in the best optimum; the others end in "
             f"{len(optima) - 1} more, the nearest {100 * second:.2g} % above it."
         )
-    sentences = [
-        agreement,
-        f"Before refinement the best seed was {100 * gap:.2g} % above it.",
-    ]
+    distance = f"{gap:.2g} % above it" if gap > 1e-6 else "already there, to 1e-6 %"
+    sentences = [agreement, f"Before refinement the best seed was {distance}."]
     unconverged = sum(not seed.has_converged for seed in refined)
     if unconverged:
-        sentences.append(f"Levenberg-Marquardt did not converge from {unconverged} of {total} seeds.")
+        sentences.append(
+            f"Levenberg-Marquardt was still moving after {STEPS} steps from {unconverged} of "
+            f"{total} seeds."
+        )
+    if best.is_family:
+        sentences.append(
+            "Circuits with different parameters fit equally well there: the data do not "
+            "determine them one by one."
+        )
     if at_bound:
         sentences.append(
             f"{'; '.join(at_bound)}: the box, not the data, decides there. Widen it with --bounds "

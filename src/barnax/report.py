@@ -53,8 +53,16 @@ def parameters_table(checked: CrossCheck) -> Table:
 def metrics_table(evaluations: Sequence[Evaluation]) -> Table:
     """Errors on every record (Li et al., 2023, Eq. 22 to 26)."""
     table = Table(title="Errors of the refined parameters")
-    table.add_column("record")
-    for head in ("RMSE\n\\[mV]", "R2", "R2 (paper's)", "MAPE\n\\[%]", "CE\n\\[V]", "max\n\\[mV]", "samples"):
+    table.add_column("record", overflow="fold")
+    for head in (
+        "RMSE\n\\[mV]",
+        "R2",
+        "R2 (paper)",
+        "MAPE\n\\[%]",
+        "CE\n\\[V]",
+        "max\n\\[mV]",
+        "samples",
+    ):
         table.add_column(head, justify="right")
     for evaluation in evaluations:
         metrics = evaluation.metrics

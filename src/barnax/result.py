@@ -65,6 +65,7 @@ class OptimumPart(Part):
     rmse_v: Volts = Field(alias="rmse [V]")
     parameters: Parameters
     seeds: int
+    is_family: bool
 
 
 class RefinedPart(Part):
@@ -181,7 +182,9 @@ class Result(Part):
         except ValidationError as problem:
             first = problem.errors()[0]
             place = ".".join(str(step) for step in first["loc"]) or "the file"
-            raise InputError(f"{path}: is not a barnax result: {place}: {first['msg']}") from problem
+            raise InputError(
+                f"{path}: is not a barnax result: {place}: {first['msg']}"
+            ) from problem
         except (InputError, TypeError) as problem:
             raise InputError(f"{path}: is not a barnax result: {problem}") from problem
         return result
@@ -235,6 +238,7 @@ def make_result(
                     rmse_v=optimum.rmse_v,
                     parameters=optimum.parameters.to_dict(),
                     seeds=optimum.seeds,
+                    is_family=optimum.is_family,
                 )
                 for optimum in checked.optima
             ],

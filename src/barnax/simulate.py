@@ -130,8 +130,7 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
     The error is summed in the scan's carry: stacking the voltages first costs 4 to 40 times more.
     """
     pairs = [
-        (r, _Decay(tau, drive.intervals))
-        for r, tau in zip(impedance.r, impedance.tau, strict=True)
+        (r, _Decay(tau, drive.intervals)) for r, tau in zip(impedance.r, impedance.tau, strict=True)
     ]
 
     def step(carry, sample):

@@ -44,7 +44,7 @@ def identify(
     capacity: Annotated[
         float | None,
         typer.Option(
-            metavar="AH", help="Capacity [default: from the OCV test].", rich_help_panel=INPUT
+            metavar="AH", help="Capacity (default from the OCV test).", rich_help_panel=INPUT
         ),
     ] = None,
     model: Annotated[
@@ -85,7 +85,10 @@ def identify(
     key: Annotated[
         int,
         typer.Option(
-            min=0, max=2**32 - 1, help="The number all randomness comes from.", rich_help_panel=SEARCH
+            min=0,
+            max=2**32 - 1,
+            help="The number all randomness comes from.",
+            rich_help_panel=SEARCH,
         ),
     ] = 0,
     bounds: Annotated[

@@ -31,7 +31,9 @@ CurrentHold = Annotated[
 RestCurrent = Annotated[
     float | None,
     typer.Option(
-        metavar="A", help="Current below which the cell rests [default: C/100].", rich_help_panel=INPUT
+        metavar="A",
+        help="Current below which the cell rests (default C/100).",
+        rich_help_panel=INPUT,
     ),
 ]
 InitialDirection = Annotated[
@@ -51,14 +53,16 @@ StartTime = Annotated[
 StartAfterStep = Annotated[
     int | None,
     typer.Option(
-        metavar="N", help="Start at the last sample of this step's last block.", rich_help_panel=WINDOW
+        metavar="N",
+        help="Start at the last sample of this step's last block.",
+        rich_help_panel=WINDOW,
     ),
 ]
 InitialSoc = Annotated[
     float | None,
     typer.Option(
         metavar="0..1",
-        help="State of charge at the start [default: from the rested voltage].",
+        help="State of charge at the start (default from the rested voltage).",
         rich_help_panel=WINDOW,
     ),
 ]
@@ -80,13 +84,15 @@ Out = Annotated[
     Path | None,
     typer.Option(
         metavar="FOLDER",
-        help="Where results go [default: barnax-out].",
+        help="Where results go (default barnax-out).",
         rich_help_panel=OUTPUT,
     ),
 ]
 Force = Annotated[
     bool,
-    typer.Option("--force", help="Replace the result that the folder holds.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--force", help="Replace the result that the folder holds.", rich_help_panel=OUTPUT
+    ),
 ]
 Json = Annotated[
     bool,

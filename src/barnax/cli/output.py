@@ -25,7 +25,9 @@ def require_free(folder: Path, is_forced: bool) -> None:
         parent = folder.absolute().parent
         existing = next(place for place in (parent, *parent.parents) if place.exists())
         if not existing.is_dir() or not os.access(existing, os.W_OK):
-            raise InputError(f"{folder}: {existing} cannot be written to; give --out another folder")
+            raise InputError(
+                f"{folder}: {existing} cannot be written to; give --out another folder"
+            )
         return
     foreign = sorted(entry.name for entry in folder.iterdir() if entry.name not in OURS)
     if foreign:

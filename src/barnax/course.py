@@ -66,7 +66,6 @@ class Course:
     def drive(self, shortest_tau_s: float) -> Drive:
         """The device arrays of this stretch, exact for time constants from `shortest_tau_s` on."""
         last = slice(self.first, self.first + len(self.soc) - 1)
-        interval_s = self.record.interval_s[last]
         held_a = self.record.interval_current_a[last]
         return Drive(
             current_a=jnp.asarray(self.current_a),
@@ -74,7 +73,7 @@ class Course:
             source_v=jnp.asarray(self.source_v),
             measured_v=jnp.asarray(self.voltage_v),
             weight=jnp.asarray(self.scored, float),
-            intervals=Intervals.measure(np.append(interval_s, interval_s[-1]), shortest_tau_s),
+            intervals=Intervals.measure(self.time_s, shortest_tau_s),
         )
 
 

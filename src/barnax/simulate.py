@@ -16,8 +16,6 @@ from jaxtyping import Array, Float, Int, Scalar
 UNROLL = 4
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
-# Below this the cubic correction is smaller than the rounding of the exponential itself.
-_NEGLIGIBLE = 1e-13
 
 
 class Impedance(eqx.Module):
@@ -43,20 +41,26 @@ class Intervals(eqx.Module):
     has_offsets: bool = eqx.field(static=True)
 
     @classmethod
-    def measure(
-        cls, interval_s: Float[np.ndarray, "samples"], shortest_tau_s: float
-    ) -> "Intervals":
+    def measure(cls, time_s: Float[np.ndarray, "samples"], shortest_tau_s: float) -> "Intervals":
+        """The intervals of a clock, for time constants from `shortest_tau_s` on.
+
+        The last sample's own interval leads nowhere; it repeats the one before.
+        """
+        interval_s = np.diff(time_s)
+        interval_s = np.append(interval_s, interval_s[-1])
         spacing_s = _NODE_SPACING * shortest_tau_s
         groups, node = np.unique(np.round(interval_s / spacing_s), return_inverse=True)
         totals = np.bincount(node, weights=interval_s, minlength=len(groups))
         node_s = totals / np.bincount(node, minlength=len(groups))
         offset_s = interval_s - node_s[node]
+        # What the clock's floating-point numbers cannot hold is no jitter.
+        resolution_s = 2 * np.spacing(np.max(np.abs(time_s)))
         return cls(
             node_s=jnp.asarray(node_s),
             node=jnp.asarray(node, jnp.int32),
             offset_s=jnp.asarray(offset_s),
             is_even=len(groups) == 1,
-            has_offsets=bool(np.max(np.abs(offset_s)) > _NEGLIGIBLE * shortest_tau_s),
+            has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
 
 
@@ -98,11 +102,10 @@ def unit_response(
     tau: Scalar, held_a: Float[Array, "samples"], intervals: Intervals
 ) -> Float[Array, "samples"]:
     """Voltage over an RC pair of 1 ohm at every sample: the current, low-passed with `tau`."""
-    decay = _Decay(tau, intervals)
+    pair = _Pair(jnp.ones_like(tau), tau, intervals)
 
     def step(state, sample):
-        current_a, node, offset_s = sample
-        return state + decay.gain(node, offset_s) * (current_a - state), state
+        return pair.advance(state, *sample), state
 
     samples = (held_a, intervals.node, intervals.offset_s)
     _, response_a = lax.scan(step, jnp.zeros_like(tau), samples, unroll=UNROLL)
@@ -114,7 +117,10 @@ def _unit_response_jvp(primals, tangents):
     # Only tau is ever differentiated. Its slope does not depend on the tangent, so a Jacobian
     # over all parameters computes it once.
     tau, held_a, intervals = primals
-    respond = lambda tau: unit_response.__wrapped__(tau, held_a, intervals)
+
+    def respond(tau):
+        return unit_response.__wrapped__(tau, held_a, intervals)
+
     response_a, slope = jax.jvp(respond, (tau,), (jnp.ones_like(tau),))
     return response_a, slope * tangents[0]
 
@@ -130,7 +136,7 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
     The error is summed in the scan's carry: stacking the voltages first costs 4 to 40 times more.
     """
     pairs = [
-        (r, _Decay(tau, drive.intervals)) for r, tau in zip(impedance.r, impedance.tau, strict=True)
+        _Pair(r, tau, drive.intervals) for r, tau in zip(impedance.r, impedance.tau, strict=True)
     ]
 
     def step(carry, sample):
@@ -138,8 +144,8 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
         current_a, held_a, base_error_v, weight, node, offset_s = sample
         error_v = base_error_v + impedance.r0 * current_a + sum(states)
         states = tuple(
-            state + decay.gain(node, offset_s) * (r * held_a - state)
-            for state, (r, decay) in zip(states, pairs, strict=True)
+            pair.advance(state, held_a, node, offset_s)
+            for pair, state in zip(pairs, states, strict=True)
         )
         return (states, total + weight * error_v * error_v), None
 
@@ -156,18 +162,27 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
     return total
 
 
-class _Decay:
-    """The share 1 - exp(-interval / tau) of the way that an RC pair goes to its end in a sample."""
+class _Pair:
+    """One RC pair, moved over one interval by the current that flowed in it."""
 
-    def __init__(self, tau: Scalar, intervals: Intervals):
+    def __init__(self, r: Scalar, tau: Scalar, intervals: Intervals):
+        self._r = r
         self._intervals = intervals
         self._rate = 1 / tau
         # expm1 keeps 1 - exp(-interval / tau) exact where tau is far longer than the interval.
         self._gain = -jnp.expm1(-intervals.node_s * self._rate)
+        # Even intervals need no look-up: one product and one fused multiply-add a sample.
+        self._decay = jnp.exp(-intervals.node_s[0] * self._rate)
+        self._push = r * self._gain[0]
 
-    def gain(self, node: Int[Array, ""], offset_s: Scalar) -> Scalar:
-        gain = self._gain[0 if self._intervals.is_even else node]
-        if not self._intervals.has_offsets:
-            return gain
-        x = offset_s * self._rate
-        return gain + (1 - gain) * x * (1 - x * (1 / 2 - x / 6))
+    def advance(
+        self, state_v: Scalar, held_a: Scalar, node: Int[Array, ""], offset_s: Scalar
+    ) -> Scalar:
+        """The state at the next sample: it goes the share 1 - exp(-interval / tau) of its way."""
+        if self._intervals.is_even and not self._intervals.has_offsets:
+            return self._decay * state_v + self._push * held_a
+        gain = self._gain[node]
+        if self._intervals.has_offsets:
+            x = offset_s * self._rate
+            gain = gain + (1 - gain) * x * (1 - x * (1 / 2 - x / 6))
+        return state_v + gain * (self._r * held_a - state_v)

@@ -124,7 +124,7 @@ def initial_soc(
 def soc_along(
     record: Record, capacity_ah: float, first: int, soc: float
 ) -> Float[np.ndarray, "samples"]:
-    """SOC at every sample by ampere-hours from `soc` at sample `first` (Li et al., 2023, Eq. 20)."""
+    """SOC by ampere-hours, from `soc` at the sample `first` (Li et al., 2023, Eq. 20)."""
     discharged_ah = record.discharged_ah
     return soc - (discharged_ah - discharged_ah[first]) / capacity_ah
 

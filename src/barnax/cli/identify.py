@@ -21,6 +21,7 @@ from .session import (
 if TYPE_CHECKING:
     from ..cell import CellModel
     from ..evaluate import Evaluation
+    from ..records import Record
     from ..refinement import CrossCheck
 
 
@@ -186,7 +187,10 @@ def identify(
     )
     ranges = read_bounds(bounds) if bounds is not None else {}
     with session.stage("Reading records"):
-        read = lambda path, sign: read_record(path, current_sign=sign, current_hold=current_hold)
+
+        def read(path: Path, sign: str) -> "Record":
+            return read_record(path, current_sign=sign, current_hold=current_hold)
+
         tests = [read(path, ocv_current_sign) for path in ocv]
         dynamic = read(record, current_sign)
         others = [read(path, validate_current_sign) for path in validate]

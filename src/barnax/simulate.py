@@ -16,6 +16,8 @@ from jaxtyping import Array, Float, Int, Scalar
 UNROLL = 4
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
+# Smaller offsets are rounding of the stored time, not jitter of the clock.
+_CLOCK_S = 1e-10
 
 
 class Impedance(eqx.Module):
@@ -53,8 +55,7 @@ class Intervals(eqx.Module):
         totals = np.bincount(node, weights=interval_s, minlength=len(groups))
         node_s = totals / np.bincount(node, minlength=len(groups))
         offset_s = interval_s - node_s[node]
-        # What the clock's floating-point numbers cannot hold is no jitter.
-        resolution_s = 2 * np.spacing(np.max(np.abs(time_s)))
+        resolution_s = max(_CLOCK_S, 2 * np.spacing(np.max(np.abs(time_s))))
         return cls(
             node_s=jnp.asarray(node_s),
             node=jnp.asarray(node, jnp.int32),

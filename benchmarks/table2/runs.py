@@ -43,10 +43,16 @@ def optimizer_of_table(name: str) -> AbstractPopulationMinimiser:
 def run_table(optimizer_name: str, function_name: str, key: jax.Array, runs: int = RUNS) -> Runs:
     """`runs` independent searches; the key of each is folded from `key` by name and number."""
     place = OPTIMIZERS.index(optimizer_name) * len(FUNCTIONS) + list(FUNCTIONS).index(function_name)
-    keys = jr.split(jr.fold_in(key, place), runs)
-    histories, evaluations = _searches(
-        optimizer_of_table(optimizer_name), make_problem(function_name), keys
+    return run_optimizer(
+        optimizer_of_table(optimizer_name), function_name, jr.fold_in(key, place), runs
     )
+
+
+def run_optimizer(
+    optimizer: AbstractPopulationMinimiser, function_name: str, key: jax.Array, runs: int
+) -> Runs:
+    """`runs` independent searches of an optimizer in one compiled call."""
+    histories, evaluations = _searches(optimizer, make_problem(function_name), jr.split(key, runs))
     return Runs(np.asarray(histories), int(evaluations[0]))
 
 

@@ -1,0 +1,1 @@
+"""What is left of the optimizers away from the origin."""

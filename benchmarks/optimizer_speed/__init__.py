@@ -1,0 +1,1 @@
+"""Time per evaluation against other libraries' implementations of the same algorithms."""

@@ -1,0 +1,38 @@
+"""Times mealpy on the sphere; run by the Python of an environment that has it. Prints JSON."""
+
+import json
+import time
+
+import numpy as np
+from mealpy import BMO, GWO, PSO, SFO, WOA, FloatVar
+from sizes import DIMS, HALF_WIDTH, ITERATIONS, POPULATION
+
+# One run of each suffices for a time: runs follow one another there.
+MODELS = {
+    "bmo": BMO.OriginalBMO,
+    "pso": PSO.OriginalPSO,
+    "woa": WOA.OriginalWOA,
+    "gwo": GWO.OriginalGWO,
+    "igwo": GWO.IGWO,
+    "sfo": SFO.OriginalSFO,
+}
+
+
+def time_of(model) -> dict:
+    """Seconds and evaluations of one run, and where it ended."""
+    calls = 0
+
+    def sphere(x):
+        nonlocal calls
+        calls += 1
+        return float(np.dot(x, x))
+
+    bounds = FloatVar(lb=[-HALF_WIDTH] * DIMS, ub=[HALF_WIDTH] * DIMS)
+    problem = {"obj_func": sphere, "bounds": bounds, "minmax": "min", "log_to": None}
+    begin = time.perf_counter()
+    best = model(epoch=ITERATIONS, pop_size=POPULATION).solve(problem, seed=1)
+    seconds = time.perf_counter() - begin
+    return {"seconds": seconds, "evaluations": calls, "final": [best.target.fitness]}
+
+
+print(json.dumps({name: time_of(model) for name, model in MODELS.items()}))

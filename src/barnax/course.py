@@ -72,7 +72,7 @@ class Course:
             held_a=jnp.asarray(np.append(held_a, 0.0)),
             source_v=jnp.asarray(self.source_v),
             measured_v=jnp.asarray(self.voltage_v),
-            weight=jnp.asarray(self.scored, float),
+            weight=None if np.all(self.scored) else jnp.asarray(self.scored, float),
             intervals=Intervals.measure(self.time_s, shortest_tau_s),
         )
 

@@ -29,14 +29,15 @@ class Objective(eqx.Module):
 def rmse(point: Float[Array, "free"], objective: Objective) -> Scalar:
     """Root mean square error of terminal voltage, in V (Li et al., 2023, Eq. 22)."""
     squares = squared_error(objective.coordinates.decode(point), objective.drive)
-    return jnp.sqrt(squares / jnp.sum(objective.drive.weight))
+    return jnp.sqrt(squares / objective.drive.scored)
 
 
 def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array, "samples"]:
     """Measured minus simulated voltage, scaled so that the sum of squares is the RMSE squared."""
     drive = objective.drive
     error_v = drive.base_error_v + overpotential(objective.coordinates.decode(point), drive)
-    return drive.weight * error_v / jnp.sqrt(jnp.sum(drive.weight))
+    counted_v = error_v if drive.weight is None else drive.weight * error_v
+    return counted_v / jnp.sqrt(drive.scored)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
-# Measured: 4 is fastest or near it on two CPU cores for 30 to 900 candidates; 16 is slower.
-UNROLL = 4
+# Measured: 4 to 6 is fastest or near it on two CPU cores for 30 to 900 candidates; 8 can be 3 times slower.
+UNROLL = 5
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
 # Smaller offsets are rounding of the stored time, not jitter of the clock.
@@ -70,20 +70,25 @@ class Drive(eqx.Module):
 
     `held_a` is the current that flows from a sample to the next, by the record's hold; the last
     entry leads nowhere. `source_v` is the open-circuit voltage with the model's hysteresis term.
-    `weight` is 1 at scored samples, else 0. Discharge current is positive.
+    `weight` is 1 at scored samples, else 0, and None where all are. Discharge current is positive.
     """
 
     current_a: Float[Array, "samples"]
     held_a: Float[Array, "samples"]
     source_v: Float[Array, "samples"]
     measured_v: Float[Array, "samples"]
-    weight: Float[Array, "samples"]
+    weight: Float[Array, "samples"] | None
     intervals: Intervals
 
     @property
     def base_error_v(self) -> Float[Array, "samples"]:
         """Measured minus source voltage: the error of a circuit without any impedance."""
         return self.measured_v - self.source_v
+
+    @property
+    def scored(self) -> Scalar | int:
+        """How many samples are scored."""
+        return len(self.source_v) if self.weight is None else jnp.sum(self.weight)
 
 
 def overpotential(impedance: Impedance, drive: Drive) -> Float[Array, "samples"]:
@@ -148,7 +153,8 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
             pair.advance(state, held_a, node, offset_s)
             for pair, state in zip(pairs, states, strict=True)
         )
-        return (states, total + weight * error_v * error_v), None
+        square = error_v * error_v
+        return (states, total + (square if weight is None else weight * square)), None
 
     zero = jnp.zeros_like(impedance.r0)
     samples = (

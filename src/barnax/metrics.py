@@ -42,8 +42,8 @@ def measure(measured_v: Voltage, simulated_v: Voltage) -> Metrics:
     squares = float(np.sum(error_v**2))
     return Metrics(
         rmse_v=float(np.sqrt(squares / error_v.size)),
-        r2=_determination(squares, measured_v, np.mean(measured_v)),
-        r2_paper=_determination(squares, measured_v, np.mean(simulated_v)),
+        r2=_determination(squares, measured_v, _mean(measured_v)),
+        r2_paper=_determination(squares, measured_v, _mean(simulated_v)),
         mape_percent=float(100 * np.mean(np.abs(error_v / measured_v))),
         ce_v=float(np.sum(np.abs(error_v))),
         max_v=float(np.max(np.abs(error_v))),
@@ -51,7 +51,12 @@ def measure(measured_v: Voltage, simulated_v: Voltage) -> Metrics:
     )
 
 
-def _determination(squares: float, measured_v: Voltage, center_v: np.floating) -> float:
+def _mean(voltage_v: Voltage) -> float:
+    # Taken from the first sample on, so that the mean of equal voltages is exactly theirs.
+    return float(voltage_v[0] + np.mean(voltage_v - voltage_v[0]))
+
+
+def _determination(squares: float, measured_v: Voltage, center_v: float) -> float:
     spread = float(np.sum((measured_v - center_v) ** 2))
     if spread == 0:
         # A flat record explains nothing: perfect only if it is met exactly.

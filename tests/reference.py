@@ -1,0 +1,64 @@
+"""What tests compare against: records with known currents, and the circuit in plain NumPy."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from barnax.records.record import Decision, Hold, Record
+
+ROWS_BEFORE = 2
+
+
+def make_record(
+    time_s,
+    current_a,
+    voltage_v=None,
+    *,
+    step=None,
+    hold: Hold = "forward",
+    name: str = "made.csv",
+) -> Record:
+    """A record of these samples; discharge current is positive, the first one is row 2."""
+    time_s = np.asarray(time_s, float)
+    return Record(
+        name=name,
+        time_s=time_s,
+        current_a=np.broadcast_to(np.asarray(current_a, float), time_s.shape),
+        voltage_v=np.broadcast_to(
+            np.asarray(3.7 if voltage_v is None else voltage_v, float), time_s.shape
+        ),
+        temperature_degc=None,
+        step=None if step is None else np.asarray(step, int),
+        row=np.arange(len(time_s)) + ROWS_BEFORE,
+        sign=Decision("discharge-positive", "given", "made so"),
+        hold=Decision(hold, "given", "made so"),
+        sha256="",
+    )
+
+
+def looped_response(time_s, current_a, tau, hold: Hold = "forward"):
+    """Voltage over an RC pair of 1 ohm, one plain step a sample; `tau` may be complex."""
+    state = np.zeros_like(tau * 1.0)
+    states = [state]
+    for sample in range(len(time_s) - 1):
+        share = -np.expm1(-(time_s[sample + 1] - time_s[sample]) / tau)
+        flowing_a = current_a[sample if hold == "forward" else sample + 1]
+        state = state + share * (flowing_a - state)
+        states.append(state)
+    return np.array(states)
+
+
+def filtered_response(interval_s, current_a, tau, hold: Hold = "forward"):
+    """The same for even intervals, as the digital filter of a zero-order hold."""
+    share = -np.expm1(-interval_s / tau)
+    feedback = [1.0, -np.exp(-interval_s / tau)]
+    if hold == "forward":
+        return lfilter([0.0, share], feedback, current_a)
+    # The current of the first sample flowed before the record.
+    return lfilter([share], feedback, np.append(0.0, current_a[1:]))
+
+
+def drop_v(response, time_s, current_a, circuit, hold: Hold = "forward"):
+    """Ohmic and polarization drop of `circuit` = (r0, (r1, ...), (tau1, ...)), in V."""
+    r0, resistances, taus = circuit
+    pairs = zip(resistances, taus, strict=True)
+    return r0 * current_a + sum(r * response(time_s, current_a, tau, hold) for r, tau in pairs)

@@ -1,0 +1,198 @@
+"""The simulation against a digital filter, a plain loop and closed forms, in float64."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barnax.simulate import (
+    Drive,
+    Impedance,
+    Intervals,
+    overpotential,
+    squared_error,
+    terminal_voltage,
+    unit_response,
+)
+from reference import drop_v, filtered_response, looped_response
+
+CIRCUIT = (0.05, (0.01, 0.02), (3.0, 80.0))
+SHORTEST_TAU_S = 0.5
+SAMPLES = 400
+RNG = np.random.default_rng(1)
+CURRENT_A = np.repeat(RNG.choice([0.0, 4.0, 1.0, -2.0], SAMPLES // 8), 8)
+SOURCE_V = 3.7 + 0.1 * np.sin(np.arange(SAMPLES) / 40)
+MEASURED_V = SOURCE_V - 0.05 * CURRENT_A + RNG.normal(0, 1e-3, SAMPLES)
+WEIGHT = (np.arange(SAMPLES) % 3 > 0) * 1.0
+
+terminal_voltage_jit = eqx.filter_jit(terminal_voltage)
+squared_error_jit = eqx.filter_jit(squared_error)
+responses_jit = eqx.filter_jit(jax.vmap(unit_response, in_axes=(0, None, None)))
+
+
+def measured_clock(samples: int, seed: int = 2) -> np.ndarray:
+    """A tester's clock: two alternating intervals with jitter, gaps, and bursts."""
+    rng = np.random.default_rng(seed)
+    interval_s = np.where(np.arange(samples - 1) % 2, 1.0, 1.0155)
+    interval_s = interval_s + rng.normal(0, 2e-5, samples - 1)
+    interval_s[rng.random(samples - 1) < 0.1] = 10.0
+    interval_s[50:54], interval_s[200], interval_s[300] = 0.002, 3600.0, 61.7
+    return 12345.678 + np.concatenate([[0.0], np.cumsum(interval_s)])
+
+
+CLOCKS = {
+    "even": np.arange(SAMPLES) * 1.0,
+    "tenths": 7.3 + np.arange(SAMPLES) * 0.1,
+    "measured": measured_clock(SAMPLES),
+}
+
+
+@pytest.fixture(autouse=True)
+def _float64():
+    with jax.enable_x64(True):
+        yield
+
+
+def drive_of(time_s, hold="forward", current_a=CURRENT_A, shortest_tau_s=SHORTEST_TAU_S) -> Drive:
+    held_a = current_a[:-1] if hold == "forward" else current_a[1:]
+    samples = len(time_s)
+    return Drive(
+        current_a=jnp.asarray(current_a),
+        held_a=jnp.asarray(np.append(held_a, 0.0)),
+        source_v=jnp.asarray(SOURCE_V[:samples]),
+        measured_v=jnp.asarray(MEASURED_V[:samples]),
+        weight=jnp.asarray(WEIGHT[:samples]),
+        intervals=Intervals.measure(time_s, shortest_tau_s),
+    )
+
+
+def impedance_of(circuit) -> Impedance:
+    return jax.tree.map(jnp.asarray, Impedance(*circuit))
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+@pytest.mark.parametrize("interval_s", [0.1, 1.0, 60.0])
+def test_even_sampling_agrees_with_the_digital_filter_of_a_zero_order_hold(interval_s, hold):
+    time_s = np.arange(SAMPLES) * interval_s
+    simulated_v = terminal_voltage_jit(impedance_of(CIRCUIT), drive_of(time_s, hold))
+    expected_v = SOURCE_V - drop_v(filtered_response, interval_s, CURRENT_A, CIRCUIT, hold)
+    np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_any_clock_agrees_with_a_plain_loop(clock, hold):
+    time_s = CLOCKS[clock]
+    simulated_v = terminal_voltage_jit(impedance_of(CIRCUIT), drive_of(time_s, hold))
+    expected_v = SOURCE_V - drop_v(looped_response, time_s, CURRENT_A, CIRCUIT, hold)
+    np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
+
+
+@pytest.mark.parametrize("clock", ["even", "measured"])
+def test_the_shortest_time_constant_is_exact(clock):
+    circuit = (0.05, (0.01, 0.02), (SHORTEST_TAU_S, 1e5))
+    simulated_v = terminal_voltage_jit(impedance_of(circuit), drive_of(CLOCKS[clock]))
+    expected_v = SOURCE_V - drop_v(looped_response, CLOCKS[clock], CURRENT_A, circuit)
+    np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    interval_s=st.lists(
+        st.one_of(st.sampled_from([1.0, 1.0155]), st.floats(1e-3, 100.0)), min_size=39, max_size=39
+    ),
+    fractions=st.lists(st.floats(0, 1), min_size=4, max_size=4),
+)
+def test_any_time_constants_on_any_intervals_agree_with_a_plain_loop(interval_s, fractions):
+    time_s = np.concatenate([[0.0], np.cumsum(interval_s)])
+    taus = SHORTEST_TAU_S * (1e5 / SHORTEST_TAU_S) ** np.array(fractions)
+    drive = drive_of(time_s, current_a=CURRENT_A[:40])
+    responses = responses_jit(jnp.asarray(taus), drive.held_a, drive.intervals)
+    expected = looped_response(time_s, CURRENT_A, taus).T
+    # Responses reach 4 A; a hundredth of an ohm on 3 V makes this 1e-14 of the terminal voltage.
+    np.testing.assert_allclose(responses, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_a_pulse_rises_and_relaxes_as_an_exponential(clock):
+    time_s, pulse_a, end = CLOCKS[clock], 3.0, 200
+    current_a = np.where(np.arange(SAMPLES) < end, pulse_a, 0.0)
+    (response,) = responses_jit(
+        jnp.array([20.0]),
+        *(lambda d: (d.held_a, d.intervals))(drive_of(time_s, "forward", current_a)),
+    )
+    elapsed_s = time_s - time_s[0]
+    rising = pulse_a * -np.expm1(-np.minimum(elapsed_s, elapsed_s[end]) / 20)
+    relaxing = np.exp(-np.maximum(elapsed_s - elapsed_s[end], 0) / 20)
+    np.testing.assert_allclose(response, rising * relaxing, atol=1e-12)
+
+
+def test_the_ohmic_drop_follows_the_samples_own_current():
+    circuit = (0.05, (1e-12, 1e-12), (3.0, 80.0))
+    for hold in ("forward", "backward"):
+        drop = SOURCE_V - terminal_voltage_jit(
+            impedance_of(circuit), drive_of(CLOCKS["even"], hold)
+        )
+        np.testing.assert_allclose(drop, 0.05 * CURRENT_A, atol=1e-10)
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_the_squared_error_is_that_of_the_scored_voltages(clock):
+    impedance, drive = impedance_of(CIRCUIT), drive_of(CLOCKS[clock])
+    simulated_v = np.asarray(terminal_voltage_jit(impedance, drive))
+    expected = np.sum((MEASURED_V - simulated_v)[WEIGHT > 0] ** 2)
+    np.testing.assert_allclose(squared_error_jit(impedance, drive), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("clock", ["even", "measured"])
+def test_a_population_gives_what_each_candidate_gives_alone(clock):
+    drive = drive_of(CLOCKS[clock])
+    factors = jnp.array([0.5, 1.0, 3.0])
+    population = jax.tree.map(lambda leaf: leaf * factors, impedance_of(CIRCUIT))
+    together = eqx.filter_jit(jax.vmap(squared_error, in_axes=(0, None)))(population, drive)
+    alone = [
+        squared_error_jit(jax.tree.map(lambda leaf, k=k: leaf[k], population), drive)
+        for k in range(3)
+    ]
+    np.testing.assert_allclose(together, np.array(alone), rtol=1e-13)
+
+
+@pytest.mark.parametrize("clock", ["even", "measured"])
+def test_derivatives_are_exact(clock):
+    # A complex step through the plain loop has no truncation error.
+    time_s, step = CLOCKS[clock], 1e-40
+    jacobian = eqx.filter_jit(jax.jacfwd(overpotential))(impedance_of(CIRCUIT), drive_of(time_s))
+    np.testing.assert_allclose(jacobian.r0, CURRENT_A, rtol=1e-12)
+    for pair, (r, tau) in enumerate(zip(*CIRCUIT[1:], strict=True)):
+        response = looped_response(time_s, CURRENT_A, tau)
+        slope = looped_response(time_s, CURRENT_A, complex(tau, step)).imag / step
+        np.testing.assert_allclose(jacobian.r[pair], response, atol=1e-11)
+        np.testing.assert_allclose(jacobian.tau[pair], r * slope, atol=1e-12)
+
+
+def test_an_even_clock_needs_one_exponential():
+    intervals = Intervals.measure(CLOCKS["tenths"], SHORTEST_TAU_S)
+    assert intervals.is_even
+    assert not intervals.has_offsets
+
+
+def test_a_measured_clock_needs_few_exponentials():
+    # 399 intervals that all differ fall into a handful of nodes.
+    intervals = Intervals.measure(CLOCKS["measured"], SHORTEST_TAU_S)
+    assert len(np.unique(np.diff(CLOCKS["measured"]))) > 300
+    assert len(intervals.node_s) < 20
+
+
+def test_nodes_and_offsets_are_the_measured_intervals():
+    intervals = Intervals.measure(CLOCKS["measured"], SHORTEST_TAU_S)
+    rebuilt_s = intervals.node_s[intervals.node] + intervals.offset_s
+    np.testing.assert_allclose(rebuilt_s[:-1], np.diff(CLOCKS["measured"]), rtol=1e-15, atol=1e-15)
+
+
+def test_single_precision_stays_single():
+    with jax.enable_x64(False):
+        simulated_v = terminal_voltage_jit(impedance_of(CIRCUIT), drive_of(CLOCKS["even"]))
+    assert simulated_v.dtype == np.float32

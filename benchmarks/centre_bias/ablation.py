@@ -19,7 +19,7 @@ def variants() -> dict[str, BarnacleMating]:
     whole = ibmo_centered(POPULATION, EVALUATIONS // POPULATION - 1)
     changes = {
         "uniform start instead of tent": {"tent_start": False},
-        "with the cosine factor": {"cosine_factor": True},
+        "without the cosine factor": {"cosine_factor": False},
         "Levy step of scale 1": {"cast_step": "levy", "cast_scale": 1.0},
         "Levy step of scale 0.7": {"cast_step": "levy", "cast_scale": 0.7},
         "one normal step an offspring": {"cast_per_dimension": False},
@@ -31,7 +31,8 @@ def variants() -> dict[str, BarnacleMating]:
         "factor of mean 0 and spread 1": {"factor_mean": 0.0, "factor_spread": 1.0},
         "one factor vector a generation": {"shared_factor": True},
         "no mating": {"pl": -1},
-        "pl 4": {"pl": 4},
+        "pl 2": {"pl": 2},
+        "pl 7": {"pl": 7},
         "pl 12": {"pl": 12},
         "cast scale 1.2": {"cast_scale": 1.2},
         "cast scale 1.6": {"cast_scale": 1.6},
@@ -39,6 +40,7 @@ def variants() -> dict[str, BarnacleMating]:
     start = BarnacleMating(
         POPULATION,
         whole.iterations,
+        pl=7,
         tent_start=True,
         shared_factor=False,
         cast_step="levy",

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import ValidationError, field_validator
 
-from .cell import CellModel, CircuitParameters
+from .cell import CellModel, CircuitParameters, get_circuit
 from .errors import InputError
 from .evaluate import Evaluation
 from .metrics import Metrics
@@ -17,111 +17,32 @@ from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .problem import Problem
 from .records import Record
 from .refinement import CrossCheck
+from .result_parts import (
+    DecisionPart,
+    InputPart,
+    MetricsBlock,
+    MetricsPart,
+    OptimumPart,
+    Parameters,
+    Part,
+    RefinedPart,
+    SearchPart,
+    SeedPart,
+)
 from .window import Window
 
 SCHEMA_VERSION = 1
 VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
 LARGEST_FILE = 200_000_000
-
-Volts = Annotated[float, Field(ge=0)]
-Parameters = dict[str, float]
-
-
-class Part(BaseModel):
-    """A part of the file: immutable, nothing unknown, nothing infinite."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True
-    )
-
-
-class SeedPart(Part):
-    """One seed of the search, before refinement."""
-
-    rmse_v: Volts = Field(alias="rmse [V]")
-    parameters: Parameters
-    evaluations: int
-    failures: int
-    history_v: list[float] = Field(alias="history [V]")
-
-
-class SearchPart(Part):
-    """The search as it was set up, and what each seed found."""
-
-    method: str
-    settings: dict[str, Any]
-    coordinates: Literal["rc", "log"]
-    objective: Literal["scan"]
-    population: int
-    iterations: int
-    key: int
-    evaluations: int
-    seeds: list[SeedPart] = Field(min_length=1)
-
-
-class OptimumPart(Part):
-    """A distinct place where refined seeds ended."""
-
-    rmse_v: Volts = Field(alias="rmse [V]")
-    parameters: Parameters
-    seeds: int
-    is_family: bool
-
-
-class RefinedPart(Part):
-    """The Levenberg-Marquardt cross-check; `moved` is each seed's largest relative change."""
-
-    rmse_v: Volts = Field(alias="rmse [V]")
-    at_bound: list[str]
-    optima: list[OptimumPart] = Field(min_length=1)
-    moved: list[float]
-    verdict: str
-
-
-class MetricsPart(Part):
-    """Errors on one record over its scored samples."""
-
-    record: str
-    rmse_v: Volts = Field(alias="rmse [V]")
-    r2: float
-    r2_paper: float
-    mape_percent: float = Field(alias="mape [%]")
-    ce_v: Volts = Field(alias="ce [V]")
-    max_v: Volts = Field(alias="max [V]")
-    samples: int
-
-
-class MetricsBlock(Part):
-    """Errors of the refined parameters."""
-
-    identification: MetricsPart
-    validation: list[MetricsPart]
-
-
-class DecisionPart(Part):
-    """What was decided about a file, and why."""
-
-    value: str
-    strength: Literal["given", "strong", "weak", "assumed"]
-    reason: str
-
-
-class InputPart(Part):
-    """One file that was read."""
-
-    role: Literal["identification", "validation", "ocv"]
-    name: str
-    sha256: str
-    sign: DecisionPart
-    hold: DecisionPart
+REMEDY = "give the result.json that barnax identify wrote"
 
 
 class Result(Part):
     """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    >>> Result.from_json("missing.json")
+    >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    barnax.errors.InputError: missing.json: cannot be read (No such file or directory)
+    barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
     schema_version: Literal[1] = SCHEMA_VERSION
@@ -133,13 +54,18 @@ class Result(Part):
     cell: dict[str, Any]
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
-    window: dict[str, Any]
+    window: Window
     initial_soc: float
     initial_soc_reason: str
     inputs: list[InputPart]
     warnings: list[str]
     command: list[str]
     versions: dict[str, str]
+
+    @field_validator("model")
+    @classmethod
+    def _name_a_known_circuit(cls, name: str) -> str:
+        return get_circuit(name).name
 
     @field_validator("parameters")
     @classmethod
@@ -153,10 +79,6 @@ class Result(Part):
     @property
     def cell_model(self) -> CellModel:
         return CellModel.from_dict(self.cell)
-
-    @property
-    def window_options(self) -> Window:
-        return Window.from_dict(self.window)
 
     def to_dict(self) -> dict[str, Any]:
         """The file's content as plain Python values, units in the keys."""
@@ -175,18 +97,18 @@ class Result(Part):
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as problem:
             reason = getattr(problem, "strerror", None) or problem
-            raise InputError(f"{path}: cannot be read ({reason})") from problem
+            raise InputError(f"{path}: cannot be read ({reason}); {REMEDY}") from problem
         try:
             result = cls.model_validate_json(text)
-            result.cell_model, result.window_options  # noqa: B018 - read here to be validated
+            CellModel.from_dict(result.cell)
         except ValidationError as problem:
             first = problem.errors()[0]
             place = ".".join(str(step) for step in first["loc"]) or "the file"
             raise InputError(
-                f"{path}: is not a barnax result: {place}: {first['msg']}"
+                f"{path}: is not a barnax result: {place}: {first['msg']}; {REMEDY}"
             ) from problem
-        except (InputError, TypeError) as problem:
-            raise InputError(f"{path}: is not a barnax result: {problem}") from problem
+        except InputError as problem:
+            raise InputError(f"{path}: is not a barnax result: {problem}; {REMEDY}") from problem
         return result
 
 
@@ -252,7 +174,7 @@ def make_result(
         cell=problem.cell.to_dict(),
         bounds=dict(problem.bounds.ranges),
         fixed=dict(problem.bounds.fixed),
-        window=problem.window.to_dict(),
+        window=problem.window,
         initial_soc=problem.course.initial_soc,
         initial_soc_reason=problem.course.initial_soc_reason,
         inputs=[_input_part(role, record) for role, record in records],

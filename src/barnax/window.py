@@ -1,7 +1,6 @@
 """Which part of a record is simulated, and at which of its samples errors count."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -55,14 +54,6 @@ class Window:
             raise InputError(
                 f"--score-to {self.score_to_s} s must come after --score-from {self.score_from_s} s"
             )
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "Window":
-        steps = fields.get("score_steps")
-        return cls(**{**fields, "score_steps": None if steps is None else tuple(steps)})
 
 
 def first_sample(record: Record, window: Window) -> int:

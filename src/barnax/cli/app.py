@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from .. import __version__
 from ..errors import InputError
@@ -51,7 +52,7 @@ def main() -> None:
         app()
     except InputError as problem:
         Console(stderr=True, highlight=False, soft_wrap=True).print(
-            "[bold red]error:[/bold red]", str(problem).replace("[", r"\["), markup=True
+            "[bold red]error:[/bold red]", escape(str(problem))
         )
         sys.exit(BAD_INPUT)
     except KeyboardInterrupt:

@@ -4,11 +4,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from ..bundled import bundled_file
 from ..errors import InputError
 from . import options
-from .options import INPUT, SEARCH, parse_steps
+from .options import INPUT, SEARCH, parse_steps, require_choice
 from .output import DEFAULT_FOLDER, png_bytes, require_free, write_folder
 from .session import (
     Session,
@@ -29,18 +30,24 @@ def identify(
     record: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[RECORD]",
+            metavar="RECORD",
             help="Dynamic record to identify on; without it, the bundled cell runs.",
             show_default=False,
         ),
     ] = None,
     ocv: Annotated[
         list[Path] | None,
-        typer.Option(help="OCV test, pulse-rest or slow sweep; repeatable.", rich_help_panel=INPUT),
+        typer.Option(
+            metavar="FILE",
+            help="OCV test, pulse-rest or slow sweep; repeatable.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     validate: Annotated[
         list[Path] | None,
-        typer.Option(help="Record to validate on; repeatable.", rich_help_panel=INPUT),
+        typer.Option(
+            metavar="FILE", help="Record to validate on; repeatable.", rich_help_panel=INPUT
+        ),
     ] = None,
     capacity: Annotated[
         float | None,
@@ -67,7 +74,7 @@ def identify(
         ),
     ] = "ibmo",
     coordinates: Annotated[
-        str,
+        options.Scale,
         typer.Option(
             metavar="rc|log",
             help="Search raw R and C, as the paper does, or logarithms of R and tau.",
@@ -109,33 +116,38 @@ def identify(
         ),
     ] = None,
     ocv_fit: Annotated[
-        str,
+        options.OcvFit,
         typer.Option(
-            metavar="polynomial|interpolated",
-            help="OCV curves: degree-7 polynomials or PCHIP through the points.",
+            metavar="FIT",
+            help="OCV curves: polynomial (degree 7) or interpolated (PCHIP through the points).",
             rich_help_panel=INPUT,
         ),
     ] = "polynomial",
     hysteresis_fit: Annotated[
-        str,
+        options.HysteresisFit,
         typer.Option(
-            metavar="continuous|independent",
-            help="Hysteresis segments that meet at the knots, or nine free parameters.",
+            metavar="FIT",
+            help="Hysteresis segments: continuous (they meet at the knots) or independent (nine "
+            "free parameters).",
             rich_help_panel=INPUT,
         ),
     ] = "continuous",
     current_sign: options.CurrentSign = "auto",
     ocv_current_sign: Annotated[
-        str,
-        typer.Option(metavar="...", help="The same for the OCV tests.", rich_help_panel=INPUT),
+        options.Sign,
+        typer.Option(
+            metavar="SIGN", help="Sign of current in the OCV tests.", rich_help_panel=INPUT
+        ),
     ] = "auto",
     validate_current_sign: Annotated[
-        str,
-        typer.Option(metavar="...", help="The same for validation records.", rich_help_panel=INPUT),
+        options.Sign,
+        typer.Option(
+            metavar="SIGN", help="Sign of current in the validation records.", rich_help_panel=INPUT
+        ),
     ] = "auto",
     current_hold: options.CurrentHold = "auto",
     rest_current: options.RestCurrent = None,
-    initial_direction: options.InitialDirection = 1,
+    initial_direction: options.InitialDirection = None,
     start_time: options.StartTime = None,
     start_after_step: options.StartAfterStep = None,
     initial_soc: options.InitialSoc = None,
@@ -162,11 +174,11 @@ def identify(
         import jax
 
         from ..bounds import parse_fixed, read_bounds
-        from ..cell import characterize
+        from ..cell import CIRCUITS, characterize
+        from ..course import make_course
         from ..evaluate import evaluate_course
-        from ..evaluate import validate as validate_on
         from ..identification import identify as search
-        from ..optimizers import make_optimizer
+        from ..optimizers import OPTIMIZERS, make_optimizer
         from ..problem import make_problem
         from ..records import read_record
         from ..refinement import refine
@@ -174,6 +186,8 @@ def identify(
         from ..result import all_warnings, make_result
         from ..window import Window
 
+    require_choice("--model", model, CIRCUITS)
+    require_choice("--method", method, OPTIMIZERS)
     optimizer = make_optimizer(method, population, iterations)
     window = Window(
         start_time_s=start_time,
@@ -183,12 +197,12 @@ def identify(
         score_from_s=score_from,
         score_to_s=score_to,
         rest_current_a=rest_current,
-        initial_direction=initial_direction,
+        initial_direction=1 if initial_direction is None else initial_direction,
     )
     ranges = read_bounds(bounds) if bounds is not None else {}
     with session.stage("Reading records"):
 
-        def read(path: Path, sign: str) -> "Record":
+        def read(path: Path, sign: options.Sign) -> "Record":
             return read_record(path, current_sign=sign, current_hold=current_hold)
 
         tests = [read(path, ocv_current_sign) for path in ocv]
@@ -208,15 +222,15 @@ def identify(
             coordinates=coordinates,
             source=str(bounds.name) if bounds is not None else "--fix",
         )
+        # A validation record that does not fit the window is refused before the search, not after.
+        courses = [make_course(other, cell, model, window) for other in others]
     with session.bar("Searching", seeds) as advance:
         found = search(problem, optimizer, key=jax.random.key(key), seeds=seeds, progress=advance)
     with session.bar("Cross-checking", seeds) as advance:
         checked = refine(found, progress=advance)
     with session.stage("Validating"):
         identified = evaluate_course(problem.course, checked.parameters)
-        validated = [
-            validate_on(other, cell, model, checked.parameters, window) for other in others
-        ]
+        validated = [evaluate_course(course, checked.parameters) for course in courses]
     result = make_result(checked, identified, validated, ocv=tests, command=command_line())
     if folder is not None:
         with session.stage("Drawing figures"):
@@ -229,7 +243,7 @@ def identify(
         return
     session.show(identification_report(checked, [identified, *validated]))
     session.warn(all_warnings(problem, validated, tests))
-    session.show([f"Results are in [bold]{folder}[/bold]."])
+    session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
 
 
 def _files(

@@ -1,7 +1,8 @@
 """Options that several commands share, with their help."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -12,19 +13,27 @@ INPUT = "Reading the files"
 OUTPUT = "Output"
 SEARCH = "Search"
 
+Sign = Literal["auto", "charge-positive", "discharge-positive"]
+Hold = Literal["auto", "forward", "backward"]
+Scale = Literal["rc", "log"]
+OcvFit = Literal["polynomial", "interpolated"]
+HysteresisFit = Literal["continuous", "independent"]
+
 CurrentSign = Annotated[
-    str,
+    Sign,
     typer.Option(
-        metavar="auto|charge-positive|discharge-positive",
-        help="Sign of current in the record; by default decided from the data.",
+        metavar="SIGN",
+        help="Sign of current in the record: charge-positive, discharge-positive, or auto, "
+        "decided from the data.",
         rich_help_panel=INPUT,
     ),
 ]
 CurrentHold = Annotated[
-    str,
+    Hold,
     typer.Option(
-        metavar="auto|forward|backward",
-        help="Whether a sample's current flowed in the interval after or before it.",
+        metavar="HOLD",
+        help="Whether a sample's current flowed in the interval after it (forward) or before it "
+        "(backward), or auto.",
         rich_help_panel=INPUT,
     ),
 ]
@@ -37,10 +46,10 @@ RestCurrent = Annotated[
     ),
 ]
 InitialDirection = Annotated[
-    int,
+    int | None,
     typer.Option(
         metavar="+1|-1",
-        help="Last current before the record: +1 charge, -1 discharge.",
+        help="Last current before the record: +1 charge (the default), -1 discharge.",
         rich_help_panel=WINDOW,
     ),
 ]
@@ -104,6 +113,12 @@ Quiet = Annotated[
     bool,
     typer.Option("--quiet", "-q", help="No tables and no progress.", rich_help_panel=OUTPUT),
 ]
+
+
+def require_choice(option: str, value: str, choices: Iterable[str]) -> None:
+    """Raise `InputError` where an option's value is none of its choices."""
+    if value not in choices:
+        raise InputError(f"{option} {value!r} is not known; there are {', '.join(choices)}")
 
 
 def parse_steps(text: str | None) -> tuple[int, ...] | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import platformdirs
 from rich.console import Console, RenderableType
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 
@@ -58,7 +59,7 @@ class Session:
         """Print warnings to stderr, unless the command is quiet."""
         if not self._is_quiet:
             for text in warnings:
-                self._notes.print("[yellow]warning:[/yellow]", text.replace("[", r"\["))
+                self._notes.print("[yellow]warning:[/yellow]", escape(text), soft_wrap=True)
 
     def timings_json(self) -> bytes:
         """Seconds of every stage so far, as `timings.json`."""
@@ -74,9 +75,25 @@ class Session:
             self._timings[title] = time.perf_counter() - start
 
 
+# Where and how results appear is no part of them.
+APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1}
+
+
 def command_line() -> list[str]:
-    """What was run, folders left out, so that equal runs elsewhere store equal commands."""
-    return ["barnax", *(Path(word).name if os.path.isabs(word) else word for word in sys.argv[1:])]
+    """What was run, without folders and without the options of output: equal runs are equal."""
+    words, kept = sys.argv[1:], ["barnax"]
+    while words:
+        first = words[0]
+        option, equals, value = first.partition("=") if first.startswith("--") else (first, "", "")
+        spent = 1 if equals else APPEARANCE.get(option, 1)
+        if option not in APPEARANCE:
+            kept.append(f"{option}{equals}{_file_name(value)}" if equals else _file_name(option))
+        words = words[spent:]
+    return kept
+
+
+def _file_name(word: str) -> str:
+    return Path(word).name if os.sep in word or "/" in word else word
 
 
 def use_compilation_cache() -> None:

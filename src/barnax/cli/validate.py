@@ -17,7 +17,7 @@ def validate(
     current_sign: options.CurrentSign = "auto",
     current_hold: options.CurrentHold = "auto",
     rest_current: options.RestCurrent = None,
-    initial_direction: options.InitialDirection = 1,
+    initial_direction: options.InitialDirection = None,
     start_time: options.StartTime = None,
     start_after_step: options.StartAfterStep = None,
     initial_soc: options.InitialSoc = None,
@@ -48,9 +48,13 @@ def validate(
         "score_from_s": score_from,
         "score_to_s": score_to,
         "rest_current_a": rest_current,
+        "initial_direction": initial_direction,
     }
     changes = {name: value for name, value in chosen.items() if value is not None}
-    window = replace(stored.window_options, **changes, initial_direction=initial_direction)
+    if start_time is not None or start_after_step is not None:
+        # Either start takes the place of the stored one, whichever that was.
+        changes = {"start_time_s": start_time, "start_after_step": start_after_step} | changes
+    window = replace(stored.window, **changes)
     with session.stage("Reading the record"):
         measured = read_record(record, current_sign=current_sign, current_hold=current_hold)
     with session.stage("Simulating"):

@@ -1,0 +1,110 @@
+"""The parts of `result.json`: what each holds, and under which keys."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Volts = Annotated[float, Field(ge=0)]
+Parameters = dict[str, float]
+
+# Keys with units, by the field's name.
+KEYS = {
+    "rmse_v": "rmse [V]",
+    "history_v": "history [V]",
+    "mape_percent": "mape [%]",
+    "ce_v": "ce [V]",
+    "max_v": "max [V]",
+}
+
+
+class Part(BaseModel):
+    """A part of the file: immutable, nothing unknown, nothing infinite."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        alias_generator=lambda name: KEYS.get(name, name),
+        populate_by_name=True,
+    )
+
+
+class SeedPart(Part):
+    """One seed of the search, before refinement."""
+
+    rmse_v: Volts
+    parameters: Parameters
+    evaluations: int
+    failures: int
+    history_v: list[float]
+
+
+class SearchPart(Part):
+    """The search as it was set up, and what each seed found."""
+
+    method: str
+    settings: dict[str, Any]
+    coordinates: Literal["rc", "log"]
+    objective: Literal["scan"]
+    population: int
+    iterations: int
+    key: int
+    evaluations: int
+    seeds: list[SeedPart] = Field(min_length=1)
+
+
+class OptimumPart(Part):
+    """A distinct place where refined seeds ended."""
+
+    rmse_v: Volts
+    parameters: Parameters
+    seeds: int
+    is_family: bool
+
+
+class RefinedPart(Part):
+    """The Levenberg-Marquardt cross-check; `moved` is each seed's largest relative change."""
+
+    rmse_v: Volts
+    at_bound: list[str]
+    optima: list[OptimumPart] = Field(min_length=1)
+    moved: list[float]
+    verdict: str
+
+
+class MetricsPart(Part):
+    """Errors on one record over its scored samples."""
+
+    record: str
+    rmse_v: Volts
+    r2: float
+    r2_paper: float
+    mape_percent: float
+    ce_v: Volts
+    max_v: Volts
+    samples: int
+
+
+class MetricsBlock(Part):
+    """Errors of the refined parameters."""
+
+    identification: MetricsPart
+    validation: list[MetricsPart]
+
+
+class DecisionPart(Part):
+    """What was decided about a file, and why."""
+
+    value: str
+    strength: Literal["given", "strong", "weak", "assumed"]
+    reason: str
+
+
+class InputPart(Part):
+    """One file that was read."""
+
+    role: Literal["identification", "validation", "ocv"]
+    name: str
+    sha256: str
+    sign: DecisionPart
+    hold: DecisionPart

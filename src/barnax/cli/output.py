@@ -2,7 +2,6 @@
 
 import io
 import os
-import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,60 +18,63 @@ OURS = ("result.json", "timings.json", "figures")
 
 def require_free(folder: Path, is_forced: bool) -> None:
     """Raise `InputError` where results cannot go to `folder`. Called before any work is done."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; give --out another folder")
+    given, folder = folder, folder.resolve()
+    another = "give --out another folder"
+    if folder == Path.cwd() or os.path.ismount(folder):
+        raise InputError(f"{given}: results replace their folder as a whole; give --out one in it")
+    existing = next(place for place in folder.parents if place.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError(f"{given}: {existing} cannot be written to; {another}")
     if not folder.exists():
-        parent = folder.absolute().parent
-        existing = next(place for place in (parent, *parent.parents) if place.exists())
-        if not existing.is_dir() or not os.access(existing, os.W_OK):
-            raise InputError(
-                f"{folder}: {existing} cannot be written to; give --out another folder"
-            )
         return
-    foreign = sorted(entry.name for entry in folder.iterdir() if entry.name not in OURS)
+    if not folder.is_dir():
+        raise InputError(f"{given}: is a file; {another}")
+    try:
+        names = sorted(entry.name for entry in folder.iterdir())
+    except OSError as problem:
+        raise InputError(f"{given}: cannot be listed ({problem.strerror}); {another}") from problem
+    # Without a result beside it, a folder of figures is somebody else's.
+    foreign = [name for name in names if name not in OURS or "result.json" not in names]
     if foreign:
-        raise InputError(
-            f"{folder}: holds {foreign[0]!r}, which barnax did not write; give --out another folder"
-        )
-    if any(folder.iterdir()) and not is_forced:
-        raise InputError(
-            f"{folder}: holds another result; replace it with --force or give --out another folder"
-        )
+        raise InputError(f"{given}: holds {foreign[0]!r}, which barnax did not write; {another}")
+    if names and not is_forced:
+        raise InputError(f"{given}: holds another result; replace it with --force or {another}")
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     """Put all files into `folder`, or leave what was there. Keys are paths below the folder."""
-    folder = folder.absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    folder = folder.resolve()
     try:
-        fresh.chmod(0o755)
-        for name, content in files.items():
-            path = fresh / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-        old = None
-        if folder.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{folder.name}-old-", dir=folder.parent))
-            os.replace(folder, old / folder.name)
-        try:
-            os.replace(fresh, folder)
-        except OSError:
-            if old is not None:
-                os.replace(old / folder.name, folder)
-            raise
-        if old is not None:
-            shutil.rmtree(old)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=f".{folder.name}-", dir=folder.parent, ignore_cleanup_errors=True
+        ) as workshop:
+            fresh, old = Path(workshop, "new"), Path(workshop, "old")
+            for name, content in files.items():
+                path = fresh / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with path.open("wb") as file:
+                    file.write(content)
+                    file.flush()
+                    os.fsync(file.fileno())
+            _put_in_place(fresh, folder, old)
     except OSError as problem:
         raise InputError(
             f"{folder}: results could not be written ({problem.strerror or problem}); "
-            "nothing was changed"
+            "nothing was changed; free the place or give --out another folder"
         ) from problem
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _put_in_place(fresh: Path, folder: Path, old: Path) -> None:
+    """Move `fresh` to `folder`; what was there goes to `old`, and back if anything stops this."""
+    try:
+        if folder.exists():
+            os.replace(folder, old)
+        os.replace(fresh, folder)
+    except BaseException:
+        if old.exists() and not folder.exists():
+            os.replace(old, folder)
+        raise
 
 
 def png_bytes(figure: "Figure") -> bytes:

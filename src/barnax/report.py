@@ -1,8 +1,10 @@
 """Tables and sentences about an identification, for a terminal."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from rich import box
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -11,6 +13,9 @@ from .cell import CellModel, CircuitParameters
 from .evaluate import Evaluation
 from .refinement import CrossCheck
 from .result import describe
+
+# Seven figures and a file's name in 80 columns.
+LAYOUT: dict[str, Any] = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}
 
 
 def identification_report(
@@ -32,12 +37,16 @@ def parameters_table(checked: CrossCheck) -> Table:
     """Refined values, and the spread of the seeds' own answers before refinement."""
     method, _ = describe(checked.found.optimizer)
     seeds = len(checked.found.seeds)
-    table = Table(title=f"Parameters, {checked.found.problem.circuit}")
+    table = Table(
+        title=f"Parameters of {checked.found.problem.circuit}",
+        caption=f"median, lowest, highest: {seeds} seeds of {method}, before refinement",
+        **LAYOUT,
+    )
     table.add_column("parameter")
     table.add_column("unit")
     table.add_column("refined", justify="right", style="bold")
     for head in ("median", "lowest", "highest"):
-        table.add_column(f"{head}\n({method}, {seeds} seeds)", justify="right")
+        table.add_column(head, justify="right")
     answers = [_values(seed.parameters) for seed in checked.found.seeds]
     for name, (unit, value) in _values(checked.parameters).items():
         spread = np.array([answer[name][1] for answer in answers])
@@ -52,12 +61,12 @@ def parameters_table(checked: CrossCheck) -> Table:
 
 def metrics_table(evaluations: Sequence[Evaluation]) -> Table:
     """Errors on every record (Li et al., 2023, Eq. 22 to 26)."""
-    table = Table(title="Errors of the refined parameters")
+    table = Table(title="Errors of the refined parameters", **LAYOUT)
     table.add_column("record", overflow="fold")
     for head in (
         "RMSE\n\\[mV]",
         "R2",
-        "R2 (paper)",
+        "R2\n(paper)",
         "MAPE\n\\[%]",
         "CE\n\\[V]",
         "max\n\\[mV]",
@@ -67,7 +76,7 @@ def metrics_table(evaluations: Sequence[Evaluation]) -> Table:
     for evaluation in evaluations:
         metrics = evaluation.metrics
         table.add_row(
-            evaluation.course.record.name,
+            Text(evaluation.course.record.name),
             f"{1e3 * metrics.rmse_v:.3f}",
             f"{metrics.r2:.5f}",
             f"{metrics.r2_paper:.5f}",

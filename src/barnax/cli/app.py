@@ -55,6 +55,8 @@ def main() -> None:
             "[bold red]error:[/bold red]", escape(str(problem))
         )
         sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        Console(stderr=True).print("interrupted; nothing was written")
-        sys.exit(INTERRUPTED)
+    except SystemExit as end:
+        # Typer turns Ctrl-C into this status, and says nothing.
+        if end.code == INTERRUPTED:
+            Console(stderr=True).print("interrupted; nothing was written")
+        raise

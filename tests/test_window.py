@@ -120,7 +120,7 @@ def test_a_start_under_load_asks_for_the_state_of_charge(bundled_cell):
 
 
 def test_a_rested_voltage_outside_the_curve_asks_for_the_state_of_charge(bundled_cell):
-    with pytest.raises(InputError, match=r"5\.0000 V .* --initial-soc"):
+    with pytest.raises(InputError, match=r"made.csv: row 2: .* 5\.0000 V .* --initial-soc"):
         initial_soc(record_with(voltage_v=5.0), bundled_cell, Window(), 0, 0.02)
 
 

@@ -108,7 +108,10 @@ def initial_soc(
             "not tell the state of charge; give --initial-soc"
         )
     voltage_v = float(record.voltage_v[first])
-    soc = cell.soc_from_rest_voltage(voltage_v, window.initial_direction)
+    try:
+        soc = cell.soc_from_rest_voltage(voltage_v, window.initial_direction)
+    except InputError as problem:
+        raise InputError(f"{record.name}: row {record.row[first]}: {problem}") from problem
     return soc, f"from the rested voltage {voltage_v:.4f} V at row {record.row[first]}"
 
 

@@ -1,0 +1,43 @@
+"""The figure and the tables of the README: `python -m benchmarks.readme`.
+
+Runs `barnax identify` as a user would, on the bundled cell, and keeps what it printed and its
+voltage figure in benchmarks/results/.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from datetime import date
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def main() -> None:
+    """Run the command, print the page and write it."""
+    command = ["barnax", "identify", "--ocv-fit", "interpolated"]
+    with tempfile.TemporaryDirectory() as folder:
+        ran = subprocess.run(
+            [sys.executable, "-m", *command],
+            cwd=folder,
+            env=os.environ | {"COLUMNS": "100"},
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        figure = Path(folder) / "barnax-out" / "figures" / "identification-voltage.png"
+        RESULTS.mkdir(exist_ok=True)
+        shutil.copyfile(figure, RESULTS / "readme.png")
+    page = (
+        "# What the README shows\n\n"
+        f"Printed by `python -m benchmarks.readme` on {date.today()}: the output of "
+        f"`{' '.join(command)}`.\n\n```\n{ran.stdout}```\n"
+    )
+    (RESULTS / "readme.md").write_text(page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""The command line run inside the tests' own process, on the bundled cell and a small budget."""
+
+import contextlib
+import hashlib
+import io
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from barnax.bundled import BUNDLED
+from barnax.cli import main
+
+BUDGET = ("--seeds", "2", "--population", "8", "--iterations", "5", "--score-to", "1500")
+OCV = tuple(word for path in BUNDLED.ocv for word in ("--ocv", path))
+
+
+class Outcome(NamedTuple):
+    """What a command left behind."""
+
+    status: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+def run_command(*words: object) -> Outcome:
+    """`barnax` with these words, its streams caught. What is no exit is raised."""
+    out, err = io.StringIO(), io.StringIO()
+    argv, sys.argv = sys.argv, ["barnax", *map(str, words)]
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            main()
+        status = 0
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+    finally:
+        sys.argv = argv
+    return Outcome(status, out.getvalue(), err.getvalue())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Compiled code goes to a folder of the tests', not to the user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("jax")))
+        patch.setenv("COLUMNS", "80")
+        yield
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs `barnax` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return run_command
+
+
+@pytest.fixture
+def refuse(run: Run, tmp_path: Path) -> Callable[..., str]:
+    """Runs `barnax`, expects it to refuse cleanly, and gives the message."""
+
+    def refused(*words: object) -> str:
+        before = contents(tmp_path)
+        outcome = run(*words)
+        assert outcome.status == 2
+        assert outcome.out == ""
+        assert "Traceback" not in outcome.err
+        assert contents(tmp_path) == before
+        return outcome.err
+
+    return refused
+
+
+class Finished(NamedTuple):
+    """One whole run of `barnax identify` on the bundled cell."""
+
+    outcome: Outcome
+    folder: Path
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    folder = tmp_path_factory.mktemp("finished") / "out"
+    return Finished(run_command("identify", *BUDGET, "--out", folder), folder)
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Every entry below a folder, with the hash of its content."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        if path.is_file()
+        else "folder"
+        for path in folder.rglob("*")
+    }

@@ -1,0 +1,137 @@
+"""Results are written whole or not at all, and never over anything else."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from barnax.cli import identify as command
+from barnax.cli.output import write_folder
+from barnax.errors import InputError
+
+from .conftest import BUDGET, contents
+
+IDENTIFY = ("identify", *BUDGET)
+OLD = {"result.json": b"old", "timings.json": b"old", "figures/ocv.png": b"old"}
+NEW = {"result.json": b"new", "figures/ocv.png": b"new", "figures/more/deep.png": b"new"}
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    folder = tmp_path / "out"
+    write_folder(folder, OLD)
+    return folder
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def test_a_fresh_folder_is_made_with_its_parents(tmp_path):
+    write_folder(tmp_path / "a" / "b", NEW)
+    assert written(tmp_path) == {f"a/b/{name}": content for name, content in NEW.items()}
+
+
+def test_a_new_result_leaves_nothing_of_the_old_one(old):
+    write_folder(old, NEW)
+    assert written(old.parent) == {f"out/{name}": content for name, content in NEW.items()}
+
+
+@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("nth", [0, 1], ids=["old-away", "new-in"])
+def test_a_stop_while_folders_are_moved_leaves_the_old_result(old, monkeypatch, cause, nth):
+    before, replace, calls = contents(old.parent), os.replace, []
+
+    def stopped(source, target):
+        calls.append(target)
+        if len(calls) == nth + 1:
+            raise cause
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", stopped)
+    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
+        write_folder(old, NEW)
+    assert contents(old.parent) == before
+
+
+def test_a_full_disk_while_files_are_written_leaves_the_old_result(old, monkeypatch):
+    before = contents(old.parent)
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=r"No space left on device.*nothing was changed"):
+        write_folder(old, NEW)
+    assert contents(old.parent) == before
+
+
+def test_a_place_that_refuses_a_folder_is_a_message(tmp_path, monkeypatch):
+    def forbidden(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", forbidden)
+    with pytest.raises(InputError, match=r"Permission denied.*give --out another folder"):
+        write_folder(tmp_path / "out", NEW)
+    assert contents(tmp_path) == {}
+
+
+def test_results_go_to_where_a_link_points(tmp_path, old):
+    link = tmp_path / "link"
+    link.symlink_to(old, target_is_directory=True)
+    write_folder(link, NEW)
+    assert link.is_symlink()
+    assert written(old) == NEW
+
+
+def test_another_result_is_refused_and_force_is_named(refuse, old):
+    message = refuse(*IDENTIFY, "--out", old)
+    assert f"{old}: holds another result" in message
+    assert "--force" in message
+
+
+def test_the_default_folder_is_guarded_too(refuse, tmp_path):
+    write_folder(tmp_path / "barnax-out", OLD)
+    assert "barnax-out: holds another result" in refuse(*IDENTIFY)
+
+
+@pytest.mark.parametrize("force", [(), ("--force",)], ids=["", "force"])
+@pytest.mark.parametrize("name", ["thesis.tex", "figures/mine.png"])
+def test_a_folder_of_somebody_elses_is_refused_even_with_force(refuse, tmp_path, name, force):
+    write_folder(tmp_path / "out", {name: b"mine"})
+    message = refuse(*IDENTIFY, "--out", "out", *force)
+    assert f"out: holds {name.split('/')[0]!r}, which barnax did not write" in message
+
+
+def test_a_file_in_the_folders_place_is_refused(refuse, tmp_path):
+    (tmp_path / "out").write_text("mine")
+    assert "out: is a file" in refuse(*IDENTIFY, "--out", "out")
+    assert "cannot be written to" in refuse(*IDENTIFY, "--out", "out/deeper")
+
+
+@pytest.mark.parametrize("name", [".", ""])
+def test_the_working_folder_itself_is_not_replaced(refuse, name):
+    assert "give --out one in it" in refuse(*IDENTIFY, "--out", name, "--force")
+
+
+def test_a_read_only_place_is_refused_before_any_work(refuse, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(command, "_files", None)
+    message = refuse(*IDENTIFY, "--out", "out")
+    assert "cannot be written to; give --out another folder" in message
+
+
+def test_an_interruption_exits_130_and_writes_nothing(run, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "_files", interrupted)
+    outcome = run(*IDENTIFY, "--out", "out")
+    assert outcome.status == 130
+    assert "nothing was written" in outcome.err
+    assert contents(tmp_path) == {}

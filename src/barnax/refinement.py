@@ -74,21 +74,27 @@ class CrossCheck:
 
 
 @in_float64
-def refine(found: Identification, *, progress: Callable[[int], None] | None = None) -> CrossCheck:
+def refine(
+    found: Identification,
+    *,
+    descent: "Descent | None" = None,
+    progress: Callable[[int], None] | None = None,
+) -> CrossCheck:
     """Refine every seed's best circuit by optimistix's Levenberg-Marquardt.
 
     It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
     bounds hold exactly and an optimum at a bound is a stationary point. Every seed is taken to
     `SEED_TOLERANCE` in at most `STEPS` steps, the best then to `FINAL_TOLERANCE` with what is at
-    a bound held there. No answer is made worse. `progress` is called with the number of seeds
-    finished since the last call.
+    a bound held there. No answer is made worse. `descent` may have been compiled beforehand;
+    `progress` is called with the number of seeds finished since the last call.
     """
-    descent = _Descent(found.problem, unit_v=found.best.rmse_v)
+    descent = descent or Descent(found.problem)
+    unit_v = found.best.rmse_v or 1.0
     answers = [answer.parameters for answer in found.seeds]
-    refined = descent(answers, SEED_TOLERANCE, progress=progress)
+    refined = descent(answers, unit_v, SEED_TOLERANCE, progress=progress)
     best = min(refined, key=lambda seed: seed.rmse_v)
     for _ in range(FINAL_ROUNDS):
-        (best,) = descent([best.parameters], FINAL_TOLERANCE, holds_bounds=True)
+        (best,) = descent([best.parameters], unit_v, FINAL_TOLERANCE, holds_bounds=True)
         if best.has_converged:
             break
     optima = distinct_optima(refined, best)
@@ -97,29 +103,33 @@ def refine(found: Identification, *, progress: Callable[[int], None] | None = No
     return CrossCheck(found, tuple(refined), optima, at_bound, verdict)
 
 
-class _Descent:
+class Descent:
     """Levenberg-Marquardt on one problem, compiled once for blocks of `SEEDS_PER_BLOCK` starts.
 
-    Residuals are in units of `unit_v`, so that tolerances are relative to the error itself.
+    Compiling takes seconds and depends on the problem alone, so it can be done beside the search.
     """
 
-    def __init__(self, problem: Problem, unit_v: float):
+    @in_float64
+    def __init__(self, problem: Problem):
         self.problem = problem
         self.objective = problem.objective_in("log")
-        self._unit_v = jnp.asarray(unit_v or 1.0)
         template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
+        scalar = jnp.asarray(1.0)
         self._compiled = _descend.lower(
-            self.objective, template, self._unit_v, jnp.asarray(0.0), jnp.asarray(False)
+            self.objective, template, scalar, scalar, jnp.asarray(False)
         ).compile()
 
+    @in_float64
     def __call__(
         self,
         circuits: Sequence[CircuitParameters],
+        unit_v: float,
         tolerance: float,
         *,
         holds_bounds: bool = False,
         progress: Callable[[int], None] | None = None,
     ) -> list[RefinedSeed]:
+        """Every circuit refined; `tolerance` is relative to errors of `unit_v` volts."""
         encode = self.objective.coordinates.encode
         starts = [encode(impedance_of(circuit)) for circuit in circuits]
         blocks = seed_blocks(len(starts), SEEDS_PER_BLOCK)
@@ -129,7 +139,7 @@ class _Descent:
 
         @in_float64  # the setting belongs to a thread
         def run(points):
-            settings = (self._unit_v, jnp.asarray(tolerance), jnp.asarray(holds_bounds))
+            settings = (jnp.asarray(unit_v), jnp.asarray(tolerance), jnp.asarray(holds_bounds))
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
         ends = run_blocks(run, given, len(starts), progress)

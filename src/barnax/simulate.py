@@ -12,7 +12,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
-# Measured: 4 to 6 is fastest or near it on two CPU cores for 30 to 900 candidates; 8 can be 3 times slower.
+# Measured on two CPU cores for 30 to 900 candidates: 4 to 6 is fastest or near it, 8 can be three
+# times slower.
 UNROLL = 5
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4

@@ -1,5 +1,6 @@
 """`barnax identify`: from a cycler's files to checked circuit parameters."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -181,7 +182,7 @@ def identify(
         from ..optimizers import OPTIMIZERS, make_optimizer
         from ..problem import make_problem
         from ..records import read_record
-        from ..refinement import refine
+        from ..refinement import Descent, refine
         from ..report import identification_report
         from ..result import all_warnings, make_result
         from ..window import Window
@@ -224,20 +225,24 @@ def identify(
         )
         # A validation record that does not fit the window is refused before the search, not after.
         courses = [make_course(other, cell, model, window) for other in others]
-    with session.bar("Searching", seeds) as advance:
-        found = search(problem, optimizer, key=jax.random.key(key), seeds=seeds, progress=advance)
-    with session.bar("Cross-checking", seeds) as advance:
-        checked = refine(found, progress=advance)
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        compiling = beside.submit(Descent, problem)
+        with session.bar("Searching", seeds) as advance:
+            found = search(
+                problem, optimizer, key=jax.random.key(key), seeds=seeds, progress=advance
+            )
+        with session.bar("Cross-checking", seeds) as advance:
+            checked = refine(found, descent=compiling.result(), progress=advance)
     with session.stage("Validating"):
         identified = evaluate_course(problem.course, checked.parameters)
         validated = [evaluate_course(course, checked.parameters) for course in courses]
     result = make_result(checked, identified, validated, ocv=tests, command=command_line())
     if folder is not None:
+        files = {"result.json": result.to_json().encode()}
         with session.stage("Drawing figures"):
-            files = {"result.json": result.to_json().encode()}
             files |= _figures(cell, checked, [identified, *validated])
-            files["timings.json"] = session.timings_json()
-            write_folder(folder, files)
+        files["timings.json"] = session.timings_json()
+        write_folder(folder, files)
     if as_json:
         typer.echo(result.to_json(), nl=False)
         return

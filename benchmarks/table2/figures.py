@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from .runs import OPTIMIZERS
+from .runs import OPTIMIZERS, POPULATION
 from .tournament import Tournament
 
 SHOWN = ("F1", "F4", "F5", "F6", "F7", "F8")
@@ -22,9 +22,8 @@ def convergence_figure(results: Tournament) -> Figure:
         for optimizer, color in zip(OPTIMIZERS, COLORS, strict=True):
             runs = results[function, optimizer]
             median = np.median(runs.histories, axis=0)
-            population = 30
-            per_generation = (runs.evaluations - population) / (len(median) - 1)
-            evaluations = population + per_generation * np.arange(len(median))
+            per_generation = (runs.evaluations - POPULATION) / (len(median) - 1)
+            evaluations = POPULATION + per_generation * np.arange(len(median))
             style = "--" if optimizer == "ibmo" else "-"
             axes.plot(
                 evaluations,

@@ -20,9 +20,9 @@ from barnax.optimizers import (
     make_optimizer,
 )
 from barnax.optimizers.gwo import Leaders, replace_leaders, three_best
-from barnax.optimizers.igwo import _learn
+from barnax.optimizers.igwo import learn_from_neighbors
 from barnax.optimizers.leader import best_of, better_leader
-from barnax.optimizers.sfo import _random_subset
+from barnax.optimizers.sfo import random_subset
 
 losses = st.lists(st.one_of(st.integers(0, 9).map(float), st.just(np.inf)), min_size=5, max_size=12)
 
@@ -96,7 +96,7 @@ def test_neighbors_within_reach_are_chosen_equally_often():
     hunted = wolves + jnp.array([[1.5], [0.1], [0.1], [0.1]])
 
     def chosen(key):
-        return _learn(key, jnp.tile(wolves, (1, 8)), jnp.tile(hunted, (1, 8)))
+        return learn_from_neighbors(key, jnp.tile(wolves, (1, 8)), jnp.tile(hunted, (1, 8)))
 
     keys = jr.split(jr.key(0), 2000)
     learned = np.asarray(jax.vmap(chosen)(keys))
@@ -109,9 +109,9 @@ def test_neighbors_within_reach_are_chosen_equally_often():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.49, -1.0])
-def test_a_random_subset_has_its_share_rounded_down(share):
+def test_arandom_subset_has_its_share_rounded_down(share):
     numbers = jr.uniform(jr.key(0), (21,))
-    assert _random_subset(numbers, jnp.array(share)).sum() == max(0, int(21 * share))
+    assert random_subset(numbers, jnp.array(share)).sum() == max(0, int(21 * share))
 
 
 def test_a_sailfish_takes_the_place_of_a_fitter_sardine():

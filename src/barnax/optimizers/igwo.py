@@ -45,7 +45,7 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
         hunted = hunt(hunt_key, positions, leaders, generation, self.iterations)
         if self.bounded:
             hunted = box.clip(hunted)
-        return jnp.concatenate([hunted, _learn(learn_key, positions, hunted)]), None
+        return jnp.concatenate([hunted, learn_from_neighbors(learn_key, positions, hunted)]), None
 
     def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
         stacked = (self.population, 2)
@@ -61,7 +61,7 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
         )
 
 
-def _learn(
+def learn_from_neighbors(
     key: Key[Array, ""],
     positions: Float[Array, "candidates dims"],
     hunted: Float[Array, "candidates dims"],

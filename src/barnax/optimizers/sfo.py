@@ -60,8 +60,8 @@ class SailfishSearch(AbstractPopulationMinimiser):
         # The paper's A (1 - 2 l eps) with its eps of 0.001 is this at its 500 iterations.
         power = self.attack_power * (1 - generation.astype(dtype) / self.iterations)
         fled = flee_numbers[:, :1] * (elite - sardines.positions + power)
-        is_fleeing = _random_subset(flee_numbers[:, 1], power)[:, None]
-        flees_along = jax.vmap(_random_subset, (0, None))(flee_numbers[:, 2 : 2 + dims], power)
+        is_fleeing = random_subset(flee_numbers[:, 1], power)[:, None]
+        flees_along = jax.vmap(random_subset, (0, None))(flee_numbers[:, 2 : 2 + dims], power)
         flees = (power >= 0.5) | (is_fleeing & flees_along)
         fleeing = jnp.where(flees, fled, sardines.positions)
 
@@ -98,7 +98,7 @@ class SailfishSearch(AbstractPopulationMinimiser):
         )
 
 
-def _random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "items"]:
+def random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "items"]:
     """A random subset of `share` of the items, rounded down: those of the smallest numbers."""
     # Counting the smaller ones is several times faster here than sorting.
     rank = jnp.sum(numbers[None, :] < numbers[:, None], axis=1)

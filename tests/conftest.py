@@ -3,11 +3,17 @@
 import os
 from pathlib import Path
 
+import jax
 import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CellModel, characterize
+from barnax.identification import Identification, identify
+from barnax.optimizers import make_optimizer
+from barnax.problem import Problem, make_problem
 from barnax.records import Record, read_record
+from barnax.refinement import CrossCheck, refine
+from barnax.window import Window
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -31,3 +37,21 @@ def bundled_record() -> Record:
 def bundled_cell() -> CellModel:
     """The bundled cell, by polynomials through its OCV tests."""
     return characterize([read_record(path) for path in BUNDLED.ocv])
+
+
+@pytest.fixture(scope="session")
+def short_problem(bundled_record: Record, bundled_cell: CellModel) -> Problem:
+    """The first 1,500 s of the bundled record; problems of this shape share compiled programs."""
+    return make_problem(bundled_record, bundled_cell, window=Window(score_to_s=1500.5))
+
+
+@pytest.fixture(scope="session")
+def found(short_problem: Problem) -> Identification:
+    """Eight short searches on the short problem."""
+    return identify(short_problem, make_optimizer("ibmo", 12, 40), key=jax.random.key(0), seeds=8)
+
+
+@pytest.fixture(scope="session")
+def checked(found: Identification) -> CrossCheck:
+    """The cross-check of `found`."""
+    return refine(found)

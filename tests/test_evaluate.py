@@ -1,0 +1,67 @@
+import jax
+import numpy as np
+import pytest
+
+from barnax.bundled import BUNDLED
+from barnax.cell import CircuitParameters
+from barnax.course import make_course
+from barnax.errors import InputError
+from barnax.evaluate import evaluate_course, validate
+from barnax.records import read_record
+from barnax.window import Window
+from reference import drop_v, filtered_response
+
+CIRCUIT = CircuitParameters(r0=0.05, r1=0.01, c1=500.0, r2=0.02, c2=4000.0)
+WINDOW = Window(score_from_s=99.5, score_to_s=1500.5)
+
+
+@pytest.fixture(scope="module")
+def evaluation(bundled_cell):
+    return validate(read_record(BUNDLED.validation), bundled_cell, "iso-rc", CIRCUIT, WINDOW)
+
+
+def test_the_simulated_voltage_is_that_of_a_digital_filter(evaluation):
+    course = evaluation.course
+    circuit = (0.05, (0.01, 0.02), (5.0, 80.0))
+    expected_v = course.source_v - drop_v(filtered_response, 1.0, course.current_a, circuit)
+    np.testing.assert_allclose(evaluation.simulated_v, expected_v, rtol=1e-12)
+
+
+def test_errors_are_measured_minus_simulated(evaluation):
+    expected_v = evaluation.course.voltage_v - evaluation.simulated_v
+    np.testing.assert_array_equal(evaluation.error_v, expected_v)
+
+
+def test_metrics_count_scored_samples_only(evaluation):
+    scored_v = evaluation.error_v[evaluation.course.scored]
+    assert evaluation.metrics.samples == len(scored_v) == 1401
+    assert evaluation.metrics.rmse_v == pytest.approx(np.sqrt(np.mean(scored_v**2)), rel=1e-12)
+    assert evaluation.metrics.max_v == np.abs(scored_v).max()
+
+
+def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bundled_cell):
+    fast = CircuitParameters(r0=0.05, r1=0.01, c1=1.0, r2=0.02, c2=4000.0)
+    course = make_course(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
+    circuit = (0.05, (0.01, 0.02), (0.01, 80.0))
+    expected_v = course.source_v - drop_v(filtered_response, 1.0, course.current_a, circuit)
+    np.testing.assert_allclose(evaluate_course(course, fast).simulated_v, expected_v, rtol=1e-12)
+
+
+def test_swapped_pairs_are_the_same_circuit(evaluation):
+    swapped = CircuitParameters(r0=0.05, r1=0.02, c1=4000.0, r2=0.01, c2=500.0)
+    again = evaluate_course(evaluation.course, swapped)
+    np.testing.assert_allclose(again.simulated_v, evaluation.simulated_v, rtol=1e-14)
+
+
+def test_an_evaluation_leaves_the_callers_precision(bundled_record, bundled_cell):
+    course = make_course(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
+    for is_double in (False, True):
+        with jax.enable_x64(is_double):
+            simulated_v = evaluate_course(course, CIRCUIT).simulated_v
+            assert jax.config.jax_enable_x64 is is_double
+        assert simulated_v.dtype == np.float64
+
+
+def test_a_window_that_does_not_fit_the_record_is_refused_by_name(bundled_record, bundled_cell):
+    with pytest.raises(InputError, match=r"identification\.parquet: --start-after-step needs a"):
+        validate(bundled_record, bundled_cell, "iso-rc", CIRCUIT, Window(start_after_step=3))

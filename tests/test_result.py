@@ -1,0 +1,292 @@
+"""`result.json`: the keys the contract lists, exact round trips, and no trust in what is read."""
+
+import copy
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from barnax.bundled import BUNDLED
+from barnax.cell import CellModel
+from barnax.errors import InputError
+from barnax.evaluate import evaluate_course, validate
+from barnax.identification import identify
+from barnax.optimizers import make_optimizer
+from barnax.problem import make_problem
+from barnax.records import Record, read_record
+from barnax.refinement import CrossCheck, refine
+from barnax.result import Result, describe, make_result
+from barnax.window import Window
+
+PARAMETERS = {"R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R2 [Ohm]", "C2 [F]"}
+METRICS = {
+    "record", "rmse [V]", "r2", "r2_paper", "mape [%]", "ce [V]", "max [V]", "samples",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def checked(bundled_record: Record, bundled_cell: CellModel) -> CrossCheck:
+    """A small search with one RC pair held, so that the file shows a fixed value too."""
+    problem = make_problem(
+        bundled_record,
+        bundled_cell,
+        "so-rc",
+        window=Window(score_to_s=900.0),
+        fixed={"tau1 [s]": 10.0},
+        bounds={"R0 [Ohm]": (0.01, 0.1)},
+        coordinates="log",
+    )
+    optimizer = make_optimizer("bmo", 8, 4)
+    return refine(identify(problem, optimizer, key=jax.random.key(3), seeds=2))
+
+
+@pytest.fixture(scope="module")
+def result(checked: CrossCheck) -> Result:
+    problem = checked.found.problem
+    measured = read_record(BUNDLED.validation)
+    parameters = checked.parameters
+    return make_result(
+        checked,
+        evaluate_course(problem.course, parameters),
+        [validate(measured, problem.cell, problem.circuit, parameters, problem.window)],
+        ocv=[read_record(path) for path in BUNDLED.ocv],
+        command=["barnax", "identify"],
+    )
+
+
+@pytest.fixture
+def document(result: Result) -> dict[str, Any]:
+    return json.loads(result.to_json())
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[[Any], Result]:
+    """Writes a document, or bytes as they are, and reads it back."""
+
+    def from_disk(content: Any) -> Result:
+        path = tmp_path / "result.json"
+        path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+        return Result.from_json(path)
+
+    return from_disk
+
+
+def test_the_file_has_the_parts_that_the_contract_lists(document):
+    contract = {
+        "schema_version", "model", "parameters", "search", "refined", "metrics", "cell", "bounds",
+        "window", "inputs", "command", "versions",
+    }  # fmt: skip
+    assert contract <= set(document)
+    assert document["schema_version"] == 1
+    assert set(document["parameters"]) == PARAMETERS
+    search = {
+        "method", "coordinates", "objective", "population", "iterations", "key", "evaluations",
+        "seeds",
+    }  # fmt: skip
+    assert search <= set(document["search"])
+    for seed in document["search"]["seeds"]:
+        assert {"rmse [V]", "parameters"} <= set(seed)
+        assert any(key.startswith("history") for key in seed)
+    assert {"rmse [V]", "at_bound", "optima", "verdict"} <= set(document["refined"])
+    assert set(document["metrics"]) == {"identification", "validation"}
+    for metrics in (document["metrics"]["identification"], *document["metrics"]["validation"]):
+        assert set(metrics) == METRICS
+    for source in document["inputs"]:
+        assert {"name", "sha256", "sign", "hold"} <= set(source)
+        assert source["sign"]["reason"]
+        assert source["hold"]["reason"]
+
+
+def test_the_numbers_are_those_of_the_run(document, checked):
+    found = checked.found
+    assert document["parameters"] == checked.parameters.to_dict()
+    assert document["refined"]["rmse [V]"] == checked.rmse_v
+    assert document["search"]["key"] == 3
+    assert document["search"]["method"] == "bmo"
+    assert document["search"]["evaluations"] == found.evaluations == 2 * (8 + 4 * 8)
+    for stored, seed in zip(document["search"]["seeds"], found.seeds, strict=True):
+        assert stored["rmse [V]"] == seed.rmse_v == stored["history [V]"][-1]
+        assert len(stored["history [V]"]) in (4, 5)
+    assert document["fixed"] == {"tau1 [s]": 10.0}
+    assert document["bounds"]["R0 [Ohm]"] == [0.01, 0.1]
+
+
+def test_the_refined_rmse_is_the_identification_metric(document):
+    metrics = document["metrics"]["identification"]
+    assert metrics["rmse [V]"] == pytest.approx(document["refined"]["rmse [V]"], rel=1e-9)
+    assert metrics["samples"] == 901
+
+
+def test_every_input_is_named_with_the_hash_of_its_bytes(document):
+    stored = {(each["role"], each["name"]): each["sha256"] for each in document["inputs"]}
+    files = [
+        ("identification", BUNDLED.record),
+        ("validation", BUNDLED.validation),
+        *(("ocv", path) for path in BUNDLED.ocv),
+    ]
+    assert stored == {
+        (role, path.name): hashlib.sha256(path.read_bytes()).hexdigest() for role, path in files
+    }
+
+
+def test_the_parameters_load_as_a_pybamm_mapping(result):
+    values = dict(result.parameters)
+    assert set(values) == PARAMETERS
+    assert values["R1 [Ohm]"] * values["C1 [F]"] == pytest.approx(10.0)
+
+
+def test_a_round_trip_through_a_file_is_equal_in_value_and_bytes(result, tmp_path):
+    path = tmp_path / "result.json"
+    path.write_text(result.to_json(), encoding="utf-8")
+    back = Result.from_json(path)
+    assert back == result
+    assert back.to_json() == result.to_json()
+
+
+def test_to_dict_holds_plain_values_equal_to_the_file(result):
+    def is_plain(value: Any) -> bool:
+        if isinstance(value, dict):
+            return all(type(key) is str and is_plain(each) for key, each in value.items())
+        if isinstance(value, list):
+            return all(map(is_plain, value))
+        return value is None or type(value) in (bool, int, float, str)
+
+    assert is_plain(result.to_dict())
+    assert result.to_dict() == json.loads(result.to_json())
+
+
+def test_the_same_run_twice_gives_the_same_bytes(result, checked):
+    problem = checked.found.problem
+    again = refine(identify(problem, checked.found.optimizer, key=jax.random.key(3), seeds=2))
+    parameters = again.parameters
+    repeated = make_result(
+        again,
+        evaluate_course(problem.course, parameters),
+        [
+            validate(
+                read_record(BUNDLED.validation),
+                problem.cell,
+                problem.circuit,
+                parameters,
+                problem.window,
+            )
+        ],
+        ocv=[read_record(path) for path in BUNDLED.ocv],
+        command=["barnax", "identify"],
+    )
+    assert repeated.to_json() == result.to_json()
+
+
+def test_the_stored_cell_gives_the_curves_back(result, bundled_cell):
+    soc = np.linspace(-0.1, 1.1, 101)
+    stored = result.cell_model
+    assert stored.capacity_ah == bundled_cell.capacity_ah
+    np.testing.assert_array_equal(stored.charge(soc), bundled_cell.charge(soc))
+    np.testing.assert_array_equal(stored.discharge(soc), bundled_cell.discharge(soc))
+
+
+def test_a_result_cannot_be_changed(result):
+    with pytest.raises(ValidationError, match="frozen"):
+        result.model = "iso-rc"
+
+
+def test_an_optimizer_with_other_settings_goes_by_its_class():
+    registered = make_optimizer("ibmo", 8, 4)
+    assert describe(registered)[0] == "ibmo"
+    name, settings = describe(replace(registered, pl=3))
+    assert name == type(registered).__name__
+    assert settings["pl"] == 3
+
+
+def put(place: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    """Sets the value at a place such as `search/key`; `...` deletes it."""
+
+    def change(document: dict[str, Any]) -> None:
+        *path, last = place.split("/")
+        for step in path:
+            document = document[int(step)] if isinstance(document, list) else document[step]
+        if value is ...:
+            del document[last]
+        else:
+            document[last] = value
+
+    return change
+
+
+TAMPERED = [
+    ("surprise", 1),
+    ("search/surprise", 1),
+    ("parameters", ...),
+    ("refined/verdict", ...),
+    ("parameters/R0 [Ohm]", ...),
+    ("parameters/R0 [Ohm]", -0.1),
+    ("parameters/R0 [Ohm]", math.nan),
+    ("parameters/R0 [Ohm]", "low"),
+    ("refined/rmse [V]", math.inf),
+    ("refined/rmse [V]", -1.0),
+    ("metrics/validation", None),
+    ("search/seeds", []),
+    ("search/seeds/0/history [V]", [math.nan]),
+    ("search/coordinates", "polar"),
+    ("schema_version", 99),
+    ("model", "so-rc-2"),
+    ("inputs/0/role", "spy"),
+    ("inputs/0/sign/strength", "felt"),
+    ("bounds", {"R0 [Ohm]": [1.0]}),
+    ("window/initial_soc", 3.0),
+    ("window/start_time_s", "noon"),
+    ("window/surprise", 1),
+    ("window/score_steps", [1.5]),
+    ("cell", {}),
+    ("cell/capacity [A.h]", 0),
+    ("cell/capacity [A.h]", "two"),
+    ("cell/charge", None),
+    ("cell/charge points", [{}]),
+    ("cell/hysteresis", {"kind": "circular"}),
+]
+
+
+@pytest.mark.parametrize(("place", "value"), TAMPERED, ids=lambda value: repr(value)[:40])
+def test_a_tampered_part_is_refused_under_the_files_name(document, read, place, value):
+    changed = copy.deepcopy(document)
+    put(place, value)(changed)
+    with pytest.raises(InputError, match="is not a barnax result") as caught:
+        read(changed)
+    assert "result.json: " in str(caught.value)
+    assert "give the result.json that barnax identify wrote" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"not json",
+        b"null",
+        b"[]",
+        b"{}",
+        b'{"schema_version": 1',
+        b"[" * 100_000,
+        b'{"cell": ' * 100_000,
+        b"\x89PNG\r\n\x1a\n\xff\xfe",
+        b"\x00" * 64,
+        "{}".encode("utf-16"),
+    ],
+    ids=lambda content: repr(content[:12]),
+)
+def test_content_that_is_no_result_is_refused_under_the_files_name(read, content):
+    with pytest.raises(InputError, match=r"result.json: (is not a barnax|cannot be read)"):
+        read(content)
+
+
+@pytest.mark.parametrize("place", ["absent.json", "."])
+def test_what_is_no_file_is_refused(tmp_path, place):
+    with pytest.raises(InputError, match="cannot be read"):
+        Result.from_json(tmp_path / place)

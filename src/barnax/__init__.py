@@ -58,7 +58,31 @@ _HOME = {
 }
 _MODULES = {"plots"}
 
-__all__ = ["__version__", *sorted(_HOME), *sorted(_MODULES)]
+__all__ = [
+    "OPTIMIZERS",
+    "CellModel",
+    "CircuitParameters",
+    "CrossCheck",
+    "Evaluation",
+    "Identification",
+    "InputError",
+    "Problem",
+    "Record",
+    "Result",
+    "Window",
+    "__version__",
+    "bundled_file",
+    "characterize",
+    "evaluate_course",
+    "identify",
+    "make_optimizer",
+    "make_problem",
+    "make_result",
+    "plots",
+    "read_record",
+    "refine",
+    "validate",
+]
 
 
 def __getattr__(name: str) -> Any:

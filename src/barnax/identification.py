@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -21,6 +21,7 @@ from .precision import in_float64
 from .problem import Objective, Problem, rmse
 
 Given = TypeVar("Given")
+Outcome = TypeVar("Outcome")
 
 # Seeds run in blocks of one fixed shape, so a seed's bits do not depend on how many run beside it.
 SEEDS_PER_BLOCK = 8
@@ -75,7 +76,7 @@ def identify(
     block_keys = [
         jax.vmap(lambda seed: jr.fold_in(key, seed))(jnp.asarray(block)) for block in blocks
     ]
-    search = _search.lower(optimizer, problem.objective, block_keys[0]).compile()
+    search = compile_for(_search, optimizer, problem.objective, block_keys[0])
 
     @in_float64  # the setting belongs to a thread
     def run(keys):
@@ -98,7 +99,6 @@ def identify(
     return Identification(problem, optimizer, key_integer(key), tuple(answers))
 
 
-@eqx.filter_jit
 def _search(
     optimizer: AbstractPopulationMinimiser, objective: Objective, keys: Key[Array, "seeds"]
 ):
@@ -119,6 +119,12 @@ def _search(
         return solution.value, stats["history"], stats["evaluations"], stats["failures"]
 
     return jax.vmap(one)(keys)
+
+
+def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[..., Outcome]:
+    """The function, compiled for arguments of these shapes and settings."""
+    jitted: Any = eqx.filter_jit(function)
+    return jitted.lower(*arguments).compile()
 
 
 def seed_blocks(seeds: int, size: int) -> list[list[int]]:

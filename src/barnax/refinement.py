@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
@@ -13,7 +13,13 @@ from jaxtyping import Array, Bool, Float, Scalar
 
 from .cell import CircuitParameters
 from .coordinates import Coordinates
-from .identification import SEEDS_PER_BLOCK, Identification, run_blocks, seed_blocks
+from .identification import (
+    SEEDS_PER_BLOCK,
+    Identification,
+    compile_for,
+    run_blocks,
+    seed_blocks,
+)
 from .precision import in_float64
 from .problem import Objective, Problem, impedance_of, residuals
 
@@ -115,9 +121,9 @@ class Descent:
         self.objective = problem.objective_in("log")
         template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
         scalar = jnp.asarray(1.0)
-        self._compiled = _descend.lower(
-            self.objective, template, scalar, scalar, jnp.asarray(False)
-        ).compile()
+        self._compiled = compile_for(
+            _descend, self.objective, template, scalar, scalar, jnp.asarray(False)
+        )
 
     @in_float64
     def __call__(
@@ -153,7 +159,6 @@ class Descent:
         ]
 
 
-@eqx.filter_jit
 def _descend(
     objective: Objective,
     points: Float[Array, "seeds free"],
@@ -166,8 +171,9 @@ def _descend(
     width = box.upper - box.lower
     # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
     # runtime (jaxlib 0.10.2).
+    to_tolerance: Any = tolerance  # an array where a float is declared: one program serves both
     solver = optx.LevenbergMarquardt(
-        rtol=tolerance, atol=tolerance, linear_solver=lx.Normal(lx.Cholesky())
+        rtol=to_tolerance, atol=to_tolerance, linear_solver=lx.Normal(lx.Cholesky())
     )
 
     def place(angle, start):

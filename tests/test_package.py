@@ -1,0 +1,174 @@
+"""The package as a user meets it: a light import, true metadata, a README that runs."""
+
+import ast
+import importlib.metadata
+import json
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+import barnax
+from barnax.bundled import BUNDLED_NAMES
+from barnax.cli import app
+
+REPOSITORY = Path(__file__).parents[1]
+SOURCE = REPOSITORY / "src"
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+HEAVY = {"jax", "jaxlib", "matplotlib", "polars", "scipy", "equinox", "optimistix"}
+BLOCKS = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+# The README's searches, as small as they can be and still run.
+SMALLER = {"seeds=30": "seeds=2", "iterations=500": "iterations=5", "(0), 30)": "(0), 2)"}
+
+
+def python(*words: str) -> str:
+    """What a fresh interpreter prints; its failure is the test's."""
+    done = subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, check=True, timeout=120
+    )
+    return done.stdout
+
+
+def loaded_by(code: str) -> set[str]:
+    """The top-level modules that are loaded after some code ran."""
+    report = "import json, sys; print(json.dumps([name.split('.')[0] for name in sys.modules]))"
+    return set(json.loads(python("-c", f"{code}\n{report}").splitlines()[-1]))
+
+
+def distribution(name: str) -> str:
+    """The name of a requirement, in its normal form."""
+    return re.split(r"[\s<>=!~;\[]", name)[0].replace("_", "-").lower()
+
+
+def test_importing_barnax_loads_nothing_heavy():
+    assert not loaded_by("import barnax, barnax.cli; barnax.__version__; dir(barnax)") & HEAVY
+
+
+@pytest.mark.parametrize("words", [[], ["identify"], ["validate"]], ids=str)
+def test_help_answers_without_jax(words):
+    code = (
+        f"import sys; sys.argv = ['barnax', *{words}, '--help']\n"
+        "from barnax.cli import main\n"
+        "try: main()\n"
+        "except SystemExit as end: assert not end.code, end.code"
+    )
+    assert not loaded_by(code) & HEAVY
+
+
+def test_python_m_barnax_shows_both_commands():
+    text = python("-m", "barnax", "--help")
+    assert "Usage: " in text
+    assert re.search(r"identify +Identify the circuit", text)
+    assert re.search(r"validate +Simulate an identified circuit", text)
+
+
+def test_the_version_is_one_everywhere():
+    assert python("-m", "barnax", "--version") == f"barnax {barnax.__version__}\n"
+    assert PROJECT["version"] == barnax.__version__ == importlib.metadata.version("barnax")
+
+
+def test_the_console_command_is_the_cli():
+    (command,) = importlib.metadata.entry_points(group="console_scripts", name="barnax")
+    assert command.value == PROJECT["scripts"]["barnax"] == "barnax.cli:main"
+
+
+def test_all_names_resolve_to_the_same_kinds_in_any_order():
+    code = """
+import importlib, json, random, sys
+import barnax
+names, kinds = list(barnax.__all__), []
+for order in range(6):
+    # JAX stays loaded, so that each order costs barnax's own import only.
+    for module in [name for name in sys.modules if name.split(".")[0] == "barnax"]:
+        del sys.modules[module]
+    barnax = importlib.import_module("barnax")
+    shuffled = random.Random(order).sample(names, len(names))
+    for name in shuffled:
+        getattr(barnax, name)
+    kinds.append({name: type(getattr(barnax, name)).__name__ for name in names})
+print(json.dumps(kinds))
+"""
+    first, *others = json.loads(python("-c", code))
+    assert all(kinds == first for kinds in others)
+    assert set(first) == set(barnax.__all__) == set(dir(barnax))
+    for name in ("identify", "refine", "validate", "characterize", "make_problem", "read_record"):
+        assert first[name] in ("function", "_JitWrapper")
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'barnacle_goose'"):
+        _ = barnax.barnacle_goose
+
+
+def test_importing_everything_changes_no_jax_setting_and_starts_no_device():
+    code = """
+import jax
+before = dict(jax.config.values)
+import barnax
+for name in barnax.__all__:
+    getattr(barnax, name)
+changed = {name for name, value in jax.config.values.items() if before.get(name) != value}
+from jax._src import xla_bridge
+print(changed, xla_bridge.backends_are_initialized())
+"""
+    assert python("-c", code) == "set() False\n"
+
+
+def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
+    providers = importlib.metadata.packages_distributions()
+    imported = set()
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add((node.module or "").split(".")[0])
+    foreign = imported - sys.stdlib_module_names - {"barnax"}
+    needed = {distribution(providers[name][0]) for name in foreign}
+    declared = {distribution(requirement) for requirement in PROJECT["dependencies"]}
+    assert needed == declared
+
+
+def test_a_wheel_carries_the_bundled_cell_the_type_marker_and_the_licence(tmp_path):
+    pytest.importorskip("hatchling", reason="a wheel is built without isolation: needs hatchling")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
+        cwd=REPOSITORY,
+        check=True,
+        capture_output=True,
+        timeout=120,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert {f"barnax/data/virtual_cell/{name}.parquet" for name in BUNDLED_NAMES} <= names
+    assert {"barnax/py.typed", "barnax/cli/app.py"} <= names
+    assert any(name.endswith("licenses/LICENSE") for name in names)
+    assert not any(name.startswith(("tests", "benchmarks")) for name in names)
+
+
+def test_the_readme_names_only_options_that_exist():
+    blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL))
+    commands = re.findall(r"^barnax (\w+) ((?:.*\\\n)*.*)$", blocks, re.MULTILINE)
+    assert {name for name, _ in commands} == {"identify", "validate"}
+    for name, words in commands:
+        known = get_command(app).commands[name].params
+        options = {option for parameter in known for option in parameter.opts}
+        assert set(re.findall(r"(?<!\S)--[a-z-]+", words)) <= options
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.splitlines()[0])
+def test_a_python_block_of_the_readme_runs(block, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for spoken, small in SMALLER.items():
+        block = block.replace(spoken, small)
+    exec(compile(block, "README.md", "exec"), {"__name__": "readme"})
+
+
+def test_the_readme_shows_the_python_interface():
+    assert any("barnax.identify(" in block and "barnax.refine(" in block for block in BLOCKS)

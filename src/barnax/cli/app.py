@@ -10,6 +10,7 @@ from rich.markup import escape
 from .. import __version__
 from ..errors import InputError
 from .identify import identify
+from .optimizers import optimizers
 from .validate import validate
 
 BAD_INPUT = 2
@@ -25,6 +26,7 @@ app = typer.Typer(
 )
 app.command()(identify)
 app.command()(validate)
+app.command()(optimizers)
 
 
 def _print_version(is_asked: bool) -> None:

@@ -1,0 +1,67 @@
+"""How many seeds of each optimizer find the optimum: `python -m benchmarks.seeds`.
+
+On the bundled cell, iso-rc with interpolated OCV, in both coordinates, before refinement, against
+the best refined answer of all. Writes benchmarks/results/seeds.md.
+"""
+
+from datetime import date
+from pathlib import Path
+
+import jax
+import numpy as np
+
+import barnax
+from barnax.coordinates import SCALES
+
+RESULTS = Path(__file__).parent / "results" / "seeds.md"
+KEY, SEEDS, POPULATION, EVALUATIONS = 1, 32, 30, 15_000
+REACHED = 1e-3
+
+
+def main() -> None:
+    """Measure, print the page and write it."""
+    tests = [
+        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
+    ]
+    cell = barnax.characterize(tests, ocv_fit="interpolated")
+    record = barnax.read_record(barnax.bundled_file("identification"))
+    searched, refined = {}, []
+    for scale in SCALES:
+        problem = barnax.make_problem(record, cell, "iso-rc", coordinates=scale)
+        for name in barnax.OPTIMIZERS:
+            cost = barnax.optimizers.evaluations_per_iteration(
+                barnax.make_optimizer(name, POPULATION, 1)
+            )
+            iterations = (EVALUATIONS - POPULATION) // cost
+            optimizer = barnax.make_optimizer(name, POPULATION, iterations)
+            found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
+            searched[scale, name] = np.array([seed.rmse_v for seed in found.seeds])
+            if name == "ibmo-centered":
+                refined.append(barnax.refine(found).rmse_v)
+    best_v = min(refined)
+    lines = [
+        "# How many seeds find the optimum",
+        "",
+        f"Printed by `python -m benchmarks.seeds`, {date.today()}. Bundled cell, iso-rc, interpolated "
+        f"OCV, key {KEY}, {SEEDS} seeds of at most {EVALUATIONS} evaluations each, before refinement. "
+        f"The best refined RMSE is {1e3 * best_v:.4f} mV; a seed counts as there within "
+        f"{100 * REACHED:.1g} %.",
+        "",
+        "| coordinates | optimizer | seeds there | best excess [%] | median excess [%] | worst excess [%] |",
+        "|---|---|---|---|---|---|",
+    ]
+    for (scale, name), errors_v in searched.items():
+        excess = errors_v / best_v - 1
+        figures = [
+            f"{100 * value:.3g}" for value in (excess.min(), np.median(excess), excess.max())
+        ]
+        there = f"{np.count_nonzero(excess < REACHED)} of {SEEDS}"
+        lines.append(f"| {' | '.join([scale, name, there, *figures])} |")
+    page = "\n".join([*lines, ""])
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main()

@@ -13,26 +13,26 @@ from benchmarks.table2.runs import run_optimizer
 from barnax.optimizers import OPTIMIZERS
 
 from .environments import REQUIREMENTS, run_worker
-from .sizes import ITERATIONS, POPULATION, RUNS
+from .sizes import ITERATIONS, POPULATION, REPEATS, RUNS
 
 RESULTS = Path(__file__).parents[1] / "results"
 KEY = 2023
 
 
 def time_ours() -> dict[str, dict]:
-    """Seconds of the first call, compilation included, and of a second, and what was found."""
+    """Seconds of the first call, compilation included, and of the fastest later one."""
     found = {}
     with jax.enable_x64(True):
         for name, make in OPTIMIZERS.items():
             optimizer = make(population=POPULATION, iterations=ITERATIONS)
             seconds = []
-            for _ in range(2):
+            for _ in range(1 + REPEATS):
                 begin = time.perf_counter()
                 runs = run_optimizer(optimizer, "F1", jax.random.key(KEY), RUNS)
                 seconds.append(time.perf_counter() - begin)
             found[name] = {
                 "first_seconds": seconds[0],
-                "seconds": seconds[1],
+                "seconds": min(seconds[1:]),
                 "evaluations": RUNS * runs.evaluations,
                 "final": runs.final,
             }
@@ -46,7 +46,7 @@ def rows_of(ours: dict[str, dict], theirs: dict[str, dict[str, dict]]) -> list[d
         row = {
             "optimizer": name,
             "first_call_s": run["first_seconds"],
-            "second_call_s": run["seconds"],
+            "later_call_s": run["seconds"],
             "ours_us": 1e6 * run["seconds"] / run["evaluations"],
             "ours_median": float(np.median(run["final"])),
         }
@@ -66,21 +66,21 @@ def markdown_page(rows: list[dict], facts: dict[str, str]) -> str:
         "# Time per evaluation",
         "",
         f"The sphere function in 30 dimensions, population {POPULATION}, {ITERATIONS} iterations, "
-        f"float64. Ours and evosax: {RUNS} runs in one compiled call, the second call, so without "
-        "compilation (the first call is beside it); mealpy: one run, since there runs follow one "
-        "another. A ratio above 1 says ours is faster. Each library runs in an environment that "
-        "this command makes.",
+        f"float64. Ours and evosax: {RUNS} runs in one compiled call, without compilation (the "
+        "first call, which includes it, is beside it); mealpy: one run, since there runs follow "
+        f"one another. The fastest of {REPEATS} each, for the machine is shared. A ratio above 1 "
+        "says ours is faster. Each library runs in an environment that this command makes.",
         "",
         as_markdown(facts),
         f"- against: {', '.join(REQUIREMENTS.values())}",
         "",
-        "| optimizer | first call [s] | second [s] | ours [us] | mealpy [us] | ratio "
+        "| optimizer | first call [s] | later [s] | ours [us] | mealpy [us] | ratio "
         "| evosax [us] | ratio | median loss: ours | mealpy | evosax |",
         "|---" * 11 + "|",
     ]
     columns = [
         ("first_call_s", ".2f"),
-        ("second_call_s", ".2f"),
+        ("later_call_s", ".2f"),
         ("ours_us", ".2f"),
         ("mealpy_us", ".1f"),
         ("mealpy_ratio", ".0f"),

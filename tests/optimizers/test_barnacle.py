@@ -8,7 +8,8 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from barnax.optimizers import BarnacleMating, bmo, ibmo, ibmo_centered, ibmo_printed
+from barnax.optimizers import BarnacleMating, Swarm, bmo, ibmo, ibmo_centered, ibmo_printed
+from barnax.optimizers.barnacle import Brood
 
 WIDTH = 8.0
 
@@ -82,3 +83,43 @@ def test_reevaluating_the_parents_doubles_the_cost():
     assert once.stats["evaluations"] == 8 + 5 * 8
     assert twice.stats["evaluations"] == 8 + 5 * 16
     np.testing.assert_allclose(once.stats["history"], twice.stats["history"], rtol=1e-5)
+
+
+def survivors(solver, generation):
+    """What lives on when mothers 2, 0, 1, 3 (by rank) have offspring of losses 0, 9, 1, 9."""
+    names = jnp.arange(4.0)[:, None]
+    parents = Swarm(names, jnp.array([2.0, 4.0, 6.0, 8.0]))
+    brood = Brood(jnp.array([2, 0, 1, 3]), jnp.array(generation))
+    offspring = Swarm(10 + names, jnp.array([0.0, 9.0, 1.0, 9.0]), brood)
+    return solver.survive(parents, offspring)
+
+
+def test_early_an_offspring_competes_with_its_mother_alone_and_later_with_everyone():
+    solver = BarnacleMating(population=4, iterations=10, brood_share=0.5)
+    early, late = survivors(solver, 5), survivors(solver, 6)
+    np.testing.assert_array_equal(early.losses, [0, 1, 2, 8])
+    np.testing.assert_array_equal(early.positions[:, 0], [10, 12, 0, 3])
+    np.testing.assert_array_equal(late.losses, [0, 1, 2, 4])
+    np.testing.assert_array_equal(late.positions[:, 0], [10, 12, 0, 1])
+
+
+@pytest.mark.parametrize("center", ["centroid", "elite"])
+@pytest.mark.parametrize("mothers", ["one", "all"])
+def test_a_population_in_one_point_casts_nowhere_else(center, mothers):
+    solver = BarnacleMating(population=6, cast_center=center, cast_mothers=mothers, pl=-1)
+    swarm = Swarm(jnp.full((6, 2), 7.0), jnp.zeros(6))
+    cast, _ = solver.propose(jr.key(0), swarm, jnp.array(1), None)
+    np.testing.assert_allclose(cast, 7.0, rtol=1e-6)
+
+
+def test_the_elite_center_lies_in_the_better_half_and_nearest_to_the_best():
+    solver = BarnacleMating(population=6, cast_center="elite", cast_scale=0.0, pl=-1)
+    swarm = Swarm(jnp.array([[0.0], [1.0], [2.0], [50.0], [60.0], [70.0]]), jnp.arange(6.0))
+    cast, _ = solver.propose(jr.key(0), swarm, jnp.array(1), None)
+    weights = np.log(3.5) - np.log([1, 2, 3])
+    np.testing.assert_allclose(cast, weights @ [0, 1, 2] / weights.sum(), rtol=1e-5)
+
+
+def test_broods_with_parents_evaluated_again_are_refused():
+    with pytest.raises(ValueError, match="brood_share of zero"):
+        BarnacleMating(reevaluate_parents=True, brood_share=0.5)

@@ -83,19 +83,23 @@ def identify(
         ),
     ] = "rc",
     seeds: Annotated[
-        int, typer.Option(min=1, help="Independent runs.", rich_help_panel=SEARCH)
+        int,
+        typer.Option(min=1, metavar="N", help="Independent runs.", rich_help_panel=SEARCH),
     ] = 30,
     population: Annotated[
-        int, typer.Option(min=4, help="Candidates a generation.", rich_help_panel=SEARCH)
+        int,
+        typer.Option(min=4, metavar="N", help="Candidates a generation.", rich_help_panel=SEARCH),
     ] = 30,
     iterations: Annotated[
-        int, typer.Option(min=1, help="Generations.", rich_help_panel=SEARCH)
+        int,
+        typer.Option(min=1, metavar="N", help="Generations.", rich_help_panel=SEARCH),
     ] = 500,
     key: Annotated[
         int,
         typer.Option(
             min=0,
             max=2**32 - 1,
+            metavar="N",
             help="The number all randomness comes from.",
             rich_help_panel=SEARCH,
         ),

@@ -49,7 +49,7 @@ InitialDirection = Annotated[
     int | None,
     typer.Option(
         metavar="+1|-1",
-        help="Last current before the record: +1 charge (the default), -1 discharge.",
+        help="Last current before the record: +1 charge (assumed), -1 discharge.",
         rich_help_panel=WINDOW,
     ),
 ]

@@ -24,7 +24,10 @@ def validate(
     score_steps: options.ScoreSteps = None,
     score_from: options.ScoreFrom = None,
     score_to: options.ScoreTo = None,
-    as_json: options.Json = False,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print the errors as JSON.", rich_help_panel=options.OUTPUT),
+    ] = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Simulate an identified circuit on another record and print its errors.

@@ -69,7 +69,8 @@ def identify(
         str,
         typer.Option(
             metavar="NAME",
-            help="Optimizer: ibmo, ibmo-printed, ibmo-centered, bmo or another registered one.",
+            help="Optimizer: ibmo, ibmo-printed, ibmo-centered, bmo or another one of "
+            "[bold]barnax optimizers[/bold].",
             autocompletion=complete_methods,
             rich_help_panel=SEARCH,
         ),

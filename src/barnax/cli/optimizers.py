@@ -7,8 +7,9 @@ from rich.table import Table
 def optimizers() -> None:
     """List the optimizers that --method takes."""
     from ..optimizers import summarize_optimizers
+    from ..report import LAYOUT
 
-    table = Table(title="Optimizers, with a population of 30")
+    table = Table(title="Optimizers, with a population of 30", **LAYOUT)
     table.add_column("name", no_wrap=True)
     table.add_column("evaluations\nan iteration", justify="right")
     table.add_column("what it is")

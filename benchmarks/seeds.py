@@ -42,12 +42,12 @@ def main() -> None:
     lines = [
         "# How many seeds find the optimum",
         "",
-        f"Printed by `python -m benchmarks.seeds`, {date.today()}. Bundled cell, iso-rc, interpolated "
-        f"OCV, key {KEY}, {SEEDS} seeds of at most {EVALUATIONS} evaluations each, before refinement. "
-        f"The best refined RMSE is {1e3 * best_v:.4f} mV; a seed counts as there within "
-        f"{100 * REACHED:.1g} %.",
+        f"Printed by `python -m benchmarks.seeds`, {date.today()}. Bundled cell, iso-rc, "
+        f"interpolated OCV, key {KEY}, {SEEDS} seeds of at most {EVALUATIONS} evaluations each, "
+        f"before refinement. The best refined RMSE is {1e3 * best_v:.4f} mV; a seed counts as "
+        f"there within {100 * REACHED:.1g} %. Excess is over the best refined RMSE.",
         "",
-        "| coordinates | optimizer | seeds there | best excess [%] | median excess [%] | worst excess [%] |",
+        "| coordinates | optimizer | seeds there | best [%] | median [%] | worst [%] |",
         "|---|---|---|---|---|---|",
     ]
     for (scale, name), errors_v in searched.items():

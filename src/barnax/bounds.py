@@ -106,7 +106,9 @@ def read_bounds(path: Path) -> dict[str, Range]:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as problem:
-        raise InputError(f"{path}: cannot be read ({problem.strerror or problem})") from problem
+        raise InputError(
+            f"{path}: cannot be read ({problem.strerror or problem}); give --bounds a TOML file"
+        ) from problem
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise InputError(f"{path}: is not a TOML file ({problem})") from problem
     table = document.get("bounds")
@@ -132,6 +134,8 @@ def parse_fixed(texts: list[str]) -> dict[str, float]:
     fixed = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
+        if name in fixed:
+            raise InputError(f"--fix {text!r}: {name!r} is fixed twice; give one value")
         try:
             fixed[name] = float(value)
         except ValueError as problem:

@@ -160,7 +160,7 @@ def test_scipy_alone_finds_the_same_on_the_raw_files(samsung, own_cell, real_dat
         [0.2] * 3 + [10_000.0] * 2,
         starts=3,
     )
-    assert checked.rmse_v == pytest.approx(rmse_v, rel=1e-5)
+    assert checked.rmse_v == pytest.approx(rmse_v, rel=1e-6)
     found = checked.parameters
     assert (found.r0, found.r1, found.r2) == pytest.approx((r0, r1, r2), rel=1e-3)
     assert (found.tau1_s, found.tau2_s) == pytest.approx((tau1, tau2), rel=1e-3)

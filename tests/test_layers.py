@@ -15,7 +15,7 @@ LAYERS = (
     ("cell",),
     ("simulate", "window"),
     ("bounds", "coordinates", "course", "problem"),
-    ("identification", "refinement", "evaluate"),
+    ("identification", "descent", "refinement", "evaluate"),
     ("result_parts", "result", "report", "plots"),
     ("cli",),
 )

@@ -60,7 +60,7 @@ def test_every_seed_says_how_far_it_moved(found, checked):
 
 
 def test_every_seed_belongs_to_one_optimum_and_the_best_comes_first(checked):
-    assert sum(optimum.seeds for optimum in checked.optima) == 8
+    assert 1 <= sum(optimum.seeds for optimum in checked.optima) <= 8
     errors_v = [optimum.rmse_v for optimum in checked.optima]
     assert errors_v == sorted(errors_v)
     assert checked.parameters == checked.optima[0].parameters
@@ -101,7 +101,7 @@ def test_the_verdict_counts_the_seeds_that_agree(checked):
     if best == 8:
         assert checked.verdict.startswith("All 8 seeds end in one optimum.")
     else:
-        assert checked.verdict.startswith(f"{best} of 8 seeds end in the best optimum; the others")
+        assert checked.verdict.startswith(f"{best} of 8 seeds end in the best optimum; ")
 
 
 def test_the_verdict_says_how_far_above_the_optimum_the_search_was(found, checked):
@@ -165,21 +165,27 @@ def test_fixed_parameters_hold_through_search_and_cross_check(
 
 
 def test_equal_errors_are_one_optimum():
-    seeds = [refined_at(0.010), refined_at(0.010 * (1 + 1e-7)), refined_at(0.012)]
-    first, second = distinct_optima(seeds, seeds[0])
+    first, second = distinct_optima(
+        [refined_at(0.012), refined_at(0.010), refined_at(0.010 * (1 + 1e-7))]
+    )
     assert (first.rmse_v, first.seeds) == (0.010, 2)
     assert (second.rmse_v, second.seeds) == (0.012, 1)
     assert not first.is_family
 
 
-def test_the_further_descent_of_the_best_is_not_another_seed():
-    seeds = [refined_at(0.010), refined_at(0.010)]
-    (only,) = distinct_optima(seeds, refined_at(0.010 * (1 - 1e-9)))
+def test_a_seed_still_moving_is_no_optimum_of_its_own():
+    moving = replace(refined_at(0.011), has_converged=False)
+    first, second = distinct_optima([refined_at(0.010), moving, refined_at(0.012)])
+    assert (first.seeds, second.rmse_v) == (1, 0.012)
+
+
+def test_a_seed_still_moving_counts_where_it_reached_an_optimum():
+    (only,) = distinct_optima(
+        [refined_at(0.010), replace(refined_at(0.010 * (1 + 1e-7)), has_converged=False)]
+    )
     assert only.seeds == 2
-    assert only.rmse_v == 0.010 * (1 - 1e-9)
 
 
 def test_different_circuits_of_equal_error_are_a_family():
-    seeds = [refined_at(0.010), refined_at(0.010, replace(CIRCUIT, r0=0.06))]
-    (only,) = distinct_optima(seeds, seeds[0])
+    (only,) = distinct_optima([refined_at(0.010), refined_at(0.010, replace(CIRCUIT, r0=0.06))])
     assert only.is_family

@@ -107,6 +107,16 @@ def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -
     )
 
 
+def require_changing_voltage(course: Course) -> None:
+    """Raise `InputError` where the scored voltage is flat: errors on it mean nothing."""
+    voltage_v = course.voltage_v[course.scored]
+    if np.ptp(voltage_v) == 0:
+        raise InputError(
+            f"{course.record.name}: the voltage is {voltage_v[0]:g} V at every scored sample; "
+            "widen the window or check the file"
+        )
+
+
 def _check_soc(
     record: Record, cell: CellModel, soc: np.ndarray, scored: np.ndarray
 ) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .cell import CellModel, CircuitParameters
-from .course import Course, make_course
+from .course import Course, make_course, require_changing_voltage
 from .metrics import Metrics, measure
 from .precision import in_float64
 from .problem import impedance_of
@@ -31,7 +31,8 @@ class Evaluation:
 
 @in_float64
 def evaluate_course(course: Course, parameters: CircuitParameters) -> Evaluation:
-    """The errors of a circuit on a record made ready."""
+    """The errors of a circuit on a record made ready. Raises `InputError` for a flat voltage."""
+    require_changing_voltage(course)
     drive = course.drive(min(parameters.tau1_s, parameters.tau2_s))
     simulated_v = np.asarray(terminal_voltage(impedance_of(parameters), drive))
     metrics = measure(course.voltage_v[course.scored], simulated_v[course.scored])

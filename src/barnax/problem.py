@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Scalar
 from .bounds import Bounds, Range
 from .cell import CellModel, CircuitParameters
 from .coordinates import Coordinates, Scale
-from .course import Course, make_course
+from .course import Course, make_course, require_changing_voltage
 from .precision import in_float64
 from .records import Record
 from .simulate import Drive, Impedance, overpotential, squared_error
@@ -110,6 +110,7 @@ def make_problem(
     """
     window = window or Window()
     course = make_course(record, cell, circuit, window)
+    require_changing_voltage(course)
     box = Bounds.default(cell.capacity_ah, course.median_interval_s, course.scored_duration_s)
     box = box.with_changes(bounds or {}, fixed or {}, source)
     coordinate_map = Coordinates.of(box, coordinates)

@@ -182,12 +182,13 @@ def identify(
         from ..bounds import parse_fixed, read_bounds
         from ..cell import CIRCUITS, characterize
         from ..course import make_course
+        from ..descent import Descent
         from ..evaluate import evaluate_course
         from ..identification import identify as search
         from ..optimizers import OPTIMIZERS, make_optimizer
         from ..problem import make_problem
         from ..records import read_record
-        from ..refinement import Descent, refine
+        from ..refinement import refine
         from ..report import identification_report
         from ..result import all_warnings, make_result
         from ..window import Window

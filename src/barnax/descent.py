@@ -1,0 +1,140 @@
+"""Levenberg-Marquardt inside the box: many circuits of one problem refined by one program."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Scalar
+
+from .cell import CircuitParameters
+from .identification import SEEDS_PER_BLOCK, compile_for, run_blocks, seed_blocks
+from .precision import in_float64
+from .problem import Objective, Problem, impedance_of, residuals
+
+# A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
+AT_BOUND = 1e-3
+# A descent that needs longer creeps along a valley; only the best one is followed to its end.
+STEPS = 100
+# An error under a picovolt is zero; it would not do as a unit.
+SMALLEST_UNIT_V = 1e-12
+
+
+@dataclass(frozen=True)
+class RefinedSeed:
+    """Where Levenberg-Marquardt took one seed; `moved` is the largest relative parameter change."""
+
+    rmse_v: float
+    parameters: CircuitParameters
+    moved: float
+    has_converged: bool
+
+
+class Descent:
+    """Levenberg-Marquardt on one problem, compiled once for blocks of `SEEDS_PER_BLOCK` starts.
+
+    Compiling takes seconds and depends on the problem alone, so it can be done beside the search.
+    """
+
+    @in_float64
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        self.objective = problem.objective_in("log")
+        template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
+        self._compiled = compile_for(
+            _descend, self.objective, template, jnp.asarray(0.0), jnp.asarray(False)
+        )
+
+    @in_float64
+    def __call__(
+        self,
+        circuits: Sequence[CircuitParameters],
+        tolerance: float,
+        *,
+        holds_bounds: bool = False,
+        progress: Callable[[int], None] | None = None,
+    ) -> list[RefinedSeed]:
+        """Every circuit refined; `tolerance` is relative to the circuit's own error."""
+        encode = self.objective.coordinates.encode
+        starts = [encode(impedance_of(circuit)) for circuit in circuits]
+        blocks = seed_blocks(len(starts), SEEDS_PER_BLOCK)
+        given = [
+            jnp.stack([starts[min(index, len(starts) - 1)] for index in block]) for block in blocks
+        ]
+
+        @in_float64  # the setting belongs to a thread
+        def run(points):
+            settings = (jnp.asarray(tolerance), jnp.asarray(holds_bounds))
+            return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
+
+        ends = run_blocks(run, given, len(starts), progress)
+        points, errors_v, converged = zip(*ends, strict=True)
+        found = self.problem.parameters_at(points, self.objective.coordinates)
+        return [
+            RefinedSeed(float(rmse_v), after, largest_change(before, after), bool(has_converged))
+            for before, after, rmse_v, has_converged in zip(
+                circuits, found, errors_v, converged, strict=True
+            )
+        ]
+
+
+def _descend(
+    objective: Objective,
+    points: Float[Array, "seeds free"],
+    tolerance: Scalar,
+    holds_bounds: Bool[Array, ""],
+):
+    """End point, its RMSE in V and whether it converged, from every start."""
+    box = objective.coordinates
+    width = box.upper - box.lower
+    # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
+    # runtime (jaxlib 0.10.2).
+    to_tolerance: Any = tolerance  # an array where a float is declared: one program serves both
+    solver = optx.LevenbergMarquardt(
+        rtol=to_tolerance, atol=to_tolerance, linear_solver=lx.Normal(lx.Cholesky())
+    )
+
+    def place(angle, start):
+        fraction = (start - box.lower) / width
+        is_held = holds_bounds & ((fraction < AT_BOUND) | (fraction > 1 - AT_BOUND))
+        bound = jnp.where(fraction < 0.5, box.lower, box.upper)
+        return jnp.where(is_held, bound, box.lower + width * (1 + jnp.sin(angle)) / 2)
+
+    def errors(angle, given):
+        objective, start, unit_v = given
+        return residuals(place(angle, start), objective) / unit_v
+
+    def rmse_at(point):
+        return jnp.linalg.norm(residuals(point, objective))
+
+    def one(start):
+        # In units of the start's own error, tolerances are relative and no seed sees another.
+        unit_v = jnp.maximum(rmse_at(start), SMALLEST_UNIT_V)
+        # The sine is flat at the ends of the box: a start exactly there could never leave.
+        fraction = jnp.clip((start - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
+        solution = optx.least_squares(
+            errors,
+            solver,
+            jnp.arcsin(2 * fraction - 1),
+            (objective, start, unit_v),
+            {"jac": "fwd"},
+            max_steps=STEPS,
+            throw=False,
+        )
+        has_converged = solution.result == optx.RESULTS.successful
+        ends = jnp.stack([start, place(solution.value, start)])
+        errors_v = jax.vmap(rmse_at)(ends)
+        better = jnp.nanargmin(errors_v)
+        return ends[better], errors_v[better], has_converged
+
+    return jax.vmap(one)(points)
+
+
+def largest_change(before: CircuitParameters, after: CircuitParameters) -> float:
+    """The largest relative change of any parameter."""
+    old, new = (np.array(list(values.to_dict().values())) for values in (before, after))
+    return float(np.max(np.abs(new / old - 1)))

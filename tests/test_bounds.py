@@ -47,9 +47,32 @@ def test_a_capacitance_range_replaces_that_of_the_time_constant():
     assert changed.second_name(1) == "tau2 [s]"
 
 
-@pytest.mark.parametrize("name", ["R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]", "C1 [F]"])
+@pytest.mark.parametrize("name", ["R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]"])
 def test_a_range_of_one_pair_makes_the_pairs_differ(name):
     assert not DEFAULT.with_changes({name: (0.01, 0.1)}, {}, "").pairs_are_alike
+
+
+def test_a_capacitance_of_one_pair_makes_the_pairs_differ():
+    assert not DEFAULT.with_changes({"C1 [F]": (20.0, 500.0)}, {}, "").pairs_are_alike
+
+
+def test_a_capacitance_leaves_only_resistances_whose_time_constant_can_be_seen():
+    changed = DEFAULT.with_changes({"C1 [F]": (20.0, 50.0)}, {}, "")
+    assert changed.ranges["R1 [Ohm]"] == (DEFAULT.tau_limits_s[0] / 50.0, 0.2)
+    assert changed.ranges["R2 [Ohm]"] == DEFAULT.ranges["R2 [Ohm]"]
+
+
+@pytest.mark.parametrize(
+    ("ranges", "fixed"),
+    [
+        ({"C1 [F]": (0.01, 0.1)}, {}),
+        ({}, {"C2 [F]": 1e-3}),
+        ({}, {"R1 [Ohm]": 1e-3, "C1 [F]": 1.0}),
+    ],
+)
+def test_a_capacitance_whose_time_constant_cannot_be_seen_is_refused(ranges, fixed):
+    with pytest.raises(InputError, match=r"R C\s+leaves 0.5 to \d+ s.*widen one of them"):
+        DEFAULT.with_changes(ranges, fixed, "bounds.toml")
 
 
 def test_equal_ranges_of_both_pairs_keep_them_alike():

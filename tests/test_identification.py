@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 
 import jax
@@ -151,3 +152,19 @@ def test_a_block_that_fails_is_not_passed_over():
 
     with pytest.raises(RuntimeError, match="block"):
         run_blocks(run, [[0], [1]], 2, None)
+
+
+def test_an_interruption_leaves_the_waiting_blocks_unstarted():
+    started = []
+
+    def run(block):
+        started.append(block)
+        time.sleep(0.05)
+        return (np.zeros(1),)
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_blocks(run, list(range(200)), 200, interrupt)
+    assert len(started) < 100

@@ -9,7 +9,7 @@ from barnax.evaluate import evaluate_course
 from barnax.identification import identify
 from barnax.optimizers import make_optimizer
 from barnax.problem import make_problem
-from barnax.refinement import RefinedSeed, distinct_optima, refine
+from barnax.refinement import SAME_RMSE, RefinedSeed, distinct_optima, refine
 from barnax.window import Window
 
 CIRCUIT = CircuitParameters(r0=0.05, r1=0.01, c1=500.0, r2=0.02, c2=4000.0)
@@ -59,8 +59,16 @@ def test_every_seed_says_how_far_it_moved(found, checked):
         assert after.moved == pytest.approx(np.max(np.abs(new / old - 1)), rel=1e-12)
 
 
-def test_every_seed_belongs_to_one_optimum_and_the_best_comes_first(checked):
-    assert 1 <= sum(optimum.seeds for optimum in checked.optima) <= 8
+def test_every_seed_is_counted_in_one_optimum_or_was_still_moving(checked):
+    def is_in(seed, optimum):
+        return optimum.rmse_v <= seed.rmse_v * (1 + 1e-12) <= optimum.rmse_v * (1 + SAME_RMSE)
+
+    outside = [seed for seed in checked.refined if not any(is_in(seed, o) for o in checked.optima)]
+    unsettled = sum(not seed.has_converged for seed in outside)
+    assert sum(optimum.seeds for optimum in checked.optima) + unsettled == 8
+
+
+def test_the_best_optimum_comes_first(checked):
     errors_v = [optimum.rmse_v for optimum in checked.optima]
     assert errors_v == sorted(errors_v)
     assert checked.parameters == checked.optima[0].parameters
@@ -99,9 +107,9 @@ def test_one_seed_cannot_say_whether_others_agree(refined_in):
 def test_the_verdict_counts_the_seeds_that_agree(checked):
     best = checked.optima[0].seeds
     if best == 8:
-        assert checked.verdict.startswith("All 8 seeds end in one optimum.")
+        assert checked.verdict.startswith("All 8 seeds end in one optimum, the best found.")
     else:
-        assert checked.verdict.startswith(f"{best} of 8 seeds end in the best optimum; ")
+        assert checked.verdict.startswith(f"{best} of 8 seeds end in the best optimum found; ")
 
 
 def test_the_verdict_says_how_far_above_the_optimum_the_search_was(found, checked):
@@ -113,7 +121,7 @@ def test_the_verdict_says_how_far_above_the_optimum_the_search_was(found, checke
 def test_a_search_that_was_already_there_is_said_to_be(found, checked):
     at_the_end = replace(found.best, parameters=checked.parameters, rmse_v=checked.rmse_v)
     again = refine(replace(found, seeds=(at_the_end,) * 8))
-    assert "All 8 seeds end in one optimum." in again.verdict
+    assert "All 8 seeds end in one optimum, the best found." in again.verdict
     assert "the best seed was already there, to 1e-6 %." in again.verdict
 
 
@@ -128,7 +136,7 @@ def test_a_box_that_excludes_the_optimum_is_reported(refined_in, checked, factor
     narrow = refined_in({"R0 [Ohm]": (low, high)})
     assert f"R0 [Ohm] at its {end} bound" in narrow.at_bound
     assert narrow.parameters.r0 == pytest.approx(high if end == "upper" else low, rel=1e-2)
-    assert low <= narrow.parameters.r0 <= high
+    assert low * (1 - 1e-12) <= narrow.parameters.r0 <= high * (1 + 1e-12)
     assert narrow.rmse_v > checked.rmse_v
     sentence = f"{'; '.join(narrow.at_bound)}: the box, not the data, decides there. Widen it with"
     assert sentence in narrow.verdict

@@ -63,8 +63,9 @@ def drive_of(time_s, hold="forward", current_a=CURRENT_A, shortest_tau_s=SHORTES
         current_a=jnp.asarray(current_a),
         held_a=jnp.asarray(np.append(held_a, 0.0)),
         source_v=jnp.asarray(SOURCE_V[:samples]),
-        measured_v=jnp.asarray(MEASURED_V[:samples]),
+        base_error_v=jnp.asarray((MEASURED_V - SOURCE_V)[:samples]),
         weight=jnp.asarray(WEIGHT[:samples]),
+        scored=jnp.asarray(WEIGHT[:samples].sum()),
         intervals=Intervals.measure(time_s, shortest_tau_s),
     )
 

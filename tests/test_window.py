@@ -100,15 +100,14 @@ def test_a_window_without_scored_samples_is_refused_with_the_start_and_the_remed
 
 def test_a_given_state_of_charge_is_taken(bundled_cell):
     window = Window(initial_soc=0.4)
-    assert initial_soc(record_with(), bundled_cell, window, 5, 0.02) == (0.4, "given")
+    assert initial_soc(record_with(), bundled_cell, window, 5, 0.02, 1) == (0.4, "given")
 
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_rested_voltage_is_read_on_the_branch_of_the_last_direction(bundled_cell, direction):
     branch = bundled_cell.charge if direction == 1 else bundled_cell.discharge
     record = record_with(voltage_v=float(branch(np.array(0.6))))
-    window = Window(initial_direction=direction)
-    soc, reason = initial_soc(record, bundled_cell, window, 2, 0.02)
+    soc, reason = initial_soc(record, bundled_cell, Window(), 2, 0.02, direction)
     assert soc == pytest.approx(0.6, abs=1e-4)
     assert "rested voltage" in reason
     assert "row 4" in reason
@@ -116,12 +115,12 @@ def test_a_rested_voltage_is_read_on_the_branch_of_the_last_direction(bundled_ce
 
 def test_a_start_under_load_asks_for_the_state_of_charge(bundled_cell):
     with pytest.raises(InputError, match=r"made.csv: .* row 7 under \+1 A .* give --initial-soc"):
-        initial_soc(record_with(), bundled_cell, Window(), 5, 0.02)
+        initial_soc(record_with(), bundled_cell, Window(), 5, 0.02, 1)
 
 
 def test_a_rested_voltage_outside_the_curve_asks_for_the_state_of_charge(bundled_cell):
     with pytest.raises(InputError, match=r"made.csv: row 2: .* 5\.0000 V .* --initial-soc"):
-        initial_soc(record_with(voltage_v=5.0), bundled_cell, Window(), 0, 0.02)
+        initial_soc(record_with(voltage_v=5.0), bundled_cell, Window(), 0, 0.02, 1)
 
 
 @pytest.mark.parametrize(
@@ -148,3 +147,10 @@ def test_the_hold_says_when_the_ampere_hours_begin(hold, sample):
 def test_a_charge_raises_the_state_of_charge():
     soc = soc_along(record_with(), 2.0, 0, 0.5)
     assert soc[19] - soc[15] == pytest.approx(4 * 10 * 2 / 3600 / 2.0, rel=1e-9)
+
+
+def test_a_start_after_a_short_rest_asks_for_the_state_of_charge(bundled_cell):
+    current_a = np.array([1.0, 1.0, *[0.0] * 8])
+    record = make_record(np.arange(10.0), current_a)
+    with pytest.raises(InputError, match=r"row 7, where.*has rested for 4 s only.*--initial-soc"):
+        initial_soc(record, bundled_cell, Window(), 5, 0.02, -1)

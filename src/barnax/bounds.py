@@ -19,10 +19,13 @@ Range = tuple[float, float]
 class Bounds:
     """Lower and upper bound of R0, R1, R2 and, for each RC pair, of its tau or its C.
 
-    `fixed` holds values that are not searched. Names are PyBaMM's, with their units.
+    `fixed` holds values that are not searched. Names are PyBaMM's, with their units. Where a pair
+    is bounded or fixed in C, its R C still stays within `tau_limits_s`: faster or slower than
+    that the record cannot show it.
     """
 
     ranges: Mapping[str, Range]
+    tau_limits_s: Range
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -35,7 +38,8 @@ class Bounds:
         scale = 2.0 / capacity_ah
         resistance = (1e-4 * scale, 0.2 * scale)
         tau = (interval_s / 2, max(duration_s, interval_s))
-        return cls({**dict.fromkeys(RESISTANCES, resistance), PAIRS[0][0]: tau, PAIRS[1][0]: tau})
+        ranges = {**dict.fromkeys(RESISTANCES, resistance), PAIRS[0][0]: tau, PAIRS[1][0]: tau}
+        return cls(ranges, tau)
 
     def with_changes(
         self, ranges: Mapping[str, Range], fixed: Mapping[str, float], source: str
@@ -78,7 +82,29 @@ class Bounds:
                 changed[name] = ranges[name]
             elif name in fixed:
                 changed.pop(name)
-        return Bounds(changed, dict(fixed))
+        for pair, (_, capacitance) in enumerate(PAIRS):
+            if capacitance in ranges or capacitance in fixed:
+                self._narrow_resistance(changed, fixed, pair, source)
+        return Bounds(changed, self.tau_limits_s, dict(fixed))
+
+    def _narrow_resistance(
+        self, ranges: dict[str, Range], fixed: Mapping[str, float], pair: int, source: str
+    ) -> None:
+        """Leave only resistances with which some allowed C gives a tau that can be seen."""
+        resistance, capacitance = RESISTANCES[pair + 1], PAIRS[pair][1]
+        value = fixed.get(capacitance)
+        low_f, high_f = (value, value) if value is not None else ranges[capacitance]
+        held = fixed.get(resistance)
+        low, high = (held, held) if held is not None else ranges[resistance]
+        low, high = max(low, self.tau_limits_s[0] / high_f), min(high, self.tau_limits_s[1] / low_f)
+        if low > high:
+            raise InputError(
+                f"{source}: with these {resistance!r} and {capacitance!r} the time constant R C "
+                f"leaves {self.tau_limits_s[0]:.4g} to {self.tau_limits_s[1]:.4g} s, what the "
+                "record can show; widen one of them"
+            )
+        if held is None:
+            ranges[resistance] = (low, high)
 
     @property
     def pairs_are_alike(self) -> bool:

@@ -19,9 +19,9 @@ class Coordinates(eqx.Module):
     """A box of free parameters and the map from a point in it to an `Impedance`.
 
     Parameters stand in the order R0, R1, X1, R2, X2. In `rc` coordinates X is a capacitance and
-    all are raw, as in the paper; where R C leaves the limits of tau, C is clipped. In `log`
-    coordinates the point holds logarithms and X is the time constant, or the capacitance where
-    the user bounded that.
+    all are raw, as in the paper. In `log` coordinates the point holds logarithms and X is the time
+    constant, or the capacitance where the user bounded that. Where R C leaves the limits of tau,
+    C is clipped.
     """
 
     lower: Float[Array, "free"]
@@ -46,7 +46,7 @@ class Coordinates(eqx.Module):
             name, low, high = _range(bounds, bounds.second_name(pair))
             is_tau = name.startswith("tau")
             is_searched_as_tau = is_tau and (is_log or low == high)
-            tau_limits.append((low, high) if is_tau else (0.0, np.inf))
+            tau_limits.append((low, high) if is_tau else bounds.tau_limits_s)
             holds_tau.append(is_searched_as_tau)
             if is_tau and not is_searched_as_tau:
                 name, low, high = f"C{pair + 1} [F]", low / resistance[2], high / resistance[1]
@@ -66,6 +66,11 @@ class Coordinates(eqx.Module):
             holds_tau=tuple(holds_tau),
             is_log=is_log,
         )
+
+    @property
+    def shortest_tau_s(self) -> float:
+        """The smallest time constant in the box, in s."""
+        return min(low for low, _ in self.tau_limits_s)
 
     def decode(self, point: Float[Array, "free"]) -> Impedance:
         """The circuit at a point."""

@@ -71,8 +71,9 @@ class Course:
             current_a=jnp.asarray(self.current_a),
             held_a=jnp.asarray(np.append(held_a, 0.0)),
             source_v=jnp.asarray(self.source_v),
-            measured_v=jnp.asarray(self.voltage_v),
+            base_error_v=jnp.asarray(self.voltage_v - self.source_v),
             weight=None if np.all(self.scored) else jnp.asarray(self.scored, float),
+            scored=jnp.asarray(np.count_nonzero(self.scored), float),
             intervals=Intervals.measure(self.time_s, shortest_tau_s),
         )
 
@@ -82,16 +83,18 @@ def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -
     rest_a = window.rest_current_a or rest_current_a(record, cell.capacity_ah)
     first = first_sample(record, window)
     scored = scored_samples(record, window, first)
-    start_soc, reason = initial_soc(record, cell, window, first, rest_a)
+    direction = current_direction(record, rest_a, window.initial_direction)
+    start_soc, reason = initial_soc(record, cell, window, first, rest_a, direction[first])
     soc = soc_along(record, cell.capacity_ah, first, start_soc)
     warnings = _check_soc(record, cell, soc, scored)
+    _require_positive_voltage(record, scored)
 
     stretch = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
     if np.count_nonzero(scored) < 10 or stretch.stop - first < 10:
         raise InputError(
             f"{record.name}: fewer than 10 samples are left to score; widen the window"
         )
-    direction = current_direction(record, rest_a, window.initial_direction)[stretch]
+    direction = direction[stretch]
     return Course(
         record=record,
         circuit=circuit,
@@ -114,6 +117,18 @@ def require_changing_voltage(course: Course) -> None:
         raise InputError(
             f"{course.record.name}: the voltage is {voltage_v[0]:g} V at every scored sample; "
             "widen the window or check the file"
+        )
+
+
+def _require_positive_voltage(record: Record, scored: Bool[np.ndarray, "samples"]) -> None:
+    """Raise `InputError` where a scored voltage is no cell's; relative errors divide by it."""
+    wrong = np.flatnonzero(scored & (record.voltage_v <= 0))
+    if len(wrong):
+        raise InputError(
+            f"{record.name}: row {record.row[wrong[0]]} is scored at "
+            f"{record.voltage_v[wrong[0]]:g} V, which is no cell's voltage ({len(wrong)} such "
+            "samples); delete the row, or leave it out with --score-from, --score-to or "
+            "--score-steps"
         )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -34,9 +35,12 @@ def evaluate_course(course: Course, parameters: CircuitParameters) -> Evaluation
     """The errors of a circuit on a record made ready. Raises `InputError` for a flat voltage."""
     require_changing_voltage(course)
     drive = course.drive(min(parameters.tau1_s, parameters.tau2_s))
-    simulated_v = np.asarray(terminal_voltage(impedance_of(parameters), drive))
+    simulated_v = np.asarray(_simulate(impedance_of(parameters), drive))
     metrics = measure(course.voltage_v[course.scored], simulated_v[course.scored])
     return Evaluation(course, simulated_v, metrics)
+
+
+_simulate = eqx.filter_jit(terminal_voltage)
 
 
 def validate(

@@ -143,13 +143,18 @@ def run_blocks(
     finished = 0
     with ThreadPoolExecutor(max_workers=min(len(blocks), os.cpu_count() or 1)) as pool:
         waiting = {pool.submit(run, block): index for index, block in enumerate(blocks)}
-        for done in as_completed(waiting):
-            outcome = done.result()
-            outcomes[waiting[done]] = outcome
-            gained = min(len(outcome[0]), rows - finished)
-            finished += gained
-            if progress is not None:
-                progress(gained)
+        try:
+            for done in as_completed(waiting):
+                outcome = done.result()
+                outcomes[waiting[done]] = outcome
+                gained = min(len(outcome[0]), rows - finished)
+                finished += gained
+                if progress is not None:
+                    progress(gained)
+        except BaseException:
+            # An interruption waits for the blocks that run, not for those still in the queue.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     every = [row for index in range(len(blocks)) for row in zip(*outcomes[index], strict=True)]
     return every[:rows]
 

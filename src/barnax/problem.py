@@ -120,16 +120,5 @@ def make_problem(
         window=window,
         bounds=box,
         scale=coordinates,
-        objective=Objective(course.drive(shortest_tau_s(box)), coordinate_map),
+        objective=Objective(course.drive(coordinate_map.shortest_tau_s), coordinate_map),
     )
-
-
-def shortest_tau_s(bounds: Bounds) -> float:
-    """The smallest time constant the box allows, in s."""
-    shortest = []
-    for index in (0, 1):
-        low = {**bounds.fixed, **{name: ends[0] for name, ends in bounds.ranges.items()}}
-        name = bounds.second_name(index)
-        resistance = 1.0 if name.startswith("tau") else low[f"R{index + 1} [Ohm]"]
-        shortest.append(low[name] * resistance)
-    return min(shortest)

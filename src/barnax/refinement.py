@@ -113,12 +113,19 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
 
 def _at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]:
     point = np.asarray(box.encode(impedance_of(parameters)))
-    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
-    fraction = (point - lower) / (upper - lower)
+    places = [
+        (name, value, low, high)
+        for name, value, low, high in zip(box.names, point, box.lower, box.upper, strict=True)
+    ]
+    # A pair bounded in C can still end at the limits of its tau.
+    for pair, tau_s in enumerate((parameters.tau1_s, parameters.tau2_s)):
+        name, limits = f"tau{pair + 1} [s]", box.tau_limits_s[pair]
+        if name not in box.names and limits[0] < limits[1]:
+            places.append((name, *np.log([tau_s, *limits])))
     return tuple(
-        f"{name} at its {'lower' if place < 0.5 else 'upper'} bound"
-        for name, place in zip(box.names, fraction, strict=True)
-        if not AT_BOUND < place < 1 - AT_BOUND
+        f"{name} at its {'lower' if fraction < 0.5 else 'upper'} bound"
+        for name, value, low, high in places
+        if not AT_BOUND < (fraction := (value - low) / (high - low)) < 1 - AT_BOUND
     )
 
 
@@ -135,9 +142,9 @@ def _verdict(
     if total == 1:
         agreement = "One seed was run, so nothing tells whether another would end elsewhere."
     elif best.seeds == total:
-        agreement = f"All {total} seeds end in one optimum."
+        agreement = f"All {total} seeds end in one optimum, the best found."
     else:
-        agreement = f"{best.seeds} of {total} seeds end in the best optimum"
+        agreement = f"{best.seeds} of {total} seeds end in the best optimum found"
         if others:
             nearest = 100 * (others[0].rmse_v / best.rmse_v - 1)
             agreement += (
@@ -151,10 +158,20 @@ def _verdict(
     sentences = [agreement, f"Before refinement the best seed was {distance}."]
     if not min(ended, key=lambda seed: seed.rmse_v).has_converged:
         sentences.append("The refinement of the best seed did not converge.")
-    if best.is_family:
+    tau1_s, tau2_s = best.parameters.tau1_s, best.parameters.tau2_s
+    if abs(tau2_s / tau1_s - 1) < AT_BOUND:
+        sentences.append(
+            f"Both time constants are {tau1_s:.4g} s, so R1 and R2 act as one resistance and only "
+            "their sum is determined."
+        )
+    elif best.is_family:
         sentences.append(
             "Circuits with different parameters fit equally well there: the data do not "
             "determine them one by one."
+        )
+    if tau1_s > tau2_s:
+        sentences.append(
+            "tau1 is above tau2: the pairs keep the labels under which they were bounded or fixed."
         )
     if at_bound:
         sentences.append(

@@ -70,26 +70,19 @@ class Drive(eqx.Module):
     """What one record imposes on every candidate, at the samples that are simulated.
 
     `held_a` is the current that flows from a sample to the next, by the record's hold; the last
-    entry leads nowhere. `source_v` is the open-circuit voltage with the model's hysteresis term.
-    `weight` is 1 at scored samples, else 0, and None where all are. Discharge current is positive.
+    entry leads nowhere. `source_v` is the open-circuit voltage with the model's hysteresis term,
+    `base_error_v` the measured voltage minus that: the error of a circuit without any impedance.
+    `weight` is 1 at scored samples, else 0, and None where all are; `scored` is how many are.
+    Discharge current is positive.
     """
 
     current_a: Float[Array, "samples"]
     held_a: Float[Array, "samples"]
     source_v: Float[Array, "samples"]
-    measured_v: Float[Array, "samples"]
+    base_error_v: Float[Array, "samples"]
     weight: Float[Array, "samples"] | None
+    scored: Scalar
     intervals: Intervals
-
-    @property
-    def base_error_v(self) -> Float[Array, "samples"]:
-        """Measured minus source voltage: the error of a circuit without any impedance."""
-        return self.measured_v - self.source_v
-
-    @property
-    def scored(self) -> Scalar | int:
-        """How many samples are scored."""
-        return len(self.source_v) if self.weight is None else jnp.sum(self.weight)
 
 
 def overpotential(impedance: Impedance, drive: Drive) -> Float[Array, "samples"]:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .cell import CellModel
+from .cell.rest_points import MINIMUM_REST_S
 from .errors import InputError
 from .records import Record
 from .records.rests import is_rested
@@ -96,23 +97,42 @@ def scored_samples(record: Record, window: Window, first: int) -> Bool[np.ndarra
 
 
 def initial_soc(
-    record: Record, cell: CellModel, window: Window, first: int, rest_current_a: float
+    record: Record,
+    cell: CellModel,
+    window: Window,
+    first: int,
+    rest_current_a: float,
+    direction: float,
 ) -> tuple[float, str]:
-    """SOC at the start of the simulation, and where it came from, in words."""
+    """SOC at the start of the simulation, and where it came from, in words.
+
+    `direction` (+1 after charging, -1 after discharging) says which OCV branch a rested cell is
+    on. Raises `InputError` where the cell has not rested, as far as the record shows.
+    """
     if window.initial_soc is not None:
         return window.initial_soc, "given"
-    if not is_rested(record, rest_current_a)[first]:
+    row = record.row[first]
+    is_loaded = ~is_rested(record, rest_current_a)[: first + 1]
+    if is_loaded[first]:
         raise InputError(
-            f"{record.name}: the simulation starts at row {record.row[first]} under "
+            f"{record.name}: the simulation starts at row {row} under "
             f"{record.current_a[first]:+.3g} A (discharge positive), so the voltage there does "
             "not tell the state of charge; give --initial-soc"
         )
+    if np.any(is_loaded):
+        rest_s = record.time_s[first] - record.time_s[np.flatnonzero(is_loaded)[-1]]
+        if rest_s < MINIMUM_REST_S:
+            raise InputError(
+                f"{record.name}: at row {row}, where the simulation starts, the cell has rested "
+                f"for {rest_s:.0f} s only, and its voltage tells the state of charge after "
+                f"{MINIMUM_REST_S:.0f} s; give --initial-soc"
+            )
     voltage_v = float(record.voltage_v[first])
     try:
-        soc = cell.soc_from_rest_voltage(voltage_v, window.initial_direction)
+        soc = cell.soc_from_rest_voltage(voltage_v, int(direction))
     except InputError as problem:
-        raise InputError(f"{record.name}: row {record.row[first]}: {problem}") from problem
-    return soc, f"from the rested voltage {voltage_v:.4f} V at row {record.row[first]}"
+        raise InputError(f"{record.name}: row {row}: {problem}") from problem
+    return soc, f"from the rested voltage {voltage_v:.4f} V at row {row}"
 
 
 def soc_along(

@@ -171,6 +171,10 @@ def test_a_directory_is_refused(tmp_path):
     assert "is a directory; give one file" in refusal(tmp_path)
 
 
+def test_a_name_too_long_for_any_file_is_refused(tmp_path):
+    assert "x.csv: cannot be read (File name too long)" in refusal(tmp_path / f"{300 * 'x'}.csv")
+
+
 def test_a_missing_file_is_refused(tmp_path):
     assert "nowhere.csv: there is no such file" in refusal(tmp_path / "nowhere.csv")
 

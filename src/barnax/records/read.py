@@ -65,9 +65,9 @@ def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:
 
 
 def _content(path: Path) -> bytes:
-    if path.is_dir():
-        raise InputError(f"{path.name}: is a directory; give one file of measured samples.")
     try:
+        if path.is_dir():
+            raise InputError(f"{path.name}: is a directory; give one file of measured samples.")
         return path.read_bytes()
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; check the name and the folder.") from None

@@ -23,6 +23,8 @@ class Decision:
 class Record:
     """A checked record. Discharge current is positive; time strictly increases.
 
+    The arrays are the record's own and cannot be written to.
+
     `hold` says whether a sample's current flowed in the interval after it ("forward") or before
     it ("backward"). `row` is each sample's row in the source file, the header being row 1, so
     that a message can name it. `sign` holds the file's own convention
@@ -40,6 +42,14 @@ class Record:
     hold: Decision
     sha256: str
     warnings: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        for name, values in vars(self).copy().items():
+            if isinstance(values, np.ndarray):
+                # A copy, for the caller may go on writing to what was given.
+                own = values.copy()
+                own.flags.writeable = False
+                object.__setattr__(self, name, own)
 
     @property
     def samples(self) -> int:

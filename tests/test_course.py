@@ -88,6 +88,21 @@ def test_the_start_says_where_its_state_of_charge_came_from(bundled_cell):
     assert "from the rested voltage 3.7000 V at row 2" in rested.initial_soc_reason
 
 
+@pytest.mark.parametrize("voltage_v", [0.0, -0.5])
+def test_a_scored_voltage_that_is_not_positive_is_refused_with_row_and_remedy(
+    bundled_cell, voltage_v
+):
+    voltages_v = np.full(100, 3.7)
+    voltages_v[40] = voltage_v
+    with pytest.raises(
+        InputError,
+        match=rf"made.csv: row 42 is scored at {voltage_v:g} V.*delete the row, or leave it out",
+    ):
+        course_of(bundled_cell, voltage_v=voltages_v)
+    later = Window(initial_soc=0.8, score_from_s=500.0)
+    assert course_of(bundled_cell, later, voltage_v=voltages_v).scored.sum() == 55
+
+
 def test_samples_a_little_outside_the_ocv_points_are_warned_about_with_their_count(bundled_cell):
     # The discharge takes 7 % in all; from 4 % it ends 3 % below the points.
     course = course_of(bundled_cell, Window(initial_soc=0.04))

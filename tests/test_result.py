@@ -115,6 +115,9 @@ def test_the_numbers_are_those_of_the_run(document, checked):
     for stored, seed in zip(document["search"]["seeds"], found.seeds, strict=True):
         assert stored["rmse [V]"] == seed.rmse_v == stored["history [V]"][-1]
         assert len(stored["history [V]"]) in (4, 5)
+    refined, stored = checked.refined, document["refined"]
+    assert stored["moved"] == [seed.moved for seed in refined]
+    assert stored["converged"] == [seed.has_converged for seed in refined]
     assert document["fixed"] == {"tau1 [s]": 10.0}
     assert document["bounds"]["R0 [Ohm]"] == [0.01, 0.1]
 
@@ -196,6 +199,8 @@ def test_the_stored_cell_gives_the_curves_back(result, bundled_cell):
 def test_a_result_cannot_be_changed(result):
     with pytest.raises(ValidationError, match="frozen"):
         result.model = "iso-rc"
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        result.search.seeds[0].history_v[0] = 0.0
 
 
 def test_an_optimizer_with_other_settings_goes_by_its_class():

@@ -57,9 +57,9 @@ class Result(Part):
     window: Window
     initial_soc: float
     initial_soc_reason: str
-    inputs: list[InputPart]
-    warnings: list[str]
-    command: list[str]
+    inputs: tuple[InputPart, ...]
+    warnings: tuple[str, ...]
+    command: tuple[str, ...]
     versions: dict[str, str]
 
     @field_validator("model")
@@ -141,21 +141,21 @@ def make_result(
             iterations=found.optimizer.iterations,
             key=found.key,
             evaluations=found.evaluations,
-            seeds=[
+            seeds=tuple(
                 SeedPart(
                     rmse_v=seed.rmse_v,
                     parameters=seed.parameters.to_dict(),
                     evaluations=seed.evaluations,
                     failures=seed.failures,
-                    history_v=seed.history_v.tolist(),
+                    history_v=tuple(seed.history_v.tolist()),
                 )
                 for seed in found.seeds
-            ],
+            ),
         ),
         refined=RefinedPart(
             rmse_v=checked.rmse_v,
-            at_bound=list(checked.at_bound),
-            optima=[
+            at_bound=checked.at_bound,
+            optima=tuple(
                 OptimumPart(
                     rmse_v=optimum.rmse_v,
                     parameters=optimum.parameters.to_dict(),
@@ -163,13 +163,14 @@ def make_result(
                     is_family=optimum.is_family,
                 )
                 for optimum in checked.optima
-            ],
-            moved=[seed.moved for seed in checked.refined],
+            ),
+            moved=tuple(seed.moved for seed in checked.refined),
+            converged=tuple(seed.has_converged for seed in checked.refined),
             verdict=checked.verdict,
         ),
         metrics=MetricsBlock(
             identification=metrics_part(identification),
-            validation=[metrics_part(each) for each in validation],
+            validation=tuple(metrics_part(each) for each in validation),
         ),
         cell=problem.cell.to_dict(),
         bounds=dict(problem.bounds.ranges),
@@ -177,9 +178,9 @@ def make_result(
         window=problem.window,
         initial_soc=problem.course.initial_soc,
         initial_soc_reason=problem.course.initial_soc_reason,
-        inputs=[_input_part(role, record) for role, record in records],
-        warnings=list(all_warnings(problem, validation, ocv)),
-        command=list(command),
+        inputs=tuple(_input_part(role, record) for role, record in records),
+        warnings=all_warnings(problem, validation, ocv),
+        command=tuple(command),
         versions={"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED},
     )
 

@@ -36,7 +36,7 @@ class SeedPart(Part):
     parameters: Parameters
     evaluations: int
     failures: int
-    history_v: list[float]
+    history_v: tuple[float, ...]
 
 
 class SearchPart(Part):
@@ -50,7 +50,7 @@ class SearchPart(Part):
     iterations: int
     key: int
     evaluations: int
-    seeds: list[SeedPart] = Field(min_length=1)
+    seeds: tuple[SeedPart, ...] = Field(min_length=1)
 
 
 class OptimumPart(Part):
@@ -63,12 +63,16 @@ class OptimumPart(Part):
 
 
 class RefinedPart(Part):
-    """The Levenberg-Marquardt cross-check; `moved` is each seed's largest relative change."""
+    """The Levenberg-Marquardt cross-check.
+
+    `moved` is each seed's largest relative change, `converged` whether it stood still at the end.
+    """
 
     rmse_v: Volts
-    at_bound: list[str]
-    optima: list[OptimumPart] = Field(min_length=1)
-    moved: list[float]
+    at_bound: tuple[str, ...]
+    optima: tuple[OptimumPart, ...] = Field(min_length=1)
+    moved: tuple[float, ...]
+    converged: tuple[bool, ...]
     verdict: str
 
 
@@ -89,7 +93,7 @@ class MetricsBlock(Part):
     """Errors of the refined parameters."""
 
     identification: MetricsPart
-    validation: list[MetricsPart]
+    validation: tuple[MetricsPart, ...]
 
 
 class DecisionPart(Part):

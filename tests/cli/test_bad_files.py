@@ -48,6 +48,10 @@ def header_alone(path: Path) -> None:
     drive(0).write_csv(path)
 
 
+def zero_voltage(path: Path) -> None:
+    changed(VOLTAGE, 98, 0.0).write_csv(path)
+
+
 def folder(path: Path) -> None:
     path.mkdir()
 
@@ -89,11 +93,34 @@ def test_a_bad_file_is_refused_in_every_role(refuse, tmp_path, role, make):
         assert part in message
 
 
+@pytest.mark.parametrize("role", ["record", "ocv", "validate"])
+def test_a_name_too_long_for_a_file_is_refused_in_every_role(refuse, role):
+    name = 300 * "x"
+    words = {
+        "record": (name, *OCV),
+        "ocv": (BUNDLED.record, "--ocv", name),
+        "validate": (BUNDLED.record, *OCV, "--validate", name),
+    }[role]
+    assert f"{name}: cannot be read (File name too long)" in refuse("identify", *words, *BUDGET)
+
+
+@pytest.mark.parametrize("role", ["record", "validate"])
+def test_a_sample_of_zero_volts_is_refused_before_the_search(refuse, tmp_path, role):
+    zero_voltage(tmp_path / "cell.csv")
+    words = {
+        "record": ("cell.csv", *OCV),
+        "validate": (BUNDLED.record, *OCV, "--validate", "cell.csv"),
+    }[role]
+    message = refuse("identify", *words, *BUDGET, "--seeds", "100000")
+    assert "cell.csv: row 100 is scored at 0 V" in message
+    assert "delete the row, or leave it out with --score-from" in message
+
+
 @pytest.mark.parametrize(
     ("option", "name"),
     [
         ("--current-sign", "identification.parquet"),
-        ("--ocv-current-sign", "ocv_discharge.parquet"),
+        ("--ocv-current-sign", "ocv_charge.parquet"),
         ("--validate-current-sign", "validation.parquet"),
     ],
 )

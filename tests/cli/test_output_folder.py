@@ -89,6 +89,23 @@ def test_results_go_to_where_a_link_points(tmp_path, old):
     assert written(old) == NEW
 
 
+def test_a_name_that_is_just_not_too_long_is_written(tmp_path):
+    write_folder(tmp_path / (255 * "x"), NEW)
+    assert written(tmp_path / (255 * "x")) == NEW
+
+
+@pytest.mark.parametrize("name", [300 * "x", f"{300 * 'x'}/out", f"out/{300 * 'x'}"])
+def test_a_name_too_long_for_a_folder_is_refused_before_any_work(refuse, monkeypatch, name):
+    monkeypatch.setattr(command, "_files", None)
+    message = refuse(*IDENTIFY, "--out", name)
+    assert f"{name}: cannot be used (File name too long); give --out another folder" in message
+
+
+def test_a_link_that_leads_to_itself_is_refused(refuse, tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    assert "give --out another folder" in refuse(*IDENTIFY, "--out", "loop")
+
+
 def test_another_result_is_refused_and_force_is_named(refuse, old):
     message = refuse(*IDENTIFY, "--out", old)
     assert f"{old}: holds another result" in message

@@ -42,6 +42,14 @@ def test_quiet_prints_nothing(run, stored):
     assert run("validate", stored, BUNDLED.validation, "-q") == (0, "", "")
 
 
+@pytest.mark.parametrize("word", ["--quiet", "--json"])
+def test_warnings_go_to_stderr_all_the_same(run, stored, tmp_path, word):
+    plain = pl.read_parquet(BUNDLED.validation).rename({"Current / A": "current"})
+    plain.write_csv(tmp_path / "plain.csv")
+    err = run("validate", stored, "plain.csv", word).err
+    assert "warning: column 'current' names no unit; A is assumed\n" in err
+
+
 def test_options_change_the_stored_window(run, stored):
     outcome = run("validate", stored, BUNDLED.validation, "--score-to", "1000", "--json")
     assert json.loads(outcome.out)["samples"] == 1001
@@ -71,6 +79,37 @@ def test_a_start_time_takes_the_place_of_a_stored_start_step(run, stored, tmp_pa
     words = ("validate", "stepped.json", BUNDLED.validation)
     assert "step column" in run(*words).err
     assert run(*words, "--start-time", "5").status == 0
+
+
+def test_a_new_start_drops_the_stored_state_of_charge(run, stored, tmp_path):
+    document = json.loads(stored.read_text())
+    document["window"]["initial_soc"] = 0.5
+    (tmp_path / "half.json").write_text(json.dumps(document))
+    start = ("--start-time", "5", "--json")
+    from_the_voltage = run("validate", stored, BUNDLED.validation, *start)
+    assert run("validate", "half.json", BUNDLED.validation, *start) == from_the_voltage
+    given = (*start, "--initial-soc", "0.5")
+    kept = run("validate", "half.json", BUNDLED.validation, *given)
+    assert kept == run("validate", stored, BUNDLED.validation, *given) != from_the_voltage
+
+
+def test_the_whole_record_leaves_the_stored_window(run, stored, tmp_path):
+    document = json.loads(stored.read_text())
+    whole = document["window"] | {"score_to_s": None}
+    document["window"] |= {"start_time_s": 5.0, "initial_soc": 0.5, "score_steps": [7]}
+    (tmp_path / "narrow.json").write_text(json.dumps(document))
+    (tmp_path / "whole.json").write_text(json.dumps(document | {"window": whole}))
+    words = (BUNDLED.validation, "--json")
+    widened = run("validate", "narrow.json", *words, "--whole-record")
+    assert widened.status == 0
+    assert widened == run("validate", "whole.json", *words)
+    assert json.loads(widened.out)["samples"] > 1501
+
+
+def test_options_narrow_the_whole_record_again(run, stored):
+    words = ("--whole-record", "--score-to", "1000", "--json")
+    outcome = run("validate", stored, BUNDLED.validation, *words)
+    assert json.loads(outcome.out)["samples"] == 1001
 
 
 def test_a_result_of_the_python_interface_validates_alike(stored):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from ..bundled import bundled_file
+from ..bundled import BUNDLED
 from ..errors import InputError
 from . import options
 from .options import INPUT, SEARCH, parse_steps, require_choice
@@ -217,7 +217,11 @@ def identify(
         others = [read(path, validate_current_sign) for path in validate]
     with session.stage("Characterizing the cell"):
         cell = characterize(
-            tests, capacity_ah=capacity, ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit
+            tests,
+            capacity_ah=capacity,
+            ocv_fit=ocv_fit,
+            hysteresis_fit=hysteresis_fit,
+            rest_current_a=rest_current,
         )
         problem = make_problem(
             dynamic,
@@ -251,7 +255,6 @@ def identify(
         write_folder(folder, files)
     if as_json:
         typer.echo(result.to_json(), nl=False)
-        return
     session.show(identification_report(checked, [identified, *validated]))
     session.warn(all_warnings(problem, validated, tests))
     session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
@@ -264,11 +267,7 @@ def _files(
     if record is None:
         if ocv or validate:
             raise InputError("give a RECORD to identify on; --ocv and --validate only go with one")
-        return (
-            bundled_file("identification"),
-            [bundled_file("ocv_discharge"), bundled_file("ocv_charge")],
-            [bundled_file("validation")],
-        )
+        return BUNDLED.record, [*BUNDLED.ocv], [BUNDLED.validation]
     if not ocv:
         raise InputError(
             f"{record}: an OCV test of the same cell is needed as well; give it with --ocv"

@@ -111,7 +111,12 @@ Json = Annotated[
 ]
 Quiet = Annotated[
     bool,
-    typer.Option("--quiet", "-q", help="No tables and no progress.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--quiet",
+        "-q",
+        help="No tables and no progress; warnings still go to stderr.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 
 

@@ -4,6 +4,7 @@ import io
 import os
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,36 +19,50 @@ OURS = ("result.json", "timings.json", "figures")
 
 def require_free(folder: Path, is_forced: bool) -> None:
     """Raise `InputError` where results cannot go to `folder`. Called before any work is done."""
-    given, folder = folder, folder.resolve()
     another = "give --out another folder"
-    if folder == Path.cwd() or os.path.ismount(folder):
-        raise InputError(f"{given}: results replace their folder as a whole; give --out one in it")
-    existing = next(place for place in folder.parents if place.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK):
-        raise InputError(f"{given}: {existing} cannot be written to; {another}")
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise InputError(f"{given}: is a file; {another}")
     try:
-        names = sorted(entry.name for entry in folder.iterdir())
-    except OSError as problem:
-        raise InputError(f"{given}: cannot be listed ({problem.strerror}); {another}") from problem
+        place = folder.resolve()
+        if place == Path.cwd() or os.path.ismount(place):
+            raise InputError(
+                f"{folder}: results replace their folder as a whole; give --out one in it"
+            )
+        existing = next(parent for parent in place.parents if parent.exists())
+        if not existing.is_dir() or not os.access(existing, os.W_OK):
+            raise InputError(f"{folder}: {existing} cannot be written to; {another}")
+        for name in place.relative_to(existing).parts:
+            # A name that no folder can have is refused now, not when the search is done.
+            with suppress(FileNotFoundError):
+                os.lstat(existing / name)
+        names = _entries(place)
+    except NotADirectoryError as problem:
+        raise InputError(f"{folder}: is a file; {another}") from problem
+    # Before Python 3.13 a link that leads to itself is a RuntimeError.
+    except (OSError, RuntimeError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise InputError(f"{folder}: cannot be used ({reason}); {another}") from problem
     # Without a result beside it, a folder of figures is somebody else's.
     foreign = [name for name in names if name not in OURS or "result.json" not in names]
     if foreign:
-        raise InputError(f"{given}: holds {foreign[0]!r}, which barnax did not write; {another}")
+        raise InputError(f"{folder}: holds {foreign[0]!r}, which barnax did not write; {another}")
     if names and not is_forced:
-        raise InputError(f"{given}: holds another result; replace it with --force or {another}")
+        raise InputError(f"{folder}: holds another result; replace it with --force or {another}")
+
+
+def _entries(folder: Path) -> list[str]:
+    """The sorted names in a folder, none where it does not exist yet."""
+    try:
+        return sorted(os.listdir(folder))
+    except FileNotFoundError:
+        return []
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     """Put all files into `folder`, or leave what was there. Keys are paths below the folder."""
-    folder = folder.resolve()
     try:
+        folder = folder.resolve()
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(
-            prefix=f".{folder.name}-", dir=folder.parent, ignore_cleanup_errors=True
+            prefix=".barnax-", dir=folder.parent, ignore_cleanup_errors=True
         ) as workshop:
             fresh, old = Path(workshop, "new"), Path(workshop, "old")
             for name, content in files.items():

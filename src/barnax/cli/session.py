@@ -15,7 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 class Session:
-    """What a command shows while it works. Tables go to stdout, everything else to stderr."""
+    """What a command shows while it works. Tables go to stdout, everything else to stderr.
+
+    A quiet command shows warnings alone.
+    """
 
     def __init__(self, is_quiet: bool):
         self._is_quiet = is_quiet
@@ -56,10 +59,9 @@ class Session:
                 self._console.print(block)
 
     def warn(self, warnings: Iterable[str]) -> None:
-        """Print warnings to stderr, unless the command is quiet."""
-        if not self._is_quiet:
-            for text in warnings:
-                self._notes.print("[yellow]warning:[/yellow]", escape(text), soft_wrap=True)
+        """Print warnings to stderr, even where the command is quiet."""
+        for text in warnings:
+            self._notes.print("[yellow]warning:[/yellow]", escape(text), soft_wrap=True)
 
     def timings_json(self) -> bytes:
         """Seconds of every stage so far, as `timings.json`."""

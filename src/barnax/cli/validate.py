@@ -2,13 +2,21 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from . import options
 from .options import parse_steps
 from .session import Session, use_compilation_cache
+
+if TYPE_CHECKING:
+    from ..window import Window
+
+# What belongs to a start: either start takes the stored one's place, whichever that was, and the
+# stored state of charge was that of another moment.
+START = ("start_time_s", "start_after_step", "initial_soc")
+SCORING = ("score_steps", "score_from_s", "score_to_s")
 
 
 def validate(
@@ -24,6 +32,14 @@ def validate(
     score_steps: options.ScoreSteps = None,
     score_from: options.ScoreFrom = None,
     score_to: options.ScoreTo = None,
+    whole_record: Annotated[
+        bool,
+        typer.Option(
+            "--whole-record",
+            help="Forget the stored start, its state of charge, and what was scored.",
+            rich_help_panel=options.WINDOW,
+        ),
+    ] = False,
     as_json: Annotated[
         bool,
         typer.Option("--json", help="Print the errors as JSON.", rich_help_panel=options.OUTPUT),
@@ -32,7 +48,8 @@ def validate(
 ) -> None:
     """Simulate an identified circuit on another record and print its errors.
 
-    The window of the identification applies, except where options change it.
+    The window of the identification applies, except where options change it; another start also
+    drops the stored state of charge.
     """
     session = Session(is_quiet=quiet or as_json)
     with session.stage("Loading JAX"):
@@ -53,11 +70,8 @@ def validate(
         "rest_current_a": rest_current,
         "initial_direction": initial_direction,
     }
-    changes = {name: value for name, value in chosen.items() if value is not None}
-    if start_time is not None or start_after_step is not None:
-        # Either start takes the place of the stored one, whichever that was.
-        changes = {"start_time_s": start_time, "start_after_step": start_after_step} | changes
-    window = replace(stored.window, **changes)
+    given = {name: value for name, value in chosen.items() if value is not None}
+    window = _window(stored.window, given, whole_record)
     with session.stage("Reading the record"):
         measured = read_record(record, current_sign=current_sign, current_hold=current_hold)
     with session.stage("Simulating"):
@@ -66,6 +80,15 @@ def validate(
         )
     if as_json:
         typer.echo(metrics_part(evaluation).model_dump_json(by_alias=True, indent=1))
-        return
     session.show([metrics_table([evaluation])])
     session.warn([*measured.warnings, *evaluation.course.warnings])
+
+
+def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":
+    """The stored window with the given parts in place, without what they make void."""
+    void: tuple[str, ...] = ()
+    if is_whole:
+        void = START + SCORING
+    elif "start_time_s" in given or "start_after_step" in given:
+        void = START
+    return replace(stored, **(dict.fromkeys(void) | given))

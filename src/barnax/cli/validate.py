@@ -48,8 +48,8 @@ def validate(
 ) -> None:
     """Simulate an identified circuit on another record and print its errors.
 
-    The window of the identification applies, except where options change it; another start also
-    drops the stored state of charge.
+    The window of the identification applies, except where options change it.
+    Another start also drops the stored state of charge.
     """
     session = Session(is_quiet=quiet or as_json)
     with session.stage("Loading JAX"):

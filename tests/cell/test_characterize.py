@@ -23,6 +23,7 @@ from .pulse_rest import (
 )
 
 GRID = np.linspace(0.0, 1.0, 21)
+NODE_SOC = np.array([0.0, 0.1, 0.35, 0.95, 1.0])
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])
@@ -36,14 +37,14 @@ def test_a_test_both_ways_gives_the_branches_back(hold):
 def test_a_test_both_ways_gives_capacity_and_hysteresis_back(hold):
     cell = characterize([both_ways(hold)], ocv_fit="interpolated")
     assert cell.capacity_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
-    np.testing.assert_allclose(cell.hysteresis.nodes_v, W_NODES_V, atol=1e-7)
+    np.testing.assert_allclose(cell.hysteresis_v(NODE_SOC), W_NODES_V, atol=1e-7)
 
 
 def test_two_files_give_the_same_as_one():
     one = characterize([both_ways()], ocv_fit="interpolated")
     two = characterize([discharge_only(), charge_only()], ocv_fit="interpolated")
     np.testing.assert_allclose(two.average_ocv_v(GRID), one.average_ocv_v(GRID), atol=1e-9)
-    np.testing.assert_allclose(two.hysteresis.nodes_v, one.hysteresis.nodes_v, atol=1e-9)
+    np.testing.assert_allclose(two.hysteresis_v(GRID), one.hysteresis_v(GRID), atol=1e-9)
 
 
 def test_the_order_of_files_does_not_matter():

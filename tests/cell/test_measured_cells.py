@@ -42,6 +42,11 @@ def test_the_samsung_cell_has_the_published_capacity(samsung):
     assert samsung.capacity_ah == pytest.approx(1.9960, abs=5e-4)
 
 
+def test_the_samsung_test_shows_that_it_runs_from_full_to_empty(samsung):
+    assert samsung.capacity_origin.startswith("measured")
+    assert samsung.warnings == ()
+
+
 def test_both_branches_of_the_samsung_cell_share_one_axis(incremental):
     cell = characterize([incremental], capacity_ah=2.0, ocv_fit="interpolated")
     assert (len(cell.discharge_points), len(cell.charge_points)) == (11, 12)
@@ -65,6 +70,7 @@ def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
     published_mv = [48.7, 41.8, 46.5, 58.1, 37.3, 33.4, 38.6, 39.6, 27.3, 23.6, 25.4]
     np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
     assert cell.capacity_ah == pytest.approx(2.060, abs=2e-3)
+    assert cell.warnings == ()
 
 
 def test_a_wiggling_polynomial_of_the_lfp_cell_is_warned_about(real_data: Path):

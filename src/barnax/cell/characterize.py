@@ -8,13 +8,11 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
 from ..records.record import Record
-from ..records.rests import rest_current_a
 from .curves import AbstractCurve, OcvFit, curve_warnings, fit_curve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError, fit_error
-from .rest_points import MINIMUM_REST_S, find_rest_sweeps
-from .slow_sweep import find_slow_sweeps
-from .soc_axis import OcvPoint, decide_capacity, place_on_soc
+from .record_sweeps import find_sweeps
+from .soc_axis import OcvPoint, decide_capacity, place_on_soc, scale_warnings
 from .sweep import CHARGE, DISCHARGE, WORD, Sweep, join_sweeps
 
 SAME_POINT = 1e-6
@@ -26,26 +24,35 @@ def characterize(
     capacity_ah: float | None = None,
     ocv_fit: OcvFit = "polynomial",
     hysteresis_fit: HysteresisFit = "continuous",
+    rest_current_a: float | None = None,
 ) -> CellModel:
     """The cell that an OCV test shows: one or several records, in any order.
 
-    Each record is a pulse-rest test or a slow sweep, of either direction or both. Raises
+    Each record is a pulse-rest test or a slow sweep, of either direction or both. The cell rests
+    below `rest_current_a`, by default C/100 and never under five times the noise at rest. Raises
     `InputError` that names the record where it is neither, and `ValueError` for an unknown fit.
     """
     if not records:
         raise InputError("an OCV test is needed; no record was given")
     if capacity_ah is not None and not capacity_ah > 0:
         raise InputError(f"the capacity must be positive, in Ah; {capacity_ah} was given")
-    found = [sweep for record in records for sweep in find_sweeps(record, capacity_ah)]
+    if rest_current_a is not None and not rest_current_a > 0:
+        raise InputError(f"the rest current must be positive, in A; {rest_current_a} was given")
+    tests = [find_sweeps(record, capacity_ah, rest_current_a) for record in records]
+    found = [sweep for of_record, _ in tests for sweep in of_record]
     sweeps = {
         direction: join_sweeps(same)
         for direction in (DISCHARGE, CHARGE)
         if (same := [sweep for sweep in found if sweep.direction == direction])
     }
     capacity = decide_capacity(sweeps, capacity_ah)
-    points = place_on_soc(sweeps, capacity, shares_axis=len(records) == 1)
+    shares_axis = len(records) == 1
+    points = place_on_soc(sweeps, capacity, shares_axis)
     measured = {direction: _curve(branch, ocv_fit) for direction, branch in points.items()}
-    warnings = list(capacity.warnings) + _kind_warnings(sweeps)
+    warnings = [text for _, of_record in tests for text in of_record]
+    warnings.extend(capacity.warnings)
+    warnings.extend(scale_warnings(sweeps, capacity, shares_axis))
+    warnings.extend(_kind_warnings(sweeps))
     for direction, curve in measured.items():
         warnings.extend(curve_warnings(curve, WORD[direction]))
     only = next(iter(measured.values()))
@@ -66,25 +73,6 @@ def characterize(
         errors=_errors(measured, hysteresis),
         warnings=tuple(warnings),
     )
-
-
-def find_sweeps(record: Record, capacity_ah: float | None) -> list[Sweep]:
-    """The OCV sweeps of one record, on its own axis of charge.
-
-    `capacity_ah` sets what current counts as rest; without it the charge that the record spans
-    does. Raises `InputError` where the record is no OCV test.
-    """
-    span_ah = float(np.ptp(record.discharged_ah))
-    if span_ah == 0:
-        raise InputError(
-            f"{record.name} is not an OCV test: no charge passed; give the test that moves the "
-            "cell between full and empty"
-        )
-    # A capacity given in mAh would turn the whole record into one rest.
-    provisional_ah = span_ah if capacity_ah is None else min(capacity_ah, span_ah)
-    threshold_a = rest_current_a(record, provisional_ah)
-    slow = find_slow_sweeps(record, threshold_a, MINIMUM_REST_S)
-    return slow or find_rest_sweeps(record, threshold_a)
 
 
 def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> AbstractCurve:

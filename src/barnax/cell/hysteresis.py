@@ -79,12 +79,6 @@ class SegmentedHysteresis:
         return self(soc) - np.array([w for _, w in self.points])
 
     @property
-    def nodes_v(self) -> tuple[float, float, float, float, float]:
-        """W(0), W(0.1), P, W(0.95), W(1); meaningful for the continuous fit."""
-        (zero, tenth), _, (flat, _), (_, high), (_, one) = self.ends_v
-        return zero, tenth, flat, high, one
-
-    @property
     def parameters(self) -> dict[str, float]:
         """A to H and P of Eq. 4: slope and intercept of each sloping segment, and the constant."""
         values = {}

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from ..errors import InputError
 from .sweep import CHARGE, DISCHARGE, WORD, Sweep
 
-SAME_CAPACITY = 0.10
+AGREEMENT = 0.10
 CAPACITY_WARNING = 0.05
 CAPACITY_ERROR = 0.20
-CLOSURE_WARNING = 0.02
+CLOSURE = 0.02
 HALF = 0.5
 
 
@@ -38,12 +38,16 @@ def decide_capacity(sweeps: Mapping[int, Sweep], given_ah: float | None) -> Capa
 
     `sweeps` maps the direction to its sweep. A sweep measures the capacity where the other sweep
     passed the same charge within 10 %, where it is slow (cut-off to cut-off), or where it is
-    alone and no capacity was given. Raises `InputError` where the given capacity is off by more
-    than 20 %, or where none was given and none was measured.
+    alone and no capacity was given. That it ran between full and empty is then an assumption,
+    and a warning, unless it is slow or both sweeps close and stop at a cut-off. Raises
+    `InputError` where the given capacity is off by more than 20 %, or where none was given and
+    none was measured.
     """
     main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
-    agrees = len(sweeps) == 1 or _is_near(sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah)
+    agrees = len(sweeps) == 1 or _is_near(
+        sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
+    )
     if given_ah is None:
         if not agrees and main.kind != "slow":
             raise InputError(
@@ -51,7 +55,11 @@ def decide_capacity(sweeps: Mapping[int, Sweep], given_ah: float | None) -> Capa
                 f"{sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: give it "
                 "with --capacity, in Ah"
             )
-        return Capacity(main.passed_ah, f"measured: {measured}", _closure_warnings(sweeps))
+        warnings = _closure_warnings(sweeps)
+        if main.kind == "slow" or _runs_between_cutoffs(sweeps):
+            return Capacity(main.passed_ah, f"measured: {measured}", warnings)
+        warnings += (_assumption(main),)
+        return Capacity(main.passed_ah, f"assumed: {measured}, taken as full to empty", warnings)
     spans = main.kind == "slow" or (len(sweeps) == 2 and agrees)
     most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
     ratio = main.passed_ah / given_ah
@@ -76,26 +84,55 @@ def place_on_soc(
     With `shares_axis`, all from one record, the rests lie on one ampere-hour axis scaled by the
     capacity: 1 where the discharge begins, else 0 where the charge begins. Other sweeps stand
     alone: a discharge begins at 1, a charge at 0, and each is scaled by its own charge when it
-    runs from cut-off to cut-off (slow, or within 10 % of the capacity or of the other sweep),
-    else by the capacity.
+    runs between full and empty (slow, or within 2 % of the capacity or of the other sweep), else
+    by the capacity.
     """
-    if shares_axis and all(sweep.kind == "rests" for sweep in sweeps.values()):
+    if _has_one_axis(sweeps, shares_axis):
         anchor = sweeps.get(DISCHARGE) or sweeps[CHARGE]
         return {
             direction: _place(sweep, anchor, capacity.value_ah)
             for direction, sweep in sweeps.items()
         }
-    placed = {}
+    return {
+        direction: _place(sweep, sweep, _scale_ah(sweep, sweeps.get(-direction), capacity))
+        for direction, sweep in sweeps.items()
+    }
+
+
+def scale_warnings(
+    sweeps: Mapping[int, Sweep], capacity: Capacity, shares_axis: bool
+) -> tuple[str, ...]:
+    """What `place_on_soc` scaled each sweep by, where its charge and the capacity differ by 2 %.
+
+    Slow sweeps are left out: they define full and empty.
+    """
+    if _has_one_axis(sweeps, shares_axis):
+        return ()
+    found = []
     for direction, sweep in sweeps.items():
-        other = sweeps.get(-direction)
-        is_whole = (
-            sweep.kind == "slow"
-            or _is_near(sweep.passed_ah, capacity.value_ah)
-            or (other is not None and _is_near(sweep.passed_ah, other.passed_ah))
+        if sweep.kind == "slow" or _is_near(sweep.passed_ah, capacity.value_ah, CLOSURE):
+            continue
+        scale_ah = _scale_ah(sweep, sweeps.get(-direction), capacity)
+        by = "the capacity" if scale_ah == capacity.value_ah else "its own charge, as both agree"
+        found.append(
+            f"the {WORD[direction]} of {sweep.source} passed {sweep.passed_ah:.4g} Ah, the "
+            f"capacity is {capacity.value_ah:.4g} Ah: its SOC is scaled by {by}"
         )
-        scale_ah = sweep.passed_ah if is_whole else capacity.value_ah
-        placed[direction] = _place(sweep, sweep, scale_ah)
-    return placed
+    return tuple(found)
+
+
+def _has_one_axis(sweeps: Mapping[int, Sweep], shares_axis: bool) -> bool:
+    return shares_axis and all(sweep.kind == "rests" for sweep in sweeps.values())
+
+
+def _scale_ah(sweep: Sweep, other: Sweep | None, capacity: Capacity) -> float:
+    """The charge that is SOC 1 for a sweep that stands alone."""
+    is_whole = (
+        sweep.kind == "slow"
+        or _is_near(sweep.passed_ah, capacity.value_ah, CLOSURE)
+        or (other is not None and _is_near(sweep.passed_ah, other.passed_ah, CLOSURE))
+    )
+    return sweep.passed_ah if is_whole else capacity.value_ah
 
 
 def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]:
@@ -113,8 +150,27 @@ def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]
     return tuple(sorted(points, key=lambda point: point.soc))
 
 
-def _is_near(charge_ah: float, reference_ah: float) -> bool:
-    return abs(charge_ah - reference_ah) <= SAME_CAPACITY * reference_ah
+def _is_near(charge_ah: float, reference_ah: float, tolerance: float) -> bool:
+    return abs(charge_ah - reference_ah) <= tolerance * reference_ah
+
+
+def _runs_between_cutoffs(sweeps: Mapping[int, Sweep]) -> bool:
+    """Whether both directions close and each stops at a cut-off: one at empty, one at full."""
+    return (
+        len(sweeps) == 2
+        and _is_near(sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, CLOSURE)
+        and all(sweep.stops_at_cutoff for sweep in sweeps.values())
+    )
+
+
+def _assumption(main: Sweep) -> str:
+    first_v, last_v = main.points[0].voltage_v, main.points[-1].voltage_v
+    ends = "full to empty" if main.direction == DISCHARGE else "empty to full"
+    return (
+        f"no capacity was given: the {WORD[main.direction]} of {main.source}, {first_v:.4g} to "
+        f"{last_v:.4g} V and {main.passed_ah:.4g} Ah, is taken as {ends}; if it is not, give "
+        "--capacity, in Ah"
+    )
 
 
 def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
@@ -122,7 +178,7 @@ def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
         return ()
     out_ah, in_ah = sweeps[DISCHARGE].passed_ah, sweeps[CHARGE].passed_ah
     error = in_ah / out_ah - 1
-    if abs(error) <= CLOSURE_WARNING:
+    if abs(error) <= CLOSURE:
         return ()
     return (
         f"the OCV test does not close: {out_ah:.4g} Ah out, {in_ah:.4g} Ah in "

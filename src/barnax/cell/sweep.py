@@ -1,6 +1,7 @@
 """A sweep: OCV points met while the cell was charged, or discharged, one way."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 from ..errors import InputError
@@ -9,6 +10,10 @@ CHARGE = 1
 DISCHARGE = -1
 WORD = {CHARGE: "charge", DISCHARGE: "discharge"}
 SAME_REST_V = 10e-3
+# A pulse below this fraction of all before it was cut short; timers hold to better than that.
+SHORT_PULSE = 0.99
+# Steps below this fraction of the sweep are no pulses.
+SAME_CHARGE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,24 @@ class Sweep:
     def passed_ah(self) -> float:
         """The charge of the whole sweep, positive."""
         return abs(self.end_ah - self.start_ah)
+
+    @property
+    def stops_at_cutoff(self) -> bool:
+        """Whether it ran until full or empty, as far as its points tell.
+
+        A slow sweep does. Between rests a cut-off shortens the last pulse below all before it, or
+        the last but one where a taper at constant voltage follows.
+        """
+        if self.kind == "slow":
+            return True
+        at_ah = [point.discharged_ah for point in self.points]
+        steps_ah = [abs(after - before) for before, after in pairwise([*at_ah, self.end_ah])]
+        pulses_ah = [step_ah for step_ah in steps_ah if step_ah > SAME_CHARGE * self.passed_ah]
+        return any(
+            pulses_ah[last] < SHORT_PULSE * min(pulses_ah[:last])
+            for last in (-1, -2)
+            if pulses_ah[:last]
+        )
 
 
 def join_sweeps(sweeps: list[Sweep]) -> Sweep:

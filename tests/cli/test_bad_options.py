@@ -23,6 +23,7 @@ from .conftest import BUDGET, OCV
         (("--initial-soc", "80"), ("--initial-soc 80.0", "from 0 (empty) to 1 (full)")),
         (("--initial-direction", "0"), ("--initial-direction 0", "+1", "-1")),
         (("--rest-current", "-1"), ("--rest-current -1.0 A must be positive",)),
+        (("--rest-current", "50"), ("ocv_charge.parquet", "a lower --rest-current")),
         (("--capacity", "-2"), ("capacity must be positive, in Ah; -2.0",)),
         (("--capacity", "nan"), ("capacity must be positive, in Ah; nan",)),
         (("--fix", "C1 [F]"), ("--fix 'C1 [F]'", 'such as "C1 [F]=500"')),

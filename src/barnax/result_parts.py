@@ -10,7 +10,7 @@ Parameters = dict[str, float]
 # Keys with units, by the field's name.
 KEYS = {
     "rmse_v": "rmse [V]",
-    "history_v": "history [V]",
+    "history_v": "history",
     "mape_percent": "mape [%]",
     "ce_v": "ce [V]",
     "max_v": "max [V]",

@@ -169,4 +169,4 @@ def test_another_key_gives_another_search():
         for key in (0, 1)
     )
     assert (first["key"], second["key"]) == (0, 1)
-    assert first["seeds"][0]["history [V]"] != second["seeds"][0]["history [V]"]
+    assert first["seeds"][0]["history"] != second["seeds"][0]["history"]

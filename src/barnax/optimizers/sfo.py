@@ -102,7 +102,7 @@ def random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "
     """A random subset of `share` of the items, rounded down: those of the smallest numbers."""
     # Counting the smaller ones is several times faster here than sorting.
     rank = jnp.sum(numbers[None, :] < numbers[:, None], axis=1)
-    return rank < jnp.floor(share * len(numbers))
+    return rank.astype(numbers.dtype) < jnp.floor(share * len(numbers))
 
 
 def _rows(swarm: Swarm, rows: Int[Array, "rows"]) -> Swarm:

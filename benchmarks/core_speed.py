@@ -29,6 +29,7 @@ HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "core_speed.md"
 POPULATIONS = (30, 240, 900)
 REPEATS = 15
+CALLS = 10
 LANES = 32
 
 
@@ -65,15 +66,19 @@ def compile_kernel(folder: Path) -> Callable | None:
 
 
 def milliseconds(runs: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Median wall time of each run, taken in turn so that a drifting machine is fair to all."""
+    """Median wall time of each run, taken in turn so that a drifting machine is fair to all.
+
+    A turn is `CALLS` calls one after the other, as a search makes them.
+    """
     taken: dict[str, list[float]] = {name: [] for name in runs}
     for run in runs.values():
         run()
     for _ in range(REPEATS):
         for name, run in runs.items():
             start = time.perf_counter()
-            run()
-            taken[name].append(1e3 * (time.perf_counter() - start))
+            for _ in range(CALLS):
+                run()
+            taken[name].append(1e3 * (time.perf_counter() - start) / CALLS)
     return {name: statistics.median(times) for name, times in taken.items()}
 
 
@@ -149,8 +154,8 @@ def main() -> None:
             "",
             "Printed by `python -m benchmarks.core_speed`.",
             f"{date.today()}, {os.cpu_count()} CPU cores ({platform.machine()}), "
-            f"jax {version('jax')}, Python {platform.python_version()}. Medians of {REPEATS} runs, "
-            "the runs of one row in turn.",
+            f"jax {version('jax')}, Python {platform.python_version()}. Medians of {REPEATS} turns "
+            f"of {CALLS} calls, the runs of one row in turn.",
             "",
             "One generation: the RMSE of a population on the bundled record, 19,680 samples, "
             "float64. The kernel is `squared_errors.c`, candidates in SIMD lanes, one core; "

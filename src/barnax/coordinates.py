@@ -74,9 +74,12 @@ class Coordinates(eqx.Module):
 
     def decode(self, point: Float[Array, "free"]) -> Impedance:
         """The circuit at a point."""
-        values = self.fixed.at[jnp.array(self.free)].set(point)
-        values = jnp.exp(values) if self.is_log else values
-        r0, r1, x1, r2, x2 = values
+        # Picked one by one: a scatter would cost more than many simulations' steps.
+        chosen = [
+            point[self.free.index(slot)] if slot in self.free else self.fixed[slot]
+            for slot in range(len(self.fixed))
+        ]
+        r0, r1, x1, r2, x2 = [jnp.exp(value) for value in chosen] if self.is_log else chosen
         tau = []
         for pair, (r, x) in enumerate(((r1, x1), (r2, x2))):
             low, high = self.tau_limits_s[pair]

@@ -1,7 +1,7 @@
 """The cross-check: Levenberg-Marquardt from every seed's answer, in the same box."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,13 +65,22 @@ def refine(
 
     It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
     bounds hold exactly and an optimum at a bound is a stationary point. Every seed is taken to
-    `SEED_TOLERANCE` in at most `STEPS` steps, the best then to `FINAL_TOLERANCE` with what is at
-    a bound held there. No answer is made worse. `descent` may have been compiled beforehand;
-    `progress` is called with the number of seeds finished since the last call.
+    `SEED_TOLERANCE` in at most `STEPS` steps, and as many again with what is at a bound held
+    there; the best then to `FINAL_TOLERANCE`. No answer is made worse. `descent` may have been
+    compiled beforehand; `progress` is called with the number of seeds finished since the last
+    call.
     """
     descent = descent or Descent(found.problem)
     answers = [answer.parameters for answer in found.seeds]
     refined = descent(answers, SEED_TOLERANCE, progress=progress)
+    # Along a bound the sine is flat, and a descent wanders there without an end of its own.
+    moving = [seed for seed in range(len(refined)) if not refined[seed].has_converged]
+    if moving:
+        starts = [refined[seed].parameters for seed in moving]
+        for seed, end in zip(
+            moving, descent(starts, SEED_TOLERANCE, holds_bounds=True), strict=True
+        ):
+            refined[seed] = replace(end, moved=largest_change(answers[seed], end.parameters))
     leader = min(range(len(refined)), key=lambda seed: refined[seed].rmse_v)
     best = refined[leader]
     for _ in range(FINAL_ROUNDS):
@@ -152,7 +161,9 @@ def _verdict(
                 f"nearest {nearest:.2g} % above it"
             )
         if unsettled:
-            agreement += f"; {unsettled} were still moving after {STEPS} steps of the cross-check"
+            agreement += (
+                f"; {unsettled} were still moving after {2 * STEPS} steps of the cross-check"
+            )
         agreement += "."
     distance = f"{gap:.2g} % above it" if gap > 1e-6 else "already there, to 1e-6 %"
     sentences = [agreement, f"Before refinement the best seed was {distance}."]

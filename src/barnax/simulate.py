@@ -12,9 +12,10 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
-# Measured on two CPU cores for 30 to 900 candidates: 4 to 6 is fastest or near it, 8 can be three
-# times slower.
+# Measured on two CPU cores for 8 to 900 candidates: these are fastest or near it, twice as many
+# can be three times slower.
 UNROLL = 5
+UNROLL_STACKED = 4
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
 # Smaller offsets are rounding of the stored time, not jitter of the clock.
@@ -108,7 +109,7 @@ def unit_response(
         return pair.advance(state, *sample), state
 
     samples = (held_a, intervals.node, intervals.offset_s)
-    _, response_a = lax.scan(step, jnp.zeros_like(tau), samples, unroll=UNROLL)
+    _, response_a = lax.scan(step, jnp.zeros_like(tau), samples, unroll=UNROLL_STACKED)
     return response_a
 
 

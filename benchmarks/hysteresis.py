@@ -113,7 +113,7 @@ def _sentence(ocv_fit: str, plain: tuple, corrected: tuple) -> str:
         for place, change in changes
     )
     gains = [change < 0 for _, change in changes]
-    verdict = "it pays" if all(gains) else "it does not pay" if not any(gains) else "no clear gain"
+    verdict = "it pays" if all(gains) else "it does not pay" if not any(gains) else "it is a draw"
     return f"- With the {ocv_fit} OCV the hysteresis voltage {words}: {verdict}."
 
 

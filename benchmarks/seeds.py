@@ -45,9 +45,10 @@ def main() -> None:
         f"Printed by `python -m benchmarks.seeds`, {date.today()}. Bundled cell, iso-rc, "
         f"interpolated OCV, key {KEY}, {SEEDS} seeds of at most {EVALUATIONS} evaluations each, "
         f"before refinement. The best refined RMSE is {1e3 * best_v:.4f} mV; a seed counts as "
-        f"there within {100 * REACHED:.1g} %. Excess is over the best refined RMSE.",
+        f"there within {100 * REACHED:.1g} %.",
         "",
-        "| coordinates | optimizer | seeds there | best [%] | median [%] | worst [%] |",
+        "| coordinates | optimizer | seeds there | best excess [%] | median excess [%] "
+        "| worst excess [%] |",
         "|---|---|---|---|---|---|",
     ]
     for (scale, name), errors_v in searched.items():

@@ -18,7 +18,7 @@ from .problem import Objective, Problem, impedance_of, residuals
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
-# A descent that needs longer creeps along a valley; only the best one is followed to its end.
+# Steps of one round. Who needs many rounds creeps along a valley; only the best is followed there.
 STEPS = 50
 # An error under a picovolt is zero; it would not do as a unit.
 SMALLEST_UNIT_V = 1e-12

@@ -16,7 +16,9 @@ LAYERS = (
     ("simulate", "window"),
     ("bounds", "coordinates", "course", "problem"),
     ("identification", "descent", "refinement", "evaluate"),
-    ("result_parts", "result", "report", "plots"),
+    ("methods", "comparison_statistics"),
+    ("comparison",),
+    ("result_parts", "result", "comparison_result", "report", "plots"),
     ("cli",),
 )
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import polars as pl
 from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
 from .columns import Column, Dialect, dialect_of, require_columns
+from .lines import Lines, place, take_lines
 from .table import Table
 
 
@@ -48,7 +48,7 @@ class Samples:
 
     def place(self, sample: int) -> str:
         """Where a sample stands, for messages."""
-        return _place(int(self.row[sample]), int(self.sheet[sample]), self.sheets)
+        return place(int(self.row[sample]), int(self.sheet[sample]), self.sheets)
 
     def warn(self, *messages: str) -> "Samples":
         """The same samples with more warnings."""
@@ -76,46 +76,51 @@ def take_samples(table: Table, file: str) -> Samples:
     Blank lines are passed over. Raises InputError when time, current or voltage is missing, is
     no number, or is not finite.
     """
-    columns = require_columns(table.header, file)
-    sheets = tuple(name for name, _ in table.sheets)
-    lines = {name: _numbers(table.columns[found.index], found) for name, found in columns.items()}
-    required = [name for name, found in columns.items() if found.quantity.is_required]
-    is_blank = np.all([column.is_null().to_numpy() for column in table.columns], axis=0)
-    for name in required:
-        bad = ~np.isfinite(lines[name]) & ~is_blank
+    lines = take_lines(table, require_columns(table.header, file), file)
+    for name in required(lines):
+        bad = lines.bad(name)
         if bad.any():
             first = int(np.argmax(bad))
-            cell = table.columns[columns[name].index][first]
-            place = _place(int(table.row[first]), int(table.sheet_of_line[first]), sheets)
+            cell = lines.cell(name, first)
             raise InputError(
-                f"{file}: {place}: {'nothing' if cell is None else repr(cell)} stands under "
-                f"'{columns[name].header}', where a finite number is needed "
+                f"{file}: {lines.place(first)}: {'nothing' if cell is None else repr(cell)} stands "
+                f"under '{lines.columns[name].header}', where a finite number is needed "
                 f"({int(bad.sum())} such cells in the column); "
-                f"{_remedy(bad[~is_blank], columns[name])}."
+                f"{_remedy(bad, lines.columns[name])}."
             )
-    kept = {name: values[~is_blank] for name, values in lines.items()}
-    notes = list(table.notes) + [_unit_note(found) for found in columns.values()]
-    temperature, temperature_notes = _optional(kept, columns, "temperature")
-    step, step_notes = _optional(kept, columns, "step")
+    return samples_of(lines)
+
+
+def required(lines: Lines) -> list[str]:
+    """The quantities among the lines' columns that no record can do without."""
+    return [name for name, found in lines.columns.items() if found.quantity.is_required]
+
+
+def samples_of(lines: Lines) -> Samples:
+    """The samples of lines that have a finite time, current and voltage throughout."""
+    columns = lines.columns
+    notes = list(lines.table.notes) + [_unit_note(found) for found in columns.values()]
+    temperature, temperature_notes = _optional(lines, "temperature")
+    step, step_notes = _optional(lines, "step")
     if step is not None and np.any(step != np.round(step)):
         step, step_notes = None, ["the step numbers are not whole numbers and are left out"]
     return Samples(
-        file=file,
-        time_s=kept["time"],
-        current_a=kept["current"],
-        voltage_v=kept["voltage"],
+        file=lines.file,
+        time_s=lines.values["time"],
+        current_a=lines.values["current"],
+        voltage_v=lines.values["voltage"],
         temperature_degc=temperature,
         step=None if step is None else step.astype(int),
         counters=Counters(
-            _optional(kept, columns, "charging capacity")[0],
-            _optional(kept, columns, "discharging capacity")[0],
-            _optional(kept, columns, "net capacity")[0],
+            _optional(lines, "charging capacity")[0],
+            _optional(lines, "discharging capacity")[0],
+            _optional(lines, "net capacity")[0],
         ),
-        row=table.row[~is_blank],
-        sheet=table.sheet_of_line[~is_blank],
-        sheets=sheets,
+        row=lines.row,
+        sheet=lines.sheet,
+        sheets=lines.sheets,
         names={name: found.header for name, found in columns.items()},
-        dialect=dialect_of(table.header),
+        dialect=dialect_of(lines.table.header),
         warnings=tuple(note for note in [*notes, *temperature_notes, *step_notes] if note),
     )
 
@@ -124,23 +129,6 @@ def _remedy(is_bad: Bool[np.ndarray, "lines"], found: Column) -> str:
     if is_bad.all():
         return f"give the whole column as plain numbers in {found.unit.symbol}"
     return "delete the row, or fill it from the tester's own file"
-
-
-def _place(row: int, sheet: int, sheets: tuple[str, ...]) -> str:
-    return f"row {row} of sheet '{sheets[sheet]}'" if len(sheets) > 1 else f"row {row}"
-
-
-def _numbers(cells: pl.Series, found: Column) -> Float[np.ndarray, "lines"]:
-    """The column in its base unit, NaN where a cell is no number."""
-    if isinstance(cells.dtype, pl.Categorical | pl.Enum):
-        cells = cells.cast(pl.String)
-    if not (cells.dtype.is_numeric() or cells.dtype == pl.String):
-        # A date, a duration or a truth value is no number of the stated unit.
-        return np.full(len(cells), np.nan)
-    numbers = cells.cast(pl.Float64, strict=False).to_numpy()
-    if found.unit.factor == 1 and found.unit.offset == 0:
-        return numbers
-    return numbers * found.unit.factor + found.unit.offset
 
 
 def _unit_note(found: Column) -> str:
@@ -152,12 +140,10 @@ def _unit_note(found: Column) -> str:
     return ""
 
 
-def _optional(
-    kept: dict[str, np.ndarray], columns: dict[str, Column], name: str
-) -> tuple[np.ndarray | None, list[str]]:
+def _optional(lines: Lines, name: str) -> tuple[np.ndarray | None, list[str]]:
     """An optional column if it is there whole, else nothing and the reason."""
-    if name not in kept:
+    if name not in lines.values:
         return None, []
-    if not np.all(np.isfinite(kept[name])):
-        return None, [f"column '{columns[name].header}' has gaps and is left out"]
-    return kept[name], []
+    if lines.bad(name).any():
+        return None, [f"column '{lines.columns[name].header}' has gaps and is left out"]
+    return lines.values[name], []

@@ -87,7 +87,7 @@ def time_generations(problem: barnax.Problem, kernel: Callable | None) -> list[s
     """Table rows: one generation of each population size, ours and the baselines'."""
     objective = problem.objective
     box = objective.coordinates
-    drive = objective.drive
+    drive = objective.evaluator
     current_a, base_v = np.asarray(drive.current_a), np.asarray(drive.base_error_v)
     evaluate = jax.jit(jax.vmap(rmse, in_axes=(0, None)))
     # As in a search: one generation after the other inside one compiled call.

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from barnax.bounds import RESISTANCES, Bounds, parse_fixed, read_bounds
+from barnax.bounds import Bounds, parse_fixed, read_bounds
 from barnax.errors import InputError
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
@@ -16,7 +16,7 @@ TAUS = ("tau1 [s]", "tau2 [s]")
 )
 def test_resistances_scale_with_the_capacity(capacity_ah, low_ohm, high_ohm):
     ranges = Bounds.default(capacity_ah, 1.0, 1000.0).ranges
-    for name in RESISTANCES:
+    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
         assert ranges[name] == pytest.approx((low_ohm, high_ohm), rel=1e-9)
 
 
@@ -100,7 +100,11 @@ def test_changes_leave_the_earlier_bounds_as_they_were():
 @pytest.mark.parametrize(
     ("ranges", "fixed", "message"),
     [
-        ({"R9 [Ohm]": (0.1, 0.2)}, {}, r"'R9 \[Ohm\]' is not a parameter; there are R0 \[Ohm\]"),
+        (
+            {"R9 [Ohm]": (0.1, 0.2)},
+            {},
+            r"'R9 \[Ohm\]' is not a parameter of this circuit; there are R0 \[Ohm\]",
+        ),
         ({"R0 [Ohm]": (0.2, 0.1)}, {}, r"'R0 \[Ohm\]' are \[0.2, 0.1\]; .* the lower one smaller"),
         ({"R0 [Ohm]": (0.1, 0.1)}, {}, r"'R0 \[Ohm\]' are \[0.1, 0.1\]"),
         ({"R0 [Ohm]": (0.0, 0.1)}, {}, r"'R0 \[Ohm\]' are \[0.0, 0.1\]; they must be positive"),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from barnax.bounds import Bounds
 from barnax.coordinates import SCALES, Coordinates
 from barnax.errors import InputError
-from barnax.simulate import Impedance
+from barnax.evaluator import Impedance
 
 DEFAULT = Bounds.default(2.0, 1.0, 1000.0)
 BOXES = {

@@ -67,6 +67,8 @@ def test_the_source_is_the_circuits_open_circuit_voltage(bundled_cell, circuit):
     expected_v = bundled_cell.average_ocv_v(course.soc)
     if circuit == "iso-rc":
         expected_v = expected_v + course.direction * bundled_cell.hysteresis_v(course.soc) / 2
+    if circuit == "esc":  # the state that moves starts at the last direction before the record
+        expected_v = expected_v + bundled_cell.hysteresis_v(course.soc) / 2
     np.testing.assert_allclose(course.source_v, expected_v, rtol=1e-15)
 
 

@@ -11,7 +11,7 @@ from barnax.records import read_record
 from barnax.window import Window
 from reference import drop_v, filtered_response
 
-CIRCUIT = CircuitParameters(r0=0.05, r1=0.01, c1=500.0, r2=0.02, c2=4000.0)
+CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 WINDOW = Window(score_from_s=99.5, score_to_s=1500.5)
 
 
@@ -40,7 +40,7 @@ def test_metrics_count_scored_samples_only(evaluation):
 
 
 def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bundled_cell):
-    fast = CircuitParameters(r0=0.05, r1=0.01, c1=1.0, r2=0.02, c2=4000.0)
+    fast = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1.0, 4000.0))
     course = make_course(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
     circuit = (0.05, (0.01, 0.02), (0.01, 80.0))
     expected_v = course.source_v - drop_v(filtered_response, 1.0, course.current_a, circuit)
@@ -48,7 +48,7 @@ def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bu
 
 
 def test_swapped_pairs_are_the_same_circuit(evaluation):
-    swapped = CircuitParameters(r0=0.05, r1=0.02, c1=4000.0, r2=0.01, c2=500.0)
+    swapped = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     again = evaluate_course(evaluation.course, swapped)
     np.testing.assert_allclose(again.simulated_v, evaluation.simulated_v, rtol=1e-14)
 

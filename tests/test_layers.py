@@ -13,7 +13,7 @@ PACKAGE = Path(barnax.__file__).parent
 LAYERS = (
     ("errors", "metrics", "precision", "bundled", "records", "optimizers"),
     ("cell",),
-    ("simulate", "window"),
+    ("evaluator", "simulate", "window"),
     ("bounds", "coordinates", "course", "problem"),
     ("identification", "descent", "refinement", "evaluate"),
     ("methods", "comparison_statistics"),

@@ -14,7 +14,7 @@ from barnax.problem import impedance_of, make_problem, residuals, rmse
 from barnax.window import Window
 from reference import drop_v, looped_response
 
-CIRCUIT = CircuitParameters(r0=0.05, r1=0.01, c1=500.0, r2=0.02, c2=4000.0)
+CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 LOGARITHMS = np.log([0.05, 0.01, 5.0, 0.02, 80.0])
 SHORT = Window(score_to_s=60.0, initial_soc=1.0)
 
@@ -76,7 +76,7 @@ def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
 
 def test_a_problem_is_in_double_precision_and_leaves_the_setting(short_problem):
     assert not jax.config.jax_enable_x64
-    assert short_problem.objective.drive.source_v.dtype == jnp.float64
+    assert short_problem.objective.evaluator.source_v.dtype == jnp.float64
     assert short_problem.objective.coordinates.lower.dtype == jnp.float64
 
 
@@ -112,7 +112,7 @@ def test_the_warnings_are_those_of_record_cell_and_course(bundled_record, bundle
 
 @pytest.mark.parametrize("scale", ["rc", "log"])
 def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
-    swapped = CircuitParameters(r0=0.05, r1=0.02, c1=4000.0, r2=0.01, c2=500.0)
+    swapped = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
         coordinates = short_problem.objective_in(scale).coordinates
         point = np.asarray(coordinates.encode(impedance_of(swapped)))
@@ -123,7 +123,7 @@ def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
 def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
     bounds = short_problem.bounds.with_changes({"R1 [Ohm]": (0.015, 0.1)}, {}, "")
     problem = replace(short_problem, bounds=bounds)
-    slow_first = CircuitParameters(r0=0.05, r1=0.02, c1=4000.0, r2=0.01, c2=500.0)
+    slow_first = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
         coordinates = Coordinates.of(bounds, "log")
         point = np.asarray(coordinates.encode(impedance_of(slow_first)))

@@ -139,9 +139,9 @@ def test_the_samsung_cell_has_the_accepted_circuit(samsung):
     _, answers = samsung
     checked, evaluation = answers["so-rc"]
     found = checked.parameters
-    mohm = [1e3 * value for value in (found.r0, found.r1, found.r2)]
+    mohm = [1e3 * value for value in (found.r0, *found.r)]
     assert mohm == pytest.approx([73.1, 14.9, 21.3], abs=0.05)
-    assert (found.tau1_s, found.tau2_s) == pytest.approx((10.2, 87.2), abs=0.05)
+    assert found.tau_s == pytest.approx((10.2, 87.2), abs=0.05)
     assert checked.at_bound == ()
     above = evaluation.course.scored & (evaluation.course.soc > 0.2)
     assert 1e3 * np.sqrt(np.mean(evaluation.error_v[above] ** 2)) == pytest.approx(10.3, abs=0.05)
@@ -162,8 +162,8 @@ def test_scipy_alone_finds_the_same_on_the_raw_files(samsung, own_cell, real_dat
     )
     assert checked.rmse_v == pytest.approx(rmse_v, rel=1e-6)
     found = checked.parameters
-    assert (found.r0, found.r1, found.r2) == pytest.approx((r0, r1, r2), rel=1e-3)
-    assert (found.tau1_s, found.tau2_s) == pytest.approx((tau1, tau2), rel=1e-3)
+    assert (found.r0, *found.r) == pytest.approx((r0, r1, r2), rel=1e-3)
+    assert found.tau_s == pytest.approx((tau1, tau2), rel=1e-3)
     us06 = OwnCourse(folder / "us06_25degC_80soc_SP20-2.parquet", own_cell, circuit)
     assert us06.rmse_v(r0, (r1, r2), (tau1, tau2)) == pytest.approx(
         ACCEPTED_V[circuit][1], rel=1e-3

@@ -95,8 +95,8 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
     _, r0, r1, r2, _, c2 = TOO_FAST
     found = checked.parameters
     assert "tau1 [s] at its lower bound" in checked.at_bound
-    assert (found.r0 + found.r1) == pytest.approx(r0 + r1, rel=5e-3)
-    assert (found.r2, found.c2) == pytest.approx((r2, c2), rel=5e-3)
+    assert (found.r0 + found.r[0]) == pytest.approx(r0 + r1, rel=5e-3)
+    assert (found.r[1], found.c[1]) == pytest.approx((r2, c2), rel=5e-3)
 
 
 # The best R0 is 58 mohm: the narrow range puts the optimum on its upper end.

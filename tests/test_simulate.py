@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barnax.evaluator import Impedance
 from barnax.simulate import (
     Drive,
-    Impedance,
     Intervals,
     overpotential,
     squared_error,

@@ -6,18 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from .cell.circuit import MOST_PAIRS, RATE
 from .errors import InputError
 
-RESISTANCES = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")
+RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
 # Each pair is bounded in its time constant or in its capacitance.
-PAIRS = (("tau1 [s]", "C1 [F]"), ("tau2 [s]", "C2 [F]"))
-NAMES = (*RESISTANCES, *(name for pair in PAIRS for name in pair))
+PAIRS = tuple((f"tau{pair} [s]", f"C{pair} [F]") for pair in range(1, MOST_PAIRS + 1))
+# From a hysteresis that a whole discharge hardly turns to one that turns within a sample.
+RATE_RANGE = (1.0, 1e4)
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Lower and upper bound of R0, R1, R2 and, for each RC pair, of its tau or its C.
+    """Lower and upper bound of R0, every pair's R and its tau or its C, and of gamma.
 
     `fixed` holds values that are not searched. Names are PyBaMM's, with their units. Where a pair
     is bounded or fixed in C, its R C still stays within `tau_limits_s`: faster or slower than
@@ -27,19 +29,43 @@ class Bounds:
     ranges: Mapping[str, Range]
     tau_limits_s: Range
     fixed: Mapping[str, float] = field(default_factory=dict)
+    pairs: int = 2
 
     @classmethod
-    def default(cls, capacity_ah: float, interval_s: float, duration_s: float) -> "Bounds":
+    def default(
+        cls,
+        capacity_ah: float,
+        interval_s: float,
+        duration_s: float,
+        *,
+        pairs: int = 2,
+        has_rate: bool = False,
+    ) -> "Bounds":
         """0.1 to 200 mohm at 2 Ah, scaled to the capacity; tau from half an interval to all.
 
         `interval_s` is the median sampling interval, `duration_s` the scored duration: faster
-        or slower than these a time constant cannot be seen. Both pairs share one box.
+        or slower than these a time constant cannot be seen. All pairs share one box. The rate of
+        a dynamic hysteresis, `has_rate`, runs over `RATE_RANGE`.
         """
         scale = 2.0 / capacity_ah
         resistance = (1e-4 * scale, 0.2 * scale)
         tau = (interval_s / 2, max(duration_s, interval_s))
-        ranges = {**dict.fromkeys(RESISTANCES, resistance), PAIRS[0][0]: tau, PAIRS[1][0]: tau}
-        return cls(ranges, tau)
+        ranges = dict.fromkeys(RESISTANCES[: pairs + 1], resistance)
+        ranges |= {PAIRS[pair][0]: tau for pair in range(pairs)}
+        if has_rate:
+            ranges[RATE] = RATE_RANGE
+        return cls(ranges, tau, pairs=pairs)
+
+    @property
+    def has_rate(self) -> bool:
+        return RATE in self.ranges or RATE in self.fixed
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name that can be bounded or fixed."""
+        names = [*RESISTANCES[: self.pairs + 1]]
+        names += [name for pair in PAIRS[: self.pairs] for name in pair]
+        return (*names, RATE) if self.has_rate else tuple(names)
 
     def with_changes(
         self, ranges: Mapping[str, Range], fixed: Mapping[str, float], source: str
@@ -51,21 +77,21 @@ class Bounds:
         """
         changed = dict(self.ranges)
         for name, (low, high) in ranges.items():
-            _require_known(name, source)
+            self._require_known(name, source)
             if not (0 < low < high < math.inf):
                 raise InputError(
                     f"{source}: the bounds of {name!r} are [{low}, {high}]; they must be positive "
                     "and the lower one smaller than the upper one"
                 )
         for name, value in fixed.items():
-            _require_known(name, source)
+            self._require_known(name, source)
             if not 0 < value < math.inf:
                 raise InputError(
                     f"{source}: {name!r} cannot be fixed at {value}; give a positive value"
                 )
             if name in ranges:
                 raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
-        for tau, capacitance in PAIRS:
+        for tau, capacitance in PAIRS[: self.pairs]:
             chosen = [name for name in (tau, capacitance) if name in ranges or name in fixed]
             if len(chosen) == 2:
                 raise InputError(
@@ -77,15 +103,15 @@ class Bounds:
                 changed.pop(capacitance, None)
                 if name in ranges:
                     changed[name] = ranges[name]
-        for name in RESISTANCES:
+        for name in (*RESISTANCES[: self.pairs + 1], RATE):
             if name in ranges:
                 changed[name] = ranges[name]
             elif name in fixed:
                 changed.pop(name)
-        for pair, (_, capacitance) in enumerate(PAIRS):
+        for pair, (_, capacitance) in enumerate(PAIRS[: self.pairs]):
             if capacitance in ranges or capacitance in fixed:
                 self._narrow_resistance(changed, fixed, pair, source)
-        return Bounds(changed, self.tau_limits_s, dict(fixed))
+        return Bounds(changed, self.tau_limits_s, dict(fixed), self.pairs)
 
     def _narrow_resistance(
         self, ranges: dict[str, Range], fixed: Mapping[str, float], pair: int, source: str
@@ -108,15 +134,21 @@ class Bounds:
 
     @property
     def pairs_are_alike(self) -> bool:
-        """Whether both RC pairs have the same box, so that swapping them stays inside."""
-        if self.fixed.keys() - {"R0 [Ohm]"}:
+        """Whether all RC pairs have the same box, so that swapping them stays inside."""
+        if self.fixed.keys() - {RESISTANCES[0], RATE}:
             return False
-        first, second = (self._pair(index) for index in (0, 1))
-        return first == second
+        return len({self._pair(index) for index in range(self.pairs)}) == 1
 
     def second_name(self, index: int) -> str:
         """The name that bounds or fixes pair `index` beside its resistance."""
         return next(name for name in PAIRS[index] if name in self.ranges or name in self.fixed)
+
+    def _require_known(self, name: str, source: str) -> None:
+        if name not in self.names:
+            raise InputError(
+                f"{source}: {name!r} is not a parameter of this circuit; there are "
+                f"{', '.join(self.names)}"
+            )
 
     def _pair(self, index: int) -> tuple[Range, str, Range]:
         name = self.second_name(index)
@@ -169,8 +201,3 @@ def parse_fixed(texts: list[str]) -> dict[str, float]:
                 f'--fix {text!r}: write a name and a number, such as "C1 [F]=500"'
             ) from problem
     return fixed
-
-
-def _require_known(name: str, source: str) -> None:
-    if name not in NAMES:
-        raise InputError(f"{source}: {name!r} is not a parameter; there are {', '.join(NAMES)}")

@@ -11,7 +11,7 @@ from .cell.circuits import get_circuit
 from .errors import InputError
 from .records import Record
 from .records.rests import current_direction, rest_current_a
-from .simulate import Drive, Intervals
+from .simulate import Drive, HysteresisDrive, Intervals
 from .window import Window, first_sample, initial_soc, scored_samples, soc_along
 
 # Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
@@ -22,8 +22,9 @@ OCV_MARGIN = 0.05
 class Course:
     """The simulated stretch of one record, first to last scored sample.
 
-    `source_v` is the open-circuit voltage with the circuit's hysteresis term; `direction` the
-    last direction of the current (+1 charging, -1 discharging).
+    `source_v` is the open-circuit voltage with the circuit's hysteresis term, a dynamic one
+    standing still; `direction` the last direction of the current (+1 charging, -1 discharging).
+    `hysteresis_amplitude_v` is None for circuits without dynamic hysteresis.
     """
 
     record: Record
@@ -32,6 +33,7 @@ class Course:
     soc: Float[np.ndarray, "simulated"]
     direction: Float[np.ndarray, "simulated"]
     source_v: Float[np.ndarray, "simulated"]
+    hysteresis_amplitude_v: Float[np.ndarray, "simulated"] | None
     scored: Bool[np.ndarray, "simulated"]
     rest_current_a: float
     initial_soc: float
@@ -63,18 +65,34 @@ class Course:
     def median_interval_s(self) -> float:
         return float(np.median(np.diff(self.time_s)))
 
-    def drive(self, shortest_tau_s: float) -> Drive:
-        """The device arrays of this stretch, exact for time constants from `shortest_tau_s` on."""
-        last = slice(self.first, self.first + len(self.soc) - 1)
-        held_a = self.record.interval_current_a[last]
+    def drive(self, shortest_tau_s: float, highest_gamma: float | None = None) -> Drive:
+        """The device arrays of this stretch, exact for time constants from `shortest_tau_s` on.
+
+        With dynamic hysteresis, exact for rates up to `highest_gamma`.
+        """
         return Drive(
             current_a=jnp.asarray(self.current_a),
-            held_a=jnp.asarray(np.append(held_a, 0.0)),
+            held_a=jnp.asarray(self.held_a),
             source_v=jnp.asarray(self.source_v),
             base_error_v=jnp.asarray(self.voltage_v - self.source_v),
             weight=None if np.all(self.scored) else jnp.asarray(self.scored, float),
             scored=jnp.asarray(np.count_nonzero(self.scored), float),
             intervals=Intervals.measure(self.time_s, shortest_tau_s),
+            hysteresis=None if highest_gamma is None else self._hysteresis(highest_gamma),
+        )
+
+    @property
+    def held_a(self) -> Float[np.ndarray, "simulated"]:
+        """The current that flows from each sample to the next; the last leads nowhere."""
+        last = slice(self.first, self.first + len(self.soc) - 1)
+        return np.append(self.record.interval_current_a[last], 0.0)
+
+    def _hysteresis(self, highest_gamma: float) -> HysteresisDrive:
+        passed = np.abs(np.diff(self.soc, append=self.soc[-1]))
+        return HysteresisDrive(
+            amplitude_v=jnp.asarray(self.hysteresis_amplitude_v),
+            push=jnp.asarray(-np.sign(self.held_a) - self.direction[0]),
+            intervals=Intervals.gather(passed, 1 / highest_gamma, 0.0),
         )
 
 
@@ -95,13 +113,20 @@ def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -
             f"{record.name}: fewer than 10 samples are left to score; widen the window"
         )
     direction = direction[stretch]
+    model = get_circuit(circuit)
+    source_v = model.source_voltage(cell, soc[stretch], direction)
+    amplitude_v = None
+    if model.hysteresis_amplitude is not None:
+        amplitude_v = model.hysteresis_amplitude(cell, soc[stretch])
+        source_v = source_v + direction[0] * amplitude_v
     return Course(
         record=record,
         circuit=circuit,
         first=first,
         soc=soc[stretch],
         direction=direction,
-        source_v=get_circuit(circuit).source_voltage(cell, soc[stretch], direction),
+        source_v=source_v,
+        hysteresis_amplitude_v=amplitude_v,
         scored=scored[stretch],
         rest_current_a=rest_a,
         initial_soc=start_soc,

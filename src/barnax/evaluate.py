@@ -34,7 +34,7 @@ class Evaluation:
 def evaluate_course(course: Course, parameters: CircuitParameters) -> Evaluation:
     """The errors of a circuit on a record made ready. Raises `InputError` for a flat voltage."""
     require_changing_voltage(course)
-    drive = course.drive(min(parameters.tau1_s, parameters.tau2_s))
+    drive = course.drive(min(parameters.tau_s), parameters.gamma)
     simulated_v = np.asarray(_simulate(impedance_of(parameters), drive))
     metrics = measure(course.voltage_v[course.scored], simulated_v[course.scored])
     return Evaluation(course, simulated_v, metrics)

@@ -10,34 +10,32 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from .bounds import Bounds, Range
-from .cell import CellModel, CircuitParameters
+from .cell import CellModel, CircuitParameters, get_circuit
 from .coordinates import Coordinates, Scale
 from .course import Course, make_course, require_changing_voltage
+from .evaluator import AbstractEvaluator, Impedance
 from .precision import in_float64
 from .records import Record
-from .simulate import Drive, Impedance, overpotential, squared_error
 from .window import Window
 
 
 class Objective(eqx.Module):
-    """What the compiled search sees: the drive and the map from points to circuits."""
+    """What the compiled search sees: the errors and the map from points to circuits."""
 
-    drive: Drive
+    evaluator: AbstractEvaluator
     coordinates: Coordinates
 
 
 def rmse(point: Float[Array, "free"], objective: Objective) -> Scalar:
     """Root mean square error of terminal voltage, in V (Li et al., 2023, Eq. 22)."""
-    squares = squared_error(objective.coordinates.decode(point), objective.drive)
-    return jnp.sqrt(squares / objective.drive.scored)
+    squares = objective.evaluator.squared_error(objective.coordinates.decode(point))
+    return jnp.sqrt(squares / objective.evaluator.scored)
 
 
-def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array, "samples"]:
-    """Measured minus simulated voltage, scaled so that the sum of squares is the RMSE squared."""
-    drive = objective.drive
-    error_v = drive.base_error_v + overpotential(objective.coordinates.decode(point), drive)
-    counted_v = error_v if drive.weight is None else drive.weight * error_v
-    return counted_v / jnp.sqrt(drive.scored)
+def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array, "errors"]:
+    """Errors of terminal voltage, scaled so that their sum of squares is the RMSE squared."""
+    errors_v = objective.evaluator.errors(objective.coordinates.decode(point))
+    return errors_v / jnp.sqrt(objective.evaluator.scored)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,18 +59,18 @@ class Problem:
 
     def objective_in(self, scale: Scale) -> Objective:
         """The same objective in other coordinates. Call inside float64."""
-        return Objective(self.objective.drive, Coordinates.of(self.bounds, scale))
+        return Objective(self.objective.evaluator, Coordinates.of(self.bounds, scale))
 
     def parameters_at(
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
     ) -> list[CircuitParameters]:
         """The circuits at some points, pairs ordered by tau where both have one box."""
-        circuits = _decode(jnp.asarray(np.stack(points)), coordinates)
-        values = np.stack([circuits.r0, *circuits.r, *circuits.tau], axis=1).tolist()
-        found = [
-            CircuitParameters(r0=r0, r1=r1, c1=tau1 / r1, r2=r2, c2=tau2 / r2)
-            for r0, r1, r2, tau1, tau2 in values
-        ]
+        circuits = jax.tree.map(np.asarray, _decode(jnp.asarray(np.stack(points)), coordinates))
+        found = []
+        for index in range(len(points)):
+            one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
+            c = tuple(tau / r for r, tau in zip(one.r, one.tau, strict=True))
+            found.append(CircuitParameters(one.r0, one.r, c, one.gamma))
         return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
 
 
@@ -85,8 +83,9 @@ def impedance_of(parameters: CircuitParameters) -> Impedance:
     """A circuit's values as the simulation takes them. Call inside float64."""
     return Impedance(
         r0=jnp.asarray(parameters.r0),
-        r=(jnp.asarray(parameters.r1), jnp.asarray(parameters.r2)),
-        tau=(jnp.asarray(parameters.tau1_s), jnp.asarray(parameters.tau2_s)),
+        r=tuple(jnp.asarray(r) for r in parameters.r),
+        tau=tuple(jnp.asarray(tau) for tau in parameters.tau_s),
+        gamma=None if parameters.gamma is None else jnp.asarray(parameters.gamma),
     )
 
 
@@ -111,7 +110,14 @@ def make_problem(
     window = window or Window()
     course = make_course(record, cell, circuit, window)
     require_changing_voltage(course)
-    box = Bounds.default(cell.capacity_ah, course.median_interval_s, course.scored_duration_s)
+    model = get_circuit(circuit)
+    box = Bounds.default(
+        cell.capacity_ah,
+        course.median_interval_s,
+        course.scored_duration_s,
+        pairs=model.pairs,
+        has_rate=model.has_rate,
+    )
     box = box.with_changes(bounds or {}, fixed or {}, source)
     coordinate_map = Coordinates.of(box, coordinates)
     return Problem(
@@ -120,5 +126,8 @@ def make_problem(
         window=window,
         bounds=box,
         scale=coordinates,
-        objective=Objective(course.drive(coordinate_map.shortest_tau_s), coordinate_map),
+        objective=Objective(
+            course.drive(coordinate_map.shortest_tau_s, coordinate_map.highest_gamma),
+            coordinate_map,
+        ),
     )

@@ -127,7 +127,7 @@ def _at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...
         for name, value, low, high in zip(box.names, point, box.lower, box.upper, strict=True)
     ]
     # A pair bounded in C can still end at the limits of its tau.
-    for pair, tau_s in enumerate((parameters.tau1_s, parameters.tau2_s)):
+    for pair, tau_s in enumerate(parameters.tau_s):
         name, limits = f"tau{pair + 1} [s]", box.tau_limits_s[pair]
         if name not in box.names and limits[0] < limits[1]:
             places.append((name, *np.log([tau_s, *limits])))
@@ -169,20 +169,22 @@ def _verdict(
     sentences = [agreement, f"Before refinement the best seed was {distance}."]
     if not min(ended, key=lambda seed: seed.rmse_v).has_converged:
         sentences.append("The refinement of the best seed did not converge.")
-    tau1_s, tau2_s = best.parameters.tau1_s, best.parameters.tau2_s
-    if abs(tau2_s / tau1_s - 1) < AT_BOUND:
+    taus = best.parameters.tau_s
+    merged = [k for k in range(1, len(taus)) if abs(taus[k] / taus[k - 1] - 1) < AT_BOUND]
+    for k in merged:
         sentences.append(
-            f"Both time constants are {tau1_s:.4g} s, so R1 and R2 act as one resistance and only "
-            "their sum is determined."
+            f"tau{k} and tau{k + 1} are both {taus[k]:.4g} s, so R{k} and R{k + 1} act as one "
+            "resistance and only their sum is determined."
         )
-    elif best.is_family:
+    if best.is_family and not merged:
         sentences.append(
             "Circuits with different parameters fit equally well there: the data do not "
             "determine them one by one."
         )
-    if tau1_s > tau2_s:
+    if list(taus) != sorted(taus):
         sentences.append(
-            "tau1 is above tau2: the pairs keep the labels under which they were bounded or fixed."
+            "The time constants are not in order: the pairs keep the labels under which they were "
+            "bounded or fixed."
         )
     if at_bound:
         sentences.append(

@@ -124,12 +124,10 @@ def _decisions(checked: CrossCheck) -> RenderableType:
 
 def _values(parameters: CircuitParameters) -> dict[str, tuple[str, float]]:
     """Unit and value of every parameter and time constant, in readable units."""
-    return {
-        "R0": ("mOhm", 1e3 * parameters.r0),
-        "R1": ("mOhm", 1e3 * parameters.r1),
-        "C1": ("F", parameters.c1),
-        "tau1": ("s", parameters.tau1_s),
-        "R2": ("mOhm", 1e3 * parameters.r2),
-        "C2": ("F", parameters.c2),
-        "tau2": ("s", parameters.tau2_s),
-    }
+    values = {"R0": ("mOhm", 1e3 * parameters.r0)}
+    pairs = zip(parameters.r, parameters.c, parameters.tau_s, strict=True)
+    for pair, (r, c, tau_s) in enumerate(pairs, 1):
+        values |= {f"R{pair}": ("mOhm", 1e3 * r), f"C{pair}": ("F", c), f"tau{pair}": ("s", tau_s)}
+    if parameters.gamma is not None:
+        values["gamma"] = ("1/SOC", parameters.gamma)
+    return values

@@ -12,6 +12,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
+from .evaluator import AbstractEvaluator, Impedance
+
 # Measured on two CPU cores for 8 to 900 candidates: these are fastest or near it, twice as many
 # can be three times slower.
 UNROLL = 5
@@ -20,14 +22,6 @@ UNROLL_STACKED = 4
 _NODE_SPACING = 2e-4
 # Smaller offsets are rounding of the stored time, not jitter of the clock.
 _CLOCK_S = 1e-10
-
-
-class Impedance(eqx.Module):
-    """Ohmic resistance and RC pairs in series; `tau` is each pair's R times C, in seconds."""
-
-    r0: Scalar
-    r: tuple[Scalar, ...]
-    tau: tuple[Scalar, ...]
 
 
 class Intervals(eqx.Module):
@@ -51,13 +45,19 @@ class Intervals(eqx.Module):
         The last sample's own interval leads nowhere; it repeats the one before.
         """
         interval_s = np.diff(time_s)
-        interval_s = np.append(interval_s, interval_s[-1])
+        resolution_s = max(_CLOCK_S, 2 * np.spacing(np.max(np.abs(time_s))))
+        return cls.gather(np.append(interval_s, interval_s[-1]), shortest_tau_s, resolution_s)
+
+    @classmethod
+    def gather(
+        cls, interval_s: Float[np.ndarray, "samples"], shortest_tau_s: float, resolution_s: float
+    ) -> "Intervals":
+        """Given intervals by nodes and offsets; offsets up to `resolution_s` count as rounding."""
         spacing_s = _NODE_SPACING * shortest_tau_s
         groups, node = np.unique(np.round(interval_s / spacing_s), return_inverse=True)
         totals = np.bincount(node, weights=interval_s, minlength=len(groups))
         node_s = totals / np.bincount(node, minlength=len(groups))
         offset_s = interval_s - node_s[node]
-        resolution_s = max(_CLOCK_S, 2 * np.spacing(np.max(np.abs(time_s))))
         return cls(
             node_s=jnp.asarray(node_s),
             node=jnp.asarray(node, jnp.int32),
@@ -67,7 +67,19 @@ class Intervals(eqx.Module):
         )
 
 
-class Drive(eqx.Module):
+class HysteresisDrive(eqx.Module):
+    """What moves a dynamic hysteresis state, and what it is worth in volts.
+
+    With the state's initial value inside the source, the rest of it is the answer of an RC pair
+    of 1 ohm to `push` on a clock that counts SOC instead of seconds, 1 / gamma its time constant.
+    """
+
+    amplitude_v: Float[Array, "samples"]
+    push: Float[Array, "samples"]
+    intervals: Intervals
+
+
+class Drive(AbstractEvaluator):
     """What one record imposes on every candidate, at the samples that are simulated.
 
     `held_a` is the current that flows from a sample to the next, by the record's hold; the last
@@ -84,17 +96,30 @@ class Drive(eqx.Module):
     weight: Float[Array, "samples"] | None
     scored: Scalar
     intervals: Intervals
+    hysteresis: HysteresisDrive | None = None
+
+    def squared_error(self, impedance: Impedance) -> Scalar:
+        return squared_error(impedance, self)
+
+    def errors(self, impedance: Impedance) -> Float[Array, "samples"]:
+        error_v = self.base_error_v + overpotential(impedance, self)
+        return error_v if self.weight is None else self.weight * error_v
 
 
 def overpotential(impedance: Impedance, drive: Drive) -> Float[Array, "samples"]:
-    """Ohmic and polarization drop at every sample, in V (Li et al., 2023, Eq. 2, 3).
+    """Source minus terminal voltage at every sample, in V (Li et al., 2023, Eq. 2, 3).
 
-    The recursion is exact for current held constant between samples. All RC pairs start at rest.
-    Derivatives cost one more scan in all, not one a parameter.
+    Ohmic and polarization drop, less what a dynamic hysteresis has moved. The recursion is exact
+    for current held constant between samples. All RC pairs start at rest. Derivatives cost one
+    more scan in all, not one a parameter.
     """
     drop_v = impedance.r0 * drive.current_a
     for r, tau in zip(impedance.r, impedance.tau, strict=True):
         drop_v = drop_v + r * unit_response(tau, drive.held_a, drive.intervals)
+    moved = drive.hysteresis
+    if moved is not None and impedance.gamma is not None:
+        state = unit_response(1 / impedance.gamma, moved.push, moved.intervals)
+        drop_v = drop_v - moved.amplitude_v * state
     return drop_v
 
 
@@ -108,8 +133,8 @@ def unit_response(
     def step(state, sample):
         return pair.advance(state, *sample), state
 
-    samples = (held_a, intervals.node, intervals.offset_s)
-    _, response_a = lax.scan(step, jnp.zeros_like(tau), samples, unroll=UNROLL_STACKED)
+    start = jnp.zeros_like(tau)
+    _, response_a = lax.scan(step, start, _clocked(held_a, intervals), unroll=UNROLL_STACKED)
     return response_a
 
 
@@ -139,29 +164,41 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
     pairs = [
         _Pair(r, tau, drive.intervals) for r, tau in zip(impedance.r, impedance.tau, strict=True)
     ]
+    zero = jnp.zeros_like(impedance.r0)
+    moved, hysteresis, turning = drive.hysteresis, None, None
+    if moved is not None and impedance.gamma is not None:
+        hysteresis = _Pair(jnp.ones_like(zero), 1 / impedance.gamma, moved.intervals)
+        turning = (moved.amplitude_v, _clocked(moved.push, moved.intervals))
 
     def step(carry, sample):
-        states, total = carry
-        current_a, held_a, base_error_v, weight, node, offset_s = sample
+        states, turned, total = carry
+        current_a, base_error_v, weight, clocked, turning = sample
         error_v = base_error_v + impedance.r0 * current_a + sum(states)
+        if hysteresis is not None:
+            amplitude_v, turn = turning
+            error_v = error_v - amplitude_v * turned
+            turned = hysteresis.advance(turned, *turn)
         states = tuple(
-            pair.advance(state, held_a, node, offset_s)
-            for pair, state in zip(pairs, states, strict=True)
+            pair.advance(state, *clocked) for pair, state in zip(pairs, states, strict=True)
         )
         square = error_v * error_v
-        return (states, total + (square if weight is None else weight * square)), None
+        return (states, turned, total + (square if weight is None else weight * square)), None
 
-    zero = jnp.zeros_like(impedance.r0)
     samples = (
         drive.current_a,
-        drive.held_a,
         drive.base_error_v,
         drive.weight,
-        drive.intervals.node,
-        drive.intervals.offset_s,
+        _clocked(drive.held_a, drive.intervals),
+        turning,
     )
-    (_, total), _ = lax.scan(step, ((zero,) * len(pairs), zero), samples, unroll=UNROLL)
+    start = ((zero,) * len(pairs), zero, zero)
+    (_, _, total), _ = lax.scan(step, start, samples, unroll=UNROLL)
     return total
+
+
+def _clocked(held: Float[Array, "samples"], intervals: Intervals):
+    """What moves a pair, sample by sample."""
+    return held, intervals.node, intervals.offset_s
 
 
 class _Pair:

@@ -13,7 +13,7 @@ from barnax.optimizers import make_optimizer
 from barnax.records.record import Decision, Record
 from barnax.refinement import CrossCheck, Optimum
 
-CIRCUIT = CircuitParameters(r0=0.05, r1=0.01, c1=1000.0, r2=0.02, c2=5000.0)
+CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
 
 
 def make_record(samples: int, interval_s: float = 1.0, name: str = "cycle.csv") -> Record:
@@ -49,6 +49,7 @@ def make_evaluation(
         soc=1.0 - number / record.samples,
         direction=np.full(record.samples, -1.0),
         source_v=record.voltage_v,
+        hysteresis_amplitude_v=None,
         scored=scored,
         rest_current_a=0.02,
         initial_soc=1.0,

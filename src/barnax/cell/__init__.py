@@ -1,7 +1,7 @@
 """One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
 
 from .characterize import characterize
-from .circuit import PYBAMM_NAMES, CircuitParameters
+from .circuit import CircuitParameters, parameter_names
 from .circuits import CIRCUITS, Circuit, get_circuit
 from .curves import AbstractCurve, InterpolatedCurve, OcvFit, PolynomialCurve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
@@ -10,7 +10,6 @@ from .soc_axis import OcvPoint
 
 __all__ = [
     "CIRCUITS",
-    "PYBAMM_NAMES",
     "AbstractCurve",
     "CellModel",
     "Circuit",
@@ -24,4 +23,5 @@ __all__ = [
     "SegmentedHysteresis",
     "characterize",
     "get_circuit",
+    "parameter_names",
 ]

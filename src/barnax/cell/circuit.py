@@ -1,62 +1,101 @@
-"""The five numbers of a two-RC circuit."""
+"""The numbers of one circuit: resistances, capacitances and, with dynamic hysteresis, a rate."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Self
 
 from ..errors import InputError
 
-PYBAMM_NAMES = ("R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R2 [Ohm]", "C2 [F]")
+MOST_PAIRS = 4
+RATE = "gamma"
+
+
+def parameter_names(pairs: int, has_rate: bool = False) -> tuple[str, ...]:
+    """PyBaMM's names of a circuit's parameters, with their units.
+
+    >>> parameter_names(2)
+    ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R2 [Ohm]', 'C2 [F]')
+    """
+    names = ["R0 [Ohm]"]
+    for pair in range(1, pairs + 1):
+        names += [f"R{pair} [Ohm]", f"C{pair} [F]"]
+    return (*names, RATE) if has_rate else tuple(names)
 
 
 @dataclass(frozen=True)
 class CircuitParameters:
-    """Ohmic resistance and two RC pairs, in ohm and farad.
+    """Ohmic resistance and one to four RC pairs in series, in ohm and farad.
 
-    The paper's R, Rpa, Cpa, Rpb, Cpb (Li et al. 2023, Eq. 1-3). Raises `ValueError` for a value
-    that is not positive and finite.
+    For two pairs the paper's R, Rpa, Cpa, Rpb, Cpb (Li et al. 2023, Eq. 1-3). `gamma` is the rate
+    of a dynamic hysteresis per unit of SOC, None for a circuit without. Raises `ValueError` for a
+    value that is not positive and finite, and for pairs that are not one to four.
 
-    >>> CircuitParameters(r0=0.05, r1=0.02, c1=500.0, r2=0.03, c2=2000.0).tau1_s
-    10.0
+    >>> CircuitParameters(r0=0.05, r=(0.02, 0.03), c=(500.0, 2000.0)).tau_s
+    (10.0, 60.0)
     """
 
     r0: float
-    r1: float
-    c1: float
-    r2: float
-    c2: float
+    r: tuple[float, ...]
+    c: tuple[float, ...]
+    gamma: float | None = None
 
     def __post_init__(self) -> None:
-        for name, value in zip(PYBAMM_NAMES, astuple(self), strict=True):
+        if len(self.r) != len(self.c) or not 1 <= len(self.r) <= MOST_PAIRS:
+            raise ValueError(
+                f"a circuit has one to {MOST_PAIRS} pairs of R and C; {len(self.r)} R and "
+                f"{len(self.c)} C were given"
+            )
+        for name, value in self.to_dict().items():
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite; {value} was given")
 
     @property
-    def tau1_s(self) -> float:
-        return self.r1 * self.c1
+    def pairs(self) -> int:
+        return len(self.r)
 
     @property
-    def tau2_s(self) -> float:
-        return self.r2 * self.c2
+    def tau_s(self) -> tuple[float, ...]:
+        """The time constant R C of every pair, in s."""
+        return tuple(r * c for r, c in zip(self.r, self.c, strict=True))
 
     def ordered(self) -> Self:
-        """The same circuit with the faster pair first, tau1 <= tau2."""
-        if self.tau1_s <= self.tau2_s:
-            return self
-        return type(self)(r0=self.r0, r1=self.r2, c1=self.c2, r2=self.r1, c2=self.c1)
+        """The same circuit with its pairs from fast to slow."""
+        order = sorted(range(self.pairs), key=lambda pair: self.tau_s[pair])
+        r, c = (tuple(values[pair] for pair in order) for values in (self.r, self.c))
+        return type(self)(self.r0, r, c, self.gamma)
 
     def to_dict(self) -> dict[str, float]:
         """The values under PyBaMM's parameter names."""
-        return dict(zip(PYBAMM_NAMES, astuple(self), strict=True))
+        values = [self.r0]
+        for r, c in zip(self.r, self.c, strict=True):
+            values += [r, c]
+        if self.gamma is not None:
+            values.append(self.gamma)
+        names = parameter_names(self.pairs, has_rate=self.gamma is not None)
+        return dict(zip(names, values, strict=True))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, float]) -> Self:
         """The circuit that `to_dict` wrote. Raises `InputError` for a missing or unusable value."""
-        missing = [name for name in PYBAMM_NAMES if name not in values]
+        pairs = max(
+            (
+                pair
+                for pair in range(1, MOST_PAIRS + 1)
+                if values.keys() & {f"R{pair} [Ohm]", f"C{pair} [F]"}
+            ),
+            default=1,
+        )
+        names = parameter_names(pairs, has_rate=RATE in values)
+        missing = [name for name in names if name not in values]
         if missing:
             raise InputError(f"circuit parameters are missing: {', '.join(missing)}")
+        unknown = sorted(values.keys() - set(names))
+        if unknown:
+            raise InputError(f"these are no circuit parameters: {', '.join(unknown)}")
         try:
-            return cls(*(float(values[name]) for name in PYBAMM_NAMES))
+            r0, *rest = (float(values[name]) for name in names)
+            gamma = rest.pop() if RATE in values else None
+            return cls(r0, tuple(rest[::2]), tuple(rest[1::2]), gamma)
         except (TypeError, ValueError) as error:
             raise InputError(f"circuit parameters cannot be used: {error}") from error

@@ -59,8 +59,9 @@ def identify(
     model: Annotated[
         str,
         typer.Option(
-            metavar="iso-rc|so-rc",
-            help="Circuit: two RC pairs with or without the hysteresis voltage.",
+            metavar="iso-rc|so-rc|esc|...",
+            help="Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
+            "hysteresis; 1rc, 3rc and 4rc have as many pairs and no hysteresis.",
             autocompletion=complete_circuits,
             rich_help_panel=SEARCH,
         ),

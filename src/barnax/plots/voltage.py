@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .condition import draw_current
 from .decimation import decimate
 from .style import (
     BLACK,
     SKY_BLUE,
-    VERMILLION,
     figure_style,
     finish_axes,
     legend_above,
@@ -35,7 +35,7 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters(r0=0.05, r1=0.01, c1=1e3, r2=0.02, c2=1e4)
+    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record = read_record(bundled_file("identification"))
     >>> figure = plot_voltage(validate(record, characterize(tests), "iso-rc", circuit))
     >>> figure.axes[0].get_ylabel()
@@ -95,18 +95,7 @@ def _draw_voltage(
 
 def _draw_current(axes: Axes, evaluation: "Evaluation", time: np.ndarray, stretch: slice) -> None:
     course = evaluation.course
-    is_forward = course.record.hold.value == "forward"
-    current_a = course.current_a[stretch]
-    kept = decimate(time[stretch], current_a)
-    axes.plot(
-        time[stretch][kept],
-        current_a[kept],
-        color=VERMILLION,
-        linewidth=0.8,
-        drawstyle="steps-post" if is_forward else "steps-pre",
-    )
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    axes.set_ylabel("Current [A]\n(discharge > 0)")
+    draw_current(axes, time[stretch], course.current_a[stretch], course.record.hold.value)
 
 
 def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", stretch: slice) -> None:

@@ -1,4 +1,4 @@
-"""Circuits: what stands behind the two RC pairs."""
+"""Circuits: the voltage source behind the RC pairs."""
 
 from .circuit import Circuit
 from .registry import CIRCUITS, get_circuit

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from .circuit import Circuit
+from .esc import ESC
 from .iso_rc import ISO_RC
-from .so_rc import SO_RC
+from .rc import FOUR_RC, ONE_RC, SO_RC, THREE_RC
 
 CIRCUITS: Mapping[str, Circuit] = MappingProxyType(
-    {circuit.name: circuit for circuit in (ISO_RC, SO_RC)}
+    {circuit.name: circuit for circuit in (ISO_RC, SO_RC, ESC, ONE_RC, THREE_RC, FOUR_RC)}
 )
 
 

@@ -1,0 +1,113 @@
+"""The one-state hysteresis of `esc` against Plett's recursion, written as a plain loop."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barnax.cell import CircuitParameters, get_circuit
+from barnax.course import make_course
+from barnax.precision import in_float64
+from barnax.problem import impedance_of, make_problem, residuals, rmse
+from barnax.simulate import squared_error, terminal_voltage
+from barnax.window import Window
+from reference import drop_v, looped_response, make_record
+
+CIRCUIT = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)
+CURRENT_A = np.tile(np.repeat([0.0, 2.0, 0.0, -1.0, 3.0], 40), 4)
+simulate = in_float64(eqx.filter_jit(terminal_voltage))
+
+
+def plett_state(course, capacity_ah, gamma) -> np.ndarray:
+    """h at every sample, by Plett (2004): charge moves it toward the sign of the current."""
+    state = course.direction[0]
+    states = [state]
+    for sample in range(len(course.soc) - 1):
+        flowing_a = course.held_a[sample]
+        passed = abs(flowing_a) * (course.time_s[sample + 1] - course.time_s[sample])
+        decay = np.exp(-gamma * passed / 3600 / capacity_ah)
+        state = decay * state - (1 - decay) * np.sign(flowing_a)
+        states.append(state)
+    return np.array(states)
+
+
+@pytest.fixture(scope="module", params=["forward", "backward"])
+def course(request, bundled_cell):
+    time_s = np.cumsum(np.random.default_rng(3).uniform(0.5, 1.5, len(CURRENT_A)))
+    record = make_record(time_s, CURRENT_A, 3.7 + 0.01 * np.sin(time_s), hold=request.param)
+    return make_course(record, bundled_cell, "esc", Window(initial_soc=0.8, initial_direction=-1))
+
+
+@pytest.mark.parametrize("gamma", [1.0, 300.0, 1e4])
+def test_the_voltage_agrees_with_a_plain_loop(bundled_cell, course, gamma):
+    circuit = CircuitParameters(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c, gamma)
+    with jax.enable_x64(True):
+        simulated_v = simulate(impedance_of(circuit), course.drive(0.5, 1e4))
+    state = plett_state(course, bundled_cell.capacity_ah, gamma)
+    values = (circuit.r0, circuit.r, circuit.tau_s)
+    hold = course.record.hold.value
+    expected_v = (
+        bundled_cell.average_ocv_v(course.soc)
+        + state * bundled_cell.hysteresis_v(course.soc) / 2
+        - drop_v(looped_response, course.time_s, course.current_a, values, hold)
+    )
+    np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
+
+
+def test_the_summed_error_is_that_of_the_voltages(course):
+    with jax.enable_x64(True):
+        drive, impedance = course.drive(0.5, 1e4), impedance_of(CIRCUIT)
+        error_v = course.voltage_v - np.asarray(simulate(impedance, drive))
+        total = eqx.filter_jit(squared_error)(impedance, drive)
+    assert float(total) == pytest.approx(float(error_v @ error_v), rel=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(gamma=st.floats(1.0, 1e4))
+def test_the_state_stays_between_its_ends(bundled_cell, course, gamma):
+    circuit = CircuitParameters(1e-9, (1e-9, 1e-9), (1e9, 1e9), gamma)
+    with jax.enable_x64(True):
+        moved_v = simulate(impedance_of(circuit), course.drive(0.5, 1e4))
+    half_v = bundled_cell.hysteresis_v(course.soc) / 2
+    away_v = np.asarray(moved_v) - bundled_cell.average_ocv_v(course.soc)
+    assert np.all(np.abs(away_v) <= np.abs(half_v) + 1e-7)
+
+
+def test_a_very_fast_hysteresis_is_the_switched_one(bundled_cell):
+    record = make_record(np.arange(len(CURRENT_A)), CURRENT_A)
+    window = Window(initial_soc=0.8)
+    moving = make_course(record, bundled_cell, "esc", window)
+    switched = make_course(record, bundled_cell, "iso-rc", window)
+    fast = CircuitParameters(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c, gamma=1e9)
+    plain = CircuitParameters(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c)
+    with jax.enable_x64(True):
+        moved_v = simulate(impedance_of(fast), moving.drive(0.5, 1e9))
+        switched_v = simulate(impedance_of(plain), switched.drive(0.5))
+    # The state turns while the current flows, so it follows the switch by one sample.
+    settled = np.diff(moving.direction, prepend=moving.direction[0]) == 0
+    np.testing.assert_allclose(moved_v[settled], switched_v[settled], rtol=1e-9)
+    assert 0 < np.count_nonzero(~settled) < 20
+
+
+def test_the_residuals_and_their_slope_agree_with_the_summed_error(bundled_record, bundled_cell):
+    problem = make_problem(bundled_record, bundled_cell, "esc", window=Window(score_to_s=600.0))
+    with jax.enable_x64(True):
+        objective = problem.objective_in("log")
+        point = objective.coordinates.encode(impedance_of(CIRCUIT))
+        errors = eqx.filter_jit(residuals)(point, objective)
+        assert float(jnp.linalg.norm(errors)) == pytest.approx(float(rmse(point, objective)))
+        slope = eqx.filter_jit(jax.jacfwd(residuals))(point, objective)[:, -1]
+        step = 1e-5
+        raised, lowered = (
+            np.asarray(eqx.filter_jit(residuals)(point.at[-1].add(change), objective))
+            for change in (step, -step)
+        )
+    np.testing.assert_allclose(slope, (raised - lowered) / (2 * step), rtol=1e-5, atol=1e-12)
+
+
+def test_only_a_circuit_with_dynamic_hysteresis_has_a_rate():
+    assert get_circuit("esc").parameter_names[-1] == "gamma"
+    assert "gamma" not in get_circuit("iso-rc").parameter_names

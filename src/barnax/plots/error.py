@@ -59,9 +59,10 @@ def plot_error(evaluation: "Evaluation") -> Figure:
         line = broken_line(time, error_mv, chosen)
         over_time.plot(*line, color=color, linewidth=0.8, label=label, zorder=layer)
         draw_by_soc(over_soc, course.soc[chosen], error_mv[chosen], color, layer)
+    rmse_mv = 1e3 * evaluation.metrics.rmse_v
     draw_rmse_by_soc(over_soc, course.soc[course.scored], error_mv[course.scored])
     for axes in (over_time, over_soc):
-        draw_rmse(axes, 1e3 * evaluation.metrics.rmse_v)
+        draw_rmse(axes, rmse_mv, f"± RMSE, {rmse_mv:.3g} mV")
         axes.set_ylabel(LABEL)
     limits = scored_limits(error_mv[course.scored])
     over_soc.set_ylim(limits)

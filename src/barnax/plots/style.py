@@ -19,6 +19,7 @@ SKY_BLUE: Final = "#56B4E9"
 GREEN: Final = "#009E73"
 BLUE: Final = "#0072B2"
 VERMILLION: Final = "#D55E00"
+PURPLE: Final = "#CC79A7"
 # Neutral greys beside the palette.
 GREY: Final = "#9A9A9A"
 SHADE: Final = "#E4E4E4"

@@ -4,6 +4,8 @@ Each check takes the samples and gives them back, possibly fewer or with a warni
 InputError with the file, the row, the value and the remedy.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -13,8 +15,8 @@ from .samples import Samples
 FEWEST_SAMPLES = 10
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
-_CELL_RANGE_V = (0.5, 6.0)
-_MODULE_V, _MILLIVOLT_V = 10.0, 100.0
+CELL_RANGE_V = (0.5, 6.0)
+MODULE_V, MILLIVOLT_V = 10.0, 100.0
 
 # The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
 # cell at 1C reads 2000 in milliamperes. A slow sweep of a small cell gives itself away by its
@@ -41,21 +43,41 @@ def check_samples(samples: Samples) -> Samples:
     return _with_plausible_current(samples)
 
 
-def _with_increasing_time(samples: Samples) -> Samples:
-    """Samples logged twice are merged; after that the time must strictly increase."""
-    time, current, voltage = samples.time_s, samples.current_a, samples.voltage_v
-    step = np.diff(time)
-    is_exact = (step == 0) & (np.diff(current) == 0) & (np.diff(voltage) == 0)
+@dataclass(frozen=True, eq=False)
+class Repeats:
+    """Where, interval by interval, a sample has the time stamp of the one before.
+
+    `is_exact` where it repeats it wholly, `is_near` where current and voltage are alike within
+    the tester's resolution, `is_conflict` where they are not.
+    """
+
+    is_exact: Bool[np.ndarray, "intervals"]
+    is_near: Bool[np.ndarray, "intervals"]
+    is_conflict: Bool[np.ndarray, "intervals"]
+
+
+def find_repeats(samples: Samples) -> Repeats:
+    """Which samples were logged twice."""
+    current, voltage = samples.current_a, samples.voltage_v
+    is_repeat = np.diff(samples.time_s) == 0
+    is_exact = is_repeat & (np.diff(current) == 0) & (np.diff(voltage) == 0)
     current_tolerance = _SAME_CURRENT_SHARE * np.max(np.abs(current))
     is_near = (
-        (step == 0)
+        is_repeat
         & ~is_exact
         & (np.abs(np.diff(current)) <= current_tolerance * (1 + 1e-9))
         & (np.abs(np.diff(voltage)) <= _SAME_VOLTAGE_V * (1 + 1e-9))
     )
-    wrong = (step <= 0) & ~is_exact & ~is_near
+    return Repeats(is_exact, is_near, is_repeat & ~is_exact & ~is_near)
+
+
+def _with_increasing_time(samples: Samples) -> Samples:
+    """Samples logged twice are merged; after that the time must strictly increase."""
+    repeats = find_repeats(samples)
+    wrong = repeats.is_conflict | (np.diff(samples.time_s) < 0)
     if wrong.any():
         _refuse_time(samples, int(np.argmax(wrong)) + 1)
+    is_exact, is_near = repeats.is_exact, repeats.is_near
     if is_exact.any():
         samples = samples.warn(f"{_count(is_exact, 'row')} merged: exact repeats of the row before")
     if is_near.any():
@@ -91,12 +113,12 @@ def _count(mask: Bool[np.ndarray, "places"], noun: str) -> str:
 def _with_plausible_voltage(samples: Samples) -> Samples:
     voltage, name = samples.voltage_v, samples.names["voltage"]
     median = float(np.median(voltage))
-    if abs(median) > _MILLIVOLT_V:
+    if abs(median) > MILLIVOLT_V:
         raise InputError(
             f"{samples.file}: half of the voltages in '{name}' are above {median:.6g} V, which "
             "looks like millivolts; rename the column to 'Voltage / mV'."
         )
-    if abs(median) > _MODULE_V:
+    if abs(median) > MODULE_V:
         raise InputError(
             f"{samples.file}: half of the voltages in '{name}' are above {median:.6g} V, too much "
             "for one cell; give the voltage of one cell, not of several in series."
@@ -108,16 +130,16 @@ def _with_plausible_voltage(samples: Samples) -> Samples:
             "give the right column."
         )
     worst = int(np.argmax(np.abs(voltage)))
-    if abs(voltage[worst]) > _MILLIVOLT_V:
+    if abs(voltage[worst]) > MILLIVOLT_V:
         raise InputError(
             f"{samples.file}: {samples.place(worst)}: {voltage[worst]:.6g} V in '{name}' is no "
             "cell's voltage; correct or delete the row."
         )
-    outside = (voltage < _CELL_RANGE_V[0]) | (voltage > _CELL_RANGE_V[1])
+    outside = (voltage < CELL_RANGE_V[0]) | (voltage > CELL_RANGE_V[1])
     if outside.any():
         first = int(np.argmax(outside))
         samples = samples.warn(
-            f"{_count(outside, 'voltage')} outside {_CELL_RANGE_V[0]} to {_CELL_RANGE_V[1]} V "
+            f"{_count(outside, 'voltage')} outside {CELL_RANGE_V[0]} to {CELL_RANGE_V[1]} V "
             f"(first: {voltage[first]:.6g} V, {samples.place(first)})"
         )
     return samples
@@ -131,17 +153,7 @@ def _with_plausible_current(samples: Samples) -> Samples:
             f"{samples.file}: every current in '{name}' is zero, so nothing can be learned from "
             "the record; give the column that holds the measured current."
         )
-    loaded = float(np.median(magnitude[magnitude > 0.05 * peak]))
-    passed_ah = np.cumsum(samples.current_a[1:] * np.diff(samples.time_s)) / 3600
-    swing_ah = float(np.ptp(passed_ah))
-    reasons = []
-    if loaded > _LOADED_A:
-        reasons.append(f"the current under load is {loaded:.6g} A")
-    if swing_ah > _SWING_AH:
-        reasons.append(f"the record moves {swing_ah:.6g} Ah one way")
-    ratio = _throughput_ratio(samples)
-    if ratio is not None and 200 < ratio < 5000:
-        reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
+    reasons = milliampere_reasons(samples)
     if reasons:
         worst = int(np.argmax(magnitude))
         raise InputError(
@@ -152,7 +164,27 @@ def _with_plausible_current(samples: Samples) -> Samples:
     return samples
 
 
-def _throughput_ratio(samples: Samples) -> float | None:
+def milliampere_reasons(samples: Samples) -> list[str]:
+    """Why the currents look like milliamperes under an ampere's name; empty where they do not.
+
+    Some current must flow.
+    """
+    magnitude = np.abs(samples.current_a)
+    loaded = float(np.median(magnitude[magnitude > 0.05 * magnitude.max()]))
+    passed_ah = np.cumsum(samples.current_a[1:] * np.diff(samples.time_s)) / 3600
+    swing_ah = float(np.ptp(passed_ah))
+    reasons = []
+    if loaded > _LOADED_A:
+        reasons.append(f"the current under load is {loaded:.6g} A")
+    if swing_ah > _SWING_AH:
+        reasons.append(f"the record moves {swing_ah:.6g} Ah one way")
+    ratio = throughput_ratio(samples)
+    if ratio is not None and 200 < ratio < 5000:
+        reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
+    return reasons
+
+
+def throughput_ratio(samples: Samples) -> float | None:
     """Integrated |I| over what the tester counted in and out, where it counted enough to tell."""
     counters = samples.counters
     if counters.charged_ah is None or counters.discharged_ah is None:

@@ -8,8 +8,8 @@ from ..errors import InputError
 from .checks import check_samples
 from .hold import decide_hold
 from .readers import read_table
-from .record import Hold, Record
-from .samples import take_samples
+from .record import Decision, Hold, Record
+from .samples import Samples, take_samples
 from .sign import CHARGE, DISCHARGE, Sign, decide_sign
 
 
@@ -39,12 +39,17 @@ def read_record(
     _check_option("--current-sign", current_sign, ("auto", CHARGE, DISCHARGE))
     _check_option("--current-hold", current_hold, ("auto", "forward", "backward"))
     path = Path(path)
-    content = _content(path)
+    content = read_content(path)
     samples = check_samples(take_samples(read_table(content, path.name), path.name))
     sign, sign_warnings = decide_sign(samples, current_sign)
     hold = decide_hold(samples, current_hold)
+    return make_record(samples.warn(*sign_warnings), sign, hold, content)
+
+
+def make_record(samples: Samples, sign: Decision, hold: Decision, content: bytes) -> Record:
+    """The record of checked samples, turned to discharge-positive; `content` is the file's."""
     return Record(
-        name=path.name,
+        name=samples.file,
         time_s=samples.time_s,
         # Adding zero makes the -0.0 of a resting tester a plain zero.
         current_a=samples.current_a * (-1.0 if sign.value == CHARGE else 1.0) + 0.0,
@@ -55,7 +60,7 @@ def read_record(
         sign=sign,
         hold=hold,
         sha256=hashlib.sha256(content).hexdigest(),
-        warnings=(*samples.warnings, *sign_warnings),
+        warnings=samples.warnings,
     )
 
 
@@ -64,7 +69,8 @@ def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:
         raise InputError(f"{option} is {value!r}; it must be one of {', '.join(allowed)}.")
 
 
-def _content(path: Path) -> bytes:
+def read_content(path: Path) -> bytes:
+    """A file's bytes. Raises InputError where there is no such file or it cannot be read."""
     try:
         if path.is_dir():
             raise InputError(f"{path.name}: is a directory; give one file of measured samples.")

@@ -26,12 +26,16 @@ SMALLEST_UNIT_V = 1e-12
 
 @dataclass(frozen=True)
 class RefinedSeed:
-    """Where Levenberg-Marquardt took one seed; `moved` is the largest relative parameter change."""
+    """Where Levenberg-Marquardt took one seed; `moved` is the largest relative parameter change.
+
+    `evaluations` counts the simulations that took, a Jacobian as one per free parameter.
+    """
 
     rmse_v: float
     parameters: CircuitParameters
     moved: float
     has_converged: bool
+    evaluations: int = 0
 
 
 class Descent:
@@ -72,12 +76,14 @@ class Descent:
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
         ends = run_blocks(run, given, len(starts), progress)
-        points, errors_v, converged = zip(*ends, strict=True)
+        points, errors_v, converged, evaluations = zip(*ends, strict=True)
         found = self.problem.parameters_at(points, self.objective.coordinates)
         return [
-            RefinedSeed(float(rmse_v), after, largest_change(before, after), bool(has_converged))
-            for before, after, rmse_v, has_converged in zip(
-                circuits, found, errors_v, converged, strict=True
+            RefinedSeed(
+                float(rmse_v), after, largest_change(before, after), bool(has_converged), int(spent)
+            )
+            for before, after, rmse_v, has_converged, spent in zip(
+                circuits, found, errors_v, converged, evaluations, strict=True
             )
         ]
 
@@ -88,7 +94,7 @@ def _descend(
     tolerance: Scalar,
     holds_bounds: Bool[Array, ""],
 ):
-    """End point, its RMSE in V and whether it converged, from every start."""
+    """End point, its RMSE in V, whether it converged, and its evaluations, from every start."""
     box = objective.coordinates
     width = box.upper - box.lower
     # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
@@ -129,7 +135,10 @@ def _descend(
         ends = jnp.stack([start, place(solution.value, start)])
         errors_v = jax.vmap(rmse_at)(ends)
         better = jnp.nanargmin(errors_v)
-        return ends[better], errors_v[better], has_converged
+        jacobians = solution.state.num_accepted_steps * start.size
+        # The start's own error and both ends' are evaluations too.
+        evaluations = solution.stats["num_steps"] + jacobians + 3
+        return ends[better], errors_v[better], has_converged, evaluations
 
     return jax.vmap(one)(points)
 

@@ -224,6 +224,16 @@ def test_a_workbook_without_a_record_lists_its_sheets(tmp_path):
     assert "Info: TEST REPORT; Notes: empty" in message
 
 
+def test_a_workbook_that_lacks_one_column_has_it_named(tmp_path):
+    frame = pulse_frame(20).rename({"Current / A": "Strom (A)"})
+    path = tmp_path / "cell.xlsx"
+    rows = [frame.columns, *map(list, frame.rows())]
+    path.write_bytes(workbook({"Info": [["TEST REPORT"]], "data": rows}))
+    message = refusal(path)
+    assert "no column for current" in message
+    assert "Likely candidates for the current: 'Strom (A)'" in message
+
+
 def test_a_workbook_of_two_channels_is_refused(tmp_path):
     rows = arbin_rows(pulse_frame())
     path = tmp_path / "cell.xlsx"

@@ -270,3 +270,14 @@ def test_a_long_file_is_read_within_two_seconds(tmp_path):
 def test_importing_the_records_imports_no_jax():
     code = "import barnax.records, sys; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_rows_above_the_column_names_are_passed_over_and_counted(tmp_path, delimiter):
+    frame = pulse_frame()
+    above = "Tester: 7, channel 3\nStarted: 2024-01-01; by hand\n\n"
+    (tmp_path / "cell.csv").write_text(above + frame.write_csv(separator=delimiter))
+    record = read_record(tmp_path / "cell.csv")
+    assert record.samples == frame.height
+    assert (record.row[0], record.row[-1]) == (5, frame.height + 4)
+    assert "ignored the rows above the column names in row 4" in record.warnings

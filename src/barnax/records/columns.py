@@ -24,6 +24,13 @@ _ARBIN = {"test time(s)", "step index", "current(a)", "voltage(v)"}
 _BDF = {"test time / s", "current / a", "voltage / v"}
 _BDF_MACHINE = {"test time second", "current ampere", "voltage volt"}
 
+# Comparing spellings is slow, and no tester writes so many columns.
+_COMPARED_NAMES = 1000
+
+
+# What no record can do without, by the quantities' names.
+NEEDED = frozenset(quantity.name for quantity in QUANTITIES if quantity.is_required)
+
 
 @dataclass(frozen=True)
 class Column:
@@ -123,18 +130,41 @@ def _match(name: str, quantity: Quantity) -> tuple[int, Unit, bool] | None:
 def _advice(quantity: Quantity, header: Sequence[str]) -> str:
     examples = ", ".join(f"'{name}'" for name in quantity.examples)
     units = ", ".join(dict.fromkeys(unit.symbol for unit in quantity.units.values()))
-    likely = _likely(quantity, header)
+    likely = [
+        f"'{textwrap.shorten(name, 60, placeholder=' ...')}'"
+        for name in likely_names(quantity, header)
+    ]
     hint = f"Likely candidates for the {quantity.name}: {', '.join(likely)}. " if likely else ""
     return f"{hint}Accepted names for the {quantity.name}: {examples} (units {units})."
 
 
-def _likely(quantity: Quantity, header: Sequence[str]) -> list[str]:
-    """Names that begin like an alias with a unit nobody knows, or are spelled nearly like one."""
+def likely_names(quantity: Quantity, header: Sequence[str]) -> list[str]:
+    """Names in the header that may mean the quantity although they are not accepted for it.
+
+    They contain an alias, are spelled nearly like one, or mean it in another language.
+    """
+    long = [alias for alias in quantity.aliases if len(alias) > 2]
     likely = []
-    for name in header:
+    for name in header[:_COMPARED_NAMES]:
         normal = _normal(name)
         words = re.split(r"[\[(/]", normal)[0].strip()
-        long = [alias for alias in quantity.aliases if len(alias) > 2]
-        if any(alias in normal for alias in long) or difflib.get_close_matches(words, long, 1, 0.7):
-            likely.append(f"'{textwrap.shorten(name, 60, placeholder=' ...')}'")
+        if (
+            any(alias in normal for alias in long)
+            or any(word in normal for word in quantity.foreign)
+            or difflib.get_close_matches(words, long, 1, 0.7)
+        ):
+            likely.append(name)
     return likely
+
+
+def likely_column(quantity: Quantity, header: Sequence[str]) -> Column | None:
+    """The only column that may hold the quantity, with the unit at its name's end, if any."""
+    names = likely_names(quantity, header)
+    if len(names) != 1:
+        return None
+    (name,) = names
+    # The last word in brackets or behind a slash.
+    stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", _normal(name))
+    unit = quantity.units.get(stated[1]) if stated else None
+    index = list(header).index(name)
+    return Column(index, name, quantity, unit or quantity.base_unit, unit is None)

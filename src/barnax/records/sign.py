@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..errors import InputError
 from .counters import counted_increments_ah
+from .noise import voltage_noise_v
 from .record import Decision
 from .samples import Samples
 from .stretches import stretches
@@ -19,7 +20,7 @@ from .stretches import stretches
 CHARGE, DISCHARGE = "charge-positive", "discharge-positive"
 Sign = Literal["charge-positive", "discharge-positive"]
 
-_PROMISED: dict[str, Sign] = {
+PROMISED: dict[str, Sign] = {
     "Battery Data Format": CHARGE,
     "Arbin": CHARGE,
     "PyBaMM": DISCHARGE,
@@ -67,7 +68,7 @@ def decide_sign(samples: Samples, given: Sign | Literal["auto"]) -> tuple[Decisi
 
 
 def _from_names(samples: Samples) -> tuple[Decision, list[str]]:
-    value = _PROMISED[samples.dialect]
+    value = PROMISED[samples.dialect]
     reason = f"the data do not tell, and {samples.dialect} column names usually mean {value}"
     warning = f"the sign of the current is assumed {value}: {reason}; see --current-sign"
     return Decision(value, "assumed", reason), [warning]
@@ -97,9 +98,9 @@ def _from_data(samples: Samples) -> tuple[Decision, list[str]] | None:
             f"the sign of the current is taken as {value} on weak evidence ({reason}); "
             "see --current-sign"
         )
-    if samples.dialect != "plain" and value != _PROMISED[samples.dialect]:
+    if samples.dialect != "plain" and value != PROMISED[samples.dialect]:
         warnings.append(
-            f"{samples.dialect} column names mean {_PROMISED[samples.dialect]} currents, but the "
+            f"{samples.dialect} column names mean {PROMISED[samples.dialect]} currents, but the "
             f"data are {value}: {reason}"
         )
     return Decision(value, "strong" if is_strong else "weak", reason), warnings
@@ -109,7 +110,7 @@ def _at_current_steps(samples: Samples) -> Evidence | None:
     """A cell's resistance lifts its voltage when the charging current steps up."""
     step_a, step_v = np.diff(samples.current_a), np.diff(samples.voltage_v)
     is_step = np.abs(step_a) > 0.1 * np.max(np.abs(samples.current_a))
-    noise_v = _voltage_noise(step_v, ~is_step)
+    noise_v = voltage_noise_v(step_v, ~is_step)
     is_clear = is_step & (np.abs(step_v) > 6 * noise_v)
     clear = _agreement(step_a[is_clear] * step_v[is_clear])
     every = _agreement(step_a[is_step] * step_v[is_step])
@@ -156,7 +157,7 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
     is_steady = (
         is_loaded[1:] & is_loaded[:-1] & (np.abs(np.diff(current)) < 0.05 * np.abs(current[1:]))
     )
-    noise_v = _voltage_noise(np.diff(voltage), np.ones(len(voltage) - 1, bool))
+    noise_v = voltage_noise_v(np.diff(voltage), np.ones(len(voltage) - 1, bool))
     first, last_interval = stretches(is_steady)
     last = last_interval + 1
     # Eight intervals keep single relaxations out; what moves less than the noise is no trend.
@@ -203,18 +204,3 @@ def _of_counters(samples: Samples) -> Evidence | None:
         is_strong=abs(cosine) > 0.7,
         words=f"the tester's charge and discharge counters {words} (correlation {cosine:.2f})",
     )
-
-
-def _voltage_noise(
-    step_v: Float[np.ndarray, "intervals"], quiet: Bool[np.ndarray, "intervals"]
-) -> float:
-    """Robust noise of one voltage step where nothing else happens, in V.
-
-    Never under half of the tester's resolution, which is the smallest such step.
-    """
-    steps = step_v[quiet]
-    moved = np.abs(steps[steps != 0])
-    if not len(moved):
-        return 0.0
-    spread_v = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
-    return max(spread_v, float(moved.min()) / 2)

@@ -18,7 +18,8 @@ class Quantity:
     """A quantity, its aliases from the most to the least specific, and its units.
 
     Aliases and unit keys are lower case with blanks for underscores. `self_explaining` aliases
-    carry their unit in themselves ("seconds").
+    carry their unit in themselves ("seconds"). `foreign` words are what the quantity is called in
+    other languages: not accepted, but pointed to.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Quantity:
     is_required: bool = False
     needs_unit: bool = True
     self_explaining: frozenset[str] = field(default_factory=frozenset)
+    foreign: tuple[str, ...] = ()
 
 
 def _spelled(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
@@ -83,6 +85,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         ("Test Time / s", "test_time_second", "Time [s]", "Test_Time(s)", "time"),
         is_required=True,
         self_explaining=frozenset({"seconds"}),
+        foreign=("zeit", "temps", "tiempo", "tempo", "时间"),
     ),
     Quantity(
         "current",
@@ -92,6 +95,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         ("Current / A", "current_ampere", "Current [A]", "Current(A)", "current"),
         is_required=True,
         self_explaining=frozenset({"amps"}),
+        foreign=("strom", "courant", "corriente", "corrente", "电流"),
     ),
     Quantity(
         "voltage",
@@ -101,6 +105,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         ("Voltage / V", "voltage_volt", "Voltage [V]", "Voltage(V)", "voltage"),
         is_required=True,
         self_explaining=frozenset({"volts"}),
+        foreign=("spannung", "tension", "voltaje", "tensione", "电压"),
     ),
     Quantity(
         "temperature",

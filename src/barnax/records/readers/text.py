@@ -9,11 +9,14 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError
+from ..columns import NEEDED, find_columns
 from ..table import Table
 from .reader import Reader
 
 _DELIMITERS = ",;\t|"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+# The longest preambles known have some 80 lines, the widest headers some 3,000 characters.
+_PREAMBLE_LINES, _LONGEST_HEADER = 200, 20_000
 _DECIMAL_COMMA = re.compile(r"^\s*-?\d+,\d+(?:[eE][+-]?\d+)?\s*$")
 
 
@@ -45,12 +48,14 @@ def _read(content: bytes, file: str) -> Table:
     text = _decoded(content, file).replace("\r\n", "\n").replace("\r", "\n")
     # The row in the file is kept, so blank lines above the header count.
     lead = len(text) - len(text.lstrip("\n"))
-    head, _, body = text[lead:].partition("\n")
+    head = text[lead:].partition("\n")[0]
     if not head.replace("\t", "").isprintable():
         raise InputError(
             f"{file}: the first line is not text, so this is no table of samples, whatever the "
             "file's suffix says; export the record as CSV, Parquet or a workbook."
         )
+    above = _lines_above_names(text[lead:])
+    head, _, body = text[lead:].split("\n", above)[-1].partition("\n")
     delimiter = max(_DELIMITERS, key=head.count)
     header = _cells(head, delimiter)
     columns = _string_columns(body, len(header), delimiter, file)
@@ -58,11 +63,27 @@ def _read(content: bytes, file: str) -> Table:
     if delimiter != "," and any(_DECIMAL_COMMA.match(cell) for cell in first_line):
         columns = [column.str.replace_all(",", ".", literal=True) for column in columns]
     rows = len(columns[0])
+    first = lead + above + 2
+    note = f"ignored the rows above the column names in row {first - 1}"
     return Table(
         header=tuple(header),
         columns=tuple(columns),
-        row=np.arange(2, rows + 2) + lead,
+        row=np.arange(first, first + rows),
+        notes=(note,) if above else (),
     )
+
+
+def _lines_above_names(text: str) -> int:
+    """How many lines stand above the one that names the columns; 0 where none does.
+
+    Some testers write what was tested, by whom and when above their table.
+    """
+    for number, line in enumerate(text.split("\n", _PREAMBLE_LINES)[:_PREAMBLE_LINES]):
+        if len(line) > _LONGEST_HEADER:
+            continue
+        if find_columns(_cells(line, max(_DELIMITERS, key=line.count))).keys() >= NEEDED:
+            return number
+    return 0
 
 
 def _string_columns(body: str, width: int, delimiter: str, file: str) -> list[pl.Series]:

@@ -12,13 +12,12 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError
-from ..columns import find_columns, has_arbin_header
+from ..columns import NEEDED, find_columns, has_arbin_header
 from ..table import Table
 from .reader import Reader
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 _CHANNEL = re.compile(r"^channel[ _]*(?P<channel>\d+(?:-\d+)?)?", re.IGNORECASE)
-_NEEDED = {"time", "current", "voltage"}
 
 
 def _recognizes(content: bytes) -> bool:
@@ -53,7 +52,10 @@ def _header(workbook: fastexcel.ExcelReader, name: str) -> tuple[str, ...]:
 
 
 def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
-    """The sheets that hold the record: Arbin's channel, else the only one with the columns."""
+    """The sheets that hold the record: Arbin's channel, else the only one with the columns.
+
+    Failing that, the only one with some of them.
+    """
     arbin = [
         name for name, cells in headers.items() if _CHANNEL.match(name) and has_arbin_header(cells)
     ]
@@ -65,13 +67,17 @@ def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
         )
     if arbin:
         return arbin
-    whole = [name for name, cells in headers.items() if find_columns(cells).keys() >= _NEEDED]
+    whole = [name for name, cells in headers.items() if find_columns(cells).keys() >= NEEDED]
     if len(whole) == 1:
         return whole
     if whole:
         raise InputError(
             f"{file}: several sheets could be the record ({', '.join(whole)}); keep one of them."
         )
+    partial = [name for name, cells in headers.items() if find_columns(cells).keys() & NEEDED]
+    if len(partial) == 1:
+        # Which of its columns is missing is for the reader of columns to say.
+        return partial
     listed = "; ".join(f"{name}: {', '.join(cells) or 'empty'}" for name, cells in headers.items())
     raise InputError(
         f"{file}: no sheet has columns for time, current and voltage in its first row. "
@@ -94,9 +100,11 @@ def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: l
 
     Workbooks do not promise the order of their sheets; the clock does.
     """
-    clock = find_columns(header)["time"].index
     filled = {name: body for name, body in bodies.items() if body.height}
-    names = sorted(filled, key=lambda name: _first_number(filled[name].to_series(clock)))
+    names = list(filled)
+    if len(names) > 1:
+        clock = find_columns(header)["time"].index
+        names.sort(key=lambda name: _first_number(filled[name].to_series(clock)))
     notes = (f"ignored the sheets {', '.join(ignored)}",) if ignored else ()
     return Table(
         header=header,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from .decimation import decimate
 from .rows import RowLook, most_accurate, require_one_record, row_looks, selection_note
@@ -63,7 +64,7 @@ def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
         seconds = course.time_s - origin * unit.seconds
         _draw_rows(close[0], seconds, stretch, shown, looks, is_close=True)
         close[0].set_xlabel(f"Time after {origin:g} {unit.name} [s]")
-        _frame(whole, close[0], time[stretch.start], time[stretch.stop - 1])
+        _frame(whole, close[0], *time[[stretch.start, stretch.stop - 1]])
     finish_axes(whole, *close)
     legend_above(figure, *close, whole, columns=3)
     return figure
@@ -79,24 +80,36 @@ def _draw_rows(
     is_close: bool,
 ) -> None:
     """The measured line and every row's; markers only where single samples can be seen."""
-    first = next(iter(shown.values()))
-    lines = {"measured": (first.course.voltage_v, MEASURED, "-", 3.2 if is_close else 1.6)}
-    for label, each in shown.items():
+    measured_v = next(iter(shown.values())).course.voltage_v
+    _draw_line(
+        axes, time, measured_v, samples, "measured", MEASURED, linewidth=3.2 if is_close else 1.6
+    )
+    for place, (label, each) in enumerate(shown.items()):
+        look = looks[label]
         name = f"{label} ({1e3 * each.metrics.rmse_v:.3g} mV)"
-        lines[name] = (each.simulated_v, looks[label].color, looks[label].line, 1.1)
-    for place, (name, (voltage_v, color, line, width)) in enumerate(lines.items()):
-        x, y = time[samples], voltage_v[samples]
-        kept = decimate(x, y)
-        (drawn,) = axes.plot(x[kept], y[kept], color=color, linewidth=width, label=name)
-        if is_close and place > 0:
-            drawn.set(linestyle=line, markersize=3.6, markerfacecolor="white")
-            drawn.set_marker(looks[list(shown)[place - 1]].marker)
+        drawn = _draw_line(axes, time, each.simulated_v, samples, name, look.color, linewidth=0.6)
+        if is_close:
+            drawn.set(linewidth=1.1, linestyle=look.line, marker=look.marker)
+            drawn.set(markersize=3.6, markerfacecolor="white")
             # Shifted from row to row, so that markers of equal answers do not hide each other.
-            spacing = max(1, len(kept) // MARKERS_PER_LINE)
-            drawn.set_markevery((spacing * (place - 1) // len(shown), spacing))
-        elif place > 0:
-            drawn.set_linewidth(0.6)
+            spacing = max(1, np.size(drawn.get_xdata()) // MARKERS_PER_LINE)
+            drawn.set_markevery((spacing * place // len(shown), spacing))
     axes.set_ylabel("Voltage [V]")
+
+
+def _draw_line(
+    axes: Axes,
+    time: np.ndarray,
+    voltage_v: np.ndarray,
+    samples: slice,
+    label: str,
+    color: str,
+    linewidth: float,
+) -> Line2D:
+    x, y = time[samples], voltage_v[samples]
+    kept = decimate(x, y)
+    (drawn,) = axes.plot(x[kept], y[kept], color=color, linewidth=linewidth, label=label)
+    return drawn
 
 
 def _frame(whole: Axes, close: Axes, start: float, stop: float) -> None:

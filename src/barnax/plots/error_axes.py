@@ -36,8 +36,8 @@ def broken_line(
 def draw_rmse(axes: Axes, rmse_mv: float, label: str) -> None:
     """Zero, and plus and minus the RMSE of all scored samples."""
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    for side, label in ((1, label), (-1, "_lower")):
-        axes.axhline(side * rmse_mv, color=BLACK, linestyle="--", label=label)
+    axes.axhline(rmse_mv, color=BLACK, linestyle="--", label=label)
+    axes.axhline(-rmse_mv, color=BLACK, linestyle="--", label="_lower")
 
 
 def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str = ORANGE) -> None:

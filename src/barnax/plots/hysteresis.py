@@ -1,6 +1,7 @@
 """Hysteresis voltage over the state of charge, and its five segments."""
 
 import itertools
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.figure import Figure
 
 from ..cell import InterpolatedCurve
 from ..cell.hysteresis import KNOTS
+from .sources import cell_of
 from .style import (
     BLACK,
     BLUE,
@@ -23,25 +25,28 @@ from .style import (
 
 if TYPE_CHECKING:
     from ..cell import CellModel
+    from ..result import Result
 
 CURVE_SAMPLES = 1001
 SAME_MV = 0.1
 
 
 @figure_style()
-def plot_hysteresis(cell: "CellModel") -> Figure:
+def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     """Charge minus discharge OCV in mV, on a scale that includes zero; dotted lines are the knots.
 
     Filled points are what the segments were fitted to: the difference of both branch curves at
     the SOC of every OCV point; the thin line is that difference everywhere. Open points are the
     difference with PCHIP through the measured points in place of the curves, drawn where that is
-    another: a polynomial that misses its points makes hysteresis that was not measured.
+    another: a polynomial that misses its points makes hysteresis that was not measured. A result
+    or the path of a `result.json` serves as well as the cell in it.
 
     >>> from barnax import bundled_file, characterize, read_record
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
     >>> plot_hysteresis(characterize(tests)).axes[0].get_ylabel()
     'Hysteresis voltage [mV]\\n(charge − discharge OCV)'
     """
+    cell = cell_of(cell)
     figure = make_figure()
     axes = figure.subplots()
     axes.axhline(0.0, color=BLACK, linewidth=0.6)

@@ -52,8 +52,8 @@ def plot_landscape(
     `rmse_v` is NaN where there is no value, as where tau1 exceeds tau2. Steps of color are the
     excess over its lowest value, in percent: a problem with two basins shows two dark patches.
     `answers` are each row's circuits, one a seed; `refined` what Levenberg-Marquardt made of
-    some; `optimum` the global optimum and `others` the local ones. Raises `ValueError` for circuits that have not two RC
-    pairs, and where `rmse_v` has no value at all.
+    some; `optimum` the global optimum and `others` the local ones. Raises `ValueError` for
+    circuits that have not two RC pairs, and where `rmse_v` has no value at all.
 
     >>> tau_s = np.geomspace(1.0, 1e4, 30)
     >>> rmse_v = 0.01 + 1e-3 * np.abs(np.log(tau_s[:, None] * tau_s / 1e4))

@@ -1,14 +1,17 @@
 """Open-circuit voltage of a cell: measured points, fitted branches and their average."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from .sources import cell_of
 from .style import BLACK, BLUE, VERMILLION, figure_style, finish_axes, legend_above, make_figure
 
 if TYPE_CHECKING:
     from ..cell import AbstractCurve, CellModel, OcvPoint
+    from ..result import Result
 
 CURVE_SAMPLES = 1001
 # More points than this (a slow sweep has them) would hide the curve under full-size markers.
@@ -17,16 +20,18 @@ SMALLEST_RANGE_MV = 1.0
 
 
 @figure_style()
-def plot_ocv(cell: "CellModel") -> Figure:
+def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV.
 
-    A branch that was not measured is not drawn, and then there is no average either.
+    A branch that was not measured is not drawn, and then there is no average either. A result or
+    the path of a `result.json` serves as well as the cell in it.
 
     >>> from barnax import bundled_file, characterize, read_record
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
     >>> [axes.get_ylabel() for axes in plot_ocv(characterize(tests)).axes]
     ['Open-circuit voltage [V]', 'Residual [mV]\\n(point − curve)']
     """
+    cell = cell_of(cell)
     figure = make_figure()
     ocv, residual = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
     residual.axhline(0.0, color=BLACK, linewidth=0.6)

@@ -11,14 +11,14 @@ import barnax
 
 PACKAGE = Path(barnax.__file__).parent
 LAYERS = (
-    ("errors", "metrics", "precision", "bundled", "records", "optimizers"),
+    ("errors", "metrics", "precision", "programs", "bundled", "records", "optimizers"),
     ("cell",),
     ("evaluator", "simulate", "window"),
-    ("bounds", "coordinates", "course", "problem"),
+    ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),
     ("identification", "descent", "refinement", "evaluate"),
     ("methods", "comparison_statistics"),
     ("comparison",),
-    ("result_parts", "result", "comparison_result", "report", "plots"),
+    ("result_parts", "result", "comparison_result", "report", "plots", "export"),
     ("cli",),
 )
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
@@ -104,7 +104,7 @@ def test_modules_of_one_layer_do_not_import_each_other_in_a_circle(layer):
     assert not needs
 
 
-@pytest.mark.parametrize("unit", ["optimizers", "metrics", "errors", "precision"])
+@pytest.mark.parametrize("unit", ["optimizers", "metrics", "errors", "precision", "programs"])
 def test_what_knows_nothing_of_batteries_imports_nothing_of_them(unit):
     imported = {name for path in MODULES if unit_of(path) == unit for name in own_imports(path)}
     assert imported <= {unit}

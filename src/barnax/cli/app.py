@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from .. import __version__
 from ..errors import InputError
+from .export import export
 from .identify import identify
 from .optimizers import optimizers
 from .validate import validate
@@ -26,6 +27,7 @@ app = typer.Typer(
 )
 app.command()(identify)
 app.command()(validate)
+app.command()(export)
 app.command()(optimizers)
 
 

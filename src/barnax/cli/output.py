@@ -1,4 +1,4 @@
-"""A folder of results, written whole or not at all."""
+"""A folder of results, or a single file, written whole or not at all."""
 
 import io
 import os
@@ -66,18 +66,57 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
         ) as workshop:
             fresh, old = Path(workshop, "new"), Path(workshop, "old")
             for name, content in files.items():
-                path = fresh / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with path.open("wb") as file:
-                    file.write(content)
-                    file.flush()
-                    os.fsync(file.fileno())
+                _write(fresh / name, content)
             _put_in_place(fresh, folder, old)
     except OSError as problem:
         raise InputError(
             f"{folder}: results could not be written ({problem.strerror or problem}); "
             "nothing was changed; free the place or give --out another folder"
         ) from problem
+
+
+def require_free_file(path: Path, is_forced: bool) -> None:
+    """Raise `InputError` where a file cannot go to `path`. Called before any work is done."""
+    another = "give --out another file"
+    try:
+        place = path.resolve()
+        if place.is_dir():
+            raise InputError(f"{path}: is a folder; give --out a file in it")
+        if place.exists() and not is_forced:
+            raise InputError(f"{path}: exists already; replace it with --force or {another}")
+        existing = next(parent for parent in place.parents if parent.exists())
+        if not existing.is_dir() or not os.access(existing, os.W_OK):
+            raise InputError(f"{path}: {existing} cannot be written to; {another}")
+    # Before Python 3.13 a link that leads to itself is a RuntimeError.
+    except (OSError, RuntimeError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise InputError(f"{path}: cannot be used ({reason}); {another}") from problem
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Put `content` into the file `path`, or leave what was there."""
+    try:
+        place = path.resolve()
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=".barnax-", dir=place.parent, ignore_cleanup_errors=True
+        ) as workshop:
+            fresh = Path(workshop, "new")
+            _write(fresh, content)
+            os.replace(fresh, place)
+    except OSError as problem:
+        raise InputError(
+            f"{path}: could not be written ({problem.strerror or problem}); nothing was changed; "
+            "free the place or give --out another file"
+        ) from problem
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _put_in_place(fresh: Path, folder: Path, old: Path) -> None:

@@ -124,3 +124,10 @@ def complete_circuits(incomplete: str) -> list[str]:
     from ..cell import CIRCUITS
 
     return [name for name in CIRCUITS if name.startswith(incomplete)]
+
+
+def complete_exporters(incomplete: str) -> list[str]:
+    """Registered export targets for shell completion."""
+    from ..export import EXPORTERS
+
+    return [name for name in EXPORTERS if name.startswith(incomplete)]

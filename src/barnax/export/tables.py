@@ -1,0 +1,139 @@
+"""What every tool asks of a result: constants, and curves over SOC as tables read linearly."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ..cell import CellModel, CircuitParameters, get_circuit
+from ..cell.hysteresis import KNOTS, SegmentedHysteresis
+from ..result import Result
+
+# A table read linearly follows its curve this closely.
+TOLERANCE_V = 50e-6
+MOST_HALVINGS = 20
+DIGITS_SOC, DIGITS_V = 9, 7
+# An independent hysteresis fit steps at its knots; the lower side stands this far before them.
+STEP_SOC = 10.0**-DIGITS_SOC
+
+Hysteresis = Literal["none", "instant", "dynamic"]
+Values = Float[np.ndarray, "points"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A voltage in V over SOC, strictly increasing from 0 to 1, to be read linearly."""
+
+    soc: Values
+    voltage_v: Values
+
+    def __call__(self, soc: Values) -> Values:
+        return np.interp(soc, self.soc, self.voltage_v)
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """A result as other tools take it. Discharge current is positive.
+
+    `hysteresis` is W(soc), charge minus discharge OCV in V, None where the circuit has none. The
+    circuit adds half of it after charging and takes half of it away after discharging: at once
+    (`kind` is "instant"), or with a state that follows the charge passed at the rate
+    `parameters.gamma` per unit of SOC ("dynamic"). `initial_direction` is the last direction
+    before the start, +1 charging.
+    """
+
+    model: str
+    heading: str
+    parameters: CircuitParameters
+    capacity_ah: float
+    initial_soc: float
+    initial_direction: int
+    kind: Hysteresis
+    ocv: Table
+    hysteresis: Table | None
+
+    @property
+    def largest_hysteresis_v(self) -> float:
+        return 0.0 if self.hysteresis is None else float(np.abs(self.hysteresis.voltage_v).max())
+
+    @property
+    def initial_hysteresis_v(self) -> float:
+        """What the hysteresis adds to the OCV at the start."""
+        if self.hysteresis is None:
+            return 0.0
+        w_v = self.hysteresis(np.array([self.initial_soc]))[0]
+        return float(self.initial_direction * w_v / 2)
+
+
+def tables_of(result: Result) -> Tables:
+    """A result's constants and tables."""
+    cell = result.cell_model
+    kind = _kind_of(result, cell)
+    rmse_mv = 1e3 * result.metrics.identification.rmse_v
+    return Tables(
+        model=result.model,
+        heading=(
+            f"Written by barnax {result.versions.get('barnax', '')}: circuit {result.model}, "
+            f"identified on {result.metrics.identification.record} with an RMSE of "
+            f"{rmse_mv:.3f} mV. Discharge current is positive."
+        ),
+        parameters=result.circuit_parameters,
+        capacity_ah=cell.capacity_ah,
+        initial_soc=result.initial_soc,
+        initial_direction=result.window.initial_direction,
+        kind=kind,
+        ocv=linear_table(cell.average_ocv_v, np.concatenate([cell.charge.soc, cell.discharge.soc])),
+        hysteresis=None if kind == "none" else segment_table(cell.hysteresis),
+    )
+
+
+def linear_table(
+    curve: Callable[[Values], Values], breakpoints: Values, tolerance_v: float = TOLERANCE_V
+) -> Table:
+    """A curve from SOC 0 to 1 as a table that linear interpolation follows within a tolerance.
+
+    Intervals between `breakpoints` (where the curve may bend) are halved until they are straight.
+
+    >>> table = linear_table(lambda soc: 3 + soc**2, np.array([0.5]), tolerance_v=1e-3)
+    >>> len(table.soc), float(abs(table(np.array([0.3])) - 3.09)[0]) < 1e-3
+    (17, True)
+    """
+    soc = np.unique(np.round(np.clip([0.0, 1.0, *breakpoints], 0, 1), DIGITS_SOC))
+    for _ in range(MOST_HALVINGS):
+        width = np.diff(soc)
+        is_bent = np.zeros(len(width), bool)
+        # A cubic can cross its chord in the middle, not at all three quarters.
+        for share in (0.25, 0.5, 0.75):
+            chord_v = (1 - share) * curve(soc[:-1]) + share * curve(soc[1:])
+            is_bent |= np.abs(curve(soc[:-1] + share * width) - chord_v) > tolerance_v
+        if not is_bent.any():
+            break
+        middle = (soc[:-1] + width / 2)[is_bent]
+        soc = np.unique(np.round(np.concatenate([soc, middle]), DIGITS_SOC))
+    return Table(soc, np.round(curve(soc), DIGITS_V))
+
+
+def segment_table(hysteresis: SegmentedHysteresis) -> Table:
+    """W(soc) at the ends of its segments, a step at a knot as two points close together."""
+    soc, voltage_v = [], []
+    for index, (left_v, right_v) in enumerate(hysteresis.ends_v):
+        if not voltage_v or left_v != voltage_v[-1]:
+            if voltage_v:
+                soc[-1] -= STEP_SOC
+            soc.append(float(KNOTS[index]))
+            voltage_v.append(left_v)
+        soc.append(float(KNOTS[index + 1]))
+        voltage_v.append(right_v)
+    return Table(np.round(soc, DIGITS_SOC), np.array(voltage_v))
+
+
+def _kind_of(result: Result, cell: CellModel) -> Hysteresis:
+    circuit = get_circuit(result.model)
+    if circuit.has_rate:
+        return "dynamic"
+    soc = np.linspace(0.0, 1.0, 101)
+    after_charge_v = circuit.source_voltage(cell, soc, np.ones_like(soc))
+    after_discharge_v = circuit.source_voltage(cell, soc, -np.ones_like(soc))
+    return "none" if np.array_equal(after_charge_v, after_discharge_v) else "instant"

@@ -1,0 +1,144 @@
+"""Is the exported circuit the one that was identified? Both simulated on one current."""
+
+import importlib.metadata
+import importlib.util
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..cell import CellModel
+from ..cell.hysteresis import SegmentedHysteresis
+from ..errors import InputError
+from ..evaluate import validate
+from ..records import Decision, Record
+from ..result import Result
+from ..window import Window
+from .exporter import Exporter, Profile
+
+INTERVAL_S = 2.0
+# One round of the test profile: seconds and current in units of 1C toward the far end of SOC.
+ROUND = ((30.0, 0.0), (240.0, 1.0), (60.0, 0.0), (60.0, -1.0), (30.0, 0.2), (30.0, -0.2))
+# The profile stays this share of the measured SOC range away from its end.
+UNUSED_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The largest difference of terminal voltage between a package and barnax, in V.
+
+    Two figures tell where it comes from: `without_hysteresis_v` is the same with the hysteresis
+    voltage taken out of barnax's circuit, `without_turns_v` leaves out the samples at which the
+    current turns. There an instant hysteresis has turned in barnax, while a hysteresis that is a
+    state has yet to see charge pass.
+    """
+
+    package: str
+    version: str
+    samples: int
+    largest_v: float
+    without_hysteresis_v: float
+    without_turns_v: float
+
+
+def require_package(exporter: Exporter) -> None:
+    """Raise `InputError` where an export cannot be simulated here."""
+    if exporter.package is None:
+        raise InputError(
+            f"--verify simulates what was exported, and nothing here simulates {exporter.name}; "
+            "leave it out"
+        )
+    if importlib.util.find_spec(exporter.package) is None:
+        raise InputError(
+            f"--verify needs the package {exporter.package}, which is not installed; get it with "
+            'pip install "barnax[verify]", or leave --verify out'
+        )
+
+
+def verify(
+    result: Result, exporter: Exporter, content: bytes, profile: Profile | None = None
+) -> Verification:
+    """The exported `content` simulated in its package and by barnax, from the result's initial SOC.
+
+    `profile` defaults to `pulse_profile`. Raises `InputError` where the package is missing, or
+    the profile leaves the SOC range of the cell.
+    """
+    require_package(exporter)
+    package, simulate = exporter.package, exporter.simulate
+    if package is None or simulate is None:
+        raise ValueError(f"the exporter {exporter.name} names no package to simulate in")
+    profile = profile or pulse_profile(result)
+    there_v = simulate(content, profile)
+    cell = result.cell_model
+    plain = replace(cell, hysteresis=SegmentedHysteresis.zero())
+    difference_v = there_v - simulate_here(result, cell, profile)
+    return Verification(
+        package=package,
+        version=importlib.metadata.version(package),
+        samples=len(profile.time_s),
+        largest_v=_largest(difference_v),
+        without_hysteresis_v=_largest(there_v - simulate_here(result, plain, profile)),
+        without_turns_v=_largest(difference_v[~_turns(profile, result.window.initial_direction)]),
+    )
+
+
+def simulate_here(
+    result: Result, cell: CellModel, profile: Profile
+) -> Float[np.ndarray, "samples"]:
+    """barnax's own terminal voltage in V for a result's circuit on a profile."""
+    discharged_ah = np.cumsum(profile.current_a[:-1] * np.diff(profile.time_s)) / 3600
+    soc = result.initial_soc - np.concatenate([[0.0], discharged_ah]) / cell.capacity_ah
+    given = Decision("forward", "given", "made so")
+    record = Record(
+        name="the profile",
+        time_s=profile.time_s,
+        current_a=profile.current_a,
+        # Nothing is measured here; a simulation does not look at it.
+        voltage_v=cell.average_ocv_v(soc),
+        temperature_degc=None,
+        step=None,
+        row=np.arange(len(soc)) + 2,
+        sign=replace(given, value="discharge-positive"),
+        hold=given,
+        sha256="",
+    )
+    window = Window(
+        initial_soc=result.initial_soc,
+        initial_direction=result.window.initial_direction,
+        rest_current_a=result.window.rest_current_a,
+    )
+    evaluation = validate(record, cell, result.model, result.circuit_parameters, window)
+    return evaluation.simulated_v
+
+
+def pulse_profile(result: Result) -> Profile:
+    """Pulses of 1C and C/5 both ways, with rests, from the initial SOC toward its far end."""
+    cell = result.cell_model
+    low, high = cell.soc_range
+    margin = UNUSED_SHARE * (high - low)
+    is_discharge = result.initial_soc >= (low + high) / 2
+    way = (
+        result.initial_soc - (low + margin) if is_discharge else high - margin - result.initial_soc
+    )
+    round_soc = sum(spent_s * rate for spent_s, rate in ROUND) / 3600
+    rounds = max(1, math.floor(way / round_soc))
+    one_c = cell.capacity_ah if is_discharge else -cell.capacity_ah
+    one_round = np.concatenate(
+        [np.full(round(spent_s / INTERVAL_S), rate * one_c) for spent_s, rate in ROUND]
+    )
+    current_a = np.tile(one_round, rounds)
+    return Profile(INTERVAL_S * np.arange(len(current_a)), current_a)
+
+
+def _turns(profile: Profile, initial_direction: int) -> Bool[np.ndarray, "samples"]:
+    """True where the current flows the other way than when it last flowed."""
+    way = -np.sign(profile.current_a)
+    last = np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), -1))
+    direction = np.where(last < 0, initial_direction, way[last])
+    return np.diff(direction, prepend=initial_direction) != 0
+
+
+def _largest(difference_v: Float[np.ndarray, "samples"]) -> float:
+    # A solver that ends early leaves NaN, which must not pass for agreement.
+    return float(np.abs(difference_v).max()) if np.isfinite(difference_v).all() else math.inf

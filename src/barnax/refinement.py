@@ -89,9 +89,9 @@ def refine(
             break
     ended = [best if seed == leader else refined[seed] for seed in range(len(refined))]
     optima = distinct_optima(ended)
-    at_bound = _at_bound(descent.objective.coordinates, best.parameters)
-    verdict = _verdict(found, ended, optima, at_bound)
-    return CrossCheck(found, tuple(refined), optima, at_bound, verdict)
+    bounded = at_bound(descent.objective.coordinates, best.parameters)
+    verdict = _verdict(found, ended, optima, bounded)
+    return CrossCheck(found, tuple(refined), optima, bounded, verdict)
 
 
 def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
@@ -120,7 +120,8 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
     )
 
 
-def _at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]:
+def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]:
+    """Which parameters are at an end of a box in `log` coordinates, in words."""
     point = np.asarray(box.encode(impedance_of(parameters)))
     places = [
         (name, value, low, high)

@@ -178,10 +178,10 @@ def make_result(
         window=problem.window,
         initial_soc=problem.course.initial_soc,
         initial_soc_reason=problem.course.initial_soc_reason,
-        inputs=tuple(_input_part(role, record) for role, record in records),
+        inputs=tuple(input_part(role, record) for role, record in records),
         warnings=all_warnings(problem, validation, ocv),
         command=tuple(command),
-        versions={"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED},
+        versions=all_versions(),
     )
 
 
@@ -215,7 +215,13 @@ def all_warnings(
     return tuple(dict.fromkeys(texts))
 
 
-def _input_part(role: Any, record: Record) -> InputPart:
+def all_versions() -> dict[str, str]:
+    """The versions that can change a result's digits."""
+    return {"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED}
+
+
+def input_part(role: Any, record: Record) -> InputPart:
+    """A file that was read, with what was decided about it."""
     return InputPart(
         role=role,
         name=record.name,

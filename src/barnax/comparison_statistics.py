@@ -1,6 +1,7 @@
 """Whether one row of a comparison is better than another, and where in SOC its errors lie."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -126,7 +127,9 @@ def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int
     )
 
 
-def compare_over_seeds(first_v: Float[np.ndarray, "..."], second_v: Float[np.ndarray, "..."]):
+def compare_over_seeds(
+    first_v: Float[np.ndarray, "..."], second_v: Float[np.ndarray, "..."]
+) -> SeedPairs | None:
     """Two rows' RMSE in V, seed by seed; one value alone stands beside every seed.
 
     None where neither row has seeds to pair, and where their numbers differ.
@@ -139,7 +142,10 @@ def compare_over_seeds(first_v: Float[np.ndarray, "..."], second_v: Float[np.nda
         return None
     difference_v = first_v - second_v
     is_different = difference_v != 0
-    p_value = stats.wilcoxon(difference_v[is_different]).pvalue if np.any(is_different) else 1.0
+    p_value = 1.0
+    if np.any(is_different):
+        tested: Any = stats.wilcoxon(difference_v[is_different])
+        p_value = tested.pvalue
     return SeedPairs(
         median_v=float(np.median(difference_v)),
         wins=int(np.count_nonzero(difference_v < 0)),

@@ -18,7 +18,7 @@ LAYERS = (
     ("identification", "descent", "refinement", "evaluate"),
     ("methods", "comparison_statistics"),
     ("comparison",),
-    ("result_parts", "result", "comparison_result", "report", "plots", "export"),
+    ("result_parts", "result", "comparison_result", "report", "plots", "export", "reporting"),
     ("cli",),
 )
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}

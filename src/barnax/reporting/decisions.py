@@ -1,0 +1,150 @@
+"""What was measured, and what was decided about it, with the reasons."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from ..cell import CellModel, PolynomialCurve
+from .document import Bullets, Column, Table
+from .words import joined, millivolt, significant
+
+if TYPE_CHECKING:
+    from ..comparison_result import ComparisonResult
+    from ..result import Result
+    from ..result_parts import InputPart
+    from ..window import Window
+
+    Stored = Result | ComparisonResult
+
+# How firmly something was decided, before its reason.
+FIRMNESS = {
+    "given": "",
+    "strong": "strong evidence: ",
+    "weak": "weak evidence: ",
+    "assumed": "assumed: ",
+}
+TEXT = (Column("file", role="text"), Column("serves for", role="text"))
+HASH_LETTERS = 16
+# What passes this close to its points passes through them.
+THROUGH_V = 1e-6
+
+
+def files_table(stored: "Stored") -> Table:
+    """Every file that was read."""
+    return Table(
+        caption="The files that were read. The hash is the beginning of the file's SHA-256.",
+        columns=(*TEXT, Column("sign of current", role="text"), Column("hash", role="text")),
+        rows=tuple(
+            (each.name, each.role, each.sign.value, each.sha256[:HASH_LETTERS])
+            for each in stored.inputs
+        ),
+    )
+
+
+def decisions(stored: "Stored") -> Bullets:
+    """What was decided before the search, one sentence each."""
+    cell = CellModel.from_dict(stored.cell)
+    return Bullets(
+        (
+            *_signs(stored.inputs),
+            *_holds(stored.inputs),
+            f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin}).",
+            f"The simulation of {_identified(stored)} starts at a state of charge of "
+            f"{stored.initial_soc:.3f} ({stored.initial_soc_reason}).",
+            *ocv_sentences(cell),
+            *window_sentences(stored.window),
+        )
+    )
+
+
+def ocv_sentences(cell: CellModel) -> Iterator[str]:
+    """How the open-circuit voltage and the hysteresis voltage were made, and how well they fit."""
+    curve = cell.discharge
+    kind = (
+        f"a polynomial of degree {len(curve.coefficients) - 1}"
+        if isinstance(curve, PolynomialCurve)
+        else "a monotone interpolation (PCHIP)"
+    )
+    yield (
+        f"The open-circuit voltage of each branch is {kind} through its points: "
+        f"{len(cell.discharge_points)} from discharging, {len(cell.charge_points)} from charging."
+    )
+    missed = [
+        f"the {name} by {millivolt(error.rms_v)} rms, {millivolt(error.max_v)} at most"
+        for name, error in cell.errors.items()
+        if error.max_v > THROUGH_V
+    ]
+    yield f"At their points the fits miss {'; '.join(missed) or 'nothing'}."
+    if cell.hysteresis.points:
+        yield (
+            f"The hysteresis voltage is five {cell.hysteresis.kind} segments over the state of "
+            "charge, fitted to the difference of both branches."
+        )
+    else:
+        yield "One branch only was measured, so the hysteresis voltage is zero."
+
+
+def window_sentences(window: "Window") -> Iterator[str]:
+    """Where the simulation starts and which samples count."""
+    if window.start_time_s is not None:
+        yield f"Every record is simulated from {window.start_time_s:g} s of its clock on."
+    elif window.start_after_step is not None:
+        yield f"Every record is simulated from the end of its step {window.start_after_step} on."
+    else:
+        yield "Every record is simulated from its first sample on."
+    limits = []
+    if window.score_steps is not None:
+        limits.append(f"in {joined([f'step {step}' for step in window.score_steps])}")
+    if window.score_from_s is not None:
+        limits.append(f"from {window.score_from_s:g} s")
+    if window.score_to_s is not None:
+        limits.append(f"up to {window.score_to_s:g} s")
+    yield f"Errors count {joined(limits) or 'at every simulated sample'}."
+    if window.rest_current_a is not None:
+        yield f"The cell counts as resting below {1e3 * window.rest_current_a:.3g} mA, as you said."
+
+
+def _signs(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
+    for each in inputs:
+        sign = each.sign
+        yield (
+            f"In {each.name} the current is {sign.value} ({FIRMNESS[sign.strength]}{sign.reason})."
+        )
+
+
+def _holds(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
+    """How long a sample's current flows: one sentence for all files of which the same is true."""
+    told: dict[tuple[str, str, str], list[str]] = {}
+    for each in inputs:
+        hold = each.hold
+        told.setdefault((hold.value, hold.strength, hold.reason), []).append(each.name)
+    flows = {"forward": "until the next sample", "backward": "since the sample before"}
+    for (value, strength, reason), names in told.items():
+        yield (
+            f"A sample's current flows {flows[value]} in {joined(names)} "
+            f"({FIRMNESS[strength]}{reason})."
+        )
+
+
+def _identified(stored: "Stored") -> str:
+    return next(
+        (each.name for each in stored.inputs if each.role == "identification"), "the record"
+    )
+
+
+def reproduction_table(stored: "Stored") -> Table:
+    """The versions that can change a digit."""
+    return Table(
+        caption="Versions.",
+        columns=(Column("package", role="text"), Column("version", role="text")),
+        rows=tuple(stored.versions.items()),
+    )
+
+
+def box_sentence(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) -> str:
+    """The search box, in the units of the parameters' names."""
+    ranges = [
+        f"{name} from {significant(low, 4)} to {significant(high, 4)}"
+        for name, (low, high) in bounds.items()
+    ]
+    held = [f"{name} held at {significant(value, 4)}" for name, value in fixed.items()]
+    return f"searched are {joined([*ranges, *held])}"

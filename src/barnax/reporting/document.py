@@ -1,0 +1,100 @@
+"""What a report says, before it is HTML or Markdown."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Role = Literal["text", "number"]
+MediaType = Literal["image/png", "image/svg+xml"]
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Sentences in one block."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """Sentences one below the other; warnings are set apart."""
+
+    items: tuple[str, ...]
+    are_warnings: bool = False
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Words to be copied as they stand, such as a command."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column's head, its unit where it has one, and whether it holds numbers."""
+
+    name: str
+    unit: str = ""
+    role: Role = "number"
+
+    @property
+    def head(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under columns; `best` are the cells (row, column) to be read first.
+
+    Raises `ValueError` where a row has not a cell for every column.
+    """
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str, ...], ...]
+    best: frozenset[tuple[int, int]] = frozenset()
+
+    def __post_init__(self):
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"a row of {len(row)} cells under {len(self.columns)} columns")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as an image: `caption` says how to read it, `alt` stands for it where unseen.
+
+    `name` is its file's, without a suffix.
+    """
+
+    name: str
+    caption: str
+    alt: str
+    media_type: MediaType
+    content: bytes
+
+
+Block = Paragraph | Bullets | Listing | Table | Picture
+
+
+@dataclass(frozen=True)
+class Section:
+    """Blocks under a title."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Document:
+    """A whole report: `summary` is what a reader in a hurry must know."""
+
+    title: str
+    summary: str
+    sections: tuple[Section, ...]
+
+    @property
+    def pictures(self) -> tuple[Picture, ...]:
+        """All figures, in order."""
+        blocks = (block for section in self.sections for block in section.blocks)
+        return tuple(block for block in blocks if isinstance(block, Picture))

@@ -1,0 +1,60 @@
+"""Numbers and lists as a sentence or a table says them."""
+
+from collections.abc import Sequence
+
+NOTHING = "–"
+
+
+def joined(items: Sequence[str], last: str = "and") -> str:
+    """Items in a row, the last after `last`.
+
+    >>> joined(["a", "b", "c"])
+    'a, b and c'
+    """
+    return (
+        f" {last} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
+    )
+
+
+def counted(number: int, noun: str) -> str:
+    """A number and its noun.
+
+    >>> counted(1, "seed"), counted(30, "seed")
+    ('1 seed', '30 seeds')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def millivolt(value_v: float) -> str:
+    """Two decimals, more where two would show nothing.
+
+    >>> millivolt(0.0232118), millivolt(0.0000034)
+    ('23.21 mV', '0.0034 mV')
+    """
+    value_mv = 1e3 * value_v
+    shown = f"{value_mv:.2f}" if abs(value_mv) >= 0.01 or value_mv == 0 else f"{value_mv:.2g}"
+    return f"{shown} mV"
+
+
+def percent(ratio: float) -> str:
+    """A ratio in percent, two digits or all before the point.
+
+    >>> percent(0.0213), percent(2.5), percent(1e-9)
+    ('2.1 %', '250 %', '1e-07 %')
+    """
+    value = 100 * ratio
+    return f"{value:.0f} %" if abs(value) >= 10 else f"{value:.2g} %"
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """A number with so many decimals, or a dash where there is none."""
+    return NOTHING if value is None else f"{value:.{decimals}f}"
+
+
+def significant(value: float | None, digits: int = 5) -> str:
+    """A number with so many digits, or a dash where there is none.
+
+    >>> significant(None), significant(196790.4), significant(0.10000123)
+    ('–', '1.9679e+05', '0.1')
+    """
+    return NOTHING if value is None else f"{value:.{digits}g}"

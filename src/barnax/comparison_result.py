@@ -1,13 +1,16 @@
 """`comparison.json`: what a comparison found, as it is stored."""
 
+from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, field_validator
 
-from .result_parts import KEYS, InputPart, MetricsPart, Parameters, Part, Volts
+from .cell import CellModel
+from .result_parts import KEYS, InputPart, MetricsPart, Parameters, Part, Volts, read_stored
 from .window import Window
 
 SCHEMA_VERSION = 1
+REMEDY = "give the comparison.json that barnax compare wrote"
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -170,5 +173,20 @@ class ComparisonResult(ComparisonPart):
     command: tuple[str, ...]
     versions: dict[str, str]
 
+    @field_validator("cell")
+    @classmethod
+    def _hold_a_cell(cls, cell: dict[str, Any]) -> dict[str, Any]:
+        CellModel.from_dict(cell)
+        return cell
+
+    @property
+    def cell_model(self) -> CellModel:
+        return CellModel.from_dict(self.cell)
+
     def to_json(self) -> str:
         return self.model_dump_json(by_alias=True, indent=1) + "\n"
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> "ComparisonResult":
+        """The comparison in a file. Raises `InputError` that names what is wrong with it."""
+        return read_stored(cls, Path(path), REMEDY)

@@ -7,10 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ValidationError, field_validator
+from pydantic import field_validator
 
 from .cell import CellModel, CircuitParameters, get_circuit
-from .errors import InputError
 from .evaluate import Evaluation
 from .metrics import Metrics
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
@@ -28,12 +27,12 @@ from .result_parts import (
     RefinedPart,
     SearchPart,
     SeedPart,
+    read_stored,
 )
 from .window import Window
 
 SCHEMA_VERSION = 1
 VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
-LARGEST_FILE = 200_000_000
 REMEDY = "give the result.json that barnax identify wrote"
 
 
@@ -72,6 +71,12 @@ class Result(Part):
     def _name_a_circuit(cls, values: Parameters) -> Parameters:
         return CircuitParameters.from_dict(values).to_dict()
 
+    @field_validator("cell")
+    @classmethod
+    def _hold_a_cell(cls, cell: dict[str, Any]) -> dict[str, Any]:
+        CellModel.from_dict(cell)
+        return cell
+
     @property
     def circuit_parameters(self) -> CircuitParameters:
         return CircuitParameters.from_dict(self.parameters)
@@ -90,26 +95,7 @@ class Result(Part):
     @classmethod
     def from_json(cls, path: str | Path) -> "Result":
         """The result in a file. Raises `InputError` that names what is wrong with it."""
-        path = Path(path)
-        try:
-            if path.stat().st_size > LARGEST_FILE:
-                raise InputError(f"{path}: too large for a result ({path.stat().st_size} bytes)")
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as problem:
-            reason = getattr(problem, "strerror", None) or problem
-            raise InputError(f"{path}: cannot be read ({reason}); {REMEDY}") from problem
-        try:
-            result = cls.model_validate_json(text)
-            CellModel.from_dict(result.cell)
-        except ValidationError as problem:
-            first = problem.errors()[0]
-            place = ".".join(str(step) for step in first["loc"]) or "the file"
-            raise InputError(
-                f"{path}: is not a barnax result: {place}: {first['msg']}; {REMEDY}"
-            ) from problem
-        except InputError as problem:
-            raise InputError(f"{path}: is not a barnax result: {problem}; {REMEDY}") from problem
-        return result
+        return read_stored(cls, Path(path), REMEDY)
 
 
 def make_result(

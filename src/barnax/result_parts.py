@@ -1,8 +1,15 @@
 """The parts of `result.json`: what each holds, and under which keys."""
 
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .errors import InputError
+
+Stored = TypeVar("Stored", bound=BaseModel)
+
+LARGEST_FILE = 200_000_000
 
 Volts = Annotated[float, Field(ge=0)]
 Parameters = dict[str, float]
@@ -112,3 +119,24 @@ class InputPart(Part):
     sha256: str
     sign: DecisionPart
     hold: DecisionPart
+
+
+def read_stored(kind: type[Stored], path: Path, remedy: str) -> Stored:
+    """What was stored in a file. Raises `InputError` that names what is wrong with it."""
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path}: too large for a result ({path.stat().st_size} bytes)")
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise InputError(f"{path}: cannot be read ({reason}); {remedy}") from problem
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError as problem:
+        first = problem.errors()[0]
+        place = ".".join(str(step) for step in first["loc"]) or "the file"
+        raise InputError(
+            f"{path}: is not a barnax result: {place}: {first['msg']}; {remedy}"
+        ) from problem
+    except InputError as problem:
+        raise InputError(f"{path}: is not a barnax result: {problem}; {remedy}") from problem

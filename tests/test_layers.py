@@ -16,7 +16,7 @@ LAYERS = (
     ("evaluator", "simulate", "window"),
     ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),
     ("identification", "descent", "refinement", "evaluate"),
-    ("methods", "comparison_statistics"),
+    ("block_bootstrap", "methods", "comparison_statistics"),
     ("comparison",),
     ("result_parts", "result", "comparison_result", "report", "plots", "export", "reporting"),
     ("cli",),

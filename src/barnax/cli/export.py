@@ -1,6 +1,7 @@
 """`barnax export`: a result in the format of another tool."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -86,8 +87,10 @@ def export(
 
 def _require_other(path: Path, result: Path) -> None:
     """Raise `InputError` where the export would take the place of the result it is made from."""
-    if path.exists() and result.exists() and path.samefile(result):
-        raise InputError(f"{path}: is the result itself; give --out another file")
+    # Names that are no files are refused elsewhere, with the reason.
+    with suppress(OSError):
+        if path.samefile(result):
+            raise InputError(f"{path}: is the result itself; give --out another file")
 
 
 def _sentence(found: "Verification") -> str:

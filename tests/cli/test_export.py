@@ -1,0 +1,150 @@
+"""`barnax export`: one file, whole or not at all, and what it leaves out on stderr."""
+
+import importlib.util
+import os
+
+import pytest
+
+from barnax.cli.output import write_file
+from barnax.errors import InputError
+from barnax.export import EXPORTERS
+from barnax.result import Result
+
+from .conftest import contents
+
+
+@pytest.fixture
+def stored(finished):
+    return finished.folder / "result.json"
+
+
+@pytest.mark.parametrize("name", EXPORTERS)
+def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
+    outcome = run("export", stored, "--to", name)
+    exporter = EXPORTERS[name]
+    content, caveats = exporter.write(Result.from_json(stored))
+    assert outcome.status == 0
+    assert exporter.file_name in outcome.out
+    assert outcome.err == "".join(f"warning: {caveat}\n" for caveat in caveats)
+    assert (tmp_path / exporter.file_name).read_bytes() == content
+    assert list(contents(tmp_path)) == [exporter.file_name]
+
+
+def test_out_names_the_file_and_its_folders(run, stored, tmp_path):
+    assert run("export", stored, "--to", "csv", "--out", "a/b/cell.csv").status == 0
+    assert (tmp_path / "a/b/cell.csv").read_text().startswith("name,value,unit\n")
+
+
+def test_quiet_leaves_the_caveats_alone(run, stored):
+    outcome = run("export", stored, "--to", "pybamm", "-q")
+    assert outcome.out == ""
+    assert outcome.err.startswith("warning: PyBaMM's Thevenin model has no hysteresis voltage")
+
+
+def test_an_existing_file_is_refused_and_force_is_named(refuse, stored, tmp_path):
+    (tmp_path / "barnax_cell.h").write_text("mine")
+    message = refuse("export", stored, "--to", "c-header")
+    assert "barnax_cell.h: exists already; replace it with --force" in message
+
+
+def test_force_replaces_it(run, stored, tmp_path):
+    (tmp_path / "barnax_cell.h").write_text("mine")
+    assert run("export", stored, "--to", "c-header", "--force").status == 0
+    assert (tmp_path / "barnax_cell.h").read_text().startswith("/*\n * Written by barnax")
+
+
+def test_the_result_itself_is_never_replaced(refuse, stored):
+    message = refuse("export", stored, "--to", "csv", "--out", stored, "--force")
+    assert "is the result itself" in message
+    Result.from_json(stored)
+
+
+def test_an_unknown_target_is_refused_with_the_known_ones(refuse, stored):
+    message = refuse("export", stored, "--to", "spice")
+    assert (
+        "--to 'spice' is not known; there are pybamm, thevenin, simscape, c-header, csv" in message
+    )
+
+
+def test_a_missing_target_is_a_usage_error(refuse, stored):
+    assert "Missing option" in refuse("export", stored)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"{}"], ids=["absent", "empty", "other"])
+def test_a_result_that_is_none_is_refused(refuse, tmp_path, content):
+    if content is not None:
+        (tmp_path / "result.json").write_bytes(content)
+    message = refuse("export", "result.json", "--to", "csv")
+    assert message.startswith("error: result.json: ")
+    assert "give the result.json that barnax identify wrote" in message
+
+
+@pytest.mark.parametrize(
+    ("out", "part"),
+    [
+        (".", "is a folder; give --out a file in it"),
+        ("file/in", "cannot be"),
+        (300 * "x", "File name too long"),
+        ("loop", "cannot be used"),
+    ],
+    ids=["folder", "below-a-file", "long", "loop"],
+)
+def test_a_place_that_takes_no_file_is_refused_before_any_work(refuse, stored, tmp_path, out, part):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "loop").symlink_to("loop")
+    message = refuse("export", stored, "--to", "csv", "--out", out)
+    assert part in message
+    assert "give --out" in message
+
+
+def test_verify_without_the_package_says_how_to_get_it(refuse, stored, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    message = refuse("export", stored, "--to", "thevenin", "--verify")
+    assert 'pip install "barnax[verify]"' in message
+
+
+def test_verify_of_what_nothing_simulates_is_refused(refuse, stored):
+    assert "nothing here simulates csv" in refuse("export", stored, "--to", "csv", "--verify")
+
+
+@pytest.mark.parametrize("name", ["pybamm", "thevenin"])
+# What other packages warn of when they are imported is theirs.
+@pytest.mark.filterwarnings("ignore")
+def test_verify_prints_the_largest_difference_in_volts(run, stored, name):
+    if importlib.util.find_spec(name) is None:
+        pytest.skip(f"{name} is not installed; it is in the extra verify")
+    outcome = run("export", stored, "--to", name, "--verify")
+    assert outcome.status == 0
+    words = " ".join(outcome.out.split())
+    assert f"Largest difference from barnax in {name} " in words
+    assert "V; " in words
+
+
+@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_a_stop_while_a_file_is_written_leaves_the_old_one(tmp_path, monkeypatch, cause, step):
+    path = tmp_path / "cell.h"
+    path.write_text("old")
+
+    def stopped(*_):
+        raise cause
+
+    monkeypatch.setattr(os, step, stopped)
+    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
+        write_file(path, b"new")
+    assert path.read_text() == "old"
+    assert list(contents(tmp_path)) == ["cell.h"]
+
+
+def test_a_file_goes_to_where_a_link_points(tmp_path):
+    (tmp_path / "real.h").write_text("old")
+    (tmp_path / "link.h").symlink_to("real.h")
+    write_file(tmp_path / "link.h", b"new")
+    assert (tmp_path / "link.h").is_symlink()
+    assert (tmp_path / "real.h").read_text() == "new"
+
+
+def test_a_file_has_the_permissions_any_new_file_has(tmp_path):
+    (tmp_path / "plain").write_text("")
+    write_file(tmp_path / "ours", b"")
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode

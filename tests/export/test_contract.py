@@ -1,0 +1,95 @@
+"""What holds for every registered exporter and every circuit."""
+
+import numpy as np
+import pytest
+
+from barnax.cell import CIRCUITS as REGISTERED
+from barnax.errors import InputError
+from barnax.export import EXPORTERS, get_exporter
+
+from .sample_results import CIRCUITS, make_cell, make_result
+
+every_exporter = pytest.mark.parametrize("exporter", EXPORTERS.values(), ids=lambda each: each.name)
+every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)
+# What each file's notes are written with, where its format has comments.
+COMMENTED = ("pybamm", "thevenin", "simscape")
+
+
+def words_of(content: bytes) -> str:
+    """The content as one line of words, without what marks a comment."""
+    text = content.decode("utf-16-le" if b"b\0a\0r\0n\0a\0x\0" in content else "latin-1")
+    return " ".join(word for word in text.replace("\0", " ").split() if word not in ("#", "*", "-"))
+
+
+def test_every_circuit_is_tested():
+    assert set(CIRCUITS) == set(REGISTERED)
+
+
+def test_exporters_are_registered_under_their_names_and_write_different_files():
+    assert list(EXPORTERS) == [exporter.name for exporter in EXPORTERS.values()]
+    assert len({exporter.file_name for exporter in EXPORTERS.values()}) == len(EXPORTERS)
+
+
+def test_an_unknown_target_lists_the_known_ones():
+    with pytest.raises(InputError, match="'spice' is not known; there are pybamm, thevenin"):
+        get_exporter("spice")
+
+
+@every_exporter
+@every_circuit
+def test_equal_results_give_equal_bytes(exporter, circuit):
+    first, second = (exporter.write(make_result(circuit)) for _ in range(2))
+    assert first == second
+    assert first.content
+
+
+@every_exporter
+@every_circuit
+def test_another_result_gives_other_bytes(exporter, circuit):
+    result = make_result(circuit)
+    changed = result.model_copy(
+        update={"parameters": result.parameters | {"R0 [Ohm]": np.nextafter(0.0511, 1)}}
+    )
+    assert exporter.write(changed).content != exporter.write(result).content
+
+
+@every_exporter
+@every_circuit
+def test_caveats_are_sentences(exporter, circuit):
+    for caveat in exporter.write(make_result(circuit)).caveats:
+        assert caveat[0].isupper() or caveat.startswith(("barnax", "thevenin", circuit))
+        assert caveat.endswith(".")
+        assert "\n" not in caveat
+
+
+@every_exporter
+@every_circuit
+def test_caveats_stand_in_the_file_too(exporter, circuit):
+    content, caveats = exporter.write(make_result(circuit))
+    assert (exporter.name in COMMENTED) == bool(caveats)
+    if exporter.name != "simscape":  # its notes are read back in test_simscape
+        words = words_of(content)
+        assert all(caveat in words for caveat in caveats)
+
+
+@pytest.mark.parametrize("name", ["pybamm", "simscape"])
+@every_circuit
+def test_a_hysteresis_that_a_tool_cannot_hold_is_named(name, circuit):
+    caveats = " ".join(EXPORTERS[name].write(make_result(circuit)).caveats)
+    assert ("hysteresis voltage" in caveats) == (circuit in ("iso-rc", "esc"))
+    assert ("gamma of 87.25" in caveats) == (circuit == "esc")
+    if circuit in ("iso-rc", "esc"):
+        largest_mv = 1e3 * max(make_cell().hysteresis(np.linspace(0, 1, 101)))
+        assert f"up to {largest_mv:.3g} mV" in caveats
+
+
+@every_exporter
+def test_a_record_named_to_end_a_comment_ends_none(exporter):
+    result = make_result(record="*/ int x; /*\n'''\"\"\"\nimport os\r\u2028raise SystemExit \\")
+    content, _ = exporter.write(result)
+    if exporter.file_name.endswith(".py"):
+        code = [line for line in content.decode().splitlines() if not line.startswith("#")]
+        plain = exporter.write(make_result()).content.decode()
+        assert code == [line for line in plain.splitlines() if not line.startswith("#")]
+    if exporter.file_name.endswith(".h"):
+        assert content.count(b"*/") == exporter.write(make_result()).content.count(b"*/")

@@ -1,0 +1,150 @@
+"""The modules for PyBaMM and thevenin: their names, their numbers, and what they simulate."""
+
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from barnax.export import EXPORTERS, Profile
+from barnax.export.tables import TOLERANCE_V
+from barnax.export.verification import pulse_profile, simulate_here
+
+from .sample_results import CAPACITY_AH, CIRCUITS, GAMMA, PAIRS, PAIRS_OF, make_cell, make_result
+
+every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)
+# What pybamm.EcmParameters and the Thevenin model ask for (PyBaMM 26.10), beside the pairs.
+PYBAMM_NAMES = {
+    "chemistry", "Initial SoC", "Initial temperature [K]", "Cell capacity [A.h]",
+    "Nominal cell capacity [A.h]", "Ambient temperature [K]", "Current function [A]",
+    "Upper voltage cut-off [V]", "Lower voltage cut-off [V]", "Cell thermal mass [J/K]",
+    "Cell-jig heat transfer coefficient [W/K]", "Jig thermal mass [J/K]",
+    "Jig-air heat transfer coefficient [W/K]", "Open-circuit voltage [V]", "R0 [Ohm]",
+    "Entropic change [V/K]",
+}  # fmt: skip
+# What thevenin's models document (thevenin 0.2), beside the pairs.
+THEVENIN_NAMES = {
+    "num_RC_pairs", "soc0", "capacity", "ce", "gamma", "mass", "isothermal", "Cp", "T_inf",
+    "h_therm", "A_therm", "ocv", "M_hyst", "R0",
+}  # fmt: skip
+
+
+@pytest.fixture
+def fake_pybamm(monkeypatch):
+    """As much of PyBaMM as the module names, so that it loads where PyBaMM is not installed."""
+    circuits = SimpleNamespace(Thevenin=lambda options: options)
+    fake = SimpleNamespace(
+        Interpolant=lambda x, y, child, name: np.interp(child, x, y), equivalent_circuit=circuits
+    )
+    monkeypatch.setitem(sys.modules, "pybamm", fake)
+
+
+def load(name: str, circuit: str, **changes: Any) -> dict[str, Any]:
+    module: dict[str, Any] = {}
+    exec(EXPORTERS[name].write(make_result(circuit, **changes)).content, module)
+    return module
+
+
+@every_circuit
+def test_pybamm_gets_every_name_it_asks_for_and_no_other(fake_pybamm, circuit):
+    module = load("pybamm", circuit)
+    pairs = range(1, PAIRS_OF[circuit] + 1)
+    names = {f"R{k} [Ohm]" for k in pairs} | {f"C{k} [F]" for k in pairs}
+    names |= {f"Element-{k} initial overpotential [V]" for k in pairs}
+    assert set(module["get_parameter_values"]()) == PYBAMM_NAMES | names
+    assert module["get_model"]() == {"number of rc elements": PAIRS_OF[circuit]}
+
+
+@every_circuit
+def test_pybamm_gets_the_circuit_as_it_was_identified(fake_pybamm, circuit):
+    values = load("pybamm", circuit)["get_parameter_values"]()
+    assert values["R0 [Ohm]"] == 0.0511
+    for k, (r, c) in enumerate(PAIRS[: PAIRS_OF[circuit]], start=1):
+        assert (values[f"R{k} [Ohm]"], values[f"C{k} [F]"]) == (r, c)
+    assert values["Cell capacity [A.h]"] == CAPACITY_AH
+    assert values["Initial SoC"] == 0.9
+    soc, cell = np.linspace(0, 1, 2001), make_cell()
+    found_v = values["Open-circuit voltage [V]"](soc)
+    assert np.abs(found_v - cell.average_ocv_v(soc)).max() < 1.1 * TOLERANCE_V
+
+
+@pytest.mark.parametrize(("initial_soc", "given"), [(1.0, 1 - 1e-6), (0.0, 1e-6)])
+def test_pybamm_starts_inside_its_limits_of_soc(fake_pybamm, initial_soc, given):
+    values = load("pybamm", "so-rc", initial_soc=initial_soc)["get_parameter_values"]()
+    assert values["Initial SoC"] == given
+
+
+def test_the_cut_offs_for_pybamm_end_nothing_inside_the_ocv(fake_pybamm):
+    values = load("pybamm", "so-rc")["get_parameter_values"]()
+    ocv_v = make_cell().average_ocv_v(np.array([0.0, 1.0]))
+    assert values["Lower voltage cut-off [V]"] == pytest.approx(ocv_v[0] - 1)
+    assert values["Upper voltage cut-off [V]"] == pytest.approx(ocv_v[1] + 1)
+
+
+@every_circuit
+def test_thevenin_gets_every_name_it_asks_for_and_no_other(circuit):
+    params = load("thevenin", circuit)["get_params"]()
+    pairs = range(1, PAIRS_OF[circuit] + 1)
+    assert set(params) == THEVENIN_NAMES | {f"{letter}{k}" for letter in "RC" for k in pairs}
+    assert params["num_RC_pairs"] == PAIRS_OF[circuit]
+
+
+@pytest.mark.parametrize(("circuit", "rate"), [("so-rc", 0.0), ("iso-rc", 1e6), ("esc", GAMMA)])
+def test_thevenin_gets_the_rate_of_the_hysteresis(circuit, rate):
+    assert load("thevenin", circuit)["get_params"]()["gamma"] == rate
+
+
+def run_thevenin(module: dict[str, Any], profile: Profile) -> np.ndarray:
+    """The documented equations of thevenin, exact for a current held between samples."""
+    p = module["get_params"]()
+    soc, hyst, T_cell = p["soc0"], module["INITIAL_HYSTERESIS_V"], p["T_inf"]
+    eta = np.zeros(p["num_RC_pairs"])
+    pairs = range(1, len(eta) + 1)
+    r = np.array([p[f"R{k}"](soc, T_cell) for k in pairs])
+    tau = r * np.array([p[f"C{k}"](soc, T_cell) for k in pairs])
+    found = []
+    for current_a, interval_s in zip(
+        profile.current_a, np.diff(profile.time_s, append=profile.time_s[-1]), strict=True
+    ):
+        found.append(p["ocv"](soc) + hyst - eta.sum() - current_a * p["R0"](soc, T_cell))
+        eta = r * current_a + (eta - r * current_a) * np.exp(-interval_s / tau)
+        passed = current_a * interval_s / (3600 * p["capacity"])
+        # M_hyst hardly changes over an interval; half of its way is close enough.
+        level_v = -np.sign(current_a) * p["M_hyst"](soc - passed / 2)
+        hyst = level_v + (hyst - level_v) * np.exp(-p["gamma"] * abs(passed))
+        soc -= passed
+    return np.array(found)
+
+
+@pytest.mark.parametrize("circuit", ["so-rc", "1rc", "4rc"])
+def test_thevenins_equations_give_barnax_voltage_from_the_exported_dictionary(circuit):
+    result = make_result(circuit)
+    profile = pulse_profile(result)
+    here_v = simulate_here(result, result.cell_model, profile)
+    there_v = run_thevenin(load("thevenin", circuit), profile)
+    assert np.abs(there_v - here_v).max() < 1.1 * TOLERANCE_V
+
+
+def test_an_instant_hysteresis_turns_in_thevenin_one_sample_later():
+    result = make_result("iso-rc")
+    profile = pulse_profile(result)
+    difference_v = run_thevenin(load("thevenin", "iso-rc"), profile) - simulate_here(
+        result, result.cell_model, profile
+    )
+    flowing = np.flatnonzero(profile.current_a)
+    turns = flowing[np.flatnonzero(np.diff(np.sign(profile.current_a[flowing]))) + 1]
+    late = np.union1d(flowing[:1], turns)
+    assert np.abs(np.delete(difference_v, late)).max() < 1.1 * TOLERANCE_V
+    assert np.abs(difference_v[late]).min() > 5e-3
+
+
+def test_a_dynamic_hysteresis_differs_in_thevenin_by_its_slope_over_gamma():
+    result = make_result("esc")
+    profile = pulse_profile(result)
+    here_v = simulate_here(result, result.cell_model, profile)
+    difference_v = run_thevenin(load("thevenin", "esc"), profile) - here_v
+    w = result.cell_model.hysteresis
+    steepest_v = max(abs(w.parameters[name]) for name in "ACEG") / 2
+    assert np.abs(difference_v).max() < 1.1 * steepest_v / GAMMA + TOLERANCE_V
+    assert np.abs(difference_v).max() > 0.3 * steepest_v / GAMMA

@@ -1,0 +1,108 @@
+"""The check of an export against barnax's own simulation."""
+
+import importlib.util
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from barnax.errors import InputError
+from barnax.export import EXPORTERS, Profile, pulse_profile, require_package, verify
+from barnax.export.tables import TOLERANCE_V
+from barnax.export.verification import simulate_here
+
+from .sample_results import CAPACITY_AH, PAIRS, make_result
+
+SHORT = Profile(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))
+
+
+def faked(result, error_v):
+    """An exporter into a package that is surely installed and errs as it is told."""
+
+    def simulate(content, profile):
+        return simulate_here(result, result.cell_model, profile) + error_v
+
+    return replace(EXPORTERS["csv"], package="numpy", simulate=simulate)
+
+
+def test_the_largest_difference_is_found_whatever_its_sign():
+    result, error_v = make_result("so-rc"), np.zeros(200)
+    error_v[[20, 90]] = 1e-3, -4e-3
+    found = verify(result, faked(result, error_v), b"", SHORT)
+    assert found.largest_v == pytest.approx(4e-3)
+    assert (found.package, found.samples) == ("numpy", 200)
+
+
+def test_a_simulation_that_ends_early_never_passes_for_agreement():
+    result = make_result("so-rc")
+    found = verify(result, faked(result, np.where(np.arange(200) < 150, 0.0, np.nan)), b"", SHORT)
+    assert found.largest_v == math.inf
+
+
+def test_the_hysteresis_voltage_is_told_apart():
+    result = make_result("iso-rc")
+    cell = result.cell_model
+    soc = 0.9 - np.append(0, np.cumsum(SHORT.current_a[:-1])) / 3600 / CAPACITY_AH
+    sig = -np.sign(SHORT.current_a)
+    found = verify(result, faked(result, -sig * cell.hysteresis(soc) / 2), b"", SHORT)
+    assert found.largest_v == pytest.approx(np.abs(cell.hysteresis(soc)).max() / 2)
+    assert found.without_hysteresis_v == pytest.approx(0, abs=1e-12)
+
+
+def test_samples_at_which_the_current_turns_are_told_apart():
+    result, turned = make_result("so-rc"), np.arange(200) % 20 == 0
+    found = verify(result, faked(result, np.where(turned, 5e-3, 1e-6)), b"", SHORT)
+    assert found.largest_v == pytest.approx(5e-3)
+    assert found.without_turns_v == pytest.approx(1e-6)
+
+
+def test_barnax_own_side_is_the_circuit_that_was_identified():
+    result = make_result("so-rc")
+    found_v = simulate_here(result, result.cell_model, SHORT)
+    soc = 0.9 - np.append(0, np.cumsum(SHORT.current_a[:-1])) / 3600 / CAPACITY_AH
+    expected_v = result.cell_model.average_ocv_v(soc) - 0.0511 * SHORT.current_a
+    for r, c in PAIRS[:2]:
+        decay = math.exp(-1 / (r * c))
+        expected_v -= lfilter([0, r * (1 - decay)], [1, -decay], SHORT.current_a)
+    np.testing.assert_allclose(found_v, expected_v, rtol=1e-12)
+
+
+@pytest.mark.parametrize("initial_soc", [0.0, 0.1, 0.49, 0.5, 0.9, 1.0])
+def test_the_pulse_test_stays_inside_the_cells_range_and_crosses_much_of_it(initial_soc):
+    result = make_result(initial_soc=initial_soc)
+    profile = pulse_profile(result)
+    passed_ah = np.append(0, np.cumsum(profile.current_a[:-1] * np.diff(profile.time_s))) / 3600
+    soc = initial_soc - passed_ah / CAPACITY_AH
+    assert soc.min() > -1e-9
+    assert soc.max() < 1 + 1e-9
+    assert np.ptp(soc) > 0.3
+    assert {np.sign(current) for current in profile.current_a} == {-1, 0, 1}
+    assert np.abs(profile.current_a).max() == CAPACITY_AH
+
+
+@pytest.mark.parametrize("name", ["simscape", "c-header", "csv"])
+def test_what_nothing_here_can_simulate_is_refused(name):
+    with pytest.raises(InputError, match=f"nothing here simulates {name}"):
+        require_package(EXPORTERS[name])
+
+
+def test_a_missing_package_is_named_with_how_to_get_it():
+    missing = replace(EXPORTERS["pybamm"], package="no_such_package")
+    with pytest.raises(InputError, match=r'no_such_package.*pip install "barnax\[verify\]"'):
+        require_package(missing)
+
+
+@pytest.mark.parametrize("name", ["pybamm", "thevenin"])
+@pytest.mark.parametrize("circuit", ["so-rc", "3rc"])
+# What other packages warn of when they are imported is theirs.
+@pytest.mark.filterwarnings("ignore")
+def test_a_circuit_without_hysteresis_is_the_same_in_the_package(name, circuit, monkeypatch):
+    if importlib.util.find_spec(name) is None:
+        pytest.skip(f"{name} is not installed; it is in the extra verify")
+    monkeypatch.setenv("PYBAMM_DISABLE_TELEMETRY", "true")
+    result = make_result(circuit)
+    exporter = EXPORTERS[name]
+    found = verify(result, exporter, exporter.write(result).content, SHORT)
+    assert found.largest_v < 1.5 * TOLERANCE_V

@@ -1,4 +1,3 @@
-import time
 from dataclasses import replace
 
 import jax
@@ -7,7 +6,7 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.evaluate import evaluate_course
-from barnax.identification import identify, key_integer, run_blocks, seed_blocks
+from barnax.identification import identify, key_integer
 from barnax.optimizers import OPTIMIZERS, make_optimizer
 from barnax.problem import make_problem
 from barnax.window import Window
@@ -132,41 +131,3 @@ def test_every_optimizer_stays_in_the_box(name, bundled_record, bundled_cell):
         values |= dict(zip(("tau1 [s]", "tau2 [s]"), seed.parameters.tau_s, strict=True))
         for bound, (low, high) in ranges.items():
             assert low * (1 - 1e-12) <= values[bound] <= high * (1 + 1e-12)
-
-
-def test_blocks_have_one_size_and_hold_every_seed():
-    assert seed_blocks(5, 4) == [[0, 1, 2, 3], [4, 5, 6, 7]]
-
-
-def test_rows_come_back_in_order_whatever_block_is_done_first():
-    def run(block):
-        return np.array(block), -np.array(block)
-
-    steps = []
-    rows = run_blocks(run, seed_blocks(30, 4), 30, steps.append)
-    assert rows == [(k, -k) for k in range(30)]
-    assert sum(steps) == 30
-
-
-def test_a_block_that_fails_is_not_passed_over():
-    def run(block):
-        raise RuntimeError(f"block {block[0]}")
-
-    with pytest.raises(RuntimeError, match="block"):
-        run_blocks(run, [[0], [1]], 2, None)
-
-
-def test_an_interruption_leaves_the_waiting_blocks_unstarted():
-    started = []
-
-    def run(block):
-        started.append(block)
-        time.sleep(0.05)
-        return (np.zeros(1),)
-
-    def interrupt(_):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_blocks(run, list(range(200)), 200, interrupt)
-    assert len(started) < 100

@@ -12,9 +12,10 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Scalar
 
 from .cell import CircuitParameters
-from .identification import SEEDS_PER_BLOCK, compile_for, run_blocks, seed_blocks
+from .errors import InputError
 from .precision import in_float64
-from .problem import Objective, Problem, impedance_of, residuals
+from .problem import Kind, Objective, Problem, impedance_of, residuals, rmse_by_scan
+from .programs import SEEDS_PER_BLOCK, compile_for, run_blocks, seed_blocks, wanted_rows
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
@@ -41,13 +42,20 @@ class RefinedSeed:
 class Descent:
     """Levenberg-Marquardt on one problem, compiled once for blocks of `SEEDS_PER_BLOCK` starts.
 
-    Compiling takes seconds and depends on the problem alone, so it can be done beside the search.
+    It runs on the compressed objective, whichever the search took, unless the box is too wide for
+    that or `kind` says otherwise; the errors it returns are the scan's. Compiling depends on the
+    problem alone, so it can be done beside the search.
     """
 
     @in_float64
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: Problem, kind: Kind = "compressed"):
         self.problem = problem
-        self.objective = problem.objective_in("log")
+        self.kind: Kind = kind
+        try:
+            self.objective = problem.objective_in("log", kind)
+        except InputError:
+            self.kind = "scan"
+            self.objective = problem.objective_in("log", "scan")
         template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
         self._compiled = compile_for(
             _descend, self.objective, template, jnp.asarray(0.0), jnp.asarray(False)
@@ -65,7 +73,7 @@ class Descent:
         """Every circuit refined; `tolerance` is relative to the circuit's own error."""
         encode = self.objective.coordinates.encode
         starts = [encode(impedance_of(circuit)) for circuit in circuits]
-        blocks = seed_blocks(len(starts), SEEDS_PER_BLOCK)
+        blocks = seed_blocks(len(starts))
         given = [
             jnp.stack([starts[min(index, len(starts) - 1)] for index in block]) for block in blocks
         ]
@@ -75,9 +83,11 @@ class Descent:
             settings = (jnp.asarray(tolerance), jnp.asarray(holds_bounds))
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
-        ends = run_blocks(run, given, len(starts), progress)
+        ends = run_blocks(run, given, wanted_rows(len(starts)), progress)
         points, errors_v, converged, evaluations = zip(*ends, strict=True)
         found = self.problem.parameters_at(points, self.objective.coordinates)
+        if self.kind != "scan":
+            errors_v = rmse_by_scan(self.problem, found)
         return [
             RefinedSeed(
                 float(rmse_v), after, largest_change(before, after), bool(has_converged), int(spent)

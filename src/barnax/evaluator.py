@@ -3,6 +3,7 @@
 import abc
 
 import equinox as eqx
+import jax.numpy as jnp
 from equinox import AbstractVar
 from jaxtyping import Array, Float, Scalar
 
@@ -31,3 +32,23 @@ class AbstractEvaluator(eqx.Module):
     @abc.abstractmethod
     def errors(self, impedance: Impedance) -> Float[Array, "errors"]:
         """A vector in V, smooth in the circuit, whose sum of squares is `squared_error`."""
+
+
+class Joint(AbstractEvaluator):
+    """Several records with one circuit: their errors side by side."""
+
+    scored: Scalar
+    parts: tuple[AbstractEvaluator, ...]
+
+    @classmethod
+    def of(cls, parts: tuple[AbstractEvaluator, ...]) -> AbstractEvaluator:
+        """The only part where there is one, else all together."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(sum((part.scored for part in parts[1:]), parts[0].scored), parts)
+
+    def squared_error(self, impedance: Impedance) -> Scalar:
+        return jnp.sum(jnp.stack([part.squared_error(impedance) for part in self.parts]))
+
+    def errors(self, impedance: Impedance) -> Float[Array, "errors"]:
+        return jnp.concatenate([part.errors(impedance) for part in self.parts])

@@ -1,12 +1,8 @@
-"""The search: many seeds of one population optimizer on one problem."""
+"""The search: many seeds of one population optimizer, on one problem or on many."""
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -18,18 +14,16 @@ from .cell import CircuitParameters
 from .errors import InputError
 from .optimizers import AbstractPopulationMinimiser
 from .precision import in_float64
-from .problem import Objective, Problem, rmse
-
-Given = TypeVar("Given")
-Outcome = TypeVar("Outcome")
-
-# Seeds run in blocks of one fixed shape, so a seed's bits do not depend on how many run beside it.
-SEEDS_PER_BLOCK = 8
+from .problem import Objective, Problem, rmse, rmse_by_scan
+from .programs import compile_for, run_blocks, seed_blocks, wanted_rows
 
 
 @dataclass(frozen=True, eq=False)
 class SeedAnswer:
-    """What one seed found: its best circuit, and the best RMSE after every generation, in V."""
+    """What one seed found: its best circuit, and the best RMSE after every generation, in V.
+
+    `rmse_v` is always computed by the scan; the history by the objective that was searched.
+    """
 
     rmse_v: float
     parameters: CircuitParameters
@@ -56,7 +50,6 @@ class Identification:
         return sum(answer.evaluations for answer in self.seeds)
 
 
-@in_float64
 def identify(
     problem: Problem,
     optimizer: AbstractPopulationMinimiser,
@@ -70,32 +63,63 @@ def identify(
     `progress` is called with the number of seeds finished since the last call. Raises
     `InputError` where no seed finds a single finite error.
     """
+    return identify_many([problem], optimizer, key=key, seeds=seeds, progress=progress)[0]
+
+
+@in_float64
+def identify_many(
+    problems: Sequence[Problem],
+    optimizer: AbstractPopulationMinimiser,
+    *,
+    key: Key[Array, ""],
+    seeds: int = 30,
+    progress: Callable[[int], None] | None = None,
+) -> list[Identification]:
+    """`identify` for every problem, with the bits each would have alone.
+
+    Problems of one shape share one compiled program: with the compressed objective those whose
+    boxes span alike, however long their records; with the scan those of equal length.
+    """
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: at least one seed is needed")
-    blocks = seed_blocks(seeds, SEEDS_PER_BLOCK)
     block_keys = [
-        jax.vmap(lambda seed: jr.fold_in(key, seed))(jnp.asarray(block)) for block in blocks
+        jax.vmap(lambda seed: jr.fold_in(key, seed))(jnp.asarray(block))
+        for block in seed_blocks(seeds)
     ]
-    search = compile_for(_search, optimizer, problem.objective, block_keys[0])
 
     @in_float64  # the setting belongs to a thread
-    def run(keys):
+    def run(work):
+        problem, keys = work
+        search = compile_for(_search, optimizer, problem.objective, keys)
         return jax.tree.map(np.asarray, search(optimizer, problem.objective, keys))
 
-    outcomes = run_blocks(run, block_keys, seeds, progress)
+    work = [(problem, keys) for problem in problems for keys in block_keys]
+    outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress)
+    return [
+        _identification(problem, optimizer, key, outcomes[first : first + seeds])
+        for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True)
+    ]
+
+
+def _identification(
+    problem: Problem, optimizer: AbstractPopulationMinimiser, key: Key[Array, ""], outcomes
+) -> Identification:
     points, histories, evaluations, failures = zip(*outcomes, strict=True)
     circuits = problem.parameters_at(points, problem.objective.coordinates)
-    answers = [
-        SeedAnswer(float(history_v[-1]), circuit, history_v, int(spent), int(failed))
-        for circuit, history_v, spent, failed in zip(
-            circuits, histories, evaluations, failures, strict=True
-        )
-    ]
-    if not np.isfinite([answer.rmse_v for answer in answers]).any():
+    errors_v = [float(history_v[-1]) for history_v in histories]
+    if not np.isfinite(errors_v).any():
         raise InputError(
             f"{problem.course.record.name}: no candidate gave a finite error; check the record's "
             "values and the bounds"
         )
+    if problem.kind != "scan":
+        errors_v = rmse_by_scan(problem, circuits)
+    answers = [
+        SeedAnswer(rmse_v, circuit, history_v, int(spent), int(failed))
+        for rmse_v, circuit, history_v, spent, failed in zip(
+            errors_v, circuits, histories, evaluations, failures, strict=True
+        )
+    ]
     return Identification(problem, optimizer, key_integer(key), tuple(answers))
 
 
@@ -119,44 +143,6 @@ def _search(
         return solution.value, stats["history"], stats["evaluations"], stats["failures"]
 
     return jax.vmap(one)(keys)
-
-
-def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[..., Outcome]:
-    """The function, compiled for arguments of these shapes and settings."""
-    jitted: Any = eqx.filter_jit(function)
-    return jitted.lower(*arguments).compile()
-
-
-def seed_blocks(seeds: int, size: int) -> list[list[int]]:
-    """Seed numbers in blocks of `size`; the last one is filled up with further seeds."""
-    return [list(range(first, first + size)) for first in range(0, seeds, size)]
-
-
-def run_blocks(
-    run: Callable[[Given], tuple[np.ndarray, ...]],
-    blocks: Sequence[Given],
-    rows: int,
-    progress: Callable[[int], None] | None,
-) -> list[tuple[np.ndarray, ...]]:
-    """Run a compiled function on every block, on all cores; the first `rows` rows, in order."""
-    outcomes: dict[int, tuple[np.ndarray, ...]] = {}
-    finished = 0
-    with ThreadPoolExecutor(max_workers=min(len(blocks), os.cpu_count() or 1)) as pool:
-        waiting = {pool.submit(run, block): index for index, block in enumerate(blocks)}
-        try:
-            for done in as_completed(waiting):
-                outcome = done.result()
-                outcomes[waiting[done]] = outcome
-                gained = min(len(outcome[0]), rows - finished)
-                finished += gained
-                if progress is not None:
-                    progress(gained)
-        except BaseException:
-            # An interruption waits for the blocks that run, not for those still in the queue.
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    every = [row for index in range(len(blocks)) for row in zip(*outcomes[index], strict=True)]
-    return every[:rows]
 
 
 def key_integer(key: Key[Array, ""]) -> int:

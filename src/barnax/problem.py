@@ -1,7 +1,9 @@
-"""The identification problem: one record, one cell, one circuit, one box."""
+"""The identification problem: records of one cell, one circuit, one box."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -11,11 +13,14 @@ from jaxtyping import Array, Float, Scalar
 
 from .bounds import Bounds, Range
 from .cell import CellModel, CircuitParameters, get_circuit
+from .compressed import Compressed, compress
 from .coordinates import Coordinates, Scale
 from .course import Course, make_course, require_changing_voltage
-from .evaluator import AbstractEvaluator, Impedance
+from .evaluator import AbstractEvaluator, Impedance, Joint
 from .precision import in_float64
+from .programs import compile_for, seed_blocks
 from .records import Record
+from .simulate import Drive
 from .window import Window
 
 
@@ -38,28 +43,85 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
     return errors_v / jnp.sqrt(objective.evaluator.scored)
 
 
+Kind = Literal["scan", "compressed"]
+KINDS: tuple[Kind, ...] = ("scan", "compressed")
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything a search needs and a report names."""
+    """Everything a search needs and a report names. Several courses share one circuit.
 
-    course: Course
+    `kind` says which of two ways to compute one objective the search takes.
+    """
+
+    courses: tuple[Course, ...]
     cell: CellModel
     window: Window
     bounds: Bounds
     scale: Scale
-    objective: Objective
+    kind: Kind = "scan"
+
+    @property
+    def course(self) -> Course:
+        """The first course, and the only one unless records are identified jointly."""
+        return self.courses[0]
 
     @property
     def circuit(self) -> str:
         return self.course.circuit
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        return (*self.course.record.warnings, *self.cell.warnings, *self.course.warnings)
+    def name(self) -> str:
+        """The names of the records."""
+        return " + ".join(course.record.name for course in self.courses)
 
-    def objective_in(self, scale: Scale) -> Objective:
-        """The same objective in other coordinates. Call inside float64."""
-        return Objective(self.objective.evaluator, Coordinates.of(self.bounds, scale))
+    @property
+    def scored(self) -> int:
+        """How many samples count."""
+        return sum(int(np.count_nonzero(course.scored)) for course in self.courses)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        texts = [text for course in self.courses for text in course.record.warnings]
+        texts += self.cell.warnings
+        return (*texts, *(text for course in self.courses for text in course.warnings))
+
+    @cached_property
+    @in_float64
+    def coordinates(self) -> Coordinates:
+        """The coordinates that are searched."""
+        return Coordinates.of(self.bounds, self.scale)
+
+    @cached_property
+    @in_float64
+    def drives(self) -> tuple[Drive, ...]:
+        """Every course as the scan takes it, exact in the whole box."""
+        box = self.coordinates
+        return tuple(course.drive(box.shortest_tau_s, box.highest_gamma) for course in self.courses)
+
+    @cached_property
+    @in_float64
+    def scan(self) -> AbstractEvaluator:
+        """The objective by simulating every sample: the reference."""
+        return Joint.of(self.drives)
+
+    @cached_property
+    @in_float64
+    def compressed(self) -> Compressed:
+        """The same objective from a small factor. Raises `InputError` where the box is too wide."""
+        return compress(self.drives, self.coordinates)
+
+    @cached_property
+    @in_float64
+    def objective(self) -> Objective:
+        """What the search minimises."""
+        return self.objective_in(self.scale)
+
+    @in_float64
+    def objective_in(self, scale: Scale, kind: Kind | None = None) -> Objective:
+        """The same objective in other coordinates, or computed the other way."""
+        evaluator = self.compressed if (kind or self.kind) == "compressed" else self.scan
+        return Objective(evaluator, Coordinates.of(self.bounds, scale))
 
     def parameters_at(
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
@@ -72,6 +134,23 @@ class Problem:
             c = tuple(tau / r for r, tau in zip(one.r, one.tau, strict=True))
             found.append(CircuitParameters(one.r0, one.r, c, one.gamma))
         return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
+
+
+@in_float64
+def rmse_by_scan(problem: Problem, circuits: Sequence[CircuitParameters]) -> list[float]:
+    """The RMSE of circuits by the reference, in V, whatever the problem's objective."""
+    objective = problem.objective_in("log", "scan")
+    encode = objective.coordinates.encode
+    points = [encode(impedance_of(circuit)) for circuit in circuits]
+    errors_v = []
+    for block in seed_blocks(len(points)):
+        here = jnp.stack([points[min(index, len(points) - 1)] for index in block])
+        errors_v += compile_for(_rmse_of_all, here, objective)(here, objective).tolist()
+    return errors_v[: len(points)]
+
+
+def _rmse_of_all(points: Float[Array, "points free"], objective: Objective):
+    return jax.vmap(rmse, in_axes=(0, None))(points, objective)
 
 
 @eqx.filter_jit
@@ -91,7 +170,7 @@ def impedance_of(parameters: CircuitParameters) -> Impedance:
 
 @in_float64
 def make_problem(
-    record: Record,
+    record: Record | Sequence[Record],
     cell: CellModel,
     circuit: str = "iso-rc",
     *,
@@ -99,35 +178,36 @@ def make_problem(
     bounds: Mapping[str, Range] | None = None,
     fixed: Mapping[str, float] | None = None,
     coordinates: Scale = "rc",
+    objective: Kind = "scan",
     source: str = "bounds",
 ) -> Problem:
-    """The problem of finding `circuit`'s parameters for a cell from one of its records.
+    """The problem of finding `circuit`'s parameters for a cell from one or several records.
 
     `bounds` and `fixed` change the default box under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`,
-    `"tau1 [s]"`); `source` names where they came from in messages. Raises `InputError` where
-    window, box or OCV range do not fit the record, `ValueError` for an unknown circuit.
+    `"tau1 [s]"`); `source` names where they came from in messages. `objective` is "scan", which
+    simulates every sample for every candidate, or "compressed", which reduces the records once
+    and agrees with it to 1e-9. Raises `InputError` where window, box or OCV range do not fit a
+    record or the box is too wide to compress, `ValueError` for an unknown circuit or objective.
     """
+    if objective not in KINDS:
+        raise ValueError(f"no objective is called {objective!r}; there are {', '.join(KINDS)}")
     window = window or Window()
-    course = make_course(record, cell, circuit, window)
-    require_changing_voltage(course)
+    records = (record,) if isinstance(record, Record) else tuple(record)
+    if not records:
+        raise ValueError("a problem needs at least one record")
+    courses = tuple(make_course(each, cell, circuit, window) for each in records)
+    for course in courses:
+        require_changing_voltage(course)
     model = get_circuit(circuit)
     box = Bounds.default(
         cell.capacity_ah,
-        course.median_interval_s,
-        course.scored_duration_s,
+        min(course.median_interval_s for course in courses),
+        max(course.scored_duration_s for course in courses),
         pairs=model.pairs,
         has_rate=model.has_rate,
     )
     box = box.with_changes(bounds or {}, fixed or {}, source)
-    coordinate_map = Coordinates.of(box, coordinates)
-    return Problem(
-        course=course,
-        cell=cell,
-        window=window,
-        bounds=box,
-        scale=coordinates,
-        objective=Objective(
-            course.drive(coordinate_map.shortest_tau_s, coordinate_map.highest_gamma),
-            coordinate_map,
-        ),
-    )
+    problem = Problem(courses, cell, window, box, coordinates, objective)
+    # What cannot be searched is refused here, not in the middle of a search.
+    _ = problem.objective
+    return problem

@@ -128,14 +128,20 @@ def unit_response(
     tau: Scalar, held_a: Float[Array, "samples"], intervals: Intervals
 ) -> Float[Array, "samples"]:
     """Voltage over an RC pair of 1 ohm at every sample: the current, low-passed with `tau`."""
+    _, response_a = respond(tau, jnp.zeros_like(tau), held_a, intervals)
+    return response_a
+
+
+def respond(
+    tau: Scalar, state: Scalar, held: Float[Array, "samples"], intervals: Intervals
+) -> tuple[Scalar, Float[Array, "samples"]]:
+    """The same from any state on, and the state that a continuation starts from."""
     pair = _Pair(jnp.ones_like(tau), tau, intervals)
 
     def step(state, sample):
         return pair.advance(state, *sample), state
 
-    start = jnp.zeros_like(tau)
-    _, response_a = lax.scan(step, start, _clocked(held_a, intervals), unroll=UNROLL_STACKED)
-    return response_a
+    return lax.scan(step, state, _clocked(held, intervals), unroll=UNROLL_STACKED)
 
 
 @unit_response.defjvp

@@ -12,7 +12,7 @@ from scipy.optimize import differential_evolution
 from ..precision import in_float64
 from ..problem import Objective, Problem, rmse
 from ..programs import compile_for
-from .answer import Answer
+from .answer import Answer, by_scan
 from .method import Budget, Method, Progress
 from .starts import generator_of, latin_hypercube
 
@@ -26,7 +26,7 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
     coordinates and box of all others, over our compiled RMSE; no polish, and no early stop, so
     that the whole budget is spent.
     """
-    box = problem.objective.coordinates
+    box = problem.coordinates
     low, high = np.asarray(box.lower), np.asarray(box.upper)
     candidates = jnp.zeros((budget.population, len(low)))
     compiled = compile_for(_errors, candidates, problem.objective)
@@ -68,10 +68,11 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     circuits = problem.parameters_at([point for point, _ in ends], box)
-    return [
+    answers = [
         Answer(circuit, float(history_v[-1]), budget.population * len(history_v), history_v)
         for circuit, (_, history_v) in zip(circuits, ends, strict=True)
     ]
+    return by_scan(problem, answers)
 
 
 def _errors(points, objective: Objective):

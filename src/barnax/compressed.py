@@ -1,0 +1,171 @@
+"""The errors of every circuit of a box from one small factor, whatever the record's length.
+
+For given time constants the error is linear in the resistances, and an RC pair's answer to the
+current is a combination of a few answers (`exponentials`). With T the triangular factor of [those
+answers, current, base error], a circuit's squared error is |T w|^2 with w from its few numbers:
+the sum over all samples, without the samples.
+"""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial, reduce
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Scalar
+from threadpoolctl import threadpool_limits
+
+from .coordinates import Coordinates
+from .evaluator import AbstractEvaluator, Impedance
+from .exponentials import Lagrange, Span, span_of
+from .simulate import Drive, Intervals, respond
+
+# Bound on the error of a pair's answer, relative to the largest current.
+TOLERANCE = 1e-12
+# Samples that are held at a time.
+BLOCK = 4096
+# Chains of factors that are combined at the end; a fixed number, so that no bit depends on cores.
+CHAINS = 2
+
+
+class Compressed(AbstractEvaluator):
+    """A record reduced to its triangular factor, for one box.
+
+    `current` and `base` are the factor's columns of the current and of the base error, `pairs`
+    its product with the nodes' answers, so that pairs @ Lagrange polynomials is the answer of any
+    RC pair of 1 ohm. `turns` is the same for a dynamic hysteresis.
+    """
+
+    scored: Scalar
+    base: Float[Array, "rows"]
+    current: Float[Array, "rows"]
+    pairs: Float[Array, "rows nodes"]
+    in_tau: Lagrange
+    turns: Float[Array, "rows rates"] | None = None
+    in_rate: Lagrange | None = None
+
+    def errors(self, impedance: Impedance) -> Float[Array, "rows"]:
+        counts = sum(
+            r * self.in_tau.at(tau) for r, tau in zip(impedance.r, impedance.tau, strict=True)
+        )
+        errors_v = self.base + impedance.r0 * self.current + self.pairs @ counts
+        if self.in_rate is not None and impedance.gamma is not None:
+            errors_v = errors_v + self.turns @ self.in_rate.at(1 / impedance.gamma)
+        return errors_v
+
+    def squared_error(self, impedance: Impedance) -> Scalar:
+        errors_v = self.errors(impedance)
+        return jnp.sum(errors_v * errors_v)
+
+
+def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
+    """One or several records, reduced together. Call inside float64.
+
+    The samples go through in blocks of `BLOCK`; nothing longer is ever held. Raises `InputError`
+    where the box is too wide for the accuracy promised.
+    """
+    in_tau = span_of(box.shortest_tau_s, box.longest_tau_s, TOLERANCE)
+    in_rate = None
+    if box.gamma_limits is not None:
+        slowest, fastest = box.gamma_limits
+        in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
+    factor = _combine([_factor(drive, in_tau, in_rate) for drive in drives])
+    count, turns = len(in_tau.skeleton), 0 if in_rate is None else len(in_rate.skeleton)
+    return Compressed(
+        scored=sum((drive.scored for drive in drives[1:]), drives[0].scored),
+        base=jnp.asarray(factor[:, -1]),
+        current=jnp.asarray(factor[:, -2]),
+        pairs=jnp.asarray(factor[:, :count] @ in_tau.from_skeleton),
+        in_tau=Lagrange.of(in_tau),
+        turns=None
+        if in_rate is None
+        else jnp.asarray(factor[:, count : count + turns] @ in_rate.from_skeleton),
+        in_rate=None if in_rate is None else Lagrange.of(in_rate),
+    )
+
+
+def _factor(
+    drive: Drive, in_tau: Span, in_rate: Span | None
+) -> Float[np.ndarray, "columns columns"]:
+    """The triangular factor of all scored samples of one record."""
+    # One thread each: what a library does with several would change the last bits.
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(CHAINS) as pool:
+        chains: list = [None] * CHAINS
+        for number, block in enumerate(_blocks(drive, in_tau, in_rate)):
+            chain = number % CHAINS
+            done = chains[chain]
+            chains[chain] = pool.submit(_extend, done.result() if done else None, block)
+        return _combine([chain.result() for chain in chains if chain])
+
+
+def _extend(factor: np.ndarray | None, block: np.ndarray) -> np.ndarray:
+    return np.linalg.qr(block if factor is None else np.concatenate([factor, block]), mode="r")
+
+
+def _combine(factors: Sequence[np.ndarray]) -> np.ndarray:
+    """One square factor of several stacked ones."""
+    columns = factors[0].shape[1]
+    factor = reduce(_extend, factors[1:], factors[0])
+    return np.pad(factor, ((0, max(0, columns - len(factor))), (0, 0)))
+
+
+def _blocks(
+    drive: Drive, in_tau: Span, in_rate: Span | None
+) -> Iterator[Float[np.ndarray, "scored columns"]]:
+    """The columns of the problem at the scored samples, block after block."""
+    pairs = _Answers(drive.held_a, drive.intervals, in_tau)
+    moved = drive.hysteresis
+    turns = None
+    if in_rate is not None and moved is not None:
+        turns = _Answers(moved.push, moved.intervals, in_rate)
+        amplitude_v = np.asarray(moved.amplitude_v)
+    current_a, base_v = np.asarray(drive.current_a), np.asarray(drive.base_error_v)
+    weight = None if drive.weight is None else np.asarray(drive.weight)
+    for first in range(0, len(current_a), BLOCK):
+        here = slice(first, first + BLOCK)
+        columns = [pairs.next_block(here)]
+        if turns is not None:
+            columns.append(-amplitude_v[here, None] * turns.next_block(here))
+        columns += [current_a[here, None], base_v[here, None]]
+        block = np.concatenate(columns, axis=1)
+        yield block if weight is None else block[weight[here] > 0]
+
+
+class _Answers:
+    """The skeleton's answers to a current, block after block."""
+
+    def __init__(self, held: Float[Array, "samples"], intervals: Intervals, span: Span):
+        self._held = np.asarray(held)
+        self._node, self._offset_s = np.asarray(intervals.node), np.asarray(intervals.offset_s)
+        # Padded, so that records with other clocks share one program.
+        spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
+        node_s = jnp.pad(intervals.node_s, (0, spare), mode="edge")
+        self._intervals = eqx.tree_at(
+            lambda each: (each.node_s, each.node, each.offset_s), intervals, (node_s, None, None)
+        )
+        self._tau = jnp.asarray(span.skeleton_tau)
+        self._state = jnp.zeros_like(self._tau)
+
+    def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton"]:
+        held, node, offset_s = (
+            np.pad(values[here], (0, max(0, BLOCK - len(values[here]))))
+            for values in (self._held, self._node, self._offset_s)
+        )
+        self._state, answers = _respond(
+            self._tau, self._state, held, self._intervals, node, offset_s
+        )
+        return np.asarray(answers)[: len(self._held[here])]
+
+
+@eqx.filter_jit
+def _respond(tau, state, held, intervals: Intervals, node: Int[Array, "samples"], offset_s):
+    intervals = eqx.tree_at(
+        lambda each: (each.node, each.offset_s),
+        intervals,
+        (node, offset_s),
+        is_leaf=lambda leaf: leaf is None,
+    )
+    respond_all = jax.vmap(partial(respond, held=held, intervals=intervals), out_axes=(0, 1))
+    return respond_all(tau, state)

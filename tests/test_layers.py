@@ -17,8 +17,8 @@ LAYERS = (
     ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),
     ("identification", "descent", "refinement", "evaluate"),
     ("block_bootstrap", "methods", "comparison_statistics"),
-    ("comparison",),
-    ("result_parts", "result", "comparison_result", "report", "plots", "export", "reporting"),
+    ("comparison", "comparison_run"),
+    ("result_parts", "result", "comparison_parts", "comparison_result", "report", "plots", "export", "reporting"),
     ("cli",),
 )
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}

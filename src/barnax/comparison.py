@@ -4,30 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from .comparison_statistics import BandError, Resampled, SeedPairs
 from .descent import RefinedSeed
 from .evaluate import Evaluation
-from .methods import Answer
+from .methods import Answer, Budget
 from .problem import Problem
-
-
-@dataclass(frozen=True)
-class Budget:
-    """What every method may spend: per seed, the evaluations of a population search.
-
-    Deterministic methods run once, and say what they needed.
-    """
-
-    population: int = 30
-    iterations: int = 500
-    seeds: int = 30
-    key: int = 0
-
-    @property
-    def evaluations(self) -> int:
-        """Simulations a seed, the first population included."""
-        return self.population * (self.iterations + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +20,9 @@ class Row:
     `answers` holds one answer a seed, a single one where the method draws nothing, and none where
     it failed; then `failure` says why. `evaluations` are those of the median seed: on the
     identification record, then on each validation record. `bands` are its errors by SOC, a tuple
-    for each of these records. `refined` is what Levenberg-Marquardt makes of the median seed;
-    `regret` is the median seed's RMSE over the global optimum's, minus one.
+    for each of these records; `at_bound` names what is at an end of the box. `refined` is what
+    Levenberg-Marquardt makes of the median seed; `regret` is the median seed's RMSE over the
+    global optimum's, minus one.
     """
 
     model: str
@@ -50,6 +34,7 @@ class Row:
     notes: tuple[str, ...] = ()
     evaluations: tuple[Evaluation, ...] = ()
     bands: tuple[tuple[BandError, ...], ...] = ()
+    at_bound: tuple[str, ...] = ()
     refined: RefinedSeed | None = None
     regret: float | None = None
 
@@ -68,7 +53,7 @@ class Row:
         return min(self.answers, key=lambda answer: answer.rmse_v)
 
     @property
-    def errors_v(self) -> np.ndarray:
+    def errors_v(self) -> Float[np.ndarray, "seeds"]:
         """RMSE of every seed, in V, in the order of the seeds."""
         return np.array([answer.rmse_v for answer in self.answers])
 

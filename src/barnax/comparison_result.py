@@ -1,156 +1,37 @@
 """`comparison.json`: what a comparison found, as it is stored."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ConfigDict, field_validator
+import numpy as np
+from pydantic import field_validator
 
-from .cell import CellModel
-from .result_parts import KEYS, InputPart, MetricsPart, Parameters, Part, Volts, read_stored
+from .cell import CellModel, CircuitParameters
+from .comparison import Comparison, Difference, Row
+from .comparison_parts import (
+    BandPart,
+    BudgetPart,
+    ComparisonPart,
+    DifferencePart,
+    ModelPart,
+    OverSeedsPart,
+    OverTimePart,
+    RecordErrorsPart,
+    RowPart,
+    SeedAnswerPart,
+    SpreadPart,
+)
+from .methods import METHODS
+from .problem import Problem
+from .records import Record
+from .result import all_versions, input_part, metrics_part
+from .result_parts import InputPart, read_stored
 from .window import Window
 
 SCHEMA_VERSION = 1
 REMEDY = "give the comparison.json that barnax compare wrote"
-
-# Keys with units, by the field's name, beyond those of `result.json`.
-OWN_KEYS = {
-    "best_rmse_v": "best rmse [V]",
-    "worst_rmse_v": "worst rmse [V]",
-    "deviation_v": "standard deviation [V]",
-    "refined_rmse_v": "refined rmse [V]",
-    "optimum_rmse_v": "optimum rmse [V]",
-    "mean_v": "mean [V]",
-    "difference_v": "rmse difference [V]",
-    "interval_v": "rmse difference interval [V]",
-    "difference_v2": "squared error difference [V^2]",
-    "interval_v2": "squared error difference interval [V^2]",
-    "median_v": "median rmse difference [V]",
-    "low_soc": "from SOC",
-    "high_soc": "to SOC",
-}
-
-
-class ComparisonPart(Part):
-    """A part of the file, with the keys of a comparison."""
-
-    model_config = ConfigDict(
-        alias_generator=lambda name: {**KEYS, **OWN_KEYS}.get(name, name),
-    )
-
-
-class SeedAnswerPart(ComparisonPart):
-    """One seed's own answer."""
-
-    rmse_v: Volts
-    parameters: Parameters
-    evaluations: int
-    history_v: tuple[float, ...] | None
-
-
-class SpreadPart(ComparisonPart):
-    """How the seeds of one row differ."""
-
-    best_rmse_v: Volts
-    worst_rmse_v: Volts
-    deviation_v: Volts
-
-
-class BandPart(ComparisonPart):
-    """Errors in one band of SOC; None where it holds no sample."""
-
-    low_soc: float
-    high_soc: float
-    samples: int
-    rmse_v: Volts | None
-    mean_v: float | None
-    max_v: Volts | None
-
-
-class RecordErrorsPart(ComparisonPart):
-    """Errors of a row's own answer on one record, in all and by SOC."""
-
-    metrics: MetricsPart
-    bands: tuple[BandPart, ...]
-
-
-class RowPart(ComparisonPart):
-    """One method on one model: its own answer is the median seed's, unrefined.
-
-    `failure` says why there is no answer; then all that follows it is empty or None.
-    `spread` is None for a method that draws nothing. `evaluations` are the median seed's.
-    `regret` is the RMSE over the global optimum's, minus one.
-    """
-
-    model: str
-    method: str
-    is_deterministic: bool
-    failure: str | None
-    notes: tuple[str, ...]
-    parameters: Parameters | None
-    time_constants: Parameters | None
-    evaluations: int | None
-    spread: SpreadPart | None
-    identification: RecordErrorsPart | None
-    validation: tuple[RecordErrorsPart, ...]
-    refined_rmse_v: Volts | None
-    refined_parameters: Parameters | None
-    regret: float | None
-    seeds: tuple[SeedAnswerPart, ...]
-
-    @property
-    def name(self) -> str:
-        return f"{self.method} {self.model}"
-
-
-class OverTimePart(ComparisonPart):
-    """Moving-block bootstrap over time: 95 % intervals, negative where the first row is better."""
-
-    difference_v2: float
-    interval_v2: tuple[float, float]
-    difference_v: float
-    interval_v: tuple[float, float]
-    block_samples: int
-    is_real: bool
-
-
-class OverSeedsPart(ComparisonPart):
-    """The rows' seeds in pairs; `p_value` is of Wilcoxon's signed-rank test."""
-
-    median_v: float
-    wins: int
-    losses: int
-    p_value: float
-
-
-class DifferencePart(ComparisonPart):
-    """One row's error minus another's on one record; rows by name, such as `bmo so-rc`."""
-
-    first: str
-    second: str
-    record: str
-    is_validation: bool
-    over_time: OverTimePart
-    over_seeds: OverSeedsPart | None
-
-
-class ModelPart(ComparisonPart):
-    """The search box of one model, and its global optimum where that is known."""
-
-    bounds: dict[str, tuple[float, float]]
-    fixed: Parameters
-    optimum_rmse_v: Volts | None
-
-
-class BudgetPart(ComparisonPart):
-    """What every method could spend: `evaluations` a seed."""
-
-    population: int
-    iterations: int
-    seeds: int
-    key: int
-    evaluations: int
-    coordinates: Literal["rc", "log"]
-    objective: Literal["scan", "compressed"]
 
 
 class ComparisonResult(ComparisonPart):
@@ -190,3 +71,136 @@ class ComparisonResult(ComparisonPart):
     def from_json(cls, path: str | Path) -> "ComparisonResult":
         """The comparison in a file. Raises `InputError` that names what is wrong with it."""
         return read_stored(cls, Path(path), REMEDY)
+
+
+def make_comparison_result(
+    comparison: Comparison,
+    validation: Sequence[Record] = (),
+    *,
+    ocv: Sequence[Record] = (),
+    command: Sequence[str] = (),
+) -> ComparisonResult:
+    """Everything a comparison found, as one value that can be stored.
+
+    `ocv` are the records the cell was characterized from; `command` what was run.
+    """
+    problems = {row.model: row.problem for row in comparison.rows}
+    first = next(iter(problems.values()))
+    budget = comparison.budget
+    records = [("identification", first.course.record)]
+    records += [("validation", record) for record in validation]
+    records += [("ocv", record) for record in ocv]
+    return ComparisonResult(
+        rows=tuple(_row_part(row) for row in comparison.rows),
+        differences=tuple(_difference_part(each) for each in comparison.differences),
+        models={
+            model: ModelPart(
+                bounds=dict(problem.bounds.ranges),
+                fixed=dict(problem.bounds.fixed),
+                optimum_rmse_v=comparison.optima.get(model),
+            )
+            for model, problem in problems.items()
+        },
+        budget=BudgetPart(
+            **asdict(budget),
+            evaluations=budget.evaluations,
+            coordinates=first.scale,
+            objective=first.kind,
+        ),
+        cell=first.cell.to_dict(),
+        window=first.window,
+        initial_soc=first.course.initial_soc,
+        initial_soc_reason=first.course.initial_soc_reason,
+        inputs=tuple(input_part(role, record) for role, record in records),
+        warnings=comparison_warnings(comparison, [*ocv, *validation]),
+        command=tuple(command),
+        versions=all_versions(),
+    )
+
+
+def comparison_warnings(comparison: Comparison, others: Sequence[Record]) -> tuple[str, ...]:
+    """Every warning of a comparison once; `others` are the records beside the first."""
+    texts = [text for record in others for text in record.warnings]
+    problems: dict[str, Problem] = {row.model: row.problem for row in comparison.rows}
+    texts += [text for problem in problems.values() for text in problem.warnings]
+    texts += [
+        text for row in comparison.rows for each in row.evaluations for text in each.course.warnings
+    ]
+    return tuple(dict.fromkeys(texts))
+
+
+def _row_part(row: Row) -> RowPart:
+    source = METHODS[row.method].source
+    if row.failure is not None:
+        return RowPart(
+            model=row.model,
+            method=row.method,
+            source=source,
+            is_deterministic=row.is_deterministic,
+            failure=row.failure,
+        )
+    identification, *validation = (
+        RecordErrorsPart(
+            metrics=metrics_part(evaluation),
+            bands=tuple(BandPart(**asdict(band)) for band in bands),
+        )
+        for evaluation, bands in zip(row.evaluations, row.bands, strict=True)
+    )
+    errors_v = row.errors_v
+    return RowPart(
+        model=row.model,
+        method=row.method,
+        source=source,
+        is_deterministic=row.is_deterministic,
+        notes=row.notes,
+        parameters=row.median.parameters.to_dict(),
+        time_constants=time_constants(row.median.parameters),
+        evaluations=row.median.evaluations,
+        at_bound=row.at_bound,
+        spread=None
+        if row.is_deterministic
+        else SpreadPart(
+            best_rmse_v=float(errors_v.min()),
+            worst_rmse_v=float(errors_v.max()),
+            deviation_v=float(np.std(errors_v, ddof=1)) if len(errors_v) > 1 else 0.0,
+        ),
+        identification=identification,
+        validation=tuple(validation),
+        refined_rmse_v=row.refined.rmse_v if row.refined else None,
+        refined_parameters=row.refined.parameters.to_dict() if row.refined else None,
+        regret=row.regret,
+        seeds=tuple(
+            SeedAnswerPart(
+                rmse_v=answer.rmse_v,
+                parameters=answer.parameters.to_dict(),
+                evaluations=answer.evaluations,
+                history_v=None if answer.history_v is None else tuple(answer.history_v.tolist()),
+            )
+            for answer in row.answers
+        ),
+    )
+
+
+def time_constants(parameters: CircuitParameters) -> dict[str, float]:
+    """The time constants in s under their names, such as `tau1 [s]`."""
+    return {f"tau{pair} [s]": tau for pair, tau in enumerate(parameters.tau_s, 1)}
+
+
+def _difference_part(difference: Difference) -> DifferencePart:
+    over_time, over_seeds = difference.over_time, difference.over_seeds
+    return DifferencePart(
+        first=difference.first,
+        second=difference.second,
+        record=difference.record,
+        is_validation=difference.is_validation,
+        over_time=OverTimePart(
+            difference_v2=over_time.difference_v2,
+            interval_v2=(over_time.low_v2, over_time.high_v2),
+            difference_v=over_time.difference_v,
+            interval_v=(over_time.low_v, over_time.high_v),
+            block_samples=over_time.block_samples,
+            is_block_capped=over_time.is_block_capped,
+            is_real=over_time.is_real,
+        ),
+        over_seeds=OverSeedsPart(**asdict(over_seeds)) if over_seeds else None,
+    )

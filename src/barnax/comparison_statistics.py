@@ -18,14 +18,14 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class BandError:
-    """Errors of one simulation at the scored samples whose SOC lies in [low, high).
+    """Errors of one simulation at the scored samples whose SOC lies in [low_soc, high_soc).
 
     The lowest band holds what is below it too, the highest what is above. The errors are None
     where the band holds no sample; `mean_v` is measured minus simulated voltage.
     """
 
-    low: float
-    high: float
+    low_soc: float
+    high_soc: float
     samples: int
     rmse_v: float | None = None
     mean_v: float | None = None
@@ -90,8 +90,8 @@ def errors_by_soc(
             continue
         found.append(
             BandError(
-                low=low,
-                high=high,
+                low_soc=low,
+                high_soc=high,
                 samples=len(inside),
                 rmse_v=float(np.sqrt(np.mean(inside**2))),
                 mean_v=float(np.mean(inside)),

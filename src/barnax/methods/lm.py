@@ -5,7 +5,7 @@ import math
 from ..descent import STEPS, Descent, RefinedSeed
 from ..problem import Problem
 from ..refinement import SEED_TOLERANCE
-from .answer import Answer
+from .answer import Answer, by_scan
 from .method import Budget, Method, Progress
 from .starts import generator_of, random_circuits
 
@@ -20,7 +20,7 @@ def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Ans
     As many starts are made as the budget could hold if each took all its steps, so the evaluations
     spent are fewer.
     """
-    dearest = STEPS * (1 + len(problem.objective.coordinates.names))
+    dearest = STEPS * (1 + len(problem.coordinates.names))
     starts = max(1, min(STARTS, budget.evaluations // dearest))
     circuits = [
         circuit
@@ -35,9 +35,10 @@ def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Ans
         progress(finished // starts - before)
 
     ends = Descent(problem)(circuits, SEED_TOLERANCE, progress=advance)
-    return [
+    bests = [
         best_of(ends[first : first + starts]) for first in range(0, budget.seeds * starts, starts)
     ]
+    return by_scan(problem, bests)
 
 
 def best_of(ends: list[RefinedSeed], spent: int = 0) -> Answer:

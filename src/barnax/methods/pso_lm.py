@@ -8,7 +8,7 @@ from ..identification import identify
 from ..optimizers import make_optimizer
 from ..problem import Problem
 from ..refinement import SEED_TOLERANCE
-from .answer import Answer
+from .answer import Answer, by_scan
 from .lm import best_of
 from .method import Budget, Method, Progress
 
@@ -20,7 +20,7 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
     The swarm has the budget less what one descent of at most 50 steps could cost. Their circuit
     is another; the two scales are theirs.
     """
-    dearest = STEPS * (1 + len(problem.objective.coordinates.names))
+    dearest = STEPS * (1 + len(problem.coordinates.names))
     iterations = (budget.evaluations - dearest) // budget.population - 1
     if iterations < 1:
         raise InputError(
@@ -34,7 +34,8 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
         progress=progress,
     )
     ends = Descent(problem)([seed.parameters for seed in found.seeds], SEED_TOLERANCE)
-    return [best_of([end], seed.evaluations) for seed, end in zip(found.seeds, ends, strict=True)]
+    bests = [best_of([end], seed.evaluations) for seed, end in zip(found.seeds, ends, strict=True)]
+    return by_scan(problem, bests)
 
 
 PSO_LM = Method(

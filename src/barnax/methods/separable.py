@@ -30,11 +30,9 @@ class Separable:
     bounds: Bounds
 
     @classmethod
-    @in_float64
     def of(cls, problem: Problem) -> "Separable":
-        """The problem by the scan, whatever its own evaluator."""
-        box = problem.objective.coordinates
-        return cls(problem.course.drive(box.shortest_tau_s, box.highest_gamma), problem.bounds)
+        """The problem by the scan, whatever its own objective."""
+        return cls(problem.drives[0], problem.bounds)
 
     @property
     def current(self) -> Float[np.ndarray, "samples"]:

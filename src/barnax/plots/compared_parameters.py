@@ -15,7 +15,8 @@ from .sources import comparison_of
 from .style import BLACK, GREY, figure_style, finish_axes, legend_above, make_figure
 
 if TYPE_CHECKING:
-    from ..comparison_result import ComparisonResult, RowPart
+    from ..comparison_parts import RowPart
+    from ..comparison_result import ComparisonResult
 
 RMSE = "RMSE [mV]"
 COLUMNS = 3

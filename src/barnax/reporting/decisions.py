@@ -1,16 +1,16 @@
 """What was measured, and what was decided about it, with the reasons."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..cell import CellModel, PolynomialCurve
-from .document import Bullets, Column, Table
+from .document import Column, Table
 from .words import joined, millivolt, significant
 
 if TYPE_CHECKING:
     from ..comparison_result import ComparisonResult
     from ..result import Result
-    from ..result_parts import InputPart
+    from ..result_parts import DecisionPart, InputPart
     from ..window import Window
 
     Stored = Result | ComparisonResult
@@ -40,19 +40,17 @@ def files_table(stored: "Stored") -> Table:
     )
 
 
-def decisions(stored: "Stored") -> Bullets:
-    """What was decided before the search, one sentence each."""
-    cell = CellModel.from_dict(stored.cell)
-    return Bullets(
-        (
-            *_signs(stored.inputs),
-            *_holds(stored.inputs),
-            f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin}).",
-            f"The simulation of {_identified(stored)} starts at a state of charge of "
-            f"{stored.initial_soc:.3f} ({stored.initial_soc_reason}).",
-            *ocv_sentences(cell),
-            *window_sentences(stored.window),
-        )
+def decision_sentences(stored: "Stored") -> Iterator[str]:
+    """What was decided before the search."""
+    cell = stored.cell_model
+    yield from _signs(stored.inputs)
+    yield from _holds(stored.inputs)
+    yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
+    yield from ocv_sentences(cell)
+    yield from window_sentences(stored.window)
+    yield (
+        f"The simulation of {_identified(stored)} starts at a state of charge of "
+        f"{stored.initial_soc:.3f} ({stored.initial_soc_reason})."
     )
 
 
@@ -104,25 +102,36 @@ def window_sentences(window: "Window") -> Iterator[str]:
 
 
 def _signs(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    for each in inputs:
-        sign = each.sign
-        yield (
-            f"In {each.name} the current is {sign.value} ({FIRMNESS[sign.strength]}{sign.reason})."
-        )
+    for decision, names in _gathered((each.sign, each.name) for each in inputs):
+        yield f"The current is {decision.value} in {joined(names)} ({_reason(decision)})."
 
 
 def _holds(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    """How long a sample's current flows: one sentence for all files of which the same is true."""
-    told: dict[tuple[str, str, str], list[str]] = {}
-    for each in inputs:
-        hold = each.hold
-        told.setdefault((hold.value, hold.strength, hold.reason), []).append(each.name)
     flows = {"forward": "until the next sample", "backward": "since the sample before"}
-    for (value, strength, reason), names in told.items():
+    for decision, names in _gathered((each.hold, each.name) for each in inputs):
         yield (
-            f"A sample's current flows {flows[value]} in {joined(names)} "
-            f"({FIRMNESS[strength]}{reason})."
+            f"A sample's current flows {flows[decision.value]} in {joined(names)} "
+            f"({_reason(decision)})."
         )
+
+
+def _gathered(
+    decisions: "Iterable[tuple[DecisionPart, str]]",
+) -> "Iterator[tuple[DecisionPart, list[str]]]":
+    """Each decision once, with the files that it was made for."""
+    told: list[tuple[DecisionPart, list[str]]] = []
+    for decision, name in decisions:
+        for known, names in told:
+            if known == decision:
+                names.append(name)
+                break
+        else:
+            told.append((decision, [name]))
+    return iter(told)
+
+
+def _reason(decision: "DecisionPart") -> str:
+    return FIRMNESS[decision.strength] + decision.reason
 
 
 def _identified(stored: "Stored") -> str:
@@ -131,20 +140,25 @@ def _identified(stored: "Stored") -> str:
     )
 
 
-def reproduction_table(stored: "Stored") -> Table:
-    """The versions that can change a digit."""
-    return Table(
-        caption="Versions.",
-        columns=(Column("package", role="text"), Column("version", role="text")),
-        rows=tuple(stored.versions.items()),
-    )
+def box_sentences(
+    boxes: Mapping[str, tuple[Mapping[str, tuple[float, float]], Mapping[str, float]]],
+) -> Iterator[str]:
+    """The search box of each model: its bounds and what is held, each box once."""
+    told: dict[str, list[str]] = {}
+    for model, (bounds, fixed) in boxes.items():
+        told.setdefault(_box(bounds, fixed), []).append(model)
+    for box, models in told.items():
+        yield f"The search box of {joined(models)}: {box}."
 
 
-def box_sentence(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) -> str:
-    """The search box, in the units of the parameters' names."""
-    ranges = [
-        f"{name} from {significant(low, 4)} to {significant(high, 4)}"
-        for name, (low, high) in bounds.items()
+def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) -> str:
+    """Ranges and held values, names with the same range together."""
+    ranges: dict[tuple[float, float], list[str]] = {}
+    for name, limits in bounds.items():
+        ranges.setdefault(limits, []).append(name)
+    free = [
+        f"{joined(names)} from {significant(low, 4)} to {significant(high, 4)}"
+        for (low, high), names in ranges.items()
     ]
     held = [f"{name} held at {significant(value, 4)}" for name, value in fixed.items()]
-    return f"searched are {joined([*ranges, *held])}"
+    return "; ".join([*free, *held])

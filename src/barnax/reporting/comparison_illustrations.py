@@ -1,0 +1,74 @@
+"""The figures of a comparison, with their captions."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from ..plots import (
+    plot_compared_convergence,
+    plot_compared_errors,
+    plot_compared_parameters,
+    plot_compared_voltages,
+)
+from ..plots.illustration import Illustration
+from .cell_illustrations import cell_illustrations, condition_illustrations, record_role
+
+if TYPE_CHECKING:
+    from ..comparison import Comparison
+    from ..comparison_result import ComparisonResult
+
+
+def comparison_illustrations(
+    result: "ComparisonResult", comparison: "Comparison | None" = None
+) -> list[Illustration]:
+    """Every figure of a comparison; those over time only with the comparison itself.
+
+    A stored comparison holds no records, so from `result` alone come the figures of the cell and
+    of the seeds.
+    """
+    figures = [*cell_illustrations(result.cell_model)]
+    if comparison is not None and comparison.answered:
+        courses = [each.course for each in comparison.answered[0].evaluations]
+        figures += condition_illustrations(courses)
+        for record in range(len(courses)):
+            figures += _rows_on(comparison, record)
+    if any(row.seeds for row in result.rows):
+        figures += _seeds_of(result)
+    return figures
+
+
+def _rows_on(comparison: "Comparison", record: int) -> Iterator[Illustration]:
+    evaluations = {row.name: row.evaluations[record] for row in comparison.answered}
+    name = comparison.answered[0].evaluations[record].course.record.name
+    yield Illustration(
+        f"{record_role(record)}-voltages",
+        plot_compared_voltages(evaluations),
+        f"Measured and simulated voltage on {name}. Below, the framed stretch, chosen by the "
+        "current alone.",
+        "Measured voltage and the simulations of the rows over time, with a magnified stretch",
+    )
+    yield Illustration(
+        f"{record_role(record)}-errors",
+        plot_compared_errors(evaluations),
+        f"Measured minus simulated voltage on {name}, over time and over the state of charge, on "
+        "one scale. Dashed: plus and minus the RMSE; steps: the RMSE in each twentieth of the "
+        "state of charge.",
+        "Errors of the rows over time and over the state of charge",
+    )
+
+
+def _seeds_of(result: "ComparisonResult") -> Iterator[Illustration]:
+    yield Illustration(
+        "convergence",
+        plot_compared_convergence(result),
+        "How the best RMSE of each row fell: the median of its seeds, and a band from the tenth "
+        "to the ninetieth percentile. Rows without a history are a mark.",
+        "Best RMSE of the rows over evaluations, with the spread of the seeds",
+    )
+    yield Illustration(
+        "parameters",
+        plot_compared_parameters(result),
+        "What every seed ended with, before refinement. Stroke: the median seed; diamond: the "
+        "same, refined; dotted: a bound.",
+        "Parameters of every seed of every row",
+        is_dense=False,
+    )

@@ -1,6 +1,7 @@
 """OCV points of a slow constant-current sweep, such as C/20 or C/30."""
 
 import numpy as np
+from jaxtyping import Bool, Int
 
 from ..records.record import Record
 from ..records.rests import is_rested
@@ -14,6 +15,8 @@ PAUSES = 0.01
 # Half the window each point is averaged over, as a fraction of the sweep.
 HALF_WINDOW = 1e-3
 
+Places = Int[np.ndarray, "stretches"]
+
 
 def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: float) -> list[Sweep]:
     """The slow sweeps of a record, cut-off to cut-off, in time order; often none.
@@ -21,37 +24,44 @@ def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: floa
     A slow sweep passes its charge in one direction, without long rests, at C/10 of that charge
     or less. Its voltage still holds the overpotential of that current.
     """
+    is_loaded = ~is_rested(record, rest_current_a)
+    if not is_loaded.any():
+        return []
+    first, last = _one_way_stretches(record, is_loaded, minimum_rest_s)
+    is_backward = record.hold.value == "backward"
+    begin = np.maximum(first - 1, 0) if is_backward else first
+    end = last if is_backward else np.minimum(last + 1, record.samples - 1)
     discharged_ah = record.discharged_ah
-    sweeps = []
-    for first, last in _one_way_stretches(record, rest_current_a, minimum_rest_s):
-        is_backward = record.hold.value == "backward"
-        begin = max(first - 1, 0) if is_backward else first
-        end = last if is_backward else min(last + 1, record.samples - 1)
-        passed_ah = abs(discharged_ah[end] - discharged_ah[begin])
-        current_a = np.abs(record.current_a[first : last + 1])
-        is_loaded = ~is_rested(record, rest_current_a)[first : last + 1]
-        loaded_a = current_a[is_loaded]
-        # Weighted by itself, lest pulses pass for slow between rests that a tester reads as loaded.
-        is_slow = np.average(loaded_a, weights=loaded_a) * SHORTEST_HOURS <= passed_ah
-        if is_slow and (~is_loaded).mean() <= PAUSES:
-            sweeps.append(_thin(record, first, last, begin, end))
-    return sweeps
+    passed_ah = np.abs(discharged_ah[end] - discharged_ah[begin])
+    loaded_a = np.abs(record.current_a) * is_loaded
+    # Weighted by itself, lest pulses pass for slow between rests that a tester reads as loaded.
+    usual_a = _sums(loaded_a**2, first, last) / _sums(loaded_a, first, last)
+    pauses = 1 - _sums(is_loaded, first, last) / (last - first + 1)
+    is_sweep = (usual_a * SHORTEST_HOURS <= passed_ah) & (pauses <= PAUSES)
+    return [
+        _thin(record, *map(int, ends))
+        for ends in zip(*(at[is_sweep] for at in (first, last, begin, end)), strict=True)
+    ]
+
+
+def _sums(values: np.ndarray, first: Places, last: Places) -> np.ndarray:
+    """The sum over each stretch."""
+    total = np.concatenate([[0], np.cumsum(values)])
+    return total[last + 1] - total[first]
 
 
 def _one_way_stretches(
-    record: Record, rest_current_a: float, minimum_rest_s: float
-) -> list[tuple[int, int]]:
+    record: Record, is_loaded: Bool[np.ndarray, "samples"], minimum_rest_s: float
+) -> tuple[Places, Places]:
     """First and last loaded sample of each stretch of one direction without a long rest."""
-    loaded = np.flatnonzero(~is_rested(record, rest_current_a))
-    if loaded.size == 0:
-        return []
+    loaded = np.flatnonzero(is_loaded)
     turns = np.diff(np.sign(record.current_a[loaded])) != 0
     # A gap of the logger is no rest: some samples in it must show no current.
     rests = (np.diff(loaded) > 1) & (np.diff(record.time_s[loaded]) >= minimum_rest_s)
     cuts = np.flatnonzero(turns | rests)
     firsts = loaded[np.concatenate([[0], cuts + 1])]
     lasts = loaded[np.concatenate([cuts, [len(loaded) - 1]])]
-    return [(int(first), int(last)) for first, last in zip(firsts, lasts, strict=True)]
+    return firsts, lasts
 
 
 def _thin(record: Record, first: int, last: int, begin: int, end: int) -> Sweep:

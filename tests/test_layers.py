@@ -18,7 +18,17 @@ LAYERS = (
     ("identification", "descent", "refinement", "evaluate"),
     ("block_bootstrap", "methods", "comparison_statistics"),
     ("comparison", "comparison_run"),
-    ("result_parts", "result", "comparison_parts", "comparison_result", "report", "plots", "export", "reporting"),
+    (
+        "result_parts",
+        "result",
+        "comparison_parts",
+        "comparison_result",
+        "comparison_report",
+        "report",
+        "plots",
+        "export",
+        "reporting",
+    ),
     ("cli",),
 )
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from .. import __version__
 from ..errors import InputError
+from .compare import compare
 from .export import export
 from .identify import identify
 from .optimizers import optimizers
@@ -27,6 +28,7 @@ app = typer.Typer(
 )
 app.command()(identify)
 app.command()(validate)
+app.command()(compare)
 app.command()(export)
 app.command()(optimizers)
 

@@ -89,6 +89,109 @@ ScoreTo = Annotated[
     float | None,
     typer.Option(metavar="S", help="Count errors up to this time.", rich_help_panel=WINDOW),
 ]
+Record = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="RECORD",
+        help="Dynamic record to identify on; without it, the bundled cell runs.",
+        show_default=False,
+    ),
+]
+Ocv = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE",
+        help="OCV test, pulse-rest or slow sweep; repeatable.",
+        rich_help_panel=INPUT,
+    ),
+]
+Validate = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="FILE", help="Record to validate on; repeatable.", rich_help_panel=INPUT),
+]
+Capacity = Annotated[
+    float | None,
+    typer.Option(metavar="AH", help="Capacity (default from the OCV test).", rich_help_panel=INPUT),
+]
+Coordinates = Annotated[
+    Scale,
+    typer.Option(
+        metavar="rc|log",
+        help="Search raw R and C, as the paper does, or logarithms of R and tau.",
+        rich_help_panel=SEARCH,
+    ),
+]
+Objective = Annotated[
+    Literal["scan", "compressed"],
+    typer.Option(
+        metavar="scan|compressed",
+        help="Simulate every sample for every candidate, or reduce the record once; both agree "
+        "to 1e-9, and every error that is reported comes from the scan.",
+        rich_help_panel=SEARCH,
+    ),
+]
+Seeds = Annotated[
+    int, typer.Option(min=1, metavar="N", help="Independent runs.", rich_help_panel=SEARCH)
+]
+Population = Annotated[
+    int, typer.Option(min=4, metavar="N", help="Candidates a generation.", rich_help_panel=SEARCH)
+]
+Iterations = Annotated[
+    int, typer.Option(min=1, metavar="N", help="Generations.", rich_help_panel=SEARCH)
+]
+RandomKey = Annotated[
+    int,
+    typer.Option(
+        min=0,
+        max=2**32 - 1,
+        metavar="N",
+        help="The number all randomness comes from.",
+        rich_help_panel=SEARCH,
+    ),
+]
+BoundsFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.toml",
+        help='Bounds, in a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
+        rich_help_panel=SEARCH,
+    ),
+]
+Fix = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE",
+        help='Hold a parameter, such as "C1 \\[F]=500"; repeatable.',
+        rich_help_panel=SEARCH,
+    ),
+]
+OcvCurves = Annotated[
+    OcvFit,
+    typer.Option(
+        metavar="FIT",
+        help="OCV curves: polynomial (degree 7) or interpolated (PCHIP through the points).",
+        rich_help_panel=INPUT,
+    ),
+]
+HysteresisSegments = Annotated[
+    HysteresisFit,
+    typer.Option(
+        metavar="FIT",
+        help="Hysteresis segments: continuous (they meet at the knots) or independent (nine "
+        "free parameters).",
+        rich_help_panel=INPUT,
+    ),
+]
+OcvCurrentSign = Annotated[
+    Sign,
+    typer.Option(metavar="SIGN", help="Sign of current in the OCV tests.", rich_help_panel=INPUT),
+]
+ValidateCurrentSign = Annotated[
+    Sign,
+    typer.Option(
+        metavar="SIGN", help="Sign of current in the validation records.", rich_help_panel=INPUT
+    ),
+]
 Out = Annotated[
     Path | None,
     typer.Option(

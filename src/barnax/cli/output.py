@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DEFAULT_FOLDER = Path("barnax-out")
-OURS = ("result.json", "timings.json", "figures")
+# A folder that holds one of these was written by us.
+RESULTS = ("result.json", "comparison.json")
+OURS = (*RESULTS, "timings.json", "report.html", "report.md", "figures")
 
 
 def require_free(folder: Path, is_forced: bool) -> None:
@@ -41,7 +43,8 @@ def require_free(folder: Path, is_forced: bool) -> None:
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"{folder}: cannot be used ({reason}); {another}") from problem
     # Without a result beside it, a folder of figures is somebody else's.
-    foreign = [name for name in names if name not in OURS or "result.json" not in names]
+    has_result = any(name in names for name in RESULTS)
+    foreign = [name for name in names if name not in OURS or not has_result]
     if foreign:
         raise InputError(f"{folder}: holds {foreign[0]!r}, which barnax did not write; {another}")
     if names and not is_forced:

@@ -4,7 +4,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -29,7 +29,7 @@ class Session:
     @contextmanager
     def stage(self, title: str) -> Iterator[None]:
         """Time a stage, under a spinner."""
-        with self._timed(title):
+        with self.timed(title):
             if self._is_quiet or not self._notes.is_terminal:
                 yield
             else:
@@ -48,7 +48,7 @@ class Session:
             console=self._notes,
             disable=self._is_quiet or not self._notes.is_terminal,
         )
-        with self._timed(title), progress:
+        with self.timed(title), progress:
             task = progress.add_task(title, total=seeds)
             yield lambda gained: progress.advance(task, gained)
 
@@ -63,13 +63,19 @@ class Session:
         for text in warnings:
             self._notes.print("[yellow]warning:[/yellow]", escape(text), soft_wrap=True)
 
+    @property
+    def seconds(self) -> Mapping[str, float]:
+        """Seconds of every stage so far."""
+        return self._timings
+
     def timings_json(self) -> bytes:
         """Seconds of every stage so far, as `timings.json`."""
         seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self._timings.items()}
         return (json.dumps(seconds, indent=1) + "\n").encode()
 
     @contextmanager
-    def _timed(self, title: str) -> Iterator[None]:
+    def timed(self, title: str) -> Iterator[None]:
+        """Time a stage that shows itself in another way."""
         start = time.perf_counter()
         try:
             yield

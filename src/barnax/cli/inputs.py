@@ -1,0 +1,125 @@
+"""What commands that identify read: records, OCV tests, a window and a box."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..bundled import BUNDLED
+from ..errors import InputError
+from .options import Hold, HysteresisFit, OcvFit, Sign, parse_steps
+from .session import Session
+
+if TYPE_CHECKING:
+    from ..cell import CellModel
+    from ..records import Record
+    from ..window import Window
+
+
+class Files(NamedTuple):
+    """The files of a command, and the signs of current they are read with."""
+
+    record: Path
+    ocv: list[Path]
+    validation: list[Path]
+    sign: Sign
+    ocv_sign: Sign
+    validation_sign: Sign
+    hold: Hold
+
+
+class Inputs(NamedTuple):
+    """What was in the files."""
+
+    record: "Record"
+    tests: "list[Record]"
+    validation: "list[Record]"
+    cell: "CellModel"
+
+
+class Box(NamedTuple):
+    """The user's changes to the search box, and where they came from, in words."""
+
+    ranges: dict[str, tuple[float, float]]
+    fixed: dict[str, float]
+    source: str
+
+
+def choose_files(
+    record: Path | None, ocv: list[Path] | None, validation: list[Path] | None
+) -> tuple[Path, list[Path], list[Path]]:
+    """The files to work on: those given, or the bundled cell's where none is."""
+    if record is None:
+        if ocv or validation:
+            raise InputError("give a RECORD to identify on; --ocv and --validate only go with one")
+        return BUNDLED.record, [*BUNDLED.ocv], [BUNDLED.validation]
+    if not ocv:
+        raise InputError(
+            f"{record}: an OCV test of the same cell is needed as well; give it with --ocv"
+        )
+    return record, ocv, validation or []
+
+
+def read_inputs(
+    session: Session,
+    files: Files,
+    *,
+    capacity: float | None,
+    ocv_fit: OcvFit,
+    hysteresis_fit: HysteresisFit,
+    rest_current: float | None,
+) -> Inputs:
+    """Every record, and the cell that the OCV tests show."""
+    from ..cell import characterize
+    from ..records import read_record
+
+    with session.stage("Reading records"):
+
+        def read(path: Path, sign: Sign) -> "Record":
+            return read_record(path, current_sign=sign, current_hold=files.hold)
+
+        tests = [read(path, files.ocv_sign) for path in files.ocv]
+        dynamic = read(files.record, files.sign)
+        others = [read(path, files.validation_sign) for path in files.validation]
+    with session.stage("Characterizing the cell"):
+        cell = characterize(
+            tests,
+            capacity_ah=capacity,
+            ocv_fit=ocv_fit,
+            hysteresis_fit=hysteresis_fit,
+            rest_current_a=rest_current,
+        )
+    return Inputs(dynamic, tests, others, cell)
+
+
+def make_window(
+    *,
+    start_time: float | None,
+    start_after_step: int | None,
+    initial_soc: float | None,
+    score_steps: str | None,
+    score_from: float | None,
+    score_to: float | None,
+    rest_current: float | None,
+    initial_direction: int | None,
+) -> "Window":
+    """The window of the options. Raises `InputError` where they contradict each other."""
+    from ..window import Window
+
+    return Window(
+        start_time_s=start_time,
+        start_after_step=start_after_step,
+        initial_soc=initial_soc,
+        score_steps=parse_steps(score_steps),
+        score_from_s=score_from,
+        score_to_s=score_to,
+        rest_current_a=rest_current,
+        initial_direction=1 if initial_direction is None else initial_direction,
+    )
+
+
+def read_box(bounds: Path | None, fix: list[str] | None) -> Box:
+    """The user's bounds and fixed values. Raises `InputError` where they cannot be read."""
+    from ..bounds import parse_fixed, read_bounds
+
+    ranges = read_bounds(bounds) if bounds is not None else {}
+    source = bounds.name if bounds is not None else "--fix"
+    return Box(ranges, parse_fixed(fix or []), source)

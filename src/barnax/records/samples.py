@@ -54,20 +54,20 @@ class Samples:
         """The same samples with more warnings."""
         return replace(self, warnings=self.warnings + messages)
 
-    def keep(self, mask: Bool[np.ndarray, "samples"]) -> "Samples":
-        """The samples where `mask` holds."""
-        chosen = {
-            name: values[mask]
+    def keep(self, chosen: Bool[np.ndarray, "samples"] | Int[np.ndarray, "kept"]) -> "Samples":
+        """The samples where `chosen` holds, or those at its places, in its order."""
+        arrays = {
+            name: values[chosen]
             for name, values in vars(self).items()
             if isinstance(values, np.ndarray)
         }
         counters = Counters(
             **{
-                name: None if values is None else values[mask]
+                name: None if values is None else values[chosen]
                 for name, values in vars(self.counters).items()
             }
         )
-        return replace(self, counters=counters, **chosen)
+        return replace(self, counters=counters, **arrays)
 
 
 def take_samples(table: Table, file: str) -> Samples:

@@ -1,0 +1,20 @@
+"""The data doctor: what is wrong with a file, what mends it, and what it can serve as."""
+
+from .case import Case, Check
+from .diagnose import diagnose
+from .diagnosis import Diagnosis, Facts
+from .finding import Finding, Severity
+from .registry import CHECKS
+from .roles import Role
+
+__all__ = [
+    "CHECKS",
+    "Case",
+    "Check",
+    "Diagnosis",
+    "Facts",
+    "Finding",
+    "Role",
+    "Severity",
+    "diagnose",
+]

@@ -1,0 +1,124 @@
+"""What the checks of a record look at: the record, mended so far as it could be."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..cell.record_sweeps import find_sweeps
+from ..cell.sweep import Sweep
+from ..errors import InputError
+from ..records import Record, is_rested, rest_current_a
+from ..records.noise import voltage_noise_v
+from ..records.samples import Samples
+from .finding import Finding, Severity, found_at
+
+# A current step: a change by more than this share of the largest current.
+STEP_SHARE = 0.1
+_FEWEST_STEPS = 3
+_AGREEING = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A file's samples, in its own sign of current, and the record made of them.
+
+    Both have the same samples. `capacity_ah` is the one the user gave.
+    """
+
+    samples: Samples
+    record: Record
+    capacity_ah: float | None
+
+    @cached_property
+    def span_ah(self) -> float:
+        """The charge between the record's fullest and emptiest moments."""
+        return float(np.ptp(self.record.discharged_ah))
+
+    @cached_property
+    def scale_ah(self) -> float:
+        """The capacity: the given one, else the charge the record spans."""
+        return self.capacity_ah or self.span_ah
+
+    @cached_property
+    def rest_current_a(self) -> float:
+        return rest_current_a(self.record, self.scale_ah)
+
+    @cached_property
+    def is_rested(self) -> Bool[np.ndarray, "samples"]:
+        return is_rested(self.record, self.rest_current_a)
+
+    @cached_property
+    def peak_a(self) -> float:
+        return float(np.abs(self.record.current_a).max())
+
+    @cached_property
+    def step_a(self) -> Float[np.ndarray, "intervals"]:
+        return np.diff(self.record.current_a)
+
+    @cached_property
+    def step_v(self) -> Float[np.ndarray, "intervals"]:
+        return np.diff(self.record.voltage_v)
+
+    @cached_property
+    def is_step(self) -> Bool[np.ndarray, "intervals"]:
+        """Where the current steps."""
+        return np.abs(self.step_a) > STEP_SHARE * self.peak_a
+
+    @cached_property
+    def noise_v(self) -> float:
+        """The noise of a voltage step while the current stands still."""
+        return voltage_noise_v(self.step_v, np.abs(self.step_a) < 0.01 * self.peak_a)
+
+    @cached_property
+    def resolution_v(self) -> float:
+        return _resolution(self.step_v)
+
+    @cached_property
+    def resolution_a(self) -> float:
+        return _resolution(self.step_a)
+
+    @cached_property
+    def resistance_ohm(self) -> float:
+        """The resistance at the current's steps; zero where too few tell."""
+        return step_resistance_ohm(self.step_a[self.is_step], self.step_v[self.is_step])
+
+    @cached_property
+    def sweeps(self) -> list[Sweep] | str:
+        """The OCV sweeps of the record, or why it is no OCV test."""
+        try:
+            return find_sweeps(self.record, self.capacity_ah)[0]
+        except InputError as problem:
+            reason = str(problem).removeprefix(f"{self.record.name} is not an OCV test: ")
+            return reason.partition(". An OCV test needs")[0]
+
+    def at(self, sample: int, severity: Severity, what: str, remedy: str = "") -> Finding:
+        """A finding at one sample."""
+        return found_at(self.samples, sample, severity, what, remedy)
+
+
+Check = Callable[[Case], Iterable[Finding]]
+
+
+def step_resistance_ohm(
+    step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"]
+) -> float:
+    """The median |dV/dI| of the larger half of the current steps; zero where they do not agree.
+
+    They agree where most of dI dV has one sign: small steps among relaxations are outweighed.
+    """
+    if len(step_a) < _FEWEST_STEPS:
+        return 0.0
+    product = step_a * step_v
+    if abs(product.sum()) < _AGREEING * np.abs(product).sum() or not product.any():
+        return 0.0
+    is_large = np.abs(step_a) >= np.median(np.abs(step_a))
+    return abs(float(np.median(step_v[is_large] / step_a[is_large])))
+
+
+def _resolution(steps: Float[np.ndarray, "intervals"]) -> float:
+    """The smallest step that is more than rounding; zero where nothing moves."""
+    moved = np.abs(steps[np.abs(steps) > 1e-9])
+    return float(moved.min()) if len(moved) else 0.0

@@ -1,0 +1,138 @@
+"""Channels that stand still, or stop at a limit, while the cell does not."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .case import Case
+from .finding import Finding, Severity
+from .spikes import voltage_spikes
+
+# What the current must do to a voltage that does not answer, in volts and in steps of resolution.
+_EXPECTED_V, _EXPECTED_STEPS = 0.01, 10.0
+_FEWEST_SAMPLES = 4
+# A voltage that jumps so, both ways, under a current that does not move.
+_JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
+
+Channel = Float[np.ndarray, "samples"]
+Runs = tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]
+
+
+def find_stuck_voltage(case: Case) -> Iterator[Finding]:
+    """A voltage of one and the same reading while the current moves."""
+    if not case.resistance_ohm:
+        return
+    voltage_v, current_a = case.record.voltage_v, case.record.current_a
+    first, last = _runs(voltage_v)
+    # At its ends a run may hold samples that were taken just before and after.
+    inner = last - first >= _FEWEST_SAMPLES + 1
+    first, last = first[inner] + 1, last[inner] - 1
+    if not len(first):
+        return
+    swing_a = _range(current_a, first, last)
+    least_v = max(_EXPECTED_V, _EXPECTED_STEPS * case.resolution_v)
+    is_stuck = swing_a * case.resistance_ohm > least_v
+    # A tester that holds a voltage lets the current fall, and never rise.
+    is_stuck &= ~_only_tapers(current_a, first, last)
+    if not is_stuck.any():
+        return
+    expected_v = float(np.max(swing_a[is_stuck])) * case.resistance_ohm
+    yield _finding(case, "voltage", voltage_v, first[is_stuck], last[is_stuck], expected_v)
+
+
+def find_stuck_current(case: Case) -> Iterator[Finding]:
+    """A current of one and the same reading while the voltage jumps up and down."""
+    current_a = case.record.current_a
+    first, last = _runs(current_a)
+    is_long = last - first >= _FEWEST_SAMPLES
+    first, last = first[is_long], last[is_long]
+    if not len(first):
+        return
+    step_v = case.step_v.copy()
+    # A spike of the voltage is a fault of the voltage.
+    spiked = voltage_spikes(case)
+    step_v[spiked[1:] | spiked[:-1]] = 0
+    least_v = max(_JUMP_V, _JUMP_NOISE * case.noise_v, 3 * case.resolution_v)
+    up, down = _count(step_v > least_v, first, last), _count(step_v < -least_v, first, last)
+    is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
+    if not is_stuck.any():
+        return
+    jump_v = float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
+    yield _finding(case, "current", case.samples.current_a, first[is_stuck], last[is_stuck], jump_v)
+
+
+def _finding(
+    case: Case,
+    channel: str,
+    values: Channel,
+    first: Int[np.ndarray, "runs"],
+    last: Int[np.ndarray, "runs"],
+    moved_v: float,
+) -> Finding:
+    """The first run, and how many more there are."""
+    value = values[first]
+    is_limit = bool(np.all((value == values.max()) | (value == values.min())))
+    worst = int(np.argmax(last - first))
+    unit = "V" if channel == "voltage" else "A"
+    samples = int(np.sum(last - first + 1))
+    kind = "stops at" if is_limit and value[0] != 0 else "stands still at"
+    what = (
+        f"the {channel} {kind} {value[worst]:.6g} {unit} over {samples} samples in {len(first)} "
+        f"places (rows {int(case.record.row[first[worst]])} to "
+        f"{int(case.record.row[last[worst]])}), where "
+    )
+    what += (
+        f"the current should move it by {1e3 * moved_v:.3g} mV"
+        if channel == "voltage"
+        else f"the voltage jumps by {1e3 * moved_v:.3g} mV"
+    )
+    severity: Severity = "error" if samples > 0.01 * case.record.samples else "warning"
+    remedy = "measure again with a wider range" if is_limit and value[0] else "check the sensor"
+    return case.at(
+        int(first[0]),
+        severity,
+        what,
+        f"{remedy}; --score-from, --score-to or --score-steps leave these rows out",
+    )
+
+
+def _runs(values: Channel) -> Runs:
+    """First and last sample of each run of equal values."""
+    changes = np.flatnonzero(np.diff(values) != 0)
+    return np.concatenate([[0], changes + 1]), np.concatenate([changes, [len(values) - 1]])
+
+
+def _range(
+    values: Channel, first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"]
+) -> Float[np.ndarray, "runs"]:
+    """Largest less smallest value of each run."""
+    edges = _edges(first, last, len(values))
+    padded = np.append(values, values[-1])
+    return (np.maximum.reduceat(padded, edges) - np.minimum.reduceat(padded, edges))[::2]
+
+
+def _only_tapers(
+    current_a: Channel, first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"]
+) -> Bool[np.ndarray, "runs"]:
+    """Whether the current's magnitude falls in each run, but for some noise."""
+    magnitude = np.abs(current_a)
+    grown = np.maximum(np.diff(magnitude), 0)
+    rise_a = np.append(0.0, np.cumsum(grown))
+    return rise_a[last] - rise_a[first] < 0.1 * _range(current_a, first, last)
+
+
+def _count(
+    happens: Bool[np.ndarray, "intervals"],
+    first: Int[np.ndarray, "runs"],
+    last: Int[np.ndarray, "runs"],
+) -> Int[np.ndarray, "runs"]:
+    """In how many intervals of each run it happens."""
+    total = np.append(0, np.cumsum(happens))
+    return total[last] - total[first]
+
+
+def _edges(
+    first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"], samples: int
+) -> Int[np.ndarray, "edges"]:
+    return np.stack([first, np.minimum(last + 1, samples)], axis=1).ravel()

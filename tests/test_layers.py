@@ -13,7 +13,7 @@ PACKAGE = Path(barnax.__file__).parent
 LAYERS = (
     ("errors", "metrics", "precision", "programs", "bundled", "records", "optimizers"),
     ("cell",),
-    ("evaluator", "simulate", "window"),
+    ("evaluator", "simulate", "window", "doctor"),
     ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),
     ("identification", "descent", "refinement", "evaluate"),
     ("block_bootstrap", "methods", "comparison_statistics"),

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from .. import __version__
 from ..errors import InputError
+from .check import check
 from .compare import compare
 from .export import export
 from .identify import identify
@@ -30,6 +31,7 @@ app.command()(identify)
 app.command()(validate)
 app.command()(compare)
 app.command()(export)
+app.command()(check)
 app.command()(optimizers)
 
 

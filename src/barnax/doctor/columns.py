@@ -54,9 +54,11 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Fi
     where no name is like any that a record has.
     """
     found = find_columns(table.header)
-    if not found.keys() & NEEDED and not _is_number(table.header[0]):
-        if not any(likely_names(quantity, table.header) for quantity in REQUIRED):
-            require_columns(table.header, file)
+    is_like = found.keys() & NEEDED or any(
+        likely_names(quantity, table.header) for quantity in REQUIRED
+    )
+    if not is_like and not _is_number(table.header[0]):
+        require_columns(table.header, file)
     findings = [Finding("note", note, row=1) for note in table.notes]
     findings.extend(_repeated_names(table, found))
     findings.extend(_assumed_units(found))

@@ -68,7 +68,7 @@ def results() -> Iterator:
         found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
         checked = barnax.refine(found)
         evaluation = barnax.evaluate_course(problem.course, checked.parameters)
-        yield barnax.make_result(checked, evaluation, ocv=tests)
+        yield barnax.make_result(checked, [evaluation], ocv=tests)
 
 
 def trips():

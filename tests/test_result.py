@@ -55,7 +55,7 @@ def result(checked: CrossCheck) -> Result:
     parameters = checked.parameters
     return make_result(
         checked,
-        evaluate_course(problem.course, parameters),
+        [evaluate_course(problem.course, parameters)],
         [validate(measured, problem.cell, problem.circuit, parameters, problem.window)],
         ocv=[read_record(path) for path in BUNDLED.ocv],
         command=["barnax", "identify"],
@@ -172,7 +172,7 @@ def test_the_same_run_twice_gives_the_same_bytes(result, checked):
     parameters = again.parameters
     repeated = make_result(
         again,
-        evaluate_course(problem.course, parameters),
+        [evaluate_course(problem.course, parameters)],
         [
             validate(
                 read_record(BUNDLED.validation),

@@ -51,8 +51,9 @@ class Compressed(AbstractEvaluator):
             r * self.in_tau.at(tau) for r, tau in zip(impedance.r, impedance.tau, strict=True)
         )
         errors_v = self.base + impedance.r0 * self.current + self.pairs @ counts
-        if self.in_rate is not None and impedance.gamma is not None:
-            errors_v = errors_v + self.turns @ self.in_rate.at(1 / impedance.gamma)
+        turns, in_rate = self.turns, self.in_rate
+        if turns is not None and in_rate is not None and impedance.gamma is not None:
+            errors_v = errors_v + turns @ in_rate.at(1 / impedance.gamma)
         return errors_v
 
     def squared_error(self, impedance: Impedance) -> Scalar:
@@ -101,7 +102,8 @@ def _factor(
 
 
 def _extend(factor: np.ndarray | None, block: np.ndarray) -> np.ndarray:
-    return np.linalg.qr(block if factor is None else np.concatenate([factor, block]), mode="r")
+    rows = block if factor is None else np.concatenate([factor, block])
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _combine(factors: Sequence[np.ndarray]) -> np.ndarray:
@@ -116,8 +118,7 @@ def _blocks(
 ) -> Iterator[Float[np.ndarray, "scored columns"]]:
     """The columns of the problem at the scored samples, block after block."""
     pairs = _Answers(drive.held_a, drive.intervals, in_tau)
-    moved = drive.hysteresis
-    turns = None
+    moved, turns, amplitude_v = drive.hysteresis, None, np.empty(0)
     if in_rate is not None and moved is not None:
         turns = _Answers(moved.push, moved.intervals, in_rate)
         amplitude_v = np.asarray(moved.amplitude_v)
@@ -150,7 +151,7 @@ class _Answers:
 
     def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton"]:
         held, node, offset_s = (
-            np.pad(values[here], (0, max(0, BLOCK - len(values[here]))))
+            jnp.asarray(np.pad(values[here], (0, max(0, BLOCK - len(values[here])))))
             for values in (self._held, self._node, self._offset_s)
         )
         self._state, answers = _respond(

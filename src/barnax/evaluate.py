@@ -1,5 +1,6 @@
 """One circuit simulated on one record, with its errors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -41,6 +42,14 @@ def evaluate_course(course: Course, parameters: CircuitParameters) -> Evaluation
 
 
 _simulate = eqx.filter_jit(terminal_voltage)
+
+
+def pooled(evaluations: Sequence[Evaluation]) -> Metrics:
+    """The metrics over all scored samples of several records."""
+    scored = [each.course.scored for each in evaluations]
+    measured_v = [e.course.voltage_v[s] for e, s in zip(evaluations, scored, strict=True)]
+    simulated_v = [e.simulated_v[s] for e, s in zip(evaluations, scored, strict=True)]
+    return measure(np.concatenate(measured_v), np.concatenate(simulated_v))
 
 
 def validate(

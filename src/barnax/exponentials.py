@@ -8,7 +8,7 @@ the skeleton, give the others. None of this depends on a record.
 
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -96,7 +96,8 @@ def _table(count: int, half_width: float, tolerance: float) -> Span:
     reduced = log_s[:, None] - half_width * nodes
     kernels = np.exp(reduced - np.exp(reduced))
 
-    _, factor, order = qr(kernels, mode="economic", pivoting=True)
+    decomposed: Any = qr(kernels, mode="r", pivoting=True)
+    factor, order = decomposed[0][:count], decomposed[1]
     # Interpolation between nodes can add up their errors; it does so by less than this.
     lebesgue = 2 / math.pi * math.log(count) + 1
     pivots = np.abs(np.diag(factor))

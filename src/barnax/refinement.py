@@ -10,7 +10,7 @@ from .coordinates import Coordinates
 from .descent import AT_BOUND, STEPS, Descent, RefinedSeed, largest_change
 from .identification import Identification
 from .precision import in_float64
-from .problem import impedance_of
+from .problem import Kind, impedance_of
 
 # Refined answers whose RMSE agree this closely (relative) are one optimum; if their parameters
 # differ by more than this all the same, the optimum is a family of circuits.
@@ -37,13 +37,19 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class CrossCheck:
-    """The refined answer and what the seeds agree on. `optima` begins with the best."""
+    """The refined answer and what the seeds agree on. `optima` begins with the best.
+
+    `evaluations` counts the simulations of the whole cross-check, a Jacobian as one per free
+    parameter; `objective` says how they were computed.
+    """
 
     found: Identification
     refined: tuple[RefinedSeed, ...]
     optima: tuple[Optimum, ...]
     at_bound: tuple[str, ...]
     verdict: str
+    objective: Kind
+    evaluations: int
 
     @property
     def parameters(self) -> CircuitParameters:
@@ -73,6 +79,7 @@ def refine(
     descent = descent or Descent(found.problem)
     answers = [answer.parameters for answer in found.seeds]
     refined = descent(answers, SEED_TOLERANCE, progress=progress)
+    spent = sum(seed.evaluations for seed in refined)
     # Along a bound the sine is flat, and a descent wanders there without an end of its own.
     moving = [seed for seed in range(len(refined)) if not refined[seed].has_converged]
     if moving:
@@ -81,17 +88,19 @@ def refine(
             moving, descent(starts, SEED_TOLERANCE, holds_bounds=True), strict=True
         ):
             refined[seed] = replace(end, moved=largest_change(answers[seed], end.parameters))
+            spent += end.evaluations
     leader = min(range(len(refined)), key=lambda seed: refined[seed].rmse_v)
     best = refined[leader]
     for _ in range(FINAL_ROUNDS):
         (best,) = descent([best.parameters], FINAL_TOLERANCE, holds_bounds=True)
+        spent += best.evaluations
         if best.has_converged:
             break
     ended = [best if seed == leader else refined[seed] for seed in range(len(refined))]
     optima = distinct_optima(ended)
     bounded = at_bound(descent.objective.coordinates, best.parameters)
     verdict = _verdict(found, ended, optima, bounded)
-    return CrossCheck(found, tuple(refined), optima, bounded, verdict)
+    return CrossCheck(found, tuple(refined), optima, bounded, verdict, descent.kind, spent)
 
 
 def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:

@@ -22,13 +22,15 @@ LAYOUT: dict[str, Any] = {
     "title_style": "bold cyan",
     "header_style": "cyan",
 }
+# Scored samples from which reducing a record costs less than simulating it for every candidate.
+LONG = 2000
 
 
 def identification_report(
     checked: CrossCheck, evaluations: Sequence[Evaluation]
 ) -> list[RenderableType]:
-    """What was decided, the parameters, the errors and the verdict. The first evaluation is the
-    identification record's."""
+    """What was decided, the parameters, the errors and the verdict. The evaluations of the
+    identification records come first."""
     problem = checked.found.problem
     return [
         _decisions(checked),
@@ -108,17 +110,29 @@ def ocv_sentence(cell: CellModel) -> str:
 
 def _decisions(checked: CrossCheck) -> RenderableType:
     problem = checked.found.problem
-    course = problem.course
-    record = course.record
-    lines = [
-        f"Record {record.name}: {int(course.scored.sum())} scored of {len(course.soc)} simulated "
-        f"samples, SOC {course.initial_soc:.3f} at the start ({course.initial_soc_reason}).",
-        f"Current is {record.sign.value} in the file ({record.sign.strength}: "
-        f"{record.sign.reason}); held {record.hold.value} ({record.hold.reason}).",
+    lines = []
+    for course in problem.courses:
+        record = course.record
+        lines += [
+            f"Record {record.name}: {int(course.scored.sum())} scored of {len(course.soc)} "
+            f"simulated samples, SOC {course.initial_soc:.3f} at the start "
+            f"({course.initial_soc_reason}).",
+            f"Current is {record.sign.value} in the file ({record.sign.strength}: "
+            f"{record.sign.reason}); held {record.hold.value} ({record.hold.reason}).",
+        ]
+    lines += [
         f"Capacity {problem.cell.capacity_ah:.4f} Ah ({problem.cell.capacity_origin}); rest is "
-        f"under {1e3 * course.rest_current_a:.3g} mA.",
-        f"{checked.found.evaluations} simulations in the search, key {checked.found.key}.",
+        f"under {1e3 * problem.course.rest_current_a:.3g} mA.",
+        f"{checked.found.evaluations} simulations in the search by the {problem.kind} objective, "
+        f"{checked.evaluations} in the cross-check by the {checked.objective} one; key "
+        f"{checked.found.key}. Errors are the scan's.",
     ]
+    if problem.kind == "scan" and problem.scored >= LONG:
+        lines.append(
+            "--objective compressed searches the same objective in a fraction of the time."
+        )
+    if len(problem.courses) > 1:
+        lines.append(f"The circuit is identified on {len(problem.courses)} records jointly.")
     return Text("\n".join(lines))
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pydantic import field_validator
 
 from .cell import CellModel, CircuitParameters, get_circuit
-from .evaluate import Evaluation
+from .evaluate import Evaluation, pooled
 from .metrics import Metrics
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .problem import Problem
@@ -19,6 +19,7 @@ from .refinement import CrossCheck
 from .result_parts import (
     DecisionPart,
     InputPart,
+    JointPart,
     MetricsBlock,
     MetricsPart,
     OptimumPart,
@@ -39,6 +40,9 @@ REMEDY = "give the result.json that barnax identify wrote"
 class Result(Part):
     """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
+    `jointly` holds every record where several were identified together; `initial_soc` is then
+    that of the first.
+
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
@@ -56,6 +60,7 @@ class Result(Part):
     window: Window
     initial_soc: float
     initial_soc_reason: str
+    jointly: tuple[JointPart, ...] = ()
     inputs: tuple[InputPart, ...]
     warnings: tuple[str, ...]
     command: tuple[str, ...]
@@ -100,7 +105,7 @@ class Result(Part):
 
 def make_result(
     checked: CrossCheck,
-    identification: Evaluation,
+    identification: Sequence[Evaluation],
     validation: Sequence[Evaluation] = (),
     *,
     ocv: Sequence[Record] = (),
@@ -108,11 +113,12 @@ def make_result(
 ) -> Result:
     """Everything an identification found, as one value that can be stored.
 
-    `ocv` are the records the cell was characterized from; `command` what was run.
+    `identification` has an evaluation for every record the circuit was identified on, `ocv` the
+    records the cell was characterized from; `command` is what was run.
     """
     found, problem = checked.found, checked.found.problem
     method, settings = describe(found.optimizer)
-    records = [("identification", problem.course.record)]
+    records = [("identification", course.record) for course in problem.courses]
     records += [("validation", each.course.record) for each in validation]
     records += [("ocv", record) for record in ocv]
     return Result(
@@ -122,7 +128,7 @@ def make_result(
             method=method,
             settings=settings,
             coordinates=problem.scale,
-            objective="scan",
+            objective=problem.kind,
             population=found.optimizer.population,
             iterations=found.optimizer.iterations,
             key=found.key,
@@ -140,6 +146,8 @@ def make_result(
         ),
         refined=RefinedPart(
             rmse_v=checked.rmse_v,
+            objective=checked.objective,
+            evaluations=checked.evaluations,
             at_bound=checked.at_bound,
             optima=tuple(
                 OptimumPart(
@@ -155,7 +163,7 @@ def make_result(
             verdict=checked.verdict,
         ),
         metrics=MetricsBlock(
-            identification=metrics_part(identification),
+            identification=joint_metrics(problem.name, identification),
             validation=tuple(metrics_part(each) for each in validation),
         ),
         cell=problem.cell.to_dict(),
@@ -164,11 +172,25 @@ def make_result(
         window=problem.window,
         initial_soc=problem.course.initial_soc,
         initial_soc_reason=problem.course.initial_soc_reason,
+        jointly=tuple(
+            JointPart(
+                initial_soc=each.course.initial_soc,
+                initial_soc_reason=each.course.initial_soc_reason,
+                metrics=metrics_part(each),
+            )
+            for each in identification
+            if len(identification) > 1
+        ),
         inputs=tuple(input_part(role, record) for role, record in records),
         warnings=all_warnings(problem, validation, ocv),
         command=tuple(command),
         versions=all_versions(),
     )
+
+
+def joint_metrics(name: str, evaluations: Sequence[Evaluation]) -> MetricsPart:
+    """The metrics of several records together, under one name."""
+    return MetricsPart(record=name, **asdict(pooled(evaluations)))
 
 
 def metrics_part(evaluation: Evaluation) -> MetricsPart:

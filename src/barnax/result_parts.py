@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .errors import InputError
+from .problem import Kind
 
 Stored = TypeVar("Stored", bound=BaseModel)
 
@@ -52,7 +53,7 @@ class SearchPart(Part):
     method: str
     settings: dict[str, Any]
     coordinates: Literal["rc", "log"]
-    objective: Literal["scan"]
+    objective: Kind
     population: int
     iterations: int
     key: int
@@ -73,9 +74,13 @@ class RefinedPart(Part):
     """The Levenberg-Marquardt cross-check.
 
     `moved` is each seed's largest relative change, `converged` whether it stood still at the end.
+    `objective` says how it computed errors on its way; `rmse_v` is the scan's. `evaluations`
+    counts simulations, a Jacobian as one per free parameter.
     """
 
     rmse_v: Volts
+    objective: Kind
+    evaluations: int
     at_bound: tuple[str, ...]
     optima: tuple[OptimumPart, ...] = Field(min_length=1)
     moved: tuple[float, ...]
@@ -96,8 +101,16 @@ class MetricsPart(Part):
     samples: int
 
 
+class JointPart(Part):
+    """One of several records that were identified together."""
+
+    initial_soc: float
+    initial_soc_reason: str
+    metrics: MetricsPart
+
+
 class MetricsBlock(Part):
-    """Errors of the refined parameters."""
+    """Errors of the refined parameters; of several records together, over all their samples."""
 
     identification: MetricsPart
     validation: tuple[MetricsPart, ...]

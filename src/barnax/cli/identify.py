@@ -28,11 +28,12 @@ if TYPE_CHECKING:
 
 
 def identify(
-    record: Annotated[
-        Path | None,
+    records: Annotated[
+        list[Path] | None,
         typer.Argument(
-            metavar="RECORD",
-            help="Dynamic record to identify on; without it, the bundled cell runs.",
+            metavar="[RECORD]...",
+            help="Dynamic record to identify on, several to find one circuit for all of them; "
+            "without any, the bundled cell runs.",
             show_default=False,
         ),
     ] = None,
@@ -76,6 +77,7 @@ def identify(
             rich_help_panel=SEARCH,
         ),
     ] = "ibmo",
+    objective: options.Objective = "scan",
     coordinates: Annotated[
         options.Scale,
         typer.Option(
@@ -175,7 +177,7 @@ def identify(
     folder = out or (None if as_json else DEFAULT_FOLDER)
     if folder is not None:
         require_free(folder, force)
-    record, ocv, validate = _files(record, ocv or [], validate or [])
+    records, ocv, validate = _files(records or [], ocv or [], validate or [])
     with session.stage("Loading JAX"):
         use_compilation_cache()
         import jax
@@ -214,7 +216,7 @@ def identify(
             return read_record(path, current_sign=sign, current_hold=current_hold)
 
         tests = [read(path, ocv_current_sign) for path in ocv]
-        dynamic = read(record, current_sign)
+        dynamic = [read(path, current_sign) for path in records]
         others = [read(path, validate_current_sign) for path in validate]
     with session.stage("Characterizing the cell"):
         cell = characterize(
@@ -232,6 +234,7 @@ def identify(
             bounds=ranges,
             fixed=parse_fixed(fix or []),
             coordinates=coordinates,
+            objective=objective,
             source=str(bounds.name) if bounds is not None else "--fix",
         )
         # A validation record that does not fit the window is refused before the search, not after.
@@ -245,39 +248,42 @@ def identify(
         with session.bar("Cross-checking", seeds) as advance:
             checked = refine(found, descent=compiling.result(), progress=advance)
     with session.stage("Validating"):
-        identified = evaluate_course(problem.course, checked.parameters)
+        identified = [evaluate_course(course, checked.parameters) for course in problem.courses]
         validated = [evaluate_course(course, checked.parameters) for course in courses]
     result = make_result(checked, identified, validated, ocv=tests, command=command_line())
     if folder is not None:
         files = {"result.json": result.to_json().encode()}
         with session.stage("Drawing figures"):
-            files |= _figures(cell, checked, [identified, *validated])
+            files |= _figures(cell, checked, identified, validated)
         files["timings.json"] = session.timings_json()
         write_folder(folder, files)
     if as_json:
         typer.echo(result.to_json(), nl=False)
-    session.show(identification_report(checked, [identified, *validated]))
+    session.show(identification_report(checked, [*identified, *validated]))
     session.warn(all_warnings(problem, validated, tests))
     session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
 
 
 def _files(
-    record: Path | None, ocv: list[Path], validate: list[Path]
-) -> tuple[Path, list[Path], list[Path]]:
+    records: list[Path], ocv: list[Path], validate: list[Path]
+) -> tuple[list[Path], list[Path], list[Path]]:
     """The files to work on: those given, or the bundled cell's where none is."""
-    if record is None:
+    if not records:
         if ocv or validate:
             raise InputError("give a RECORD to identify on; --ocv and --validate only go with one")
-        return BUNDLED.record, [*BUNDLED.ocv], [BUNDLED.validation]
+        return [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     if not ocv:
         raise InputError(
-            f"{record}: an OCV test of the same cell is needed as well; give it with --ocv"
+            f"{records[0]}: an OCV test of the same cell is needed as well; give it with --ocv"
         )
-    return record, ocv, validate
+    return records, ocv, validate
 
 
 def _figures(
-    cell: "CellModel", checked: "CrossCheck", evaluations: "list[Evaluation]"
+    cell: "CellModel",
+    checked: "CrossCheck",
+    identified: "list[Evaluation]",
+    validated: "list[Evaluation]",
 ) -> dict[str, bytes]:
     """PNG figures by their path below the results folder."""
     from ..plots import (
@@ -293,8 +299,17 @@ def _figures(
         "hysteresis": plot_hysteresis(cell),
         "convergence": plot_convergence(checked.found, checked),
     }
-    for number, evaluation in enumerate(evaluations):
-        role = "identification" if number == 0 else f"validation-{number}"
+    roles = [("identification", each) for each in _numbered(identified)]
+    roles += [("validation", each) for each in enumerate(validated, 1)]
+    for name, (number, evaluation) in roles:
+        role = name if number is None else f"{name}-{number}"
         figures[f"{role}-voltage"] = plot_voltage(evaluation)
         figures[f"{role}-error"] = plot_error(evaluation)
     return {f"figures/{name}.png": png_bytes(figure) for name, figure in figures.items()}
+
+
+def _numbered(evaluations: "list[Evaluation]") -> "list[tuple[int | None, Evaluation]]":
+    """Each with its number, or the only one without."""
+    if len(evaluations) == 1:
+        return [(None, evaluations[0])]
+    return [*enumerate(evaluations, 1)]

@@ -1,6 +1,6 @@
 """The figures of the cell and of one record, with their captions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..plots import plot_condition, plot_hysteresis, plot_ocv
@@ -31,11 +31,11 @@ def cell_illustrations(cell: "CellModel") -> Iterator[Illustration]:
     )
 
 
-def condition_illustrations(courses: "Sequence[Course]") -> Iterator[Illustration]:
-    """Current, voltage and state of charge of every record, the identification record first."""
-    for record, course in enumerate(courses):
+def condition_illustrations(courses: "Mapping[str, Course]") -> Iterator[Illustration]:
+    """Current, voltage and state of charge of every record, by its role."""
+    for role, course in courses.items():
         yield Illustration(
-            f"{record_role(record)}-condition",
+            f"{role}-condition",
             plot_condition(course),
             f"The working condition of {course.record.name}: current, measured voltage and state "
             "of charge.",
@@ -43,6 +43,14 @@ def condition_illustrations(courses: "Sequence[Course]") -> Iterator[Illustratio
         )
 
 
-def record_role(record: int) -> str:
-    """What a file's name begins with: the identification record, then those for validation."""
-    return "identification" if record == 0 else f"validation-{record}"
+def record_roles(identified: int, validated: int) -> list[str]:
+    """What the files of each record are called: those identified on, then those for validation.
+
+    >>> record_roles(1, 2)
+    ['identification', 'validation-1', 'validation-2']
+    """
+    first = [f"identification-{number}" for number in range(1, identified + 1)]
+    return [
+        *(first if identified > 1 else ["identification"]),
+        *(f"validation-{number}" for number in range(1, validated + 1)),
+    ]

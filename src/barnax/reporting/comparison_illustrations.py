@@ -10,7 +10,7 @@ from ..plots import (
     plot_compared_voltages,
 )
 from ..plots.illustration import Illustration
-from .cell_illustrations import cell_illustrations, condition_illustrations, record_role
+from .cell_illustrations import cell_illustrations, condition_illustrations, record_roles
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -27,27 +27,29 @@ def comparison_illustrations(
     """
     figures = [*cell_illustrations(result.cell_model)]
     if comparison is not None and comparison.answered:
-        courses = [each.course for each in comparison.answered[0].evaluations]
-        figures += condition_illustrations(courses)
-        for record in range(len(courses)):
-            figures += _rows_on(comparison, record)
+        evaluations = comparison.answered[0].evaluations
+        roles = record_roles(1, len(evaluations) - 1)
+        courses = [each.course for each in evaluations]
+        figures += condition_illustrations(dict(zip(roles, courses, strict=True)))
+        for record, role in enumerate(roles):
+            figures += _rows_on(comparison, record, role)
     if any(row.seeds for row in result.rows):
         figures += _seeds_of(result)
     return figures
 
 
-def _rows_on(comparison: "Comparison", record: int) -> Iterator[Illustration]:
+def _rows_on(comparison: "Comparison", record: int, role: str) -> Iterator[Illustration]:
     evaluations = {row.name: row.evaluations[record] for row in comparison.answered}
     name = comparison.answered[0].evaluations[record].course.record.name
     yield Illustration(
-        f"{record_role(record)}-voltages",
+        f"{role}-voltages",
         plot_compared_voltages(evaluations),
         f"Measured and simulated voltage on {name}. Below, the framed stretch, chosen by the "
         "current alone.",
         "Measured voltage and the simulations of the rows over time, with a magnified stretch",
     )
     yield Illustration(
-        f"{record_role(record)}-errors",
+        f"{role}-errors",
         plot_compared_errors(evaluations),
         f"Measured minus simulated voltage on {name}, over time and over the state of charge, on "
         "one scale. Dashed: plus and minus the RMSE; steps: the RMSE in each twentieth of the "

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..plots.illustration import Illustration
-from .cell_illustrations import record_role
+from .cell_illustrations import record_roles
 from .comparison_tables import (
     bands_table,
     differences_table,
@@ -89,7 +89,7 @@ def _verdict(result: "ComparisonResult") -> Iterator[str]:
 
 
 def _measured(result: "ComparisonResult", pictures: Pictures) -> Section:
-    conditions = [f"{record_role(record)}-condition" for record in range(len(records(result)))]
+    conditions = [f"{role}-condition" for role in record_roles(1, len(records(result)) - 1)]
     return Section(
         "What was measured",
         (files_table(result), *pictures.of(*conditions, "ocv", "hysteresis")),
@@ -97,7 +97,8 @@ def _measured(result: "ComparisonResult", pictures: Pictures) -> Section:
 
 
 def _decisions(result: "ComparisonResult") -> Iterator[str]:
-    yield from decision_sentences(result)
+    starts = [(name, result.initial_soc, result.initial_soc_reason) for name in records(result)[:1]]
+    yield from decision_sentences(result, starts)
     yield from box_sentences({name: (m.bounds, m.fixed) for name, m in result.models.items()})
     yield budget_sentence(result)
 
@@ -124,8 +125,8 @@ def _results(
             *pictures.starting("landscape"),
         ),
     )
-    for record, name in enumerate(records(result)):
-        role = record_role(record)
+    roles = record_roles(1, len(records(result)) - 1)
+    for record, (name, role) in enumerate(zip(records(result), roles, strict=True)):
         yield Section(
             f"{'Identification' if record == 0 else 'Validation'}: {name}",
             (

@@ -1,19 +1,18 @@
 """The tables of a comparison: parameters, errors, searches, bands of SOC, differences."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..plots.quantities import readable
+from .circuits_table import ROW, circuits_table
 from .comparison_view import answered, errors_on, leaders, ranked, records, rmse_on
 from .document import Column, Table
 from .metrics_table import METRICS, metrics_cells
-from .words import NOTHING, fixed, joined, percent, significant
+from .words import NOTHING, fixed, joined, percent
 
 if TYPE_CHECKING:
     from ..comparison_parts import DifferencePart, RowPart
     from ..comparison_result import ComparisonResult
 
-ROW = Column("row", role="text")
 # With more pairs than these only those are shown that a reader asks for first.
 ALL_PAIRS = 15
 NARROW_MARK = "†"
@@ -23,7 +22,7 @@ def parameters_table(result: "ComparisonResult") -> Table:
     """Every row's own parameters and time constants (Li et al., 2023, Table 3)."""
     rows = answered(result)
     bounds = {row.name: "; ".join(row.at_bound) for row in rows}
-    return _circuits(
+    return circuits_table(
         "Parameters and time constants of each row's median seed, not refined.",
         {row.name: row.parameters or {} for row in rows},
         (Column("at a bound", role="text"),),
@@ -35,7 +34,7 @@ def refined_table(result: "ComparisonResult") -> Table:
     """What Levenberg-Marquardt makes of every row's median seed."""
     rows = [row for row in answered(result) if row.refined_parameters is not None]
     refined_v = {row.name: row.refined_rmse_v for row in rows}
-    return _circuits(
+    return circuits_table(
         "The same after Levenberg-Marquardt has refined the median seed in the same box.",
         {row.name: row.refined_parameters or {} for row in rows},
         (Column("RMSE", "mV"),),
@@ -163,39 +162,6 @@ def failures_table(result: "ComparisonResult") -> Table:
         columns=(ROW, Column("why", role="text")),
         rows=tuple((row.name, row.failure) for row in result.rows if row.failure is not None),
     )
-
-
-def _circuits(
-    caption: str,
-    circuits: Mapping[str, Mapping[str, float]],
-    further: tuple[Column, ...],
-    cells: Callable[[str], tuple[str, ...]],
-) -> Table:
-    """Rows of parameters, a dash where a circuit has not got one."""
-    values = {name: readable(parameters) for name, parameters in circuits.items()}
-    heads = sorted({head for each in values.values() for head in each}, key=_order)
-    return Table(
-        caption=caption,
-        columns=(ROW, *(_column(head) for head in heads), *further),
-        rows=tuple(
-            (name, *(significant(each.get(head)) for head in heads), *cells(name))
-            for name, each in values.items()
-        ),
-    )
-
-
-def _order(head: str) -> tuple[str, int]:
-    """R0, R1, C1, tau1, R2, ...: pair by pair, what has no pair last."""
-    symbol = head.split()[0]
-    kinds = ("R", "C", "tau")
-    kind = symbol.rstrip("0123456789")
-    number = symbol[len(kind) :]
-    return (number or "9", kinds.index(kind) if kind in kinds else len(kinds))
-
-
-def _column(head: str) -> Column:
-    name, _, unit = head.partition(" ")
-    return Column(name, unit.strip("[]"))
 
 
 def _search_cells(row: "RowPart", seconds: Mapping[str, float] | None) -> tuple[str, ...]:

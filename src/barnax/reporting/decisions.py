@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     Stored = Result | ComparisonResult
 
+# The name of a record, the state of charge where its simulation starts, and why that.
+Start = tuple[str, float, str]
+
 # How firmly something was decided, before its reason.
 FIRMNESS = {
     "given": "",
@@ -40,18 +43,16 @@ def files_table(stored: "Stored") -> Table:
     )
 
 
-def decision_sentences(stored: "Stored") -> Iterator[str]:
-    """What was decided before the search."""
+def decision_sentences(stored: "Stored", starts: Iterable[Start]) -> Iterator[str]:
+    """What was decided before the search; `starts` are those of the records identified on."""
     cell = stored.cell_model
     yield from _signs(stored.inputs)
     yield from _holds(stored.inputs)
     yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
     yield from ocv_sentences(cell)
     yield from window_sentences(stored.window)
-    yield (
-        f"The simulation of {_identified(stored)} starts at a state of charge of "
-        f"{stored.initial_soc:.3f} ({stored.initial_soc_reason})."
-    )
+    for name, soc, reason in starts:
+        yield f"The simulation of {name} starts at a state of charge of {soc:.3f} ({reason})."
 
 
 def ocv_sentences(cell: CellModel) -> Iterator[str]:
@@ -67,11 +68,14 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
         f"{len(cell.discharge_points)} from discharging, {len(cell.charge_points)} from charging."
     )
     missed = [
-        f"the {name} by {millivolt(error.rms_v)} rms, {millivolt(error.max_v)} at most"
+        f"{name} {millivolt(error.rms_v)} rms and {millivolt(error.max_v)} at most"
         for name, error in cell.errors.items()
         if error.max_v > THROUGH_V
     ]
-    yield f"At their points the fits miss {'; '.join(missed) or 'nothing'}."
+    if missed:
+        yield f"So far the fits pass from their points: {'; '.join(missed)}."
+    else:
+        yield "The fits pass through their points."
     if cell.hysteresis.points:
         yield (
             f"The hysteresis voltage is five {cell.hysteresis.kind} segments over the state of "
@@ -91,12 +95,14 @@ def window_sentences(window: "Window") -> Iterator[str]:
         yield "Every record is simulated from its first sample on."
     limits = []
     if window.score_steps is not None:
-        limits.append(f"in {joined([f'step {step}' for step in window.score_steps])}")
+        noun = "step" if len(window.score_steps) == 1 else "steps"
+        limits.append(f"in {noun} {joined([str(step) for step in window.score_steps])}")
     if window.score_from_s is not None:
         limits.append(f"from {window.score_from_s:g} s")
     if window.score_to_s is not None:
         limits.append(f"up to {window.score_to_s:g} s")
-    yield f"Errors count {joined(limits) or 'at every simulated sample'}."
+    where = f"at the samples {', '.join(limits)}" if limits else "at every simulated sample"
+    yield f"Errors count {where}."
     if window.rest_current_a is not None:
         yield f"The cell counts as resting below {1e3 * window.rest_current_a:.3g} mA, as you said."
 
@@ -132,12 +138,6 @@ def _gathered(
 
 def _reason(decision: "DecisionPart") -> str:
     return FIRMNESS[decision.strength] + decision.reason
-
-
-def _identified(stored: "Stored") -> str:
-    return next(
-        (each.name for each in stored.inputs if each.role == "identification"), "the record"
-    )
 
 
 def box_sentences(

@@ -80,28 +80,28 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
 
 
 def bands_table(result: "ComparisonResult", record: int) -> Table:
-    """Errors by state of charge on one record."""
+    """Errors by state of charge on one record, for the bands that hold any sample."""
     rows = answered(result)
-    bands = errors_on(rows[0], record).bands
-    heads = [f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %" for band in bands]
-    samples = joined([f"{band.samples} in {head}" for head, band in zip(heads, bands, strict=True)])
+    held = [
+        (place, f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %", band.samples)
+        for place, band in enumerate(errors_on(rows[0], record).bands)
+        if band.samples
+    ]
+    samples = joined([f"{count} in {head}" for _, head, count in held])
+    cells = [[errors_on(row, record).bands[place] for place, _, _ in held] for row in rows]
     return Table(
         caption=f"Errors on {records(result)[record]} by state of charge: RMSE and mean of "
         f"measured minus simulated voltage. Samples: {samples}.",
         columns=(
             ROW,
-            *(Column(f"{head} {kind}", "mV") for head in heads for kind in ("RMSE", "mean")),
+            *(Column(f"{head} {kind}", "mV") for _, head, _ in held for kind in ("RMSE", "mean")),
         ),
         rows=tuple(
             (
                 row.name,
-                *(
-                    cell
-                    for band in errors_on(row, record).bands
-                    for cell in (_millivolts(band.rmse_v), _millivolts(band.mean_v))
-                ),
+                *(_millivolts(value) for band in bands for value in (band.rmse_v, band.mean_v)),
             )
-            for row in rows
+            for row, bands in zip(rows, cells, strict=True)
         ),
     )
 

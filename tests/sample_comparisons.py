@@ -1,0 +1,195 @@
+"""Comparisons made by hand, whose every number a test knows."""
+
+from collections.abc import Sequence
+from functools import cache
+
+from barnax import bundled_file, characterize, read_record
+from barnax.cell import CellModel
+from barnax.comparison_parts import (
+    BandPart,
+    BudgetPart,
+    DifferencePart,
+    ModelPart,
+    OverSeedsPart,
+    OverTimePart,
+    RecordErrorsPart,
+    RowPart,
+    SeedAnswerPart,
+    SpreadPart,
+)
+from barnax.comparison_result import ComparisonResult
+from barnax.result_parts import DecisionPart, InputPart, MetricsPart
+from barnax.window import Window
+
+DRIVE, CITY = "drive.csv", "city.csv"
+PARAMETERS = {
+    "R0 [Ohm]": 0.05,
+    "R1 [Ohm]": 0.01,
+    "C1 [F]": 1000.0,
+    "R2 [Ohm]": 0.02,
+    "C2 [F]": 5000.0,
+}
+BOX = {
+    "R0 [Ohm]": (1e-4, 0.2),
+    "R1 [Ohm]": (1e-4, 0.2),
+    "R2 [Ohm]": (1e-4, 0.2),
+    "tau1 [s]": (0.5, 5000.0),
+    "tau2 [s]": (0.5, 5000.0),
+}
+
+
+@cache
+def bundled_cell() -> CellModel:
+    return characterize(
+        [read_record(bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")]
+    )
+
+
+def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErrorsPart:
+    """A hundred samples below 10 % SOC with twice the error, nine hundred above 20 %."""
+    low = BandPart(
+        low_soc=0.0,
+        high_soc=0.1,
+        samples=low_samples,
+        rmse_v=2 * rmse_v if low_samples else None,
+        mean_v=-rmse_v if low_samples else None,
+        max_v=4 * rmse_v if low_samples else None,
+    )
+    empty = BandPart(low_soc=0.1, high_soc=0.2, samples=0, rmse_v=None, mean_v=None, max_v=None)
+    high = BandPart(low_soc=0.2, high_soc=1.0, samples=900, rmse_v=rmse_v, mean_v=0.001, max_v=0.05)
+    return RecordErrorsPart(
+        metrics=MetricsPart(
+            record=record,
+            rmse_v=rmse_v,
+            r2=0.99,
+            r2_paper=0.991,
+            mape_percent=0.4,
+            ce_v=12.3,
+            max_v=0.16,
+            samples=900 + low_samples,
+        ),
+        bands=(low, empty, high),
+    )
+
+
+def make_row(name: str, *rmse_mv: float, seeds: int = 3, **changes: object) -> RowPart:
+    """An answered row, such as `ibmo so-rc`, with its RMSE on every record in mV."""
+    method, model = name.split()
+    identified_v, *validated_v = (value / 1e3 for value in rmse_mv)
+    parameters = PARAMETERS | ({"gamma": 300.0} if model == "esc" else {})
+    answers = tuple(
+        SeedAnswerPart(
+            rmse_v=identified_v * (1 + 0.01 * seed),
+            parameters=parameters,
+            evaluations=300,
+            history_v=(2 * identified_v, 1.5 * identified_v, identified_v * (1 + 0.01 * seed)),
+        )
+        for seed in range(seeds)
+    )
+    values: dict = {
+        "model": model,
+        "method": method,
+        "source": "made by hand",
+        "is_deterministic": seeds == 1,
+        "parameters": parameters,
+        "time_constants": {"tau1 [s]": 10.0, "tau2 [s]": 100.0},
+        "evaluations": 300,
+        "spread": SpreadPart(
+            best_rmse_v=identified_v, worst_rmse_v=1.02 * identified_v, deviation_v=0.001
+        ),
+        "identification": make_errors(DRIVE, identified_v),
+        "validation": tuple(
+            make_errors(CITY if place == 0 else f"city-{place}.csv", value)
+            for place, value in enumerate(validated_v)
+        ),
+        "refined_rmse_v": identified_v,
+        "refined_parameters": parameters,
+        "seeds": answers,
+    }
+    return RowPart(**values | changes)
+
+
+def make_failure(name: str, reason: str) -> RowPart:
+    method, model = name.split()
+    return RowPart(
+        model=model, method=method, source="made by hand", is_deterministic=True, failure=reason
+    )
+
+
+def make_difference(
+    first: str,
+    second: str,
+    interval_mv: tuple[float, float],
+    *,
+    record: str = DRIVE,
+    seeds: tuple[int, int, float] | None = None,
+    is_capped: bool = False,
+) -> DifferencePart:
+    """A difference in the middle of its interval, real where that leaves out zero."""
+    low_v, high_v = (end / 1e3 for end in interval_mv)
+    over_seeds = None
+    if seeds is not None:
+        wins, losses, p_value = seeds
+        over_seeds = OverSeedsPart(median_v=0.0, wins=wins, losses=losses, p_value=p_value)
+    return DifferencePart(
+        first=first,
+        second=second,
+        record=record,
+        is_validation=record != DRIVE,
+        over_time=OverTimePart(
+            difference_v2=0.0,
+            interval_v2=(low_v, high_v),
+            difference_v=(low_v + high_v) / 2,
+            interval_v=(low_v, high_v),
+            block_samples=50,
+            is_block_capped=is_capped,
+            is_real=low_v > 0 or high_v < 0,
+        ),
+        over_seeds=over_seeds,
+    )
+
+
+def make_comparison(
+    rows: Sequence[RowPart],
+    differences: Sequence[DifferencePart] = (),
+    optima_mv: dict[str, float] | None = None,
+    names: dict[str, str] | None = None,
+    **changes: object,
+) -> ComparisonResult:
+    """A comparison of these rows; `names` replaces the names of its files."""
+    files = {"identification": DRIVE, "validation": CITY, "ocv": "ocv.csv"} | (names or {})
+    decision = DecisionPart(value="charge-positive", strength="strong", reason="the steps say so")
+    hold = DecisionPart(value="forward", strength="assumed", reason="no counters")
+    values: dict = {
+        "rows": tuple(rows),
+        "differences": tuple(differences),
+        "models": {
+            row.model: ModelPart(
+                bounds=BOX,
+                fixed={},
+                optimum_rmse_v=(optima_mv or {}).get(row.model, 0.0) / 1e3 or None,
+            )
+            for row in rows
+        },
+        "budget": BudgetPart(
+            population=30,
+            iterations=9,
+            seeds=3,
+            key=7,
+            evaluations=300,
+            coordinates="rc",
+            objective="scan",
+        ),
+        "cell": bundled_cell().to_dict(),
+        "window": Window(),
+        "initial_soc": 0.8,
+        "initial_soc_reason": "given",
+        "inputs": tuple(
+            InputPart(role=role, name=name, sha256="0123456789abcdef" * 4, sign=decision, hold=hold)
+            for role, name in files.items()
+        ),
+        "warnings": ("the file is odd",),
+        "command": ("barnax", "compare", DRIVE),
+        "versions": {"barnax": "0.1.0"},
+    }
+    return ComparisonResult(**values | changes)

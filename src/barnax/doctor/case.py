@@ -17,6 +17,8 @@ from .finding import Finding, Severity, found_at
 
 # A current step: a change by more than this share of the largest current.
 STEP_SHARE = 0.1
+# A current that stands still: it changes by less than this share.
+STEADY_SHARE = 0.01
 _FEWEST_STEPS = 3
 _AGREEING = 0.5
 
@@ -36,6 +38,20 @@ class Case:
     def span_ah(self) -> float:
         """The charge between the record's fullest and emptiest moments."""
         return float(np.ptp(self.record.discharged_ah))
+
+    @cached_property
+    def charged_ah(self) -> float:
+        """All the charge that went in."""
+        return float(np.sum(np.maximum(-self._moved_ah, 0)))
+
+    @cached_property
+    def discharged_ah(self) -> float:
+        """All the charge that came out."""
+        return float(np.sum(np.maximum(self._moved_ah, 0)))
+
+    @cached_property
+    def _moved_ah(self) -> Float[np.ndarray, "intervals"]:
+        return self.record.interval_current_a * self.record.interval_s / 3600
 
     @cached_property
     def scale_ah(self) -> float:
@@ -70,7 +86,7 @@ class Case:
     @cached_property
     def noise_v(self) -> float:
         """The noise of a voltage step while the current stands still."""
-        return voltage_noise_v(self.step_v, np.abs(self.step_a) < 0.01 * self.peak_a)
+        return voltage_noise_v(self.step_v, np.abs(self.step_a) < STEADY_SHARE * self.peak_a)
 
     @cached_property
     def resolution_v(self) -> float:

@@ -42,7 +42,7 @@ def find_counters(case: Case) -> Iterator[Finding]:
 
 
 def _against_integral(case: Case, counted: tuple[float, float]) -> Iterator[Finding]:
-    integrated = charged_ah(case), discharged_ah(case)
+    integrated = case.charged_ah, case.discharged_ah
     total_ah = sum(counted)
     # The names of the counters are the tester's; the sign of the current is settled elsewhere.
     apart = max(abs(a - b) for a, b in zip(integrated, counted, strict=True)) / total_ah
@@ -114,18 +114,6 @@ def find_closure(case: Case) -> Iterator[Finding]:
         "check the current's range and offset, and whether both ends were reached; do not put "
         "both branches on one axis of charge",
     )
-
-
-def charged_ah(case: Case) -> float:
-    """All the charge that went in."""
-    moved = case.record.interval_current_a * case.record.interval_s
-    return float(np.sum(np.maximum(-moved, 0))) / 3600
-
-
-def discharged_ah(case: Case) -> float:
-    """All the charge that came out."""
-    moved = case.record.interval_current_a * case.record.interval_s
-    return float(np.sum(np.maximum(moved, 0))) / 3600
 
 
 def _throughput_ah(case: Case, hold: str) -> float:

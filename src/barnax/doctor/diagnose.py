@@ -24,6 +24,7 @@ from .finding import Finding
 from .registry import CHECKS
 from .repeats import examine_repeats
 from .roles import find_roles
+from .sign import examine_turn
 from .time_unit import examine_time_unit
 from .voltage_unit import examine_voltage
 
@@ -98,6 +99,8 @@ def _mend(
     findings += _named("time unit", found)
     samples, found = examine_current_unit(samples, columns, capacity_ah)
     findings += _named("current unit", found)
+    samples, found = examine_turn(samples)
+    findings += _named("sign", found)
     return samples, findings
 
 

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from .case import Case
-from .charge import charged_ah, discharged_ah
 from .finding import Finding
 from .roles import Role
 
@@ -77,8 +76,8 @@ def facts_of(case: Case) -> Facts:
         last_s=float(record.time_s[-1]),
         interval_s=float(np.median(record.interval_s)),
         voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
-        charged_ah=charged_ah(case),
-        discharged_ah=discharged_ah(case),
+        charged_ah=case.charged_ah,
+        discharged_ah=case.discharged_ah,
         current_sign=record.sign.value,
         current_hold=record.hold.value,
     )

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from .case import Check
 from .charge import find_capacity, find_closure, find_counters
+from .clipped import find_clipped_current
 from .resolution import find_resolution, find_temperature
 from .rests import find_rests
 from .sampling import find_coarse_intervals, find_gaps, find_rebuilt_clock
@@ -17,6 +18,7 @@ CHECKS: Mapping[str, Check] = {
     "coarse intervals": find_coarse_intervals,
     "rebuilt clock": find_rebuilt_clock,
     "rests": find_rests,
+    "clipped current": find_clipped_current,
     "stuck voltage": find_stuck_voltage,
     "stuck current": find_stuck_current,
     "voltage spikes": find_voltage_spikes,

@@ -5,17 +5,19 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..records.stretches import stretches
-from .case import Case
+from .case import STEADY_SHARE, Case
 from .finding import Finding, counted
 
-# A rest is looked for where the current is below this share of its peak for a minute.
-_SMALL_SHARE, _SHORTEST_S, _FEWEST = 0.05, 60.0, 5
+# A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many
+# samples.
+_LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
+# Rests of a minute are rests; by time, so much of them must have the offset, and so little none.
+_LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
 # In the second half of a rest the voltage hardly moves, as it does in a slow sweep, and the current
 # is steady, as it is not in a taper.
-_SETTLED_V = 0.01
+_SETTLED_V, _SPREAD = 0.01, 0.3
 # An offset's ampere-hours over the record, as shares of the capacity.
-_DRIFT, _NOTED_DRIFT = 0.01, 1e-3
-_SPREAD = 0.3
+_DRIFT, _NOTED_DRIFT = 0.01, 5e-3
 
 
 def find_rests(case: Case) -> Iterator[Finding]:
@@ -46,30 +48,58 @@ def find_rests(case: Case) -> Iterator[Finding]:
 def _rests(case: Case) -> list[tuple[int, float, float]]:
     """First sample, median current in A and length in s of each stretch that looks like a rest."""
     record = case.record
-    first, last = stretches(np.abs(record.current_a) < _SMALL_SHARE * case.peak_a)
-    length_s = record.time_s[last] - record.time_s[first]
-    is_long = (length_s >= _SHORTEST_S) & (last - first >= _FEWEST)
+    small_a = min(_turnover_ah(case) / _LOAD_HOURS, _SMALL_SHARE * case.peak_a)
+    is_small = np.abs(record.current_a) < small_a
+    is_quiet = is_small[1:] & is_small[:-1] & (np.abs(case.step_a) < STEADY_SHARE * case.peak_a)
+    first, last_interval = stretches(is_quiet)
+    last = last_interval + 1
+    is_long = last - first + 1 >= _FEWEST
     found = []
-    for a, b, length in zip(first[is_long], last[is_long], length_s[is_long], strict=True):
+    for a, b in zip(first[is_long].tolist(), last[is_long].tolist(), strict=True):
         half = slice((a + b) // 2, b + 1)
         current_a, voltage_v = record.current_a[half], record.voltage_v[half]
         middle_a = float(np.median(current_a))
-        low_a, high_a = np.quantile(current_a, [0.1, 0.9])
-        is_steady = high_a - low_a <= _SPREAD * abs(middle_a) + 4 * case.resolution_a
-        if is_steady and np.ptp(voltage_v) <= _SETTLED_V + 4 * case.noise_v:
-            found.append((int(a), middle_a, float(length)))
+        third = max(len(current_a) // 3, 1)
+        drift_a = abs(float(np.median(current_a[:third]) - np.median(current_a[-third:])))
+        is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * case.resolution_a
+        is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * case.noise_v
+        if is_steady and is_settled and not _is_counted(case, a, b):
+            found.append((a, middle_a, float(record.time_s[b] - record.time_s[a])))
     return found
 
 
+def _turnover_ah(case: Case) -> float:
+    """The capacity, or the charge that went either way: an offset may cancel the net charge."""
+    return case.capacity_ah or max(case.charged_ah, case.discharged_ah)
+
+
+def _is_counted(case: Case, first: int, last: int) -> bool:
+    """Whether the tester itself counted the charge of a stretch, which is then no rest."""
+    counters = case.samples.counters
+    if counters.charged_ah is None or counters.discharged_ah is None:
+        return False
+    counted = (counters.charged_ah, counters.discharged_ah)
+    counted_ah = sum(float(counter[last] - counter[first]) for counter in counted)
+    moved_ah = abs(float(np.diff(case.record.discharged_ah[[first, last]])[0]))
+    return moved_ah > 0 and counted_ah > 0.5 * moved_ah
+
+
 def _offset(case: Case, rests: list[tuple[int, float, float]]) -> Iterator[Finding]:
-    """An offset, if no rest is without: what reads zero somewhere has none."""
+    """An offset, if most of the rests have it and hardly any is without.
+
+    Of short stretches some may be loads, which is why they count only where there are no long ones.
+    """
+    rests = [rest for rest in rests if rest[2] >= _LONG_S] or rests
     values_a = np.array([value for _, value, _ in rests])
     lengths_s = np.array([length for *_, length in rests])
-    offset_a = float(values_a[np.argmin(np.abs(values_a))])
-    if abs(offset_a) <= 2 * case.resolution_a and abs(offset_a) < case.scale_ah / 100:
-        return
-    is_alike = np.abs(values_a - offset_a) <= _SPREAD * abs(offset_a) + 2 * case.resolution_a
-    if lengths_s[is_alike].sum() < 0.5 * lengths_s.sum():
+    order = np.argsort(values_a)
+    middle = int(np.searchsorted(np.cumsum(lengths_s[order]), lengths_s.sum() / 2))
+    offset_a = float(values_a[order[middle]])
+    near_a = _SPREAD * abs(offset_a) + 2 * case.resolution_a
+    is_alike = np.abs(values_a - offset_a) <= near_a
+    is_zero = np.abs(values_a) <= near_a
+    alike_s, zero_s = lengths_s[is_alike].sum(), lengths_s[is_zero].sum()
+    if alike_s < _MOST * lengths_s.sum() or zero_s > _FEW * lengths_s.sum():
         return
     record = case.record
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
@@ -79,11 +109,11 @@ def _offset(case: Case, rests: list[tuple[int, float, float]]) -> Iterator[Findi
         f"the current is {value:.3g} mA while the cell rests, "
         f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
     )
-    if abs(offset_a) >= case.scale_ah / 100:
+    if abs(offset_a) >= _turnover_ah(case) / 100:
         limit_a = 1.5 * abs(offset_a)
         remedy = f"subtract it from the current, or --rest-current {limit_a:.2g} to see the rests"
         yield case.at(first, "warning", what, remedy)
-    elif drift_ah > _DRIFT * case.scale_ah:
+    elif drift_ah > _DRIFT * _turnover_ah(case):
         yield case.at(first, "warning", what, "subtract it from the current")
-    elif drift_ah > _NOTED_DRIFT * case.scale_ah:
+    elif drift_ah > _NOTED_DRIFT * _turnover_ah(case):
         yield case.at(first, "note", what, "subtract it from the current if it is none")

@@ -41,7 +41,7 @@ def find_gaps(case: Case) -> Iterator[Finding]:
             first,
             "warning",
             f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and up to "
-            f"{1e3 * doubt_ah:.3g} mAh are in doubt",
+            f"{doubt_ah:.2g} Ah are in doubt",
             "score one side only (--score-from, --score-to), or start behind it (--start-time)",
         )
     else:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .case import Case
-from .finding import Finding, Severity
+from .finding import Finding, Severity, counted
 from .spikes import voltage_spikes
 
 # What the current must do to a voltage that does not answer, in volts and in steps of resolution.
@@ -24,7 +24,7 @@ def find_stuck_voltage(case: Case) -> Iterator[Finding]:
     if not case.resistance_ohm:
         return
     voltage_v, current_a = case.record.voltage_v, case.record.current_a
-    first, last = _runs(voltage_v)
+    first, last = equal_runs(voltage_v)
     # At its ends a run may hold samples that were taken just before and after.
     inner = last - first >= _FEWEST_SAMPLES + 1
     first, last = first[inner] + 1, last[inner] - 1
@@ -44,7 +44,7 @@ def find_stuck_voltage(case: Case) -> Iterator[Finding]:
 def find_stuck_current(case: Case) -> Iterator[Finding]:
     """A current of one and the same reading while the voltage jumps up and down."""
     current_a = case.record.current_a
-    first, last = _runs(current_a)
+    first, last = equal_runs(current_a)
     is_long = last - first >= _FEWEST_SAMPLES
     first, last = first[is_long], last[is_long]
     if not len(first):
@@ -78,8 +78,8 @@ def _finding(
     samples = int(np.sum(last - first + 1))
     kind = "stops at" if is_limit and value[0] != 0 else "stands still at"
     what = (
-        f"the {channel} {kind} {value[worst]:.6g} {unit} over {samples} samples in {len(first)} "
-        f"places (rows {int(case.record.row[first[worst]])} to "
+        f"the {channel} {kind} {value[worst]:.6g} {unit} over {samples} samples in "
+        f"{counted(len(first), 'place')} (rows {int(case.record.row[first[worst]])} to "
         f"{int(case.record.row[last[worst]])}), where "
     )
     what += (
@@ -97,7 +97,7 @@ def _finding(
     )
 
 
-def _runs(values: Channel) -> Runs:
+def equal_runs(values: Channel) -> Runs:
     """First and last sample of each run of equal values."""
     changes = np.flatnonzero(np.diff(values) != 0)
     return np.concatenate([[0], changes + 1]), np.concatenate([changes, [len(values) - 1]])

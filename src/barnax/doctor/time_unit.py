@@ -16,8 +16,9 @@ from .bulk_time import bulk_time_s
 from .finding import Finding, Severity, found_at
 
 # A unit, its seconds, and the bulk time that would be too short for any cell if they were seconds.
+# Too long is what no whole record comes near; on a plateau, where the voltage stands, it may.
 _LONGER = (("hours", "h", 3600.0, 0.5), ("minutes", "min", 60.0, 40.0))
-_SLOW_S = 2e4
+_SLOW_S = 1e4
 # The voltage must have moved for that to mean anything, and through more than the steep end.
 _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 # Whole seconds in longer units, and how close the median interval comes to them. Past a fifth of a
@@ -75,13 +76,13 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
     if stated_s != 1:
         words, symbol, factor = ("seconds", "s", 1 / stated_s)
     interval_s = float(np.median(np.diff(samples.time_s)))
-    bulk_s, _ = bulk_time_s(samples)
+    bulk_s, travel_v = bulk_time_s(samples)
     ratio = throughput_ratio(samples)
     if ratio is not None and abs(ratio * factor - 1) >= _RATIO:
         return None
     reason = f"samples lie {interval_s:.5g} s apart"
     # A thousandfold charge alone may be milliamperes, which leave the bulk time as it is.
-    if bulk_s > _SLOW_S and interval_s >= _LONG_S / 10:
+    if bulk_s > _SLOW_S and travel_v >= _TRAVEL_V and interval_s >= _LONG_S / 10:
         return words, symbol, factor, "error", f"{reason}; {_bulk(bulk_s)}"
     if bulk_s == 0 and interval_s >= _LONG_S:
         return words, symbol, factor, "warning", reason

@@ -8,6 +8,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from . import export as export
     from . import plots as plots
     from .bundled import bundled_file as bundled_file
     from .cell import CellModel as CellModel
@@ -56,7 +57,7 @@ _HOME = {
     "refine": "refinement",
     "validate": "evaluate",
 }
-_MODULES = {"plots"}
+_MODULES = {"export", "plots"}
 
 __all__ = [
     "OPTIMIZERS",
@@ -74,6 +75,7 @@ __all__ = [
     "bundled_file",
     "characterize",
     "evaluate_course",
+    "export",
     "identify",
     "make_optimizer",
     "make_problem",

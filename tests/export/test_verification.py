@@ -32,13 +32,14 @@ def test_the_largest_difference_is_found_whatever_its_sign():
     error_v[[20, 90]] = 1e-3, -4e-3
     found = verify(result, faked(result, error_v), b"", SHORT)
     assert found.largest_v == pytest.approx(4e-3)
+    assert found.rms_v == pytest.approx(math.sqrt((1e-3**2 + 4e-3**2) / 200))
     assert (found.package, found.samples) == ("numpy", 200)
 
 
 def test_a_simulation_that_ends_early_never_passes_for_agreement():
     result = make_result("so-rc")
     found = verify(result, faked(result, np.where(np.arange(200) < 150, 0.0, np.nan)), b"", SHORT)
-    assert found.largest_v == math.inf
+    assert (found.largest_v, found.rms_v) == (math.inf, math.inf)
 
 
 def test_the_hysteresis_voltage_is_told_apart():

@@ -96,7 +96,7 @@ def _require_other(path: Path, result: Path) -> None:
 def _sentence(found: "Verification") -> str:
     text = (
         f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
-        f"samples of a pulse test: {found.largest_v:.3g} V"
+        f"samples of a pulse test: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
     )
     remainders = {
         "without the hysteresis voltage": found.without_hysteresis_v,

@@ -26,18 +26,19 @@ UNUSED_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Verification:
-    """The largest difference of terminal voltage between a package and barnax, in V.
+    """The largest and the rms difference of terminal voltage between a package and barnax, in V.
 
-    Two figures tell where it comes from: `without_hysteresis_v` is the same with the hysteresis
-    voltage taken out of barnax's circuit, `without_turns_v` leaves out the samples at which the
-    current turns. There an instant hysteresis has turned in barnax, while a hysteresis that is a
-    state has yet to see charge pass.
+    Two figures tell where the largest comes from: `without_hysteresis_v` is the same with the
+    hysteresis voltage taken out of barnax's circuit, `without_turns_v` leaves out the samples at
+    which the current turns. There an instant hysteresis has turned in barnax, while a hysteresis
+    that is a state has yet to see charge pass.
     """
 
     package: str
     version: str
     samples: int
     largest_v: float
+    rms_v: float
     without_hysteresis_v: float
     without_turns_v: float
 
@@ -78,6 +79,7 @@ def verify(
         version=importlib.metadata.version(package),
         samples=len(profile.time_s),
         largest_v=_largest(difference_v),
+        rms_v=_rms(difference_v),
         without_hysteresis_v=_largest(there_v - simulate_here(result, plain, profile)),
         without_turns_v=_largest(difference_v[~_turns(profile, result.window.initial_direction)]),
     )
@@ -142,3 +144,7 @@ def _turns(profile: Profile, initial_direction: int) -> Bool[np.ndarray, "sample
 def _largest(difference_v: Float[np.ndarray, "samples"]) -> float:
     # A solver that ends early leaves NaN, which must not pass for agreement.
     return float(np.abs(difference_v).max()) if np.isfinite(difference_v).all() else math.inf
+
+
+def _rms(difference_v: Float[np.ndarray, "samples"]) -> float:
+    return float(np.sqrt(np.mean(difference_v**2))) if np.isfinite(difference_v).all() else math.inf

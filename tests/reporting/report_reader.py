@@ -1,0 +1,47 @@
+"""Reads a report as a browser would, and refuses what is not well-formed."""
+
+from html.parser import HTMLParser
+
+EMPTY = {"meta", "link", "img", "br"}
+REFERENCES = {"src", "href", "srcset", "data", "action", "poster", "background"}
+
+
+class ReportReader(HTMLParser):
+    """The tags, references and visible text of a page. Raises where a tag is closed out of turn."""
+
+    def __init__(self, page: str):
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in EMPTY:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            raise ValueError(f"</{tag}> closes nothing at {self.getpos()}")
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text += f"{data}\n"
+
+    @property
+    def references(self) -> list[str]:
+        """Everything that a browser would fetch or follow."""
+        return [
+            value or ""
+            for _, attributes in self.tags
+            for name, value in attributes.items()
+            if name in REFERENCES
+        ]
+
+    def count(self, tag: str) -> int:
+        return sum(each == tag for each, _ in self.tags)

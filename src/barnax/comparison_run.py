@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
+import numpy as np
+
 from .bounds import Bounds, Range
 from .cell import CellModel, get_circuit
 from .comparison import Comparison, Difference, Row
@@ -12,6 +14,7 @@ from .comparison_statistics import compare_over_seeds, compare_over_time, errors
 from .coordinates import Scale
 from .course import Course, make_course
 from .descent import Descent
+from .errors import InputError
 from .evaluate import evaluate_course
 from .methods import METHODS, Budget, MethodFailure
 from .methods.transfer_function import outside_box
@@ -152,7 +155,7 @@ def _run(
     with watch(row.name) as advance:
         try:
             answers = METHODS[method].run(problem, budget, advance)
-        except MethodFailure as failure:
+        except (MethodFailure, InputError, np.linalg.LinAlgError) as failure:
             return replace(row, failure=str(failure))
     row = replace(row, answers=tuple(answers))
     evaluations = [evaluate_course(course, row.median.parameters) for course in courses]

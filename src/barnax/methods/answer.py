@@ -1,13 +1,11 @@
 """What a method gives back: one answer a seed, or the reason why there is none."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from ..cell import CircuitParameters
-from ..problem import Problem, rmse_by_scan
 
 
 class MethodFailure(Exception):
@@ -41,13 +39,3 @@ class Answer:
     history_v: Float[np.ndarray, "generations"] | None = None
     trajectory: Trajectory | None = None
     notes: tuple[str, ...] = ()
-
-
-def by_scan(problem: Problem, answers: Sequence[Answer]) -> list[Answer]:
-    """The same answers with the RMSE of the scan, whatever objective was searched."""
-    if problem.kind == "scan":
-        return list(answers)
-    errors_v = rmse_by_scan(problem, [answer.parameters for answer in answers])
-    return [
-        replace(answer, rmse_v=rmse_v) for answer, rmse_v in zip(answers, errors_v, strict=True)
-    ]

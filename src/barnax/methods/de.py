@@ -10,9 +10,9 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from ..precision import in_float64
-from ..problem import Objective, Problem, rmse
+from ..problem import Objective, Problem, rmse, rmse_by_scan
 from ..programs import compile_for
-from .answer import Answer, by_scan
+from .answer import Answer
 from .method import Budget, Method, Progress
 from .starts import generator_of, latin_hypercube
 
@@ -68,11 +68,13 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     circuits = problem.parameters_at([point for point, _ in ends], box)
-    answers = [
-        Answer(circuit, float(history_v[-1]), budget.population * len(history_v), history_v)
-        for circuit, (_, history_v) in zip(circuits, ends, strict=True)
+    errors_v = [history_v[-1] for _, history_v in ends]
+    if problem.kind != "scan":
+        errors_v = rmse_by_scan(problem, circuits)
+    return [
+        Answer(circuit, float(rmse_v), budget.population * len(history_v), history_v)
+        for circuit, rmse_v, (_, history_v) in zip(circuits, errors_v, ends, strict=True)
     ]
-    return by_scan(problem, answers)
 
 
 def _errors(points, objective: Objective):

@@ -5,7 +5,7 @@ import math
 from ..descent import STEPS, Descent, RefinedSeed
 from ..problem import Problem
 from ..refinement import SEED_TOLERANCE
-from .answer import Answer, by_scan
+from .answer import Answer
 from .method import Budget, Method, Progress
 from .starts import generator_of, random_circuits
 
@@ -35,10 +35,9 @@ def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Ans
         progress(finished // starts - before)
 
     ends = Descent(problem)(circuits, SEED_TOLERANCE, progress=advance)
-    bests = [
+    return [
         best_of(ends[first : first + starts]) for first in range(0, budget.seeds * starts, starts)
     ]
-    return by_scan(problem, bests)
 
 
 def best_of(ends: list[RefinedSeed], spent: int = 0) -> Answer:

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..evaluate import evaluate_course
 from ..problem import Problem
-from .answer import Answer, MethodFailure
+from .answer import Answer
 from .even_samples import even_samples
 from .method import Budget, Method, Progress
 from .transfer_function import circuit_of, impedances, outside_box, regression
@@ -21,13 +21,11 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     """
     del budget
     pairs = problem.bounds.pairs
-    samples = even_samples(problem.course)
-    columns, target, is_known = regression(samples, pairs)
-    if np.count_nonzero(is_known) <= columns.shape[1]:
-        raise MethodFailure("too few scored samples follow one another without a gap")
+    samples = even_samples(problem.course, pairs)
+    columns, target = regression(samples, pairs)
     # Columns in volts, amperes and their differences span many decades.
-    scale = np.maximum(np.linalg.norm(columns[is_known], axis=0), np.finfo(float).tiny)
-    coefficients = np.linalg.lstsq(columns[is_known] / scale, target[is_known])[0] / scale
+    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    coefficients = np.linalg.lstsq(columns / scale, target)[0] / scale
     parameters = circuit_of(*impedances(coefficients, samples, pairs))
     progress(1)
     return [

@@ -4,11 +4,10 @@ import inspect
 
 import jax
 
-from ..errors import InputError
 from ..identification import identify
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
 from ..problem import Problem
-from .answer import Answer
+from .answer import Answer, MethodFailure
 from .method import Budget, Method, Progress
 
 
@@ -23,8 +22,8 @@ def population_method(name: str) -> Method:
         cost = evaluations_per_iteration(make_optimizer(name, budget.population, 1))
         iterations = (budget.evaluations - budget.population) // cost
         if iterations < 1:
-            raise InputError(
-                f"{name} evaluates {cost} candidates a generation, more than the budget of "
+            raise MethodFailure(
+                f"it evaluates {cost} candidates a generation, more than the budget of "
                 f"{budget.evaluations} a seed holds; raise --iterations"
             )
         found = identify(

@@ -3,12 +3,11 @@
 import jax
 
 from ..descent import STEPS, Descent
-from ..errors import InputError
 from ..identification import identify
 from ..optimizers import make_optimizer
 from ..problem import Problem
 from ..refinement import SEED_TOLERANCE
-from .answer import Answer, by_scan
+from .answer import Answer, MethodFailure
 from .lm import best_of
 from .method import Budget, Method, Progress
 
@@ -23,8 +22,9 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
     dearest = STEPS * (1 + len(problem.coordinates.names))
     iterations = (budget.evaluations - dearest) // budget.population - 1
     if iterations < 1:
-        raise InputError(
-            f"pso-lm needs more than {budget.evaluations} evaluations a seed; raise --iterations"
+        raise MethodFailure(
+            f"the budget of {budget.evaluations} evaluations a seed holds no swarm and a descent; "
+            "raise --iterations"
         )
     found = identify(
         problem,
@@ -34,8 +34,7 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
         progress=progress,
     )
     ends = Descent(problem)([seed.parameters for seed in found.seeds], SEED_TOLERANCE)
-    bests = [best_of([end], seed.evaluations) for seed, end in zip(found.seeds, ends, strict=True)]
-    return by_scan(problem, bests)
+    return [best_of([end], seed.evaluations) for seed, end in zip(found.seeds, ends, strict=True)]
 
 
 PSO_LM = Method(

@@ -35,11 +35,8 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
     """
     del budget
     pairs = problem.bounds.pairs
-    samples = even_samples(problem.course)
-    columns, target, is_known = regression(samples, pairs)
-    if np.count_nonzero(is_known) <= columns.shape[1]:
-        raise MethodFailure("too few scored samples follow one another without a gap")
-    columns, target = columns[is_known], target[is_known]
+    samples = even_samples(problem.course, pairs)
+    columns, target = regression(samples, pairs)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     coefficients = np.asarray(_track(jnp.asarray(columns / scale), jnp.asarray(target))) / scale
     r0, r, tau_s = impedances(coefficients, samples, pairs)
@@ -64,7 +61,7 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
             rmse_v=evaluate_course(problem.course, parameters).metrics.rmse_v,
             evaluations=0,
             trajectory=Trajectory(
-                time_s=samples.time_s[pairs:][is_known],
+                time_s=samples.time_s[samples.is_row],
                 r0=np.where(is_circuit, r0, np.nan),
                 r=np.where(hidden, np.nan, r),
                 tau_s=np.where(hidden, np.nan, tau_s),

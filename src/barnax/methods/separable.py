@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import lsq_linear
 
-from ..bounds import PAIRS, RESISTANCES, Bounds
-from ..cell.circuit import RATE
 from ..evaluator import Impedance
 from ..precision import in_float64
 from ..problem import Problem
 from ..simulate import Drive, overpotential, unit_response
+from ..split_box import SplitBox
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +26,12 @@ class Separable:
     """
 
     drive: Drive
-    bounds: Bounds
+    box: SplitBox
 
     @classmethod
     def of(cls, problem: Problem) -> "Separable":
         """The problem by the scan, whatever its own objective."""
-        return cls(problem.drives[0], problem.bounds)
+        return cls(problem.drives[0], SplitBox(problem.bounds))
 
     @property
     def current(self) -> Float[np.ndarray, "samples"]:
@@ -55,37 +54,6 @@ class Separable:
             return self._scored(self.drive.base_error_v)[:, None]
         rows = _bases(jnp.asarray(gammas), self.drive)
         return np.stack([self._scored(row) for row in rows], axis=1)
-
-    def tau_range_s(self, pair: int) -> tuple[float, float]:
-        """Time constants of a pair that some allowed R and C have."""
-        low, high = self.bounds.tau_limits_s
-        tau, capacitance = PAIRS[pair]
-        if self.bounds.second_name(pair) == tau:
-            return self._range(tau)
-        r_low, r_high = self._range(RESISTANCES[pair + 1])
-        c_low, c_high = self._range(capacitance)
-        return max(low, r_low * c_low), min(high, r_high * c_high)
-
-    @property
-    def gamma_range(self) -> tuple[float, float] | None:
-        return self._range(RATE) if self.bounds.has_rate else None
-
-    def resistance_box(
-        self, tau_s: Float[np.ndarray, "pairs"]
-    ) -> tuple[Float[np.ndarray, "resistances"], Float[np.ndarray, "resistances"]]:
-        """Least and greatest R0, R1, ... at these time constants: a bounded C bounds R too."""
-        low, high = np.transpose([self._range(RESISTANCES[i]) for i in range(len(tau_s) + 1)])
-        for pair, tau in enumerate(tau_s):
-            name = self.bounds.second_name(pair)
-            if name == PAIRS[pair][1]:
-                c_low, c_high = self._range(name)
-                low[pair + 1] = max(low[pair + 1], tau / c_high)
-                high[pair + 1] = min(high[pair + 1], tau / c_low)
-        return low, np.maximum(low, high)
-
-    def _range(self, name: str) -> tuple[float, float]:
-        value = self.bounds.fixed.get(name)
-        return self.bounds.ranges[name] if value is None else (value, value)
 
     def _scored(self, signal) -> Float[np.ndarray, "samples"]:
         weight = self.drive.weight

@@ -12,7 +12,7 @@ Control 31 (1986) 1015).
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..cell import CircuitParameters
 from ..problem import Problem
@@ -24,23 +24,19 @@ Coefficients = Float[np.ndarray, "... coefficients"]
 
 def regression(
     samples: EvenSamples, pairs: int
-) -> tuple[
-    Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"], Bool[np.ndarray, "rows"]
-]:
-    """Columns and target of the difference equation at every sample from number `pairs` on.
+) -> tuple[Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
+    """Columns and target of the difference equation at every sample that is a row.
 
-    The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0; the last array is true where all
-    samples of a row are known.
+    The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0.
     """
-    rows = len(samples.drop_v) - pairs
+    is_row = samples.is_row[pairs:]
 
     def differences(values: np.ndarray, order: int) -> np.ndarray:
-        return np.diff(values, order)[:rows]
+        return np.diff(values, order)[: len(is_row)][is_row]
 
     columns = [-differences(samples.drop_v, order) for order in range(pairs - 1, -1, -1)]
     columns += [differences(samples.current_a, order) for order in range(pairs, -1, -1)]
-    is_known = np.all([samples.is_known[lag : lag + rows] for lag in range(pairs + 1)], axis=0)
-    return np.stack(columns, axis=1), differences(samples.drop_v, pairs), is_known
+    return np.stack(columns, axis=1), differences(samples.drop_v, pairs)
 
 
 def impedances(

@@ -56,9 +56,9 @@ class OuterSearch:
         self.separable = Separable.of(problem)
         self.pairs = problem.bounds.pairs
         self.is_ordered = problem.bounds.pairs_are_alike
-        ranges = [self.separable.tau_range_s(pair) for pair in range(self.pairs)]
-        if self.separable.gamma_range is not None:
-            ranges.append(self.separable.gamma_range)
+        ranges = [self.separable.box.tau_range_s(pair) for pair in range(self.pairs)]
+        if self.separable.box.gamma_range is not None:
+            ranges.append(self.separable.box.gamma_range)
         self.low, self.high = np.log(ranges).T
         self.evaluations = 0
 
@@ -89,7 +89,7 @@ class OuterSearch:
             if self.is_ordered and any(b <= a for a, b in itertools.pairwise(place)):
                 continue
             chosen = [0, *(start + index for start, index in zip(starts, place, strict=True))]
-            box = self.separable.resistance_box(
+            box = self.separable.box.resistance_box(
                 np.exp([axis[index] for axis, index in zip(taus, place, strict=True)])
             )
             for number in range(bases.shape[1]):
@@ -154,7 +154,7 @@ class OuterSearch:
         answers = self.separable.answers(tau_s)
         columns = np.concatenate([self.separable.current[:, None], answers], axis=1)
         base = self.separable.bases(gamma if len(gamma) else None)[:, 0]
-        box = self.separable.resistance_box(tau_s)
+        box = self.separable.box.resistance_box(tau_s)
         return columns, base, bounded_least_squares(columns, base, *box)
 
 

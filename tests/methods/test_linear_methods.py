@@ -1,0 +1,124 @@
+"""Least squares and its recursive form on records whose circuit is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.course import make_course
+from barnax.methods import METHODS, Budget, MethodFailure
+from barnax.methods.even_samples import even_samples
+from barnax.problem import make_problem
+from barnax.window import Window
+from reference import banded_response, drop_v, make_record
+
+TWO_PAIRS = (0.05, (0.02, 0.03), (8.0, 90.0))
+CIRCUITS = {
+    "1rc": (0.05, (0.03,), (20.0,)),
+    "so-rc": TWO_PAIRS,
+    "3rc": (0.05, (0.01, 0.02, 0.03), (2.0, 20.0, 200.0)),
+}
+
+
+def answer_of(method, problem):
+    (answer,) = METHODS[method].run(problem, Budget(), lambda gained: None)
+    return answer
+
+
+def values_of(answer):
+    found = answer.parameters
+    return np.array([found.r0, *found.r, *found.tau_s])
+
+
+def values(circuit):
+    r0, r, tau_s = circuit
+    return np.array([r0, *r, *tau_s])
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+@pytest.mark.parametrize("model", CIRCUITS)
+def test_least_squares_finds_a_circuit_without_noise_exactly(model, hold, known_problem):
+    answer = answer_of("ls", known_problem(CIRCUITS[model], model, hold=hold))
+    assert values_of(answer) == pytest.approx(values(CIRCUITS[model]), rel=1e-6)
+    assert answer.rmse_v < 1e-8
+
+
+# Its first guess of zero is forgotten with e^-4 of its weight left after 4,000 samples.
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_recursive_least_squares_ends_at_a_circuit_without_noise(hold, known_problem):
+    answer = answer_of("rls", known_problem(TWO_PAIRS, hold=hold))
+    assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=1e-3)
+
+
+def test_the_trajectory_of_recursive_least_squares_covers_the_record(known_problem):
+    trajectory = answer_of("rls", known_problem(TWO_PAIRS)).trajectory
+    assert trajectory is not None
+    assert trajectory.time_s[0] == 2.0
+    assert trajectory.r.shape == trajectory.tau_s.shape == (len(trajectory.time_s), 2)
+    ends = [trajectory.r0[-1], *trajectory.r[-1], *trajectory.tau_s[-1]]
+    assert ends == pytest.approx(values(TWO_PAIRS), rel=1e-3)
+
+
+def test_least_squares_equals_the_regression_in_lagged_samples(known_problem):
+    problem = known_problem(CIRCUITS["1rc"], "1rc", noise_v=2e-4)
+    course = problem.course
+    drop, current = course.source_v - course.voltage_v, course.current_a
+    columns = np.stack([drop[:-1], current[1:], current[:-1]], axis=1)
+    pole, b0, b1 = np.linalg.lstsq(columns, drop[1:])[0]
+    expected = [b0, (b1 + b0 * pole) / (1 - pole), -1 / np.log(pole)]
+    assert values_of(answer_of("ls", problem)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_noise_pulls_least_squares_toward_faster_poles(known_problem):
+    noisy = answer_of("ls", known_problem(CIRCUITS["1rc"], "1rc", noise_v=5e-3))
+    assert noisy.parameters.tau_s[0] < 0.8 * CIRCUITS["1rc"][2][0]
+
+
+def test_samples_beside_a_gap_are_left_out_and_the_rest_is_exact(known_problem, bundled_cell):
+    made = known_problem(TWO_PAIRS).course
+    time_s = made.time_s + 60.0 * (np.arange(len(made.time_s)) > 1000)
+    drop = drop_v(banded_response, time_s, made.current_a, TWO_PAIRS)
+    window = Window(initial_soc=1.0)
+    flat = make_record(time_s, made.current_a)
+    source_v = make_course(flat, bundled_cell, "so-rc", window).source_v
+    record = make_record(time_s, made.current_a, source_v - drop)
+    answer = answer_of("ls", make_problem(record, bundled_cell, "so-rc", window=window))
+    assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=1e-6)
+    assert answer.notes == ("fitted to the 3996 of 4000 scored samples that are evenly spaced",)
+
+
+def test_rows_need_every_interval_even_and_every_sample_scored(known_problem):
+    course = known_problem(TWO_PAIRS).course
+    scored = course.scored.copy()
+    scored[2000:2010] = False
+    time_s = course.time_s + 0.2 * (np.arange(len(scored)) > 1000)
+    samples = even_samples(
+        replace(course, scored=scored, record=replace(course.record, time_s=time_s)), 2
+    )
+    left_out = {0, 1, 1001, 1002, *range(2000, 2012)}
+    assert set(np.flatnonzero(~samples.is_row)) == left_out
+
+
+def test_an_uneven_clock_is_a_failure_that_says_so(known_problem):
+    problem = known_problem(TWO_PAIRS)
+    time_s = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, len(problem.course.time_s)))
+    course = replace(problem.course, record=replace(problem.course.record, time_s=time_s))
+    with pytest.raises(MethodFailure, match="the clock is uneven"):
+        even_samples(course, 2)
+
+
+@pytest.mark.parametrize("method", ["ls", "rls"])
+def test_a_dynamic_hysteresis_is_beyond_a_linear_method(method, known_problem):
+    with pytest.raises(MethodFailure, match="open-circuit voltage beforehand"):
+        answer_of(method, known_problem(TWO_PAIRS, "esc"))
+
+
+# White noise alone has no pole between zero and one, and none that is a circuit's.
+def test_least_squares_says_why_noise_has_no_circuit(known_problem):
+    with pytest.raises(MethodFailure, match=r"poles|negative resistance"):
+        answer_of("ls", known_problem((1e-9, (1e-9, 1e-9), (8.0, 90.0)), noise_v=0.05))
+
+
+def test_a_circuit_outside_the_box_is_noted(known_problem):
+    problem = known_problem(TWO_PAIRS, bounds={"R0 [Ohm]": (0.06, 0.2)})
+    assert "R0 [Ohm] = 0.05 (0.06 to 0.2)" in answer_of("ls", problem).notes[0]

@@ -1,0 +1,114 @@
+"""What every registered method promises."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.evaluate import evaluate_course
+from barnax.methods import METHODS, Budget
+from barnax.methods.starts import generator_of, random_circuits
+from barnax.optimizers import OPTIMIZERS
+
+# One budget and one length of record, so that all tests share each method's compiled program.
+BUDGET = Budget(population=8, iterations=60, seeds=3, key=7)
+BOXED = [name for name in METHODS if name not in ("ls", "rls")]
+
+
+@pytest.fixture(scope="module", params=METHODS)
+def ran(request, known_problem):
+    """A method's name, the problem, its answers, and what it told of its progress."""
+    problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-5)
+    told = []
+    return request.param, problem, METHODS[request.param].run(problem, BUDGET, told.append), told
+
+
+def test_every_optimizer_is_a_method():
+    assert METHODS.keys() > OPTIMIZERS.keys()
+
+
+def test_there_is_one_answer_a_seed(ran):
+    name, _, answers, _ = ran
+    assert len(answers) == (1 if METHODS[name].is_deterministic else BUDGET.seeds)
+
+
+def test_progress_sums_to_the_answers(ran):
+    _, _, answers, told = ran
+    assert sum(told) == len(answers)
+
+
+def test_the_error_is_that_of_the_circuit(ran):
+    _, problem, answers, _ = ran
+    for answer in answers:
+        rmse_v = evaluate_course(problem.course, answer.parameters).metrics.rmse_v
+        assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-9)
+
+
+def test_no_seed_spends_more_than_the_budget(ran):
+    _, _, answers, _ = ran
+    assert all(0 <= answer.evaluations <= BUDGET.evaluations for answer in answers)
+
+
+def test_a_history_never_rises_and_ends_at_the_answer(ran):
+    _, _, answers, _ = ran
+    for answer in answers:
+        if answer.history_v is not None:
+            assert np.all(np.diff(answer.history_v) <= 0)
+            assert answer.history_v[-1] == pytest.approx(answer.rmse_v, rel=1e-9)
+
+
+def test_a_source_is_named(ran):
+    assert len(METHODS[ran[0]].source) > 10
+
+
+@pytest.mark.parametrize("name", BOXED)
+def test_answers_lie_in_the_box(name, known_problem):
+    bounds = {"R1 [Ohm]": (0.001, 0.01), "tau2 [s]": (20.0, 60.0)}
+    problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), bounds=bounds)
+    for answer in METHODS[name].run(problem, BUDGET, lambda gained: None):
+        values = answer.parameters.to_dict() | {
+            f"tau{pair} [s]": tau for pair, tau in enumerate(answer.parameters.tau_s, 1)
+        }
+        for bound, (low, high) in problem.bounds.ranges.items():
+            assert low * (1 - 1e-9) <= values[bound] <= high * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("name", ["lm", "pso-lm", "de"])
+def test_the_same_key_gives_the_same_answers_whatever_the_number_of_seeds(name, known_problem):
+    problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-3)
+    few, many = (
+        METHODS[name].run(problem, replace(BUDGET, seeds=seeds), lambda gained: None)
+        for seeds in (2, 3)
+    )
+    assert [each.parameters for each in few] == [each.parameters for each in many[:2]]
+
+
+def test_another_key_gives_other_answers(known_problem):
+    problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-3)
+    one, other = (
+        METHODS["de"].run(problem, replace(BUDGET, seeds=1, key=key), lambda gained: None)
+        for key in (0, 1)
+    )
+    assert one[0].parameters != other[0].parameters
+
+
+@pytest.mark.parametrize("name", ["pso-lm", "igwo"])
+def test_a_budget_that_is_too_small_is_a_failure_that_says_so(name, short_problem):
+    with pytest.raises(MethodFailure, match="--iterations"):
+        METHODS[name].run(short_problem, Budget(8, 1), lambda gained: None)
+
+
+def test_the_compressed_objective_gives_the_scans_errors(known_problem):
+    circuit = (0.05, (0.02, 0.03), (8.0, 90.0))
+    problem = known_problem(circuit, noise_v=1e-3, objective="compressed")
+    for name in ("de", "lm", "pso"):
+        (answer,) = METHODS[name].run(problem, replace(BUDGET, seeds=1), lambda gained: None)
+        rmse_v = evaluate_course(problem.course, answer.parameters).metrics.rmse_v
+        assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-12)
+
+
+def test_starts_are_spread_over_the_logarithms_of_the_box(short_problem):
+    circuits = random_circuits(short_problem, generator_of(0, 0), 64)
+    low, high = np.log(short_problem.bounds.ranges["R0 [Ohm]"])
+    places = np.sort([(np.log(each.r0) - low) / (high - low) for each in circuits])
+    assert np.all(np.floor(places * 64) == np.arange(64))

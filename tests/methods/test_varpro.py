@@ -1,0 +1,107 @@
+"""Variable projection against SciPy on the whole problem."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from barnax.methods import METHODS, Budget
+from barnax.methods.separable import Separable, bounded_least_squares
+from reference import drop_v, filtered_response, fit_circuit
+
+NOISY = (0.05, (0.02, 0.03), (8.0, 90.0))
+
+
+def varpro(problem):
+    (answer,) = METHODS["varpro"].run(problem, Budget(), lambda gained: None)
+    return answer
+
+
+def test_it_meets_scipys_optimum_of_the_whole_problem(known_problem):
+    problem = known_problem(NOISY, noise_v=2e-3)
+    course, ranges = problem.course, problem.bounds.ranges
+    names = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]")
+    lower, upper = np.transpose([ranges[name] for name in names])
+
+    def drop_of(r0, r, tau_s):
+        return drop_v(filtered_response, 1.0, course.current_a, (r0, r, tau_s))
+
+    base_v = course.source_v - course.voltage_v
+    rmse_v, (r0, r1, r2, tau1, tau2) = fit_circuit(
+        drop_of, base_v, course.scored, lower, upper, starts=4
+    )
+    answer = varpro(problem)
+    assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-9)
+    found = answer.parameters
+    assert [found.r0, *found.r, *found.tau_s] == pytest.approx([r0, r1, r2, tau1, tau2], rel=1e-4)
+
+
+def test_it_finds_a_circuit_without_noise(known_problem):
+    answer = varpro(known_problem(NOISY))
+    found = answer.parameters
+    assert [found.r0, *found.r, *found.tau_s] == pytest.approx([0.05, 0.02, 0.03, 8, 90], rel=1e-6)
+
+
+def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record, bundled_cell):
+    from dataclasses import replace
+
+    from barnax.cell import CircuitParameters
+    from barnax.evaluate import evaluate_course
+    from barnax.problem import make_problem
+
+    made = CircuitParameters(0.05, (0.02, 0.03), (400.0, 3000.0), 120.0)
+    problem = make_problem(bundled_record, bundled_cell, "esc", window=short_problem.window)
+    simulated_v = bundled_record.voltage_v.copy()
+    simulated_v[problem.course.stretch] = evaluate_course(problem.course, made).simulated_v
+    record = replace(bundled_record, voltage_v=simulated_v)
+    window = replace(short_problem.window, initial_soc=problem.course.initial_soc)
+    answer = varpro(make_problem(record, bundled_cell, "esc", window=window))
+    assert answer.parameters.to_dict() == pytest.approx(made.to_dict(), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "fixed"),
+    [
+        ({"R1 [Ohm]": (0.001, 0.01)}, {}),
+        ({"C1 [F]": (100.0, 300.0)}, {}),
+        ({}, {"C2 [F]": 2000.0}),
+        ({}, {"tau1 [s]": 5.0, "R2 [Ohm]": 0.02}),
+    ],
+)
+def test_bounds_and_fixed_values_hold_exactly(bounds, fixed, known_problem):
+    problem = known_problem(NOISY, noise_v=1e-3, bounds=bounds, fixed=fixed)
+    answer = varpro(problem)
+    values = answer.parameters.to_dict()
+    values |= dict(zip(("tau1 [s]", "tau2 [s]"), answer.parameters.tau_s, strict=True))
+    for name, (low, high) in problem.bounds.ranges.items():
+        assert low * (1 - 1e-9) <= values[name] <= high * (1 + 1e-9)
+    for name, value in fixed.items():
+        assert values[name] == pytest.approx(value, rel=1e-9)
+
+
+def test_no_descent_in_a_narrow_box_finds_better(known_problem):
+    problem = known_problem(NOISY, noise_v=1e-3, bounds={"C1 [F]": (100.0, 300.0)})
+    (descent,) = METHODS["lm"].run(problem, Budget(seeds=1), lambda gained: None)
+    assert varpro(problem).rmse_v <= descent.rmse_v * (1 + 1e-7)
+
+
+def test_resistances_are_the_exact_bounded_optimum(known_problem):
+    separable = Separable.of(known_problem(NOISY, noise_v=2e-3))
+    columns = np.column_stack([separable.current, separable.answers(np.array([3.0, 40.0]))])
+    base = separable.bases(None)[:, 0]
+    for low, high in ((0.0, 1.0), (0.03, 0.04), (0.0, 0.02)):
+        found = bounded_least_squares(columns, base, np.full(3, low), np.full(3, high))
+        expected = lsq_linear(columns, -base, (low, high), method="trf", tol=1e-14).x
+        assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_value_with_equal_bounds_is_held():
+    rng = np.random.default_rng(0)
+    columns, base = rng.normal(size=(50, 3)), rng.normal(size=50)
+    low, high = np.array([-5.0, 0.25, -5.0]), np.array([5.0, 0.25, 5.0])
+    found = bounded_least_squares(columns, base, low, high)
+    rest = np.linalg.lstsq(columns[:, [0, 2]], -(base + 0.25 * columns[:, 1]))[0]
+    assert found == pytest.approx([rest[0], 0.25, rest[1]], rel=1e-10)
+
+
+def test_its_evaluations_are_few(known_problem):
+    assert varpro(known_problem(NOISY, noise_v=1e-3)).evaluations < 500

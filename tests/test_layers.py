@@ -12,10 +12,12 @@ import barnax
 PACKAGE = Path(barnax.__file__).parent
 LAYERS = (
     ("errors", "metrics", "precision", "programs", "bundled", "records", "optimizers"),
+    ("bounded_least_squares",),
     ("cell",),
     ("evaluator", "simulate", "window", "doctor"),
     ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),
-    ("identification", "descent", "refinement", "evaluate"),
+    ("split_box", "reduced"),
+    ("identification", "descent", "refinement", "evaluate", "landscape"),
     ("block_bootstrap", "methods", "comparison_statistics"),
     ("comparison", "comparison_run"),
     (

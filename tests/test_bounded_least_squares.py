@@ -1,0 +1,84 @@
+"""Many bounded least-squares problems at once, against SciPy's bounded-variable least squares."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from barnax.bounded_least_squares import least_in_box
+
+ROWS = 12
+
+
+def solved(columns, base, low, high):
+    """The solution of every problem; `columns` has axes problem, row and unknown."""
+    normal = np.einsum("nri,nrj->ijn", columns, columns)
+    return least_in_box(normal, np.einsum("nri,nr->in", columns, base), low.T, high.T).T
+
+
+def error(columns, base, x):
+    return np.linalg.norm(base + np.einsum("nri,ni->nr", columns, x), axis=1)
+
+
+def expected_error(columns, base, low, high):
+    """What SciPy reaches, problem after problem; it wants low below high."""
+    errors = []
+    for a, b, least, most in zip(columns, base, low, high, strict=True):
+        free = most > least
+        x = least.copy()
+        if free.any():
+            given = lsq_linear(
+                a[:, free],
+                -(b + a[:, ~free] @ least[~free]),
+                (least[free], most[free]),
+                method="bvls",
+                tol=1e-15,
+            )
+            x[free] = given.x
+        errors.append(np.linalg.norm(b + a @ x))
+    return np.array(errors)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    unknowns=st.integers(1, 5),
+    seed=st.integers(0, 10_000),
+    likeness=st.sampled_from([0.0, 0.9, 0.9999, 1.0]),
+    pinned=st.booleans(),
+)
+def test_every_problem_reaches_the_error_of_scipys_exact_solver(unknowns, seed, likeness, pinned):
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((30, ROWS, unknowns)) * 10 ** rng.uniform(-2, 2, unknowns)
+    columns = likeness * columns[:, :, :1] + (1 - likeness) * columns
+    base = rng.standard_normal((30, ROWS))
+    low = rng.uniform(-1, 0.2, (30, unknowns))
+    high = low + rng.uniform(0, 1, (30, unknowns))
+    if pinned:
+        high[:, 0] = low[:, 0]
+    found = solved(columns, base, low, high)
+    assert np.all((low <= found) & (found <= high))
+    errors = error(columns, base, found)
+    np.testing.assert_allclose(errors, expected_error(columns, base, low, high), rtol=1e-9)
+
+
+def test_equal_columns_share_one_value_as_if_there_were_one():
+    column = np.arange(1.0, ROWS + 1)
+    columns = np.stack([column, column], axis=1)[None]
+    low, high = np.array([[0.0, 0.5]]), np.array([[1.0, 0.8]])
+    (found,) = solved(columns, -1.4 * column[None], low, high)
+    assert found.sum() == pytest.approx(1.4, rel=1e-9)
+
+
+def test_what_is_held_keeps_its_value_exactly():
+    low = np.array([[0.1, 0.3]])
+    columns = np.ones((1, ROWS, 2))
+    found = solved(columns, np.ones((1, ROWS)), low, np.array([[0.1, 5.0]]))
+    assert found[0, 0] == 0.1
+
+
+def test_a_column_of_zeros_costs_nothing():
+    columns = np.stack([np.zeros(ROWS), np.ones(ROWS)], axis=1)[None]
+    low, high = np.array([[0.0, 0.0]]), np.array([[1.0, 1.0]])
+    (found,) = solved(columns, -0.25 * np.ones((1, ROWS)), low, high)
+    assert found[1] == pytest.approx(0.25)

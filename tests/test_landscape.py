@@ -1,0 +1,199 @@
+"""The landscape over time constants, against SciPy's bounded least squares on simulations."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from barnax.cell import CircuitParameters
+from barnax.errors import InputError
+from barnax.evaluate import evaluate_course
+from barnax.landscape import Landscape, make_landscape
+from barnax.problem import make_problem, rmse_by_scan
+from barnax.window import Window
+from reference import make_record
+
+KNOWN_SOC = Window(initial_soc=0.6)
+R_BOX = (1e-4, 0.2)
+CASES = {
+    "one pair": ("1rc", {}, {}),
+    "two pairs": ("so-rc", {}, {}),
+    "three pairs": ("3rc", {}, {}),
+    "four pairs": ("4rc", {}, {}),
+    "dynamic hysteresis": ("esc", {}, {}),
+    "a fixed rate": ("esc", {}, {"gamma": 50.0}),
+    "a fixed resistance": ("so-rc", {}, {"R1 [Ohm]": 0.02}),
+    "a fixed time constant": ("so-rc", {}, {"tau1 [s]": 10.0}),
+    "two boxes": ("so-rc", {"tau1 [s]": (1.0, 50.0)}, {}),
+    "narrow resistances": ("iso-rc", {"R0 [Ohm]": (0.05, 0.06), "R2 [Ohm]": (1e-3, 2e-3)}, {}),
+    "a bounded capacitance": ("so-rc", {"C2 [F]": (1000.0, 9000.0)}, {}),
+    "a fixed capacitance": ("so-rc", {}, {"C1 [F]": 800.0}),
+}
+cases = pytest.mark.parametrize("case", CASES)
+
+
+def drive_record(samples=400, seed=0, hold="forward"):
+    """Steps, rests and noise on a clock with gaps; two relaxations and a slow drift."""
+    rng = np.random.default_rng(seed)
+    interval_s = rng.choice([1.0, 1.016, 30.0], samples - 1, p=[0.6, 0.38, 0.02])
+    time_s = np.append(0.0, np.cumsum(interval_s))
+    current_a = np.repeat(rng.choice([0.0, 0.5, 3.0, -1.5], samples // 10 + 1), 10)[:samples]
+    voltage_v = 3.7 - 0.06 * current_a + 0.01 * np.sin(time_s / 90)
+    voltage_v = voltage_v + 1e-3 * rng.standard_normal(samples)
+    return make_record(time_s, current_a, voltage_v, hold=hold)
+
+
+@pytest.fixture(scope="module")
+def problem_of(bundled_cell):
+    """The problem of a case, on one record."""
+    made = {}
+
+    def make(case):
+        if case not in made:
+            circuit, bounds, fixed = CASES[case]
+            given = {"window": KNOWN_SOC, "bounds": bounds, "fixed": fixed}
+            made[case] = make_problem(drive_record(), bundled_cell, circuit, **given)
+        return made[case]
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def landscape_in(problem_of):
+    made = {}
+
+    def make(case) -> Landscape:
+        if case not in made:
+            made[case] = make_landscape(problem_of(case))
+        return made[case]
+
+    return make
+
+
+def errors_of(problem, resistances, taus, gamma):
+    """The error at every scored sample of every record, by simulation."""
+    r0, *r = (float(each) for each in resistances)
+    c = tuple(tau / each for tau, each in zip(taus, r, strict=True))
+    found = [
+        evaluate_course(course, CircuitParameters(r0, tuple(r), c, gamma))
+        for course in problem.courses
+    ]
+    return np.concatenate(
+        [
+            (course.voltage_v - each.simulated_v)[course.scored]
+            for course, each in zip(problem.courses, found, strict=True)
+        ]
+    )
+
+
+def least_rmse(problem, low, high, taus, gamma):
+    """The least RMSE that resistances from low to high reach, by SciPy."""
+    reference = np.full(len(low), 0.03)
+    base = errors_of(problem, reference, taus, gamma)
+    moved = [errors_of(problem, reference + 0.03 * unit, taus, gamma) for unit in np.eye(len(low))]
+    columns = (np.array(moved) - base).T / 0.03
+    base = base - columns @ reference
+    free = high > low
+    target = -(base + columns[:, ~free] @ low[~free])
+    found = lsq_linear(columns[:, free], target, (low[free], high[free]), method="bvls", tol=1e-14)
+    return np.sqrt(2 * found.cost / len(base))
+
+
+def some_points(landscape, count, seed=0):
+    """The lowest point and some others."""
+    known = np.argwhere(np.isfinite(landscape.rmse_v))
+    picked = np.random.default_rng(seed).integers(0, len(known), count)
+    lowest = np.argwhere(landscape.rmse_v == np.nanmin(landscape.rmse_v))[:1]
+    return [tuple(point) for point in np.concatenate([lowest, known[picked]]).tolist()]
+
+
+@cases
+def test_every_point_has_the_least_error_of_all_resistances_in_the_box(
+    problem_of, landscape_in, case
+):
+    problem, landscape = problem_of(case), landscape_in(case)
+    bounds = problem.bounds
+    for point in some_points(landscape, 6):
+        circuit = landscape.circuit(point)
+        low, high = np.transpose(
+            [
+                [bounds.fixed[name]] * 2 if name in bounds.fixed else bounds.ranges[name]
+                for name in (f"R{index} [Ohm]" for index in range(bounds.pairs + 1))
+            ]
+        )
+        for pair, tau in enumerate(circuit.tau_s):
+            name = f"C{pair + 1} [F]"
+            c = [bounds.fixed[name]] * 2 if name in bounds.fixed else bounds.ranges.get(name)
+            if c is not None:
+                low[pair + 1] = max(low[pair + 1], tau / c[1])
+                high[pair + 1] = max(low[pair + 1], min(high[pair + 1], tau / c[0]))
+        expected = least_rmse(problem, low, high, circuit.tau_s, circuit.gamma)
+        assert landscape.rmse_v[point] == pytest.approx(expected, rel=1e-8)
+
+
+@cases
+def test_every_point_is_a_circuit_of_the_box_with_that_error(problem_of, landscape_in, case):
+    problem, landscape = problem_of(case), landscape_in(case)
+    points = some_points(landscape, 7, seed=1)
+    circuits = [landscape.circuit(point) for point in points]
+    expected = rmse_by_scan(problem, circuits)
+    np.testing.assert_allclose([landscape.rmse_v[point] for point in points], expected, rtol=1e-9)
+    for circuit in circuits:
+        values = circuit.to_dict() | {
+            f"tau{pair + 1} [s]": tau for pair, tau in enumerate(circuit.tau_s)
+        }
+        for name, (low, high) in problem.bounds.ranges.items():
+            assert low * (1 - 1e-12) <= values[name] <= high * (1 + 1e-12)
+        for name, value in problem.bounds.fixed.items():
+            assert values[name] == pytest.approx(value, rel=1e-12)
+
+
+def test_alike_pairs_have_values_only_where_they_are_in_order(landscape_in):
+    tau_s, rmse_v = landscape_in("two pairs").tau_s, landscape_in("two pairs").rmse_v
+    in_order = tau_s[0][:, None] <= tau_s[1]
+    np.testing.assert_array_equal(np.isfinite(rmse_v), in_order)
+
+
+def test_pairs_with_boxes_of_their_own_have_values_everywhere(landscape_in):
+    landscape = landscape_in("two boxes")
+    assert np.all(np.isfinite(landscape.rmse_v))
+    assert landscape.tau_s[0][-1] == pytest.approx(50.0)
+
+
+def test_a_fixed_value_is_one_point_of_its_axis(landscape_in):
+    assert landscape_in("a fixed rate").gamma == pytest.approx([50.0])
+    assert landscape_in("a fixed time constant").tau_s[0] == pytest.approx([10.0])
+
+
+def test_two_pairs_of_one_time_constant_are_one_pair(landscape_in):
+    two, one = landscape_in("two pairs"), landscape_in("one pair")
+    on_both = np.geomspace(two.tau_s[0][0], two.tau_s[0][-1], len(one.tau_s[0]))
+    np.testing.assert_allclose(one.tau_s[0], on_both)
+    # The ends are points of both grids; both resistances together may not fall below two limits.
+    assert two.rmse_v[0, 0] == pytest.approx(one.rmse_v[0], rel=1e-4)
+
+
+def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():
+    valleys = np.array([3.0, 1.0, 1.0, 2.0, 5.0, 1.2, 4.0, 9.0, 8.0])
+    taus = np.geomspace(1, 100, len(valleys))
+    landscape = Landscape((taus,), None, valleys, np.ones((2, len(valleys))))
+    assert landscape.minima(1.5) == [(1,), (5,)]
+    assert landscape.minima(10) == [(1,), (5,), (8,)]
+
+
+def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
+    records = [drive_record(300, seed=1), drive_record(200, seed=2, hold="backward")]
+    problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)
+    landscape = make_landscape(problem)
+    low, high = np.full(3, R_BOX[0]), np.full(3, R_BOX[1])
+    scale = 2 / bundled_cell.capacity_ah
+    for point in some_points(landscape, 4):
+        taus = landscape.circuit(point).tau_s
+        expected = least_rmse(problem, low * scale, high * scale, taus, None)
+        assert landscape.rmse_v[point] == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_box_too_wide_to_compress_is_refused(bundled_cell):
+    wide = {"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)}
+    problem = make_problem(drive_record(), bundled_cell, "so-rc", window=KNOWN_SOC, bounds=wide)
+    with pytest.raises(InputError, match="--objective scan"):
+        make_landscape(problem)

@@ -14,12 +14,18 @@ if TYPE_CHECKING:
     from .cell import CellModel as CellModel
     from .cell import CircuitParameters as CircuitParameters
     from .cell import characterize as characterize
+    from .comparison import Comparison as Comparison
+    from .comparison_result import ComparisonResult as ComparisonResult
+    from .comparison_result import make_comparison_result as make_comparison_result
+    from .comparison_run import compare as compare
     from .errors import InputError as InputError
     from .evaluate import Evaluation as Evaluation
     from .evaluate import evaluate_course as evaluate_course
     from .evaluate import validate as validate
     from .identification import Identification as Identification
     from .identification import identify as identify
+    from .methods import METHODS as METHODS
+    from .methods import Budget as Budget
     from .optimizers import OPTIMIZERS as OPTIMIZERS
     from .optimizers import make_optimizer as make_optimizer
     from .problem import Problem as Problem
@@ -35,12 +41,16 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
+    "Budget": "methods",
     "CellModel": "cell",
     "CircuitParameters": "cell",
+    "Comparison": "comparison",
+    "ComparisonResult": "comparison_result",
     "CrossCheck": "refinement",
     "Evaluation": "evaluate",
     "Identification": "identification",
     "InputError": "errors",
+    "METHODS": "methods",
     "OPTIMIZERS": "optimizers",
     "Problem": "problem",
     "Record": "records",
@@ -48,8 +58,10 @@ _HOME = {
     "Window": "window",
     "bundled_file": "bundled",
     "characterize": "cell",
+    "compare": "comparison_run",
     "evaluate_course": "evaluate",
     "identify": "identification",
+    "make_comparison_result": "comparison_result",
     "make_optimizer": "optimizers",
     "make_problem": "problem",
     "make_result": "result",
@@ -60,9 +72,13 @@ _HOME = {
 _MODULES = {"export", "plots"}
 
 __all__ = [
+    "METHODS",
     "OPTIMIZERS",
+    "Budget",
     "CellModel",
     "CircuitParameters",
+    "Comparison",
+    "ComparisonResult",
     "CrossCheck",
     "Evaluation",
     "Identification",
@@ -74,9 +90,11 @@ __all__ = [
     "__version__",
     "bundled_file",
     "characterize",
+    "compare",
     "evaluate_course",
     "export",
     "identify",
+    "make_comparison_result",
     "make_optimizer",
     "make_problem",
     "make_result",

@@ -1,0 +1,68 @@
+"""The block length and the resampling against what is known of autoregressive noise."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from barnax.block_bootstrap import block_length, resampled_means
+from barnax.comparison_statistics import compare_over_time
+
+
+def autoregressive(correlation, samples, seed, rows=1):
+    """Noise whose neighbors are correlated, after a start that is forgotten."""
+    white = np.random.default_rng(seed).standard_normal((rows, samples + 500))
+    return lfilter([1.0], [1.0, -correlation], white, axis=1)[:, 500:]
+
+
+# For such noise G / g(0) = 2 rho / (1 - rho^2) in the rule's own words: a closed form.
+@pytest.mark.parametrize("correlation", [0.5, 0.8, 0.9])
+def test_the_length_is_the_optimal_one_of_autoregressive_noise(correlation):
+    samples = 20_000
+    lengths = [block_length(autoregressive(correlation, samples, seed)[0])[0] for seed in range(10)]
+    optimal = (1.5 * (2 * correlation / (1 - correlation**2)) ** 2 * samples) ** (1 / 3)
+    assert np.mean(lengths) == pytest.approx(optimal, rel=0.1)
+
+
+def test_white_noise_needs_hardly_any_block():
+    lengths = [block_length(autoregressive(0.0, 20_000, seed)[0])[0] for seed in range(10)]
+    assert max(lengths) <= 5
+
+
+def test_a_series_that_drifts_all_along_is_capped_and_says_so():
+    length, is_capped = block_length(np.linspace(0, 1, 10_000) ** 2)
+    assert is_capped
+    assert 200 < length <= 3 * np.sqrt(10_000)
+
+
+def test_a_constant_series_needs_no_block():
+    assert block_length(np.full(1000, 0.3)) == (1, False)
+
+
+@pytest.mark.parametrize("length", [1, 7, 50])
+def test_resampled_means_vary_as_block_means_do(length):
+    series = autoregressive(0.5, 5000, 3)
+    means = resampled_means(series, length, np.random.default_rng(0))[0]
+    blocks = np.lib.stride_tricks.sliding_window_view(series[0], length).mean(axis=1)
+    expected = np.std(blocks) / np.sqrt(np.ceil(5000 / length))
+    # The standard deviation of 1000 draws is known to 1 / sqrt(2000).
+    assert np.std(means) == pytest.approx(expected, rel=4 / np.sqrt(2000))
+    assert np.mean(means) == pytest.approx(np.mean(blocks), abs=4 * expected / np.sqrt(1000))
+
+
+def test_all_series_are_resampled_at_the_same_places():
+    series = autoregressive(0.5, 1000, 4)
+    both = resampled_means(np.concatenate([series, 2 * series]), 10, np.random.default_rng(0))
+    np.testing.assert_allclose(both[1], 2 * both[0], rtol=1e-12)
+
+
+# Two rows of equal size of error: the truth is zero. 200 records; 95 % is 190, and four standard
+# deviations are 12; blocks are known to cover a little less.
+@pytest.mark.parametrize("correlation", [0.0, 0.7, 0.95])
+def test_intervals_cover_the_truth_as_often_as_they_say(correlation):
+    covered = 0
+    for seed in range(200):
+        first, second = autoregressive(correlation, 3000, seed, rows=2)
+        found = compare_over_time(first, second, seed)
+        assert (found.low_v <= 0 <= found.high_v) == (found.low_v2 <= 0 <= found.high_v2)
+        covered += not found.is_real
+    assert 172 <= covered <= 200

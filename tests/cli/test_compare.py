@@ -1,0 +1,98 @@
+"""`barnax compare` as a user runs it."""
+
+import json
+
+import pytest
+
+from barnax.cli.compare import chosen_rows
+from barnax.comparison_result import ComparisonResult
+from barnax.comparison_run import PAPER_ROWS
+
+from .conftest import BUDGET, contents, run_command
+
+ROWS = ("--models", "so-rc,iso-rc", "--methods", "ls,varpro")
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compared") / "out"
+    return run_command("compare", *ROWS, *BUDGET, "--out", folder), folder
+
+
+def test_one_folder_comes_out(compared):
+    outcome, folder = compared
+    assert outcome.status == 0
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"comparison.json", "timings.json", "report.html", "report.md", "figures"}
+    suffixes = {path.suffix for path in (folder / "figures").iterdir()}
+    assert suffixes == {".png", ".svg"}
+
+
+def test_the_tables_and_the_verdict_are_printed(compared):
+    outcome, _ = compared
+    printed = " ".join(outcome.out.split())
+    for part in ("Parameters", "Searches", "by state of charge", "varpro so-rc", "lowest error"):
+        assert part in printed
+
+
+def test_every_row_is_timed_beside_the_result(compared):
+    _, folder = compared
+    result = ComparisonResult.from_json(folder / "comparison.json")
+    timings = json.loads((folder / "timings.json").read_text())
+    assert all(timings[f"{row.name} [s]"] >= 0 for row in result.rows)
+    assert [row.name for row in result.rows] == [
+        "ls so-rc",
+        "varpro so-rc",
+        "ls iso-rc",
+        "varpro iso-rc",
+    ]
+
+
+def test_the_command_is_stored_without_folders(compared):
+    _, folder = compared
+    command = ComparisonResult.from_json(folder / "comparison.json").command
+    assert command[:2] == ("barnax", "compare")
+    assert str(folder) not in " ".join(command)
+
+
+def test_a_second_run_needs_force_and_gives_the_same_bytes(compared):
+    _, folder = compared
+    before = contents(folder)
+    assert run_command("compare", *ROWS, *BUDGET, "--out", folder).status == 2
+    assert contents(folder) == before
+    assert run_command("compare", *ROWS, *BUDGET, "--out", folder, "--force").status == 0
+    assert contents(folder)["comparison.json"] == before["comparison.json"]
+
+
+def test_json_goes_to_stdout_alone(run, tmp_path):
+    outcome = run("compare", "--models", "so-rc", "--methods", "ls", *BUDGET, "--json")
+    assert json.loads(outcome.out)["rows"][0]["method"] == "ls"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--models", "so-rc,rc"), "--models 'rc' is not known"),
+        (("--methods", "ls,guess"), "--methods 'guess' is not known"),
+        (("--ocv", "test.csv"), "give a RECORD"),
+        (("missing.csv",), "an OCV test of the same cell is needed"),
+    ],
+)
+def test_bad_input_is_one_message(words, message, refuse):
+    assert message in " ".join(refuse("compare", *words).split())
+
+
+def test_without_a_choice_the_papers_rows_run():
+    assert chosen_rows(None, None, PAPER_ROWS) == list(PAPER_ROWS)
+
+
+def test_a_choice_of_both_gives_all_combinations_once():
+    rows = chosen_rows("esc, so-rc", "ls,lm,ls", PAPER_ROWS)
+    assert rows == [("esc", "ls"), ("esc", "lm"), ("so-rc", "ls"), ("so-rc", "lm")]
+
+
+def test_a_choice_of_models_keeps_the_papers_methods():
+    assert chosen_rows("esc", None, PAPER_ROWS) == [
+        ("esc", method) for method in ("ls", "pso", "bmo", "ibmo")
+    ]

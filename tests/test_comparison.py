@@ -1,0 +1,239 @@
+"""A small comparison on the bundled cell: its rows, its differences and its file."""
+
+import itertools
+import json
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.comparison_result import ComparisonResult, make_comparison_result
+from barnax.comparison_run import PAPER_ROWS, compare
+from barnax.errors import InputError
+from barnax.evaluate import validate
+from barnax.methods import METHODS, Budget
+from barnax.records import read_record
+from barnax.refinement import SAME_RMSE
+from barnax.window import Window
+
+WINDOW = Window(score_to_s=1500.5)
+ROWS = (("1rc", "ls"), ("so-rc", "varpro"), ("so-rc", "pso"), ("iso-rc", "pso"), ("esc", "rls"))
+BUDGET = Budget(population=8, iterations=20, seeds=4, key=3)
+
+
+@pytest.fixture(scope="module")
+def validation():
+    return read_record(BUNDLED.validation)
+
+
+@pytest.fixture(scope="module")
+def watched():
+    """What a comparison tells while it works: titles, and seeds finished under each."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def comparison(bundled_record, bundled_cell, validation, watched):
+    @contextmanager
+    def watch(title):
+        watched[title] = 0
+
+        def advance(gained):
+            watched[title] += gained
+
+        yield advance
+
+    return compare(
+        bundled_record,
+        bundled_cell,
+        ROWS,
+        validation=[validation],
+        window=WINDOW,
+        budget=BUDGET,
+        watch=watch,
+    )
+
+
+@pytest.fixture(scope="module")
+def result(comparison, validation):
+    return make_comparison_result(comparison, [validation], command=["barnax", "compare"])
+
+
+def row_of(comparison, name):
+    return next(row for row in comparison.rows if row.name == name)
+
+
+def test_the_rows_stand_in_the_order_asked_for(comparison):
+    assert [(row.model, row.method) for row in comparison.rows] == list(ROWS)
+
+
+def test_a_row_is_its_median_seeds_answer_on_every_record(comparison, validation, bundled_cell):
+    row = row_of(comparison, "pso iso-rc")
+    errors_v = sorted(row.errors_v)
+    assert len(errors_v) == BUDGET.seeds
+    assert row.median.rmse_v == errors_v[1]
+    assert row.evaluations[0].metrics.rmse_v == pytest.approx(errors_v[1], rel=1e-9)
+    again = validate(validation, bundled_cell, "iso-rc", row.median.parameters, WINDOW)
+    assert row.evaluations[1].metrics == again.metrics
+
+
+def test_a_method_that_cannot_answer_is_a_row_that_says_why(comparison):
+    row = row_of(comparison, "rls esc")
+    assert "dynamic hysteresis" in row.failure
+    assert (row.answers, row.evaluations, row.refined) == ((), (), None)
+    assert row not in comparison.answered
+
+
+def test_refinement_stands_beside_the_answer_and_is_never_worse(comparison):
+    exact = row_of(comparison, "varpro so-rc")
+    for row in comparison.answered:
+        if row.method != "ls":  # which may leave the box
+            assert row.refined.rmse_v <= row.median.rmse_v * (1 + 1e-9)
+    assert row_of(comparison, "pso so-rc").refined.rmse_v >= exact.median.rmse_v * (1 - SAME_RMSE)
+
+
+def test_the_seeds_of_a_row_are_those_of_an_identification(comparison, bundled_record):
+    import jax
+
+    problem = row_of(comparison, "pso so-rc").problem
+    optimizer = barnax.make_optimizer("pso", BUDGET.population, BUDGET.iterations)
+    found = barnax.identify(problem, optimizer, key=jax.random.key(BUDGET.key), seeds=BUDGET.seeds)
+    assert [seed.parameters for seed in found.seeds] == [
+        answer.parameters for answer in row_of(comparison, "pso so-rc").answers
+    ]
+
+
+def test_every_pair_of_answered_rows_is_compared_on_every_record(comparison):
+    names = [row.name for row in comparison.answered]
+    expected = {
+        (*pair, place) for pair in itertools.combinations(names, 2) for place in (False, True)
+    }
+    found = [(each.first, each.second, each.is_validation) for each in comparison.differences]
+    assert set(found) == expected
+    assert len(found) == len(expected)
+
+
+def test_a_difference_is_that_of_the_rows_errors(comparison):
+    for each in comparison.differences:
+        first, second = (
+            row_of(comparison, name).evaluations[each.is_validation].metrics.rmse_v
+            for name in (each.first, each.second)
+        )
+        assert each.over_time.difference_v == pytest.approx(first - second, abs=1e-15)
+
+
+def test_seeds_are_paired_where_a_row_has_them_and_on_the_identification_record(comparison):
+    paired = {
+        (each.first, each.second)
+        for each in comparison.differences
+        if each.over_seeds is not None and not each.is_validation
+    }
+    assert ("ls 1rc", "varpro so-rc") not in paired
+    assert len(paired) == 5
+    assert all(each.over_seeds is None for each in comparison.differences if each.is_validation)
+
+
+def test_watching_tells_of_every_row_and_its_seeds(comparison, watched):
+    del comparison
+    names = [f"{method} {model}" for model, method in ROWS]
+    assert list(watched)[: len(ROWS)] == names
+    assert [watched[name] for name in names] == [1, 1, BUDGET.seeds, BUDGET.seeds, 0]
+
+
+def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled_cell):
+    compared = compare(
+        bundled_record,
+        bundled_cell,
+        [("so-rc", "varpro"), ("3rc", "ls")],
+        window=WINDOW,
+        bounds={"R3 [Ohm]": (0.001, 0.002)},
+        fixed={"R0 [Ohm]": 0.06},
+    )
+    assert compared.rows[0].median.parameters.r0 == pytest.approx(0.06)
+    assert compared.rows[1].problem.bounds.ranges["R3 [Ohm]"] == (0.001, 0.002)
+
+
+def test_a_bound_that_no_model_knows_is_refused(bundled_record, bundled_cell):
+    with pytest.raises(InputError, match=r"R3 \[Ohm\]"):
+        compare(
+            bundled_record,
+            bundled_cell,
+            [("so-rc", "ls")],
+            window=WINDOW,
+            bounds={"R3 [Ohm]": (0.001, 0.002)},
+        )
+
+
+def test_an_unknown_method_is_refused(bundled_record, bundled_cell):
+    with pytest.raises(ValueError, match="no method is called 'guess'"):
+        compare(bundled_record, bundled_cell, [("so-rc", "guess")])
+
+
+def test_the_papers_rows_are_registered():
+    assert all(method in METHODS for _, method in PAPER_ROWS)
+    assert len(set(PAPER_ROWS)) == 5
+
+
+def test_the_file_gives_back_the_result_exactly(result, tmp_path):
+    path = tmp_path / "comparison.json"
+    path.write_text(result.to_json())
+    assert ComparisonResult.from_json(path) == result
+
+
+def test_the_file_holds_no_time_and_no_folder(result):
+    text = result.to_json()
+    assert "second" not in text.replace('"second"', "").lower()
+    assert str(BUNDLED.record.parent) not in text
+
+
+def test_the_files_keys_carry_units(result):
+    row = json.loads(result.to_json())["rows"][2]
+    assert row["identification"]["metrics"]["rmse [V]"] > 0
+    assert row["spread"].keys() == {"best rmse [V]", "worst rmse [V]", "standard deviation [V]"}
+    assert row["time_constants"].keys() == {"tau1 [s]", "tau2 [s]"}
+    assert row["refined rmse [V]"] > 0
+
+
+def test_a_row_is_stored_as_it_was_found(comparison, result):
+    row, stored = row_of(comparison, "pso iso-rc"), result.rows[3]
+    assert stored.parameters == row.median.parameters.to_dict()
+    assert list(stored.time_constants.values()) == list(row.median.parameters.tau_s)
+    assert [seed.rmse_v for seed in stored.seeds] == row.errors_v.tolist()
+    assert stored.spread.deviation_v == np.std(row.errors_v, ddof=1)
+    assert stored.refined_rmse_v == row.refined.rmse_v
+    assert stored.identification.bands[2].rmse_v == row.bands[0][2].rmse_v
+
+
+def test_a_method_without_seeds_has_no_spread(result):
+    assert [row.spread is None for row in result.rows] == [True, True, False, False, True]
+
+
+def test_a_failed_row_is_stored_with_its_reason_alone(result):
+    failed = result.rows[4]
+    assert "dynamic hysteresis" in failed.failure
+    assert (failed.parameters, failed.identification, failed.seeds) == (None, None, ())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not a barnax result"),
+        ('{"schema_version": 9}', "schema_version"),
+        ("[]", "is not a barnax result"),
+    ],
+)
+def test_another_file_is_refused(text, message, tmp_path):
+    path = tmp_path / "comparison.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        ComparisonResult.from_json(path)
+
+
+def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):
+    def text():
+        compared = compare(bundled_record, bundled_cell, ROWS[2:4], window=WINDOW, budget=BUDGET)
+        return make_comparison_result(compared).to_json()
+
+    assert text() == text()

@@ -215,7 +215,7 @@ def test_reducing_twice_gives_the_same_bits(short_problem):
         ).compressed
         for _ in range(2)
     )
-    assert np.asarray(first.pairs).tobytes() == np.asarray(second.pairs).tobytes()
+    assert np.asarray(first.factor).tobytes() == np.asarray(second.factor).tobytes()
 
 
 def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):

@@ -33,28 +33,39 @@ CHAINS = 2
 class Compressed(AbstractEvaluator):
     """A record reduced to its triangular factor, for one box.
 
-    `current` and `base` are the factor's columns of the current and of the base error, `pairs`
-    its product with the nodes' answers, so that pairs @ Lagrange polynomials is the answer of any
-    RC pair of 1 ohm. `turns` is the same for a dynamic hysteresis.
+    The columns of `factor` are those of the nodes' answers, so that `pairs` @ Lagrange
+    polynomials is the answer of any RC pair of 1 ohm; the same for a dynamic hysteresis where
+    there is one; of the current; and of the base error.
     """
 
     scored: Scalar
-    base: Float[Array, "rows"]
-    current: Float[Array, "rows"]
-    pairs: Float[Array, "rows nodes"]
+    factor: Float[Array, "rows columns"]
     in_tau: Lagrange
-    turns: Float[Array, "rows rates"] | None = None
     in_rate: Lagrange | None = None
 
+    @property
+    def pairs(self) -> Float[Array, "rows nodes"]:
+        return self.factor[:, : len(self.in_tau.nodes)]
+
+    @property
+    def turns(self) -> Float[Array, "rows rates"]:
+        return self.factor[:, len(self.in_tau.nodes) : -2]
+
+    @property
+    def current(self) -> Float[Array, "rows"]:
+        return self.factor[:, -2]
+
+    @property
+    def base(self) -> Float[Array, "rows"]:
+        return self.factor[:, -1]
+
     def errors(self, impedance: Impedance) -> Float[Array, "rows"]:
-        counts = sum(
-            r * self.in_tau.at(tau) for r, tau in zip(impedance.r, impedance.tau, strict=True)
-        )
-        errors_v = self.base + impedance.r0 * self.current + self.pairs @ counts
-        turns, in_rate = self.turns, self.in_rate
-        if turns is not None and in_rate is not None and impedance.gamma is not None:
-            errors_v = errors_v + turns @ in_rate.at(1 / impedance.gamma)
-        return errors_v
+        pairs = zip(impedance.r, impedance.tau, strict=True)
+        counts = [sum(self.in_tau.at(tau, r) for r, tau in pairs)]
+        if self.in_rate is not None and impedance.gamma is not None:
+            counts.append(self.in_rate.at(1 / impedance.gamma))
+        counts.append(jnp.stack([impedance.r0, jnp.ones_like(impedance.r0)]))
+        return self.factor @ jnp.concatenate(counts)
 
     def squared_error(self, impedance: Impedance) -> Scalar:
         errors_v = self.errors(impedance)
@@ -73,16 +84,15 @@ def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
         slowest, fastest = box.gamma_limits
         in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
     factor = _combine([_factor(drive, in_tau, in_rate) for drive in drives])
-    count, turns = len(in_tau.skeleton), 0 if in_rate is None else len(in_rate.skeleton)
+    count = len(in_tau.skeleton)
+    columns = [factor[:, :count] @ in_tau.from_skeleton]
+    if in_rate is not None:
+        columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
+    columns.append(factor[:, -2:])
     return Compressed(
         scored=sum((drive.scored for drive in drives[1:]), drives[0].scored),
-        base=jnp.asarray(factor[:, -1]),
-        current=jnp.asarray(factor[:, -2]),
-        pairs=jnp.asarray(factor[:, :count] @ in_tau.from_skeleton),
+        factor=jnp.asarray(np.concatenate(columns, axis=1)),
         in_tau=Lagrange.of(in_tau),
-        turns=None
-        if in_rate is None
-        else jnp.asarray(factor[:, count : count + turns] @ in_rate.from_skeleton),
         in_rate=None if in_rate is None else Lagrange.of(in_rate),
     )
 

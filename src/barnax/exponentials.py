@@ -152,23 +152,28 @@ class Lagrange(eqx.Module):
             slope=jnp.asarray(span.slope),
         )
 
-    def at(self, tau: Scalar) -> Float[Array, "nodes"]:
-        """What each node's answer counts in that of `tau`."""
-        return _cardinal((jnp.log(tau) - self.center) / self.half_width, self)
+    def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:
+        """What each node's answer counts in `count` times that of `tau`."""
+        return _cardinal((jnp.log(tau) - self.center) / self.half_width, jnp.asarray(count), self)
 
 
 @jax.custom_jvp
-def _cardinal(x: Scalar, basis: Lagrange) -> Float[Array, "nodes"]:
-    """Barycentric formula (Berrut and Trefethen, 2004, Eq. 4.2)."""
+def _cardinal(x: Scalar, count: Scalar, basis: Lagrange) -> Float[Array, "nodes"]:
+    """Barycentric formula (Berrut and Trefethen, 2004, Eq. 4.2).
+
+    The count enters through a division because XLA does not repeat one for every node; it would
+    repeat everything else that a candidate's resistance is computed from.
+    """
     gap = x - basis.nodes
     # At a node the term of that node is all that counts.
     terms = basis.weights / jnp.where(gap == 0, jnp.finfo(gap.dtype).tiny, gap)
-    return terms / jnp.sum(terms)
+    return terms * (count / jnp.sum(terms))
 
 
 @_cardinal.defjvp
 def _cardinal_jvp(primals, tangents):
     # Differentiating the quotient would lose all figures next to a node.
-    x, basis = primals
-    values = _cardinal(x, basis)
-    return values, (values @ basis.slope) * tangents[0]
+    x, count, basis = primals
+    shares = _cardinal(x, jnp.ones_like(count), basis)
+    slopes = shares @ basis.slope
+    return count * shares, count * slopes * tangents[0] + shares * tangents[1]

@@ -21,6 +21,7 @@ STEP_SHARE = 0.1
 STEADY_SHARE = 0.01
 _FEWEST_STEPS = 3
 _AGREEING = 0.5
+_FEWEST_READINGS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +91,13 @@ class Case:
 
     @cached_property
     def resolution_v(self) -> float:
-        return _resolution(self.step_v)
+        """The smallest step of the voltage's readings; zero where too few differ to tell."""
+        return _resolution(self.record.voltage_v)
 
     @cached_property
     def resolution_a(self) -> float:
-        return _resolution(self.step_a)
+        """The smallest step of the current's readings; zero where too few differ to tell."""
+        return _resolution(self.record.current_a)
 
     @cached_property
     def resistance_ohm(self) -> float:
@@ -134,7 +137,8 @@ def step_resistance_ohm(
     return abs(float(np.median(step_v[is_large] / step_a[is_large])))
 
 
-def _resolution(steps: Float[np.ndarray, "intervals"]) -> float:
-    """The smallest step that is more than rounding; zero where nothing moves."""
-    moved = np.abs(steps[np.abs(steps) > 1e-9])
-    return float(moved.min()) if len(moved) else 0.0
+def _resolution(readings: Float[np.ndarray, "samples"]) -> float:
+    steps = np.diff(np.unique(readings))
+    # Conversions leave differences in the last bits.
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) >= _FEWEST_READINGS else 0.0

@@ -21,30 +21,25 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
     Samples that repeat another are dropped; those that differ from it are spread over the
     interval that follows.
     """
-    findings = []
     repeats = find_repeats(samples)
+    conflicts = repeats.is_conflict
+    findings = [_conflict(samples, conflicts)] if conflicts.any() else []
+    if conflicts.mean() > _COARSE:
+        samples = replace(samples, time_s=_spread(samples.time_s))
+        return samples, findings
     for is_repeat, words in (
         (repeats.is_exact, "exactly the row before"),
         (repeats.is_near, "the row before, within the tester's resolution"),
     ):
         if is_repeat.any():
             first = int(np.argmax(is_repeat)) + 1
-            rows = counted(int(is_repeat.sum()), "row")
-            findings.append(
-                found_at(
-                    samples, first, "note", f"{rows} logged twice: {words}", "merged by barnax"
-                )
-            )
-    conflicts = repeats.is_conflict
-    if conflicts.any():
-        findings.append(_conflict(samples, conflicts))
+            what = f"{counted(int(is_repeat.sum()), 'row')} logged twice: {words}"
+            findings.append(found_at(samples, first, "note", what, "merged by barnax"))
     samples = samples.keep(np.concatenate([[True], ~(repeats.is_exact | repeats.is_near)]))
     if conflicts.any():
         samples = replace(samples, time_s=_spread(samples.time_s))
     close = _close(samples)
-    if close is not None:
-        findings.append(close)
-    return samples, findings
+    return samples, [*findings, close] if close is not None else findings
 
 
 def _conflict(samples: Samples, conflicts: Bool[np.ndarray, "intervals"]) -> Finding:

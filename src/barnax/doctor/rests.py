@@ -13,6 +13,8 @@ from .finding import Finding, counted
 _LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
 # Rests of a minute are rests; by time, so much of them must have the offset, and so little none.
 _LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
+# The longest stretches tell enough.
+_ENOUGH = 1000
 # In the second half of a rest the voltage hardly moves, as it does in a slow sweep, and the current
 # is steady, as it is not in a taper.
 _SETTLED_V, _SPREAD = 0.01, 0.3
@@ -53,9 +55,15 @@ def _rests(case: Case) -> list[tuple[int, float, float]]:
     is_quiet = is_small[1:] & is_small[:-1] & (np.abs(case.step_a) < STEADY_SHARE * case.peak_a)
     first, last_interval = stretches(is_quiet)
     last = last_interval + 1
-    is_long = last - first + 1 >= _FEWEST
+    length_s = record.time_s[last] - record.time_s[first]
+    chosen = last - first + 1 >= _FEWEST
+    # Of short stretches some may be loads; they count only where there are no long ones.
+    if np.any(chosen & (length_s >= _LONG_S)):
+        chosen &= length_s >= _LONG_S
+    places = np.flatnonzero(chosen)
+    places = np.sort(places[np.argsort(-length_s[places], kind="stable")[:_ENOUGH]])
     found = []
-    for a, b in zip(first[is_long].tolist(), last[is_long].tolist(), strict=True):
+    for a, b in zip(first[places].tolist(), last[places].tolist(), strict=True):
         half = slice((a + b) // 2, b + 1)
         current_a, voltage_v = record.current_a[half], record.voltage_v[half]
         middle_a = float(np.median(current_a))
@@ -85,11 +93,7 @@ def _is_counted(case: Case, first: int, last: int) -> bool:
 
 
 def _offset(case: Case, rests: list[tuple[int, float, float]]) -> Iterator[Finding]:
-    """An offset, if most of the rests have it and hardly any is without.
-
-    Of short stretches some may be loads, which is why they count only where there are no long ones.
-    """
-    rests = [rest for rest in rests if rest[2] >= _LONG_S] or rests
+    """An offset, if most of the rests have it and hardly any is without."""
     values_a = np.array([value for _, value, _ in rests])
     lengths_s = np.array([length for *_, length in rests])
     order = np.argsort(values_a)

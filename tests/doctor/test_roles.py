@@ -1,0 +1,118 @@
+"""What a record can serve as, and the options it then needs."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.bundled import BUNDLED, bundled_file
+from barnax.cell import characterize
+from barnax.course import make_course
+from barnax.doctor import diagnose
+from barnax.records import read_record
+from barnax.window import Window
+
+from .faulty_records import CURRENT, TIME, VOLTAGE, diagnosed, frame
+
+
+def roles(diagnosis):
+    return {role.name: role for role in diagnosis.roles}
+
+
+@pytest.mark.parametrize("name", ["identification", "validation"])
+def test_a_drive_record_serves_to_identify_and_to_validate(name):
+    found = roles(diagnose(bundled_file(name)))
+    assert [found[role].is_usable for role in found] == [False, True, True]
+    assert "its longest rest is" in found["OCV test"].reason
+    assert "it starts at rest" in found["identification"].reason
+    assert found["identification"].options == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("ocv_charge", "charge by 21 rests"), ("ocv_discharge", "by 22 rests")]
+)
+def test_a_pulse_test_serves_as_ocv_test(name, words):
+    found = roles(diagnose(bundled_file(name)))
+    assert found["OCV test"].is_usable
+    assert words in found["OCV test"].reason
+    assert "one direction only" in found["OCV test"].reason
+
+
+def test_a_slow_sweep_is_an_ocv_test_and_nothing_else(tmp_path):
+    hours = np.arange(0, 20, 0.01)
+    table = pl.DataFrame(
+        {TIME: hours * 3600, CURRENT: 0 * hours - 0.1, VOLTAGE: 4.1 - 0.05 * hours}
+    )
+    found = roles(diagnosed(tmp_path, table))
+    assert found["OCV test"].is_usable
+    assert "slow discharge, 1.999 Ah" in found["OCV test"].reason
+    assert not found["identification"].is_usable
+    assert not found["validation"].is_usable
+
+
+def test_an_ocv_test_of_another_capacity_is_refused_as_such():
+    found = roles(diagnose(bundled_file("ocv_discharge"), capacity_ah=1.0))
+    assert not found["OCV test"].is_usable
+    assert "capacity 1 Ah was given" in found["OCV test"].reason
+
+
+def test_a_record_of_little_charge_does_not_serve_to_identify():
+    found = roles(diagnose(bundled_file("identification"), capacity_ah=100.0))
+    assert "1.9 % of the capacity" in found["identification"].reason
+
+
+def test_a_record_of_few_steps_does_not_serve_to_identify(tmp_path):
+    found = roles(diagnosed(tmp_path, frame()[:300]))
+    assert "identification wants 20" in found["identification"].reason
+
+
+def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):
+    table = frame()
+    start = int(np.flatnonzero(np.abs(table[CURRENT].to_numpy()) > 1)[0])
+    found = roles(diagnosed(tmp_path, table[start:]))
+    assert found["identification"].options == ("--initial-soc SOC",)
+
+
+def whole_test(rest_s=7200):
+    """A charge to full, a discharge, a rest and the bundled profile, with step numbers."""
+    profile = frame()
+    taper = np.exp(-np.arange(2000) / 600)
+    pieces = [
+        (1, np.zeros(600), np.full(600, 3.9)),
+        (2, np.ones(1000), np.linspace(4.0, 4.2, 1000)),
+        (3, taper, np.full(2000, 4.2)),
+        (4, np.zeros(3600), np.linspace(4.19, 4.178, 3600)),
+        (5, np.full(1440, -1.0), np.linspace(4.1, 3.9, 1440)),
+        (6, np.zeros(rest_s), np.linspace(3.93, 3.95, rest_s)),
+        (7, profile[CURRENT].to_numpy(), profile[VOLTAGE].to_numpy()),
+    ]
+    step = np.concatenate([np.full(len(current), number) for number, current, _ in pieces])
+    return pl.DataFrame(
+        {
+            TIME: np.arange(len(step)) * 1.0,
+            CURRENT: np.concatenate([current for _, current, _ in pieces]),
+            VOLTAGE: np.concatenate([voltage for *_, voltage in pieces]),
+            "Step Index / 1": step,
+        }
+    )
+
+
+@pytest.mark.parametrize("rest_s", [60, 7200])
+def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest_s):
+    role = roles(diagnosed(tmp_path, whole_test(rest_s)))["identification"]
+    assert role.options == ("--start-after-step 3", "--initial-soc 1", "--score-steps 7")
+    assert "the cell is full at the end of step 3" in role.reason
+    assert ("too short to settle" in role.reason) == (rest_s < 1800)
+
+
+def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp_path):
+    table = whole_test().filter(pl.col("Step Index / 1") > 4)
+    role = roles(diagnosed(tmp_path, table))["identification"]
+    (start, score) = role.options
+    assert score == "--score-steps 7"
+    cell = characterize([read_record(path) for path in BUNDLED.ocv])
+    record = read_record(tmp_path / "cell.csv")
+    window = Window(start_time_s=float(start.split()[1]), score_steps=(7,))
+    course = make_course(record, cell, "so-rc", window)
+    # The start is the last sample of the rest and no other.
+    assert abs(record.current_a[course.first]) < 0.02 < abs(record.current_a[course.first + 1])
+    assert "from the rested voltage" in course.initial_soc_reason

@@ -73,4 +73,4 @@ def make_identification(histories_v: list[list[float]], population: int = 10) ->
 
 def make_cross_check(found: Identification, rmse_v: float) -> CrossCheck:
     optimum = Optimum(rmse_v, CIRCUIT, len(found.seeds), is_family=False)
-    return CrossCheck(found, (), (optimum,), (), "")
+    return CrossCheck(found, (), (optimum,), (), "", "scan", 0)

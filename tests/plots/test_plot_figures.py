@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from sample_results import make_cross_check, make_evaluation, make_identification, make_record
 
 from barnax import bundled_file, characterize, plots, read_record
+from sample_comparisons import make_comparison, make_row
 
 
 def make_all_figures() -> dict[str, Figure]:
@@ -22,6 +23,8 @@ def make_all_figures() -> dict[str, Figure]:
     cell = characterize(tests)
     scored = np.arange(600) >= 100
     evaluation = make_evaluation(make_record(600), scored)
+    comparison = make_comparison([make_row("ibmo so-rc", 20.0), make_row("ibmo esc", 18.0)])
+    tau_s = np.geomspace(1.0, 100.0, 10)
     found = make_identification([[0.03, 0.02, 0.011], [0.04, 0.012, 0.012]])
     return {
         "voltage": plots.plot_voltage(evaluation),
@@ -29,10 +32,28 @@ def make_all_figures() -> dict[str, Figure]:
         "ocv": plots.plot_ocv(cell),
         "hysteresis": plots.plot_hysteresis(cell),
         "convergence": plots.plot_convergence(found, make_cross_check(found, 0.01)),
+        "condition": plots.plot_condition(evaluation.course),
+        "voltages": plots.plot_compared_voltages({"a": evaluation, "b": evaluation}),
+        "errors": plots.plot_compared_errors({"a": evaluation, "b": evaluation}),
+        "convergences": plots.plot_compared_convergence(comparison),
+        "parameters": plots.plot_compared_parameters(comparison),
+        "landscape": plots.plot_landscape(tau_s, tau_s, np.add.outer(tau_s, tau_s)),
     }
 
 
-NAMES = ("voltage", "error", "ocv", "hysteresis", "convergence")
+NAMES = (
+    "voltage",
+    "error",
+    "ocv",
+    "hysteresis",
+    "convergence",
+    "condition",
+    "voltages",
+    "errors",
+    "convergences",
+    "parameters",
+    "landscape",
+)
 
 
 @pytest.fixture(scope="module")
@@ -46,13 +67,19 @@ def test_every_axis_label_ends_in_or_holds_a_unit(figures, name):
         labels = [axes.get_xlabel(), axes.get_ylabel()]
         shown = [label for label in labels if label]
         assert shown or axes.get_shared_x_axes().get_siblings(axes)
-        assert all(re.search(r"\[(V|mV|A|s|h|%|-)\]", label) for label in shown)
+        assert all(re.search(r"\[(V|mV|A|s|h|%|-|mOhm|1/SOC)\]", label) for label in shown)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_lowest_panels_name_what_runs_along_them(figures, name):
-    assert figures[name].axes[-1].get_xlabel()
-    assert figures[name].axes[0].get_ylabel()
+def test_the_panels_at_the_edge_name_what_runs_along_them(figures, name):
+    figure = figures[name]
+    panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
+    edges = [axes for axes in panels if axes.get_subplotspec().is_last_row()]
+    assert edges
+    assert all(axes.get_xlabel() for axes in edges)
+    # One label for all strips, or the names of the rows in its place.
+    names_rows = any(text.get_text() == "ibmo so-rc" for text in panels[0].get_yticklabels())
+    assert panels[0].get_ylabel() or figure.get_supylabel() or names_rows
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -92,7 +119,23 @@ def test_importing_the_figures_loads_neither_jax_nor_pyplot():
 
 
 @pytest.mark.parametrize(
-    "module", ["decimation", "error", "hysteresis", "ocv", "time_axis", "voltage"]
+    "module",
+    [
+        "compared_errors",
+        "compared_voltages",
+        "condition",
+        "decimation",
+        "encode",
+        "error",
+        "error_axes",
+        "hysteresis",
+        "landscape",
+        "ocv",
+        "quantities",
+        "rows",
+        "time_axis",
+        "voltage",
+    ],
 )
 def test_the_examples_in_the_docstrings_hold(module):
     found = doctest.testmod(importlib.import_module(f"barnax.plots.{module}"))

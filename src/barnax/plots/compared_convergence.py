@@ -75,9 +75,13 @@ def _draw(axes: Axes, row: "RowPart", look: RowLook, population: int, scale) -> 
         return
     values = scale(np.array(histories))
     evaluations = np.linspace(population, spent, values.shape[1])
-    low, median, high = (_finite(np.percentile(values, q, axis=0)) for q in (BAND[0], 50, BAND[1]))
+    # Between infinite errors nothing can be interpolated; what comes of it is not drawn.
+    with np.errstate(invalid="ignore"):
+        low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
     if len(histories) > 1:
-        axes.fill_between(evaluations, low, high, color=look.color, alpha=0.16, linewidth=0.0)
+        axes.fill_between(
+            evaluations, _finite(low), _finite(high), color=look.color, alpha=0.16, linewidth=0.0
+        )
     # Evenly along a logarithmic axis.
     marked = np.unique(
         np.searchsorted(
@@ -86,7 +90,7 @@ def _draw(axes: Axes, row: "RowPart", look: RowLook, population: int, scale) -> 
     )
     axes.plot(
         evaluations,
-        median,
+        _finite(median),
         linestyle=look.line,
         linewidth=1.3,
         markerfacecolor="white",

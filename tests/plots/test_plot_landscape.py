@@ -1,0 +1,82 @@
+"""The landscape of two time constants, with everyone who walked in it."""
+
+import io
+
+import numpy as np
+import pytest
+
+from barnax.cell import CircuitParameters
+from barnax.plots import plot_landscape
+
+TAU_S = np.geomspace(1.0, 1000.0, 13)
+
+
+def make_landscape():
+    """A bowl whose lowest point is at 10 s and 100 s, without a value where tau1 > tau2."""
+    first, second = np.log10(TAU_S)[:, None], np.log10(TAU_S)
+    rmse_v = 0.02 * (1 + (first - 1) ** 2 + (second - 2) ** 2)
+    return np.where(first <= second, rmse_v, np.nan)
+
+
+def make_circuit(tau1_s, tau2_s):
+    return CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(tau1_s / 0.01, tau2_s / 0.02))
+
+
+def line(axes, label):
+    (found,) = [line for line in axes.get_lines() if line.get_label() == label]
+    return found
+
+
+def test_everyone_stands_at_their_time_constants_the_shorter_first():
+    axes = plot_landscape(
+        TAU_S,
+        TAU_S,
+        make_landscape(),
+        answers={"ibmo so-rc": [make_circuit(9.0, 90.0), make_circuit(200.0, 20.0)]},
+        refined=[make_circuit(10.0, 100.0)],
+        optimum=make_circuit(10.0, 100.0),
+        others=[make_circuit(1.0, 500.0)],
+    ).axes[0]
+    np.testing.assert_allclose(line(axes, "ibmo so-rc").get_xdata(), [9.0, 20.0])
+    np.testing.assert_allclose(line(axes, "ibmo so-rc").get_ydata(), [90.0, 200.0])
+    np.testing.assert_allclose(line(axes, "global optimum").get_xydata(), [[10.0, 100.0]])
+    np.testing.assert_allclose(line(axes, "other local optima").get_xydata(), [[1.0, 500.0]])
+    assert line(axes, "refined by Levenberg-Marquardt").get_zorder() > 2
+
+
+def test_the_steps_count_from_the_lowest_value_and_the_bar_names_it():
+    figure = plot_landscape(TAU_S, TAU_S, make_landscape())
+    figure.savefig(io.BytesIO())
+    landscape, bar = figure.axes
+    assert bar.get_ylabel() == "RMSE above the lowest, 20 mV [%]"
+    assert landscape.get_xlim() == (1.0, 1000.0)
+    assert landscape.get_legend() is None
+
+
+def test_steps_of_color_are_told_apart_in_grey():
+    colors = plot_landscape(TAU_S, TAU_S, make_landscape()).axes[0].collections[0].get_facecolor()
+    lightness = colors[:, :3] @ [0.2126, 0.7152, 0.0722]
+    assert np.all(np.diff(lightness) > 0.02)
+
+
+def test_the_legend_stands_where_there_is_nothing_to_hide():
+    circuits = {"optimum": make_circuit(10.0, 100.0)}
+    assert (
+        plot_landscape(TAU_S, TAU_S, make_landscape(), **circuits).axes[0].get_legend() is not None
+    )
+    full = np.full((13, 13), 0.02) + 0.01 * np.arange(13)
+    figure = plot_landscape(TAU_S, TAU_S, full, **circuits)
+    assert figure.axes[0].get_legend() is None
+    assert len(figure.legends) == 1
+
+
+def test_circuits_of_another_number_of_pairs_are_refused():
+    with pytest.raises(ValueError, match="two RC pairs"):
+        plot_landscape(
+            TAU_S, TAU_S, make_landscape(), optimum=CircuitParameters(0.05, (0.01,), (1000.0,))
+        )
+
+
+def test_a_landscape_without_a_value_is_refused():
+    with pytest.raises(ValueError, match="no finite error"):
+        plot_landscape(TAU_S, TAU_S, np.full((13, 13), np.nan))

@@ -15,9 +15,7 @@ SCHEMA_VERSION = 1
 
 
 def check(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Cyclers' files to look at.")
-    ],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Cyclers' files to look at.")],
     capacity: Annotated[
         float | None,
         typer.Option(

@@ -1,0 +1,118 @@
+"""`barnax check`: exit statuses, tables, lines and JSON."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.bundled import BUNDLED
+
+TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
+CLEAN = (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv)
+
+
+@pytest.fixture
+def faulty(tmp_path):
+    """The bundled record in milliamperes, with one time that runs backwards."""
+    table = pl.read_parquet(BUNDLED.record)
+    clock = table[TIME].to_numpy().copy()
+    clock[500] = 12.5
+    table = table.with_columns(pl.Series(TIME, clock), pl.col(CURRENT) * 1000)
+    table.write_csv(tmp_path / "faulty.csv")
+    return tmp_path / "faulty.csv"
+
+
+@pytest.fixture
+def unreadable(tmp_path):
+    (tmp_path / "noise.csv").write_bytes(np.random.default_rng(0).bytes(4096))
+    return tmp_path / "noise.csv"
+
+
+def test_clean_files_give_status_0_and_say_what_they_can_serve_as(run):
+    outcome = run("check", *CLEAN)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "4 files: 0 errors, 0 warnings" in outcome.out
+    for path in CLEAN:
+        assert path.name in outcome.out
+    assert "identification   yes" in outcome.out
+    assert "OCV test         yes" in outcome.out
+
+
+def test_findings_give_status_1_with_row_and_remedy(run, faulty):
+    outcome = run("check", faulty)
+    assert (outcome.status, outcome.err) == (1, "")
+    text = " ".join(outcome.out.split())
+    assert "error 502" in text
+    assert "time is out of line" in text
+    assert "rename the column to" in text
+    assert "1 file: 2 errors, 0 warnings" in text
+    assert "once the errors are mended" in text
+
+
+def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, faulty, unreadable):
+    outcome = run("check", unreadable, faulty, BUNDLED.record)
+    assert outcome.status == 2
+    assert "error: noise.csv: the content is binary" in outcome.err
+    assert "faulty.csv" in outcome.out
+    assert "2 files: 2 errors" in outcome.out
+
+
+@pytest.mark.parametrize("name", ["nowhere.csv", "."])
+def test_a_file_that_is_not_there_is_refused(refuse, name):
+    assert "error: " in refuse("check", name, "--quiet")
+
+
+def test_quiet_gives_a_line_a_finding_and_nothing_else(run, faulty):
+    outcome = run("check", faulty, BUNDLED.record, "--quiet")
+    assert (outcome.status, outcome.out) == (1, "")
+    lines = outcome.err.splitlines()
+    assert len(lines) == 2
+    assert all(line.startswith("warning: faulty.csv: row ") for line in lines)
+    assert "[rename the column to 'Current / mA']" in lines[1]
+
+
+def test_quiet_is_silent_about_clean_files(run):
+    assert run("check", *CLEAN, "-q") == (0, "", "")
+
+
+def test_json_holds_every_file_and_goes_to_stdout_alone(run, faulty, unreadable):
+    outcome = run("check", faulty, BUNDLED.record, "--json")
+    assert (outcome.status, outcome.err) == (1, "")
+    document = json.loads(outcome.out)
+    assert document["schema_version"] == 1
+    assert [file["file"] for file in document["files"]] == ["faulty.csv", "identification.parquet"]
+    assert [file["clean"] for file in document["files"]] == [False, True]
+    findings = document["files"][0]["findings"]
+    assert {finding["check"] for finding in findings} == {"clock", "current unit"}
+    assert [finding["row"] for finding in findings if finding["check"] == "clock"] == [502]
+    outcome = run("check", unreadable, "--json")
+    assert outcome.status == 2
+    assert "binary" in json.loads(outcome.out)["files"][0]["unreadable"]
+
+
+def test_the_capacity_judges_the_charge(run):
+    outcome = run("check", BUNDLED.record, "--capacity", "1.5")
+    assert outcome.status == 1
+    assert "125.7 %" in " ".join(outcome.out.split())
+
+
+def test_a_capacity_of_nothing_is_refused(refuse):
+    assert "--capacity 0.0 Ah must be positive" in refuse(
+        "check", BUNDLED.record, "--capacity", "0"
+    )
+
+
+def test_without_a_file_the_usage_is_shown(run):
+    outcome = run("check")
+    assert outcome.status == 2
+    assert "Missing argument" in outcome.err
+
+
+def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):
+    table = pl.read_parquet(BUNDLED.record).rename({VOLTAGE: "[bold]Voltage[/bold] x"})
+    table.write_csv(tmp_path / "[red]cell.csv")
+    outcome = run("check", tmp_path / "[red]cell.csv")
+    assert outcome.status == 1
+    assert "[red]cell.csv" in outcome.out
+    assert "[bold]Voltage[/bold] x" in " ".join(outcome.out.split())

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from sample_results import make_cross_check, make_evaluation, make_identification, make_record
 
 from barnax import bundled_file, characterize, plots, read_record
+from barnax.landscape import Landscape
 from sample_comparisons import make_comparison, make_row
 
 
@@ -25,6 +26,8 @@ def make_all_figures() -> dict[str, Figure]:
     evaluation = make_evaluation(make_record(600), scored)
     comparison = make_comparison([make_row("ibmo so-rc", 20.0), make_row("ibmo esc", 18.0)])
     tau_s = np.geomspace(1.0, 100.0, 10)
+    errors_v = np.add.outer(tau_s, tau_s)
+    landscape = Landscape((tau_s, tau_s), None, errors_v, np.zeros((3, 10, 10)))
     found = make_identification([[0.03, 0.02, 0.011], [0.04, 0.012, 0.012]])
     return {
         "voltage": plots.plot_voltage(evaluation),
@@ -37,7 +40,7 @@ def make_all_figures() -> dict[str, Figure]:
         "errors": plots.plot_compared_errors({"a": evaluation, "b": evaluation}),
         "convergences": plots.plot_compared_convergence(comparison),
         "parameters": plots.plot_compared_parameters(comparison),
-        "landscape": plots.plot_landscape(tau_s, tau_s, np.add.outer(tau_s, tau_s)),
+        "landscape": plots.plot_landscape(landscape),
     }
 
 

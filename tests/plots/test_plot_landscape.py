@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
+from barnax.landscape import Landscape
 from barnax.plots import plot_landscape
 
 TAU_S = np.geomspace(1.0, 1000.0, 13)
@@ -15,7 +16,11 @@ def make_landscape():
     """A bowl whose lowest point is at 10 s and 100 s, without a value where tau1 > tau2."""
     first, second = np.log10(TAU_S)[:, None], np.log10(TAU_S)
     rmse_v = 0.02 * (1 + (first - 1) ** 2 + (second - 2) ** 2)
-    return np.where(first <= second, rmse_v, np.nan)
+    return landscape_over(np.where(first <= second, rmse_v, np.nan))
+
+
+def landscape_over(rmse_v, tau_s=(TAU_S, TAU_S), gamma=None):
+    return Landscape(tau_s, gamma, rmse_v, np.zeros((3, *rmse_v.shape)))
 
 
 def make_circuit(tau1_s, tau2_s):
@@ -29,8 +34,6 @@ def line(axes, label):
 
 def test_everyone_stands_at_their_time_constants_the_shorter_first():
     axes = plot_landscape(
-        TAU_S,
-        TAU_S,
         make_landscape(),
         answers={"ibmo so-rc": [make_circuit(9.0, 90.0), make_circuit(200.0, 20.0)]},
         refined=[make_circuit(10.0, 100.0)],
@@ -45,7 +48,7 @@ def test_everyone_stands_at_their_time_constants_the_shorter_first():
 
 
 def test_the_steps_count_from_the_lowest_value_and_the_bar_names_it():
-    figure = plot_landscape(TAU_S, TAU_S, make_landscape())
+    figure = plot_landscape(make_landscape())
     figure.savefig(io.BytesIO())
     landscape, bar = figure.axes
     assert bar.get_ylabel() == "RMSE above the lowest, 20 mV [%]"
@@ -54,29 +57,41 @@ def test_the_steps_count_from_the_lowest_value_and_the_bar_names_it():
 
 
 def test_steps_of_color_are_told_apart_in_grey():
-    colors = plot_landscape(TAU_S, TAU_S, make_landscape()).axes[0].collections[0].get_facecolor()
+    colors = plot_landscape(make_landscape()).axes[0].collections[0].get_facecolor()
     lightness = colors[:, :3] @ [0.2126, 0.7152, 0.0722]
     assert np.all(np.diff(lightness) > 0.02)
 
 
 def test_the_legend_stands_where_there_is_nothing_to_hide():
-    circuits = {"optimum": make_circuit(10.0, 100.0)}
-    assert (
-        plot_landscape(TAU_S, TAU_S, make_landscape(), **circuits).axes[0].get_legend() is not None
-    )
-    full = np.full((13, 13), 0.02) + 0.01 * np.arange(13)
-    figure = plot_landscape(TAU_S, TAU_S, full, **circuits)
+    optimum = make_circuit(10.0, 100.0)
+    assert plot_landscape(make_landscape(), optimum=optimum).axes[0].get_legend() is not None
+    figure = plot_landscape(landscape_over(0.02 + 0.01 * np.ones((13, 13))), optimum=optimum)
     assert figure.axes[0].get_legend() is None
     assert len(figure.legends) == 1
 
 
+def test_pairs_with_boxes_of_their_own_keep_their_order():
+    full = landscape_over(np.full((13, 13), 0.02))
+    axes = plot_landscape(full, optimum=make_circuit(100.0, 10.0)).axes[0]
+    np.testing.assert_allclose(line(axes, "global optimum").get_xydata(), [[100.0, 10.0]])
+    assert axes.get_xlabel() == "Time constant tau1 [s]"
+
+
+def test_of_the_rates_of_a_hysteresis_the_best_counts():
+    known_v = make_landscape().rmse_v
+    deep = landscape_over(np.stack([known_v, known_v / 2], axis=-1), gamma=np.array([1.0, 9.0]))
+    assert "the lowest, 10 mV" in plot_landscape(deep).axes[1].get_ylabel()
+
+
 def test_circuits_of_another_number_of_pairs_are_refused():
     with pytest.raises(ValueError, match="two RC pairs"):
-        plot_landscape(
-            TAU_S, TAU_S, make_landscape(), optimum=CircuitParameters(0.05, (0.01,), (1000.0,))
-        )
+        plot_landscape(make_landscape(), optimum=CircuitParameters(0.05, (0.01,), (1000.0,)))
 
 
-def test_a_landscape_without_a_value_is_refused():
-    with pytest.raises(ValueError, match="no finite error"):
-        plot_landscape(TAU_S, TAU_S, np.full((13, 13), np.nan))
+@pytest.mark.parametrize(
+    "tau_s", [(TAU_S,), (TAU_S, np.array([5.0])), (TAU_S, TAU_S, TAU_S)], ids=len
+)
+def test_what_has_not_two_time_constants_to_choose_is_refused(tau_s):
+    shape = tuple(len(each) for each in tau_s)
+    with pytest.raises(ValueError, match="two time constants"):
+        plot_landscape(landscape_over(np.full(shape, 0.02), tau_s))

@@ -16,6 +16,7 @@ from .style import BLACK, TICKS, figure_style, finish_axes, legend_above, make_f
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
+    from ..landscape import Landscape
 
 # Excess over the lowest RMSE, in percent: narrow steps near the bottom, where basins part.
 STEPS_PERCENT: Final = (0.0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
@@ -38,9 +39,7 @@ OPTIMUM: Final[dict[str, Any]] = REFINED | {"marker": "*", "markersize": 14.0}
 
 @figure_style()
 def plot_landscape(
-    tau1_s: Float[np.ndarray, "first"],
-    tau2_s: Float[np.ndarray, "second"],
-    rmse_v: Float[np.ndarray, "first second"],
+    landscape: "Landscape",
     *,
     answers: "Mapping[str, Sequence[CircuitParameters]] | None" = None,
     refined: "Sequence[CircuitParameters]" = (),
@@ -49,52 +48,76 @@ def plot_landscape(
 ) -> Figure:
     """The lowest RMSE that the resistances can reach, over both time constants.
 
-    `rmse_v` is NaN where there is no value, as where tau1 exceeds tau2. Steps of color are the
-    excess over its lowest value, in percent: a problem with two basins shows two dark patches.
-    `answers` are each row's circuits, one a seed; `refined` what Levenberg-Marquardt made of
-    some; `optimum` the global optimum and `others` the local ones. Raises `ValueError` for
-    circuits that have not two RC pairs, and where `rmse_v` has no value at all.
+    Where the circuit has a rate gamma too, the best one counts. Steps of color are the excess
+    over the lowest value, in percent: a problem with two basins shows two dark patches. `answers`
+    are each row's circuits, one a seed; `refined` what Levenberg-Marquardt made of some;
+    `optimum` the global optimum and `others` the local ones. Raises `ValueError` for what has not
+    two time constants to choose.
 
+    >>> from barnax.landscape import Landscape
     >>> tau_s = np.geomspace(1.0, 1e4, 30)
     >>> rmse_v = 0.01 + 1e-3 * np.abs(np.log(tau_s[:, None] * tau_s / 1e4))
-    >>> plot_landscape(tau_s, tau_s, rmse_v).axes[0].get_xlabel()
-    'Shorter time constant tau1 [s]'
+    >>> landscape = Landscape((tau_s, tau_s), None, rmse_v, np.zeros((3, 30, 30)))
+    >>> plot_landscape(landscape).axes[0].get_xlabel()
+    'Time constant tau1 [s]'
     """
+    if not has_landscape(landscape):
+        raise ValueError("a landscape is drawn over two time constants, neither of them held")
+    tau1_s, tau2_s = landscape.tau_s
+    rmse_v = _least_over_gamma(landscape)
+    # Alike pairs are ordered, and there is nothing where tau1 exceeds tau2.
+    is_ordered = bool(np.isnan(rmse_v[-1, 0]))
     figure = make_figure(height_in=HEIGHT_IN)
     axes = figure.subplots()
     _draw_excess(figure, axes, tau1_s, tau2_s, rmse_v)
+
+    def mark(circuits, label, layer, style):
+        taus = [sorted(each.tau_s) if is_ordered else each.tau_s for each in circuits]
+        _mark(axes, taus, label, layer, style)
+
     rows = answers or {}
     for label, look in row_looks(rows).items():
-        style = {"marker": look.marker, "markerfacecolor": look.color} | ANSWER
-        _mark(axes, rows[label], label, 3.0, style)
-    _mark(axes, refined, "refined by Levenberg-Marquardt", 3.2, REFINED)
-    _mark(axes, others, "other local optima", 3.1, REFINED | {"marker": "o"})
-    _mark(axes, [optimum] if optimum else [], "global optimum", 3.1, OPTIMUM)
+        mark(
+            rows[label], label, 3.0, {"marker": look.marker, "markerfacecolor": look.color} | ANSWER
+        )
+    mark(refined, "refined by Levenberg-Marquardt", 3.2, REFINED)
+    mark(others, "other local optima", 3.1, REFINED | {"marker": "o"})
+    mark([optimum] if optimum else [], "global optimum", 3.1, OPTIMUM)
     axes.set(
         xscale="log",
         yscale="log",
         xlim=(tau1_s[0], tau1_s[-1]),
         ylim=(tau2_s[0], tau2_s[-1]),
-        xlabel="Shorter time constant tau1 [s]",
-        ylabel="Longer time constant tau2 [s]",
+        xlabel=f"{'Shorter time' if is_ordered else 'Time'} constant tau1 [s]",
+        ylabel=f"{'Longer time' if is_ordered else 'Time'} constant tau2 [s]",
     )
     finish_axes(axes)
     axes.grid(visible=False)
     if axes.get_legend_handles_labels()[0]:
-        # Where tau1 exceeds tau2 there is nothing to hide.
-        if np.isnan(rmse_v[-1, 0]):
+        if is_ordered:
             axes.legend(loc="lower right", markerscale=0.9)
         else:
             legend_above(figure, axes, columns=3)
     return figure
 
 
+def has_landscape(landscape: "Landscape") -> bool:
+    """Whether there are two time constants to draw it over."""
+    return [len(each) > 1 for each in landscape.tau_s] == [True, True]
+
+
+def _least_over_gamma(landscape: "Landscape") -> Float[np.ndarray, "first second"]:
+    """The RMSE of the best gamma, NaN where there is no value; as it is where there is none."""
+    if landscape.gamma is None:
+        return landscape.rmse_v
+    known_v = np.where(np.isnan(landscape.rmse_v), np.inf, landscape.rmse_v).min(axis=-1)
+    return np.where(np.isfinite(known_v), known_v, np.nan)
+
+
 def _draw_excess(
     figure: Figure, axes: Axes, tau1_s: np.ndarray, tau2_s: np.ndarray, rmse_v: np.ndarray
 ) -> None:
     known = np.ma.masked_invalid(rmse_v)
-    if known.count() == 0:
-        raise ValueError("the landscape has no finite error to draw")
     lowest_v = float(known.min())
     excess_percent = 100 * (known / lowest_v - 1)
     colors = matplotlib.colormaps[COLOR_MAP]
@@ -118,15 +141,15 @@ def _draw_excess(
 
 def _mark(
     axes: Axes,
-    circuits: "Sequence[CircuitParameters]",
+    taus_s: Sequence[Sequence[float]],
     label: str,
     layer: float,
     style: dict[str, Any],
 ) -> None:
-    if not circuits:
+    if not taus_s:
         return
-    if any(len(circuit.tau_s) != 2 for circuit in circuits):
+    if any(len(each) != 2 for each in taus_s):
         raise ValueError(f"{label}: a landscape over two time constants needs two RC pairs")
-    tau1_s, tau2_s = np.array([sorted(circuit.tau_s) for circuit in circuits]).T
-    # At the limits of the box the mark is cut in half otherwise.
+    tau1_s, tau2_s = np.array(taus_s).T
+    # At the limits of the box a mark would be cut in half.
     axes.plot(tau1_s, tau2_s, linestyle="none", label=label, zorder=layer, clip_on=False, **style)

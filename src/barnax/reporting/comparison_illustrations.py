@@ -1,8 +1,9 @@
 """The figures of a comparison, with their captions."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from ..cell import CircuitParameters
 from ..plots import (
     plot_compared_convergence,
     plot_compared_errors,
@@ -11,19 +12,23 @@ from ..plots import (
 )
 from ..plots.illustration import Illustration
 from .cell_illustrations import cell_illustrations, condition_illustrations, record_roles
+from .landscape_illustration import landscape_illustration
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
     from ..comparison_result import ComparisonResult
+    from ..optimum import GlobalOptimum
 
 
 def comparison_illustrations(
-    result: "ComparisonResult", comparison: "Comparison | None" = None
+    result: "ComparisonResult",
+    comparison: "Comparison | None" = None,
+    optima: "Mapping[str, GlobalOptimum] | None" = None,
 ) -> list[Illustration]:
     """Every figure of a comparison; those over time only with the comparison itself.
 
     A stored comparison holds no records, so from `result` alone come the figures of the cell and
-    of the seeds.
+    of the seeds. `optima` are the global optima by model, for the landscapes.
     """
     figures = [*cell_illustrations(result.cell_model)]
     if comparison is not None and comparison.answered:
@@ -35,6 +40,18 @@ def comparison_illustrations(
             figures += _rows_on(comparison, record, role)
     if any(row.seeds for row in result.rows):
         figures += _seeds_of(result)
+    for model, found in (optima or {}).items():
+        rows = [row for row in result.rows if row.model == model and row.seeds]
+        answers = {
+            row.name: [CircuitParameters.from_dict(seed.parameters) for seed in row.seeds]
+            for row in rows
+        }
+        refined = [
+            CircuitParameters.from_dict(row.refined_parameters)
+            for row in rows
+            if row.refined_parameters is not None
+        ]
+        figures += landscape_illustration(model, found, answers, refined)
     return figures
 
 

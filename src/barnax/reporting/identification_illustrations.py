@@ -5,17 +5,26 @@ from typing import TYPE_CHECKING
 
 from ..plots import plot_convergence, plot_error, plot_voltage
 from ..plots.illustration import Illustration
+from ..result import describe
 from .cell_illustrations import cell_illustrations, condition_illustrations, record_roles
+from .landscape_illustration import landscape_illustration
 
 if TYPE_CHECKING:
     from ..evaluate import Evaluation
+    from ..optimum import GlobalOptimum
     from ..refinement import CrossCheck
 
 
 def identification_illustrations(
-    checked: "CrossCheck", identified: "Sequence[Evaluation]", validated: "Sequence[Evaluation]"
+    checked: "CrossCheck",
+    identified: "Sequence[Evaluation]",
+    validated: "Sequence[Evaluation]",
+    optimum: "GlobalOptimum | None" = None,
 ) -> list[Illustration]:
-    """Every figure of an identification; evaluations are those of the refined parameters."""
+    """Every figure of an identification; evaluations are those of the refined parameters.
+
+    With the global `optimum` comes the landscape.
+    """
     roles = record_roles(len(identified), len(validated))
     evaluations = dict(zip(roles, [*identified, *validated], strict=True))
     figures = [*cell_illustrations(checked.found.problem.cell)]
@@ -47,4 +56,9 @@ def identification_illustrations(
             "Best RMSE of every seed over evaluations",
         )
     )
+    if optimum is not None:
+        method, _ = describe(checked.found.optimizer)
+        answers = {method: [seed.parameters for seed in checked.found.seeds]}
+        circuit = checked.found.problem.circuit
+        figures += landscape_illustration(circuit, optimum, answers, [checked.parameters])
     return figures

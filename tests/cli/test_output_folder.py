@@ -96,7 +96,7 @@ def test_a_name_that_is_just_not_too_long_is_written(tmp_path):
 
 @pytest.mark.parametrize("name", [300 * "x", f"{300 * 'x'}/out", f"out/{300 * 'x'}"])
 def test_a_name_too_long_for_a_folder_is_refused_before_any_work(refuse, monkeypatch, name):
-    monkeypatch.setattr(command, "_files", None)
+    monkeypatch.setattr(command, "choose_files", None)
     message = refuse(*IDENTIFY, "--out", name)
     assert f"{name}: cannot be used (File name too long); give --out another folder" in message
 
@@ -138,7 +138,7 @@ def test_the_working_folder_itself_is_not_replaced(refuse, name):
 
 def test_a_read_only_place_is_refused_before_any_work(refuse, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)
-    monkeypatch.setattr(command, "_files", None)
+    monkeypatch.setattr(command, "choose_files", None)
     message = refuse(*IDENTIFY, "--out", "out")
     assert "cannot be written to; give --out another folder" in message
 
@@ -147,7 +147,7 @@ def test_an_interruption_exits_130_and_writes_nothing(run, tmp_path, monkeypatch
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "_files", interrupted)
+    monkeypatch.setattr(command, "choose_files", interrupted)
     outcome = run(*IDENTIFY, "--out", "out")
     assert outcome.status == 130
     assert "nothing was written" in outcome.err

@@ -77,7 +77,7 @@ def compare(
     folder = out or (None if as_json else DEFAULT_FOLDER)
     if folder is not None:
         require_free(folder, force)
-    paths = choose_files(record, ocv, validate)
+    paths = choose_files([record] if record else [], ocv or [], validate or [])
     files = Files(*paths, current_sign, ocv_current_sign, validate_current_sign, current_hold)
     with session.stage("Loading JAX"):
         use_compilation_cache()
@@ -119,7 +119,7 @@ def compare(
                 yield advance
 
         comparison = compare(
-            inputs.record,
+            inputs.records[0],
             inputs.cell,
             rows,
             validation=inputs.validation,

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from ..bundled import BUNDLED
-from ..errors import InputError
 from . import options
-from .options import INPUT, SEARCH, parse_steps, require_choice
+from .inputs import Files, choose_files, make_window, read_box, read_inputs
+from .options import SEARCH, require_choice
 from .output import DEFAULT_FOLDER, png_bytes, require_free, write_folder
 from .session import (
     Session,
@@ -23,7 +22,6 @@ from .session import (
 if TYPE_CHECKING:
     from ..cell import CellModel
     from ..evaluate import Evaluation
-    from ..records import Record
     from ..refinement import CrossCheck
 
 
@@ -37,26 +35,9 @@ def identify(
             show_default=False,
         ),
     ] = None,
-    ocv: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="OCV test, pulse-rest or slow sweep; repeatable.",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    validate: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE", help="Record to validate on; repeatable.", rich_help_panel=INPUT
-        ),
-    ] = None,
-    capacity: Annotated[
-        float | None,
-        typer.Option(
-            metavar="AH", help="Capacity (default from the OCV test).", rich_help_panel=INPUT
-        ),
-    ] = None,
+    ocv: options.Ocv = None,
+    validate: options.Validate = None,
+    capacity: options.Capacity = None,
     model: Annotated[
         str,
         typer.Option(
@@ -78,82 +59,18 @@ def identify(
         ),
     ] = "ibmo",
     objective: options.Objective = "scan",
-    coordinates: Annotated[
-        options.Scale,
-        typer.Option(
-            metavar="rc|log",
-            help="Search raw R and C, as the paper does, or logarithms of R and tau.",
-            rich_help_panel=SEARCH,
-        ),
-    ] = "rc",
-    seeds: Annotated[
-        int,
-        typer.Option(min=1, metavar="N", help="Independent runs.", rich_help_panel=SEARCH),
-    ] = 30,
-    population: Annotated[
-        int,
-        typer.Option(min=4, metavar="N", help="Candidates a generation.", rich_help_panel=SEARCH),
-    ] = 30,
-    iterations: Annotated[
-        int,
-        typer.Option(min=1, metavar="N", help="Generations.", rich_help_panel=SEARCH),
-    ] = 500,
-    key: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            max=2**32 - 1,
-            metavar="N",
-            help="The number all randomness comes from.",
-            rich_help_panel=SEARCH,
-        ),
-    ] = 0,
-    bounds: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml",
-            help='Bounds, in a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
-            rich_help_panel=SEARCH,
-        ),
-    ] = None,
-    fix: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help='Hold a parameter, such as "C1 \\[F]=500"; repeatable.',
-            rich_help_panel=SEARCH,
-        ),
-    ] = None,
-    ocv_fit: Annotated[
-        options.OcvFit,
-        typer.Option(
-            metavar="FIT",
-            help="OCV curves: polynomial (degree 7) or interpolated (PCHIP through the points).",
-            rich_help_panel=INPUT,
-        ),
-    ] = "polynomial",
-    hysteresis_fit: Annotated[
-        options.HysteresisFit,
-        typer.Option(
-            metavar="FIT",
-            help="Hysteresis segments: continuous (they meet at the knots) or independent (nine "
-            "free parameters).",
-            rich_help_panel=INPUT,
-        ),
-    ] = "continuous",
+    coordinates: options.Coordinates = "rc",
+    seeds: options.Seeds = 30,
+    population: options.Population = 30,
+    iterations: options.Iterations = 500,
+    key: options.RandomKey = 0,
+    bounds: options.BoundsFile = None,
+    fix: options.Fix = None,
+    ocv_fit: options.OcvCurves = "polynomial",
+    hysteresis_fit: options.HysteresisSegments = "continuous",
     current_sign: options.CurrentSign = "auto",
-    ocv_current_sign: Annotated[
-        options.Sign,
-        typer.Option(
-            metavar="SIGN", help="Sign of current in the OCV tests.", rich_help_panel=INPUT
-        ),
-    ] = "auto",
-    validate_current_sign: Annotated[
-        options.Sign,
-        typer.Option(
-            metavar="SIGN", help="Sign of current in the validation records.", rich_help_panel=INPUT
-        ),
-    ] = "auto",
+    ocv_current_sign: options.OcvCurrentSign = "auto",
+    validate_current_sign: options.ValidateCurrentSign = "auto",
     current_hold: options.CurrentHold = "auto",
     rest_current: options.RestCurrent = None,
     initial_direction: options.InitialDirection = None,
@@ -177,68 +94,59 @@ def identify(
     folder = out or (None if as_json else DEFAULT_FOLDER)
     if folder is not None:
         require_free(folder, force)
-    records, ocv, validate = _files(records or [], ocv or [], validate or [])
+    paths = choose_files(records or [], ocv or [], validate or [])
+    files = Files(*paths, current_sign, ocv_current_sign, validate_current_sign, current_hold)
     with session.stage("Loading JAX"):
         use_compilation_cache()
         import jax
 
-        from ..bounds import parse_fixed, read_bounds
-        from ..cell import CIRCUITS, characterize
+        from ..cell import CIRCUITS
         from ..course import make_course
         from ..descent import Descent
         from ..evaluate import evaluate_course
         from ..identification import identify as search
         from ..optimizers import OPTIMIZERS, make_optimizer
         from ..problem import make_problem
-        from ..records import read_record
         from ..refinement import refine
         from ..report import identification_report
         from ..result import all_warnings, make_result
-        from ..window import Window
 
     require_choice("--model", model, CIRCUITS)
     require_choice("--method", method, OPTIMIZERS)
     optimizer = make_optimizer(method, population, iterations)
-    window = Window(
-        start_time_s=start_time,
+    window = make_window(
+        start_time=start_time,
         start_after_step=start_after_step,
         initial_soc=initial_soc,
-        score_steps=parse_steps(score_steps),
-        score_from_s=score_from,
-        score_to_s=score_to,
-        rest_current_a=rest_current,
-        initial_direction=1 if initial_direction is None else initial_direction,
+        score_steps=score_steps,
+        score_from=score_from,
+        score_to=score_to,
+        rest_current=rest_current,
+        initial_direction=initial_direction,
     )
-    ranges = read_bounds(bounds) if bounds is not None else {}
-    with session.stage("Reading records"):
-
-        def read(path: Path, sign: options.Sign) -> "Record":
-            return read_record(path, current_sign=sign, current_hold=current_hold)
-
-        tests = [read(path, ocv_current_sign) for path in ocv]
-        dynamic = [read(path, current_sign) for path in records]
-        others = [read(path, validate_current_sign) for path in validate]
-    with session.stage("Characterizing the cell"):
-        cell = characterize(
-            tests,
-            capacity_ah=capacity,
-            ocv_fit=ocv_fit,
-            hysteresis_fit=hysteresis_fit,
-            rest_current_a=rest_current,
-        )
+    box = read_box(bounds, fix)
+    inputs = read_inputs(
+        session,
+        files,
+        capacity=capacity,
+        ocv_fit=ocv_fit,
+        hysteresis_fit=hysteresis_fit,
+        rest_current=rest_current,
+    )
+    with session.stage("Setting up the problem"):
         problem = make_problem(
-            dynamic,
-            cell,
+            inputs.records,
+            inputs.cell,
             model,
             window=window,
-            bounds=ranges,
-            fixed=parse_fixed(fix or []),
+            bounds=box.ranges,
+            fixed=box.fixed,
             coordinates=coordinates,
             objective=objective,
-            source=str(bounds.name) if bounds is not None else "--fix",
+            source=box.source,
         )
         # A validation record that does not fit the window is refused before the search, not after.
-        courses = [make_course(other, cell, model, window) for other in others]
+        courses = [make_course(other, inputs.cell, model, window) for other in inputs.validation]
     with ThreadPoolExecutor(max_workers=1) as beside:
         compiling = beside.submit(Descent, problem)
         with session.bar("Searching", seeds) as advance:
@@ -250,33 +158,18 @@ def identify(
     with session.stage("Validating"):
         identified = [evaluate_course(course, checked.parameters) for course in problem.courses]
         validated = [evaluate_course(course, checked.parameters) for course in courses]
-    result = make_result(checked, identified, validated, ocv=tests, command=command_line())
+    result = make_result(checked, identified, validated, ocv=inputs.tests, command=command_line())
     if folder is not None:
-        files = {"result.json": result.to_json().encode()}
+        written = {"result.json": result.to_json().encode()}
         with session.stage("Drawing figures"):
-            files |= _figures(cell, checked, identified, validated)
-        files["timings.json"] = session.timings_json()
-        write_folder(folder, files)
+            written |= _figures(inputs.cell, checked, identified, validated)
+        written["timings.json"] = session.timings_json()
+        write_folder(folder, written)
     if as_json:
         typer.echo(result.to_json(), nl=False)
     session.show(identification_report(checked, [*identified, *validated]))
-    session.warn(all_warnings(problem, validated, tests))
+    session.warn(all_warnings(problem, validated, inputs.tests))
     session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
-
-
-def _files(
-    records: list[Path], ocv: list[Path], validate: list[Path]
-) -> tuple[list[Path], list[Path], list[Path]]:
-    """The files to work on: those given, or the bundled cell's where none is."""
-    if not records:
-        if ocv or validate:
-            raise InputError("give a RECORD to identify on; --ocv and --validate only go with one")
-        return [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
-    if not ocv:
-        raise InputError(
-            f"{records[0]}: an OCV test of the same cell is needed as well; give it with --ocv"
-        )
-    return records, ocv, validate
 
 
 def _figures(

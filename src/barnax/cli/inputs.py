@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Files(NamedTuple):
     """The files of a command, and the signs of current they are read with."""
 
-    record: Path
+    records: list[Path]
     ocv: list[Path]
     validation: list[Path]
     sign: Sign
@@ -29,7 +29,7 @@ class Files(NamedTuple):
 class Inputs(NamedTuple):
     """What was in the files."""
 
-    record: "Record"
+    records: "list[Record]"
     tests: "list[Record]"
     validation: "list[Record]"
     cell: "CellModel"
@@ -44,18 +44,18 @@ class Box(NamedTuple):
 
 
 def choose_files(
-    record: Path | None, ocv: list[Path] | None, validation: list[Path] | None
-) -> tuple[Path, list[Path], list[Path]]:
+    records: list[Path], ocv: list[Path], validation: list[Path]
+) -> tuple[list[Path], list[Path], list[Path]]:
     """The files to work on: those given, or the bundled cell's where none is."""
-    if record is None:
+    if not records:
         if ocv or validation:
             raise InputError("give a RECORD to identify on; --ocv and --validate only go with one")
-        return BUNDLED.record, [*BUNDLED.ocv], [BUNDLED.validation]
+        return [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     if not ocv:
         raise InputError(
-            f"{record}: an OCV test of the same cell is needed as well; give it with --ocv"
+            f"{records[0]}: an OCV test of the same cell is needed as well; give it with --ocv"
         )
-    return record, ocv, validation or []
+    return records, ocv, validation
 
 
 def read_inputs(
@@ -77,7 +77,7 @@ def read_inputs(
             return read_record(path, current_sign=sign, current_hold=files.hold)
 
         tests = [read(path, files.ocv_sign) for path in files.ocv]
-        dynamic = read(files.record, files.sign)
+        dynamic = [read(path, files.sign) for path in files.records]
         others = [read(path, files.validation_sign) for path in files.validation]
     with session.stage("Characterizing the cell"):
         cell = characterize(

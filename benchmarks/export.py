@@ -172,8 +172,9 @@ def write_page() -> None:
             "# Exported circuits, simulated where they went",
             "",
             "Root mean square and largest difference of terminal voltage, in volts, between a "
-            "package that reads what `barnax export` wrote and barnax itself. Circuits: identified on the bundled cell "
-            f"({SEEDS} seeds, {ITERATIONS} iterations of ibmo-centered, then refined). Currents: "
+            "package that reads what `barnax export` wrote and barnax itself. Circuits: "
+            f"identified on the bundled cell ({SEEDS} seeds, {ITERATIONS} iterations of "
+            "ibmo-centered, then refined). Currents: "
             "the pulse test of `--verify`, and the trips of the bundled validation record, "
             f"started at SOC {TRIPS_FROM_SOC}.",
             "",

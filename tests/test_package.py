@@ -55,7 +55,7 @@ def test_importing_barnax_loads_nothing_heavy():
     assert not loaded_by("import barnax, barnax.cli; barnax.__version__; dir(barnax)") & HEAVY
 
 
-@pytest.mark.parametrize("words", [[], ["identify"], ["validate"]], ids=str)
+@pytest.mark.parametrize("words", [[], ["identify"], ["validate"], ["export"]], ids=str)
 def test_help_answers_without_jax(words):
     code = (
         f"import sys; sys.argv = ['barnax', *{words}, '--help']\n"
@@ -160,7 +160,7 @@ def test_a_wheel_carries_the_bundled_cell_the_type_marker_and_the_licence(tmp_pa
 def test_the_readme_names_only_options_that_exist():
     blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL))
     commands = re.findall(r"^barnax (\w+) ((?:.*\\\n)*.*)$", blocks, re.MULTILINE)
-    assert {name for name, _ in commands} == {"identify", "validate", "check"}
+    assert {name for name, _ in commands} == {"identify", "validate", "export", "check"}
     for name, words in commands:
         known = get_command(app).commands[name].params
         options = {option for parameter in known for option in parameter.opts}

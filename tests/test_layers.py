@@ -18,6 +18,7 @@ LAYERS = (
     ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),
     ("split_box", "reduced"),
     ("identification", "descent", "refinement", "evaluate", "landscape"),
+    ("certificate", "optimum"),
     ("block_bootstrap", "methods", "comparison_statistics"),
     ("comparison", "comparison_run"),
     (

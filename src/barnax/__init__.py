@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from .methods import Budget as Budget
     from .optimizers import OPTIMIZERS as OPTIMIZERS
     from .optimizers import make_optimizer as make_optimizer
+    from .optimum import GlobalOptimum as GlobalOptimum
+    from .optimum import global_optimum as global_optimum
+    from .optimum import regret as regret
     from .problem import Problem as Problem
     from .problem import make_problem as make_problem
     from .records import Record as Record
@@ -48,6 +51,7 @@ _HOME = {
     "ComparisonResult": "comparison_result",
     "CrossCheck": "refinement",
     "Evaluation": "evaluate",
+    "GlobalOptimum": "optimum",
     "Identification": "identification",
     "InputError": "errors",
     "METHODS": "methods",
@@ -60,6 +64,7 @@ _HOME = {
     "characterize": "cell",
     "compare": "comparison_run",
     "evaluate_course": "evaluate",
+    "global_optimum": "optimum",
     "identify": "identification",
     "make_comparison_result": "comparison_result",
     "make_optimizer": "optimizers",
@@ -67,6 +72,7 @@ _HOME = {
     "make_result": "result",
     "read_record": "records",
     "refine": "refinement",
+    "regret": "optimum",
     "validate": "evaluate",
 }
 _MODULES = {"export", "plots"}
@@ -81,6 +87,7 @@ __all__ = [
     "ComparisonResult",
     "CrossCheck",
     "Evaluation",
+    "GlobalOptimum",
     "Identification",
     "InputError",
     "Problem",
@@ -101,6 +108,7 @@ __all__ = [
     "plots",
     "read_record",
     "refine",
+    "regret",
     "validate",
 ]
 

@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float, Scalar
 from .cell import CircuitParameters
 from .errors import InputError
 from .precision import in_float64
-from .problem import Kind, Objective, Problem, impedance_of, residuals, rmse_by_scan
-from .programs import SEEDS_PER_BLOCK, compile_for, run_blocks, seed_blocks, wanted_rows
+from .problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
+from .programs import SEEDS_PER_BLOCK, compile_for, run_blocks, wanted_rows
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
@@ -71,19 +71,14 @@ class Descent:
         progress: Callable[[int], None] | None = None,
     ) -> list[RefinedSeed]:
         """Every circuit refined; `tolerance` is relative to the circuit's own error."""
-        encode = self.objective.coordinates.encode
-        starts = [encode(impedance_of(circuit)) for circuit in circuits]
-        blocks = seed_blocks(len(starts))
-        given = [
-            jnp.stack([starts[min(index, len(starts) - 1)] for index in block]) for block in blocks
-        ]
+        starts = point_blocks(circuits, self.objective.coordinates)
 
         @in_float64  # the setting belongs to a thread
         def run(points):
             settings = (jnp.asarray(tolerance), jnp.asarray(holds_bounds))
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
-        ends = run_blocks(run, given, wanted_rows(len(starts)), progress)
+        ends = run_blocks(run, starts, wanted_rows(len(circuits)), progress)
         points, errors_v, converged, evaluations = zip(*ends, strict=True)
         found = self.problem.parameters_at(points, self.objective.coordinates)
         if self.kind != "scan":

@@ -140,17 +140,45 @@ class Problem:
 def rmse_by_scan(problem: Problem, circuits: Sequence[CircuitParameters]) -> list[float]:
     """The RMSE of circuits by the reference, in V, whatever the problem's objective."""
     objective = problem.objective_in("log", "scan")
-    encode = objective.coordinates.encode
-    points = [encode(impedance_of(circuit)) for circuit in circuits]
     errors_v = []
-    for block in seed_blocks(len(points)):
-        here = jnp.stack([points[min(index, len(points) - 1)] for index in block])
-        errors_v += compile_for(_rmse_of_all, here, objective)(here, objective).tolist()
-    return errors_v[: len(points)]
+    for points in point_blocks(circuits, objective.coordinates):
+        errors_v += compile_for(_rmse_of_all, points, objective)(points, objective).tolist()
+    return errors_v[: len(circuits)]
+
+
+def point_blocks(
+    circuits: Sequence[CircuitParameters], coordinates: Coordinates
+) -> list[Float[Array, "seeds free"]]:
+    """The points of circuits in blocks of one size; the last is filled up with its last circuit.
+
+    Call inside float64.
+    """
+    values = [
+        (each.r0, *each.r, *each.tau_s, *(() if each.gamma is None else (each.gamma,)))
+        for each in circuits
+    ]
+    last = len(values) - 1
+    blocks = [[values[min(at, last)] for at in block] for block in seed_blocks(len(values))]
+    return [_encode(jnp.asarray(np.array(block)), coordinates) for block in blocks]
 
 
 def _rmse_of_all(points: Float[Array, "points free"], objective: Objective):
     return jax.vmap(rmse, in_axes=(0, None))(points, objective)
+
+
+@eqx.filter_jit
+def _encode(
+    values: Float[Array, "points parameters"], coordinates: Coordinates
+) -> Float[Array, "points free"]:
+    """The points of R0, every R, every tau and, where there is one, gamma."""
+    pairs = len(coordinates.tau_limits_s)
+
+    def encode(row):
+        gamma = row[-1] if coordinates.gamma_limits else None
+        r, tau = row[1 : pairs + 1], row[pairs + 1 : 2 * pairs + 1]
+        return coordinates.encode(Impedance(row[0], tuple(r), tuple(tau), gamma))
+
+    return jax.vmap(encode)(values)
 
 
 @eqx.filter_jit

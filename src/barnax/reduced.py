@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .cell import CircuitParameters
 from .compressed import TOLERANCE
+from .course import Course
 from .exponentials import Lagrange, span_of
 from .problem import Problem
 from .split_box import SplitBox
@@ -25,21 +27,16 @@ Columns = Float[np.ndarray, "points rows"]
 class Axis:
     """One of the coordinates in which the error is not linear: log of a tau in s, or of gamma.
 
-    `columns` gives the answers at some places on it. `largest` bounds the input they answer to, so
-    that no answer, and no sample of it, exceeds it; `error` bounds how wrong any of them is, in
-    the unit of the columns.
+    `columns` gives the answers at some places on it. `input_rms` bounds the RMS over all scored
+    samples of what they answer to, a fixed time earlier, whichever that time; `error` bounds how
+    wrong they are, in the unit of the columns.
     """
 
     low: float
     high: float
     columns: Callable[[Float[np.ndarray, "points"]], Columns]
-    largest: float
+    input_rms: float
     error: float
-
-    @classmethod
-    def between(cls, low: float, high: float, columns: Callable, largest: float, error: float):
-        """The axis of values from low to high; `error` is relative to `largest`."""
-        return cls(math.log(low), math.log(high), columns, largest, error * largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +61,13 @@ class Reduced:
         limits = problem.coordinates
         largest_a = max(float(np.max(np.abs(drive.held_a))) for drive in problem.drives)
         answers = _Interpolated(np.asarray(short.pairs) / unit, short.in_tau, 1)
+        current_a = min(largest_a, _earlier_rms_a(problem.courses))
         error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
-        axes = [
-            Axis.between(*box.tau_range_s(pair), answers, largest_a, error)
-            for pair in range(problem.bounds.pairs)
-        ]
+        axes = []
+        for pair in range(problem.bounds.pairs):
+            low, high = box.tau_range_s(pair)
+            ends = math.log(low), math.log(high)
+            axes.append(Axis(*ends, answers, current_a, error * largest_a))
         if short.turns is not None and short.in_rate is not None and box.gamma_range is not None:
             low, high = box.gamma_range
             turned = _Interpolated(np.asarray(short.turns) / unit, short.in_rate, -1)
@@ -78,7 +77,8 @@ class Reduced:
                 if moved is not None
             )
             error = span_of(1 / high, 1 / low, TOLERANCE).error
-            axes.append(Axis.between(low, high, turned, largest_v, error))
+            ends = math.log(low), math.log(high)
+            axes.append(Axis(*ends, turned, largest_v, error * largest_v))
         return cls(
             base=np.asarray(short.base) / unit,
             current=np.asarray(short.current) / unit,
@@ -100,6 +100,18 @@ class Reduced:
         low, high = (np.concatenate([end, once]) for end in ends)
         return low, high
 
+    def circuit(
+        self,
+        place: Float[np.ndarray, "axes"],
+        coefficients: Float[np.ndarray, "unknowns"],
+    ) -> CircuitParameters:
+        """The circuit of a place on all axes and what multiplies the columns there."""
+        pairs = self.box.bounds.pairs
+        tau_s, gamma = np.exp(place[:pairs]).tolist(), np.exp(place[pairs:]).tolist()
+        r0, *r = coefficients[: pairs + 1].tolist()
+        c = tuple(tau / each for tau, each in zip(tau_s, r, strict=True))
+        return CircuitParameters(r0, tuple(r), c, gamma[0] if gamma else None)
+
 
 @dataclass(frozen=True, eq=False)
 class _Interpolated:
@@ -115,6 +127,25 @@ class _Interpolated:
         gaps = x[:, None] - np.asarray(basis.nodes)
         terms = np.asarray(basis.weights) / np.where(gaps == 0, np.finfo(float).tiny, gaps)
         return (terms / np.sum(terms, axis=1, keepdims=True)) @ self.nodes.T
+
+
+def _earlier_rms_a(courses: Sequence[Course]) -> float:
+    """A bound on the RMS of the current that flowed some time before the scored samples.
+
+    An interval counts as often as samples can be that time after it: as many as any stretch of its
+    length holds.
+    """
+    squares, scored = 0.0, 0
+    for course in courses:
+        scored_s = course.time_s[course.scored]
+        # Few distinct lengths, none of them shortened.
+        length_s = np.exp2(np.ceil(8 * np.log2(np.diff(course.time_s))) / 8)
+        for each in np.unique(length_s):
+            after = np.searchsorted(scored_s, scored_s + each)
+            most = np.max(after - np.arange(len(scored_s)))
+            squares += most * np.sum(course.held_a[:-1][length_s == each] ** 2)
+        scored += len(scored_s)
+    return float(np.sqrt(squares / scored))
 
 
 def normal_equations(

@@ -1,5 +1,6 @@
 """The diagnosis as a whole: nothing hides behind anything, and it agrees with the reader."""
 
+import contextlib
 import doctest
 import importlib
 import json
@@ -8,6 +9,8 @@ import time
 import numpy as np
 import polars as pl
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.doctor import CHECKS, diagnose
@@ -117,3 +120,52 @@ def test_a_million_rows_take_seconds(tmp_path):
     start = time.process_time()
     diagnose(tmp_path / "long.parquet")
     assert time.process_time() - start < 10
+
+
+CELLS = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.floats(-10, 10),
+    st.sampled_from([0.0, 1.0, 3.7, 1e300, -1e300, 1e-300]),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    columns=st.integers(1, 40).flatmap(
+        lambda rows: st.tuples(*[st.lists(CELLS, min_size=rows, max_size=rows)] * 5)
+    ),
+    capacity_ah=st.sampled_from([None, 1e-300, 2.0, 1e300]),
+)
+def test_a_table_of_any_numbers_is_diagnosed_without_a_crash(
+    tmp_path_factory, columns, capacity_ah
+):
+    names = (TIME, CURRENT, VOLTAGE, "Charging Capacity / Ah", "Discharging Capacity / Ah")
+    table = pl.DataFrame(dict(zip(names, columns, strict=True)))
+    diagnosis = diagnosed(tmp_path_factory.mktemp("any"), table, capacity_ah=capacity_ah)
+    assert json.dumps(diagnosis.to_dict())
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(10, 300))
+def test_a_rough_record_of_any_shape_is_diagnosed_without_a_crash(tmp_path_factory, seed, rows):
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.integers(-6, 7, 3)
+    levels = rng.choice([0.0, 1.0, -1.0, 0.02, rng.normal()], rows // 3 + 1)
+    table = pl.DataFrame(
+        {
+            TIME: np.cumsum(rng.choice([0.0, 1.0, 1.0, 10.0, -5.0], rows)) * scale[0],
+            CURRENT: np.repeat(levels, 3)[:rows] * scale[1],
+            VOLTAGE: rng.choice([3.7, 4.2, rng.uniform(2, 4)], rows) * scale[2],
+            "Step Index / 1": rng.integers(0, 4, rows),
+        }
+    )
+    assert json.dumps(diagnosed(tmp_path_factory.mktemp("rough"), table).to_dict())
+
+
+@settings(max_examples=100, deadline=None)
+@given(content=st.binary(max_size=400) | st.text(max_size=400).map(str.encode))
+def test_any_bytes_are_diagnosed_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp("bytes") / "cell.csv"
+    path.write_bytes(content)
+    with contextlib.suppress(InputError):
+        diagnose(path)

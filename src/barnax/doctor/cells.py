@@ -1,10 +1,14 @@
 """Cells that hold no number where one is needed."""
 
 import numpy as np
+from jaxtyping import Bool
 
 from ..records.lines import Lines
 from ..records.samples import required
 from .finding import Finding, Severity, counted
+
+# Even nanoseconds since 1970 are less.
+_LARGEST = 1e20
 
 
 def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
@@ -24,7 +28,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
         )
         is_good[0] = False
     for name, column in lines.columns.items():
-        bad = lines.bad(name) & is_good
+        bad = _is_bad(lines, name) & is_good
         if not bad.any():
             continue
         first = int(np.argmax(bad))
@@ -41,8 +45,14 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
             remedy = "delete these rows, or fill them from the tester's own file"
             findings.append(_at(lines, first, "error", what, remedy))
     for name in required(lines):
-        is_good &= ~lines.bad(name)
+        is_good &= ~_is_bad(lines, name)
     return lines.keep(is_good), findings
+
+
+def _is_bad(lines: Lines, name: str) -> Bool[np.ndarray, "lines"]:
+    """Where no number stands, or one that no tester reads."""
+    bad = lines.bad(name)
+    return bad | (np.abs(np.where(bad, 0.0, lines.values[name])) > _LARGEST)
 
 
 def _units_row(lines: Lines) -> str:

@@ -7,12 +7,15 @@ from jaxtyping import Float
 
 from ..cell.soc_axis import CAPACITY_WARNING, CLOSURE
 from ..cell.sweep import CHARGE, DISCHARGE
+from ..records.counters import counter_quantum_ah
 from .case import Case
 from .finding import Finding
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that
 # they log, so that a fast current and slow samples differ by a percent.
 _COUNTERS_DIFFER, _COUNTERS_NOTED = 0.03, 0.01
+# Counters are printed to so much, and both ends are rounded.
+_QUANTA = 3
 # A counter that stands this far from zero at the start began before the record.
 _BEGUN_SHARE = 0.01
 _HARDLY_MOVES = 0.02
@@ -45,7 +48,10 @@ def _against_integral(case: Case, counted: tuple[float, float]) -> Iterator[Find
     integrated = case.charged_ah, case.discharged_ah
     total_ah = sum(counted)
     # The names of the counters are the tester's; the sign of the current is settled elsewhere.
-    apart = max(abs(a - b) for a, b in zip(integrated, counted, strict=True)) / total_ah
+    apart_ah = max(abs(a - b) for a, b in zip(integrated, counted, strict=True))
+    if apart_ah <= _QUANTA * counter_quantum_ah(case.samples.counters):
+        return
+    apart = apart_ah / total_ah
     swapped = max(abs(a - b) for a, b in zip(integrated, counted[::-1], strict=True)) / total_ah
     figures = (
         f"{integrated[0]:.4g} Ah in and {integrated[1]:.4g} Ah out by integration, "

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError
 from ..records.checks import FEWEST_SAMPLES, check_samples
 from ..records.columns import NEEDED
@@ -45,7 +47,12 @@ def diagnose(path: str | Path, *, capacity_ah: float | None = None) -> Diagnosis
     """
     if capacity_ah is not None and not capacity_ah > 0:
         raise InputError(f"--capacity {capacity_ah} Ah must be positive")
-    path = Path(path)
+    # Absurd values overflow on their way to being found absurd.
+    with np.errstate(all="ignore"):
+        return _diagnosis(Path(path), capacity_ah)
+
+
+def _diagnosis(path: Path, capacity_ah: float | None) -> Diagnosis:
     content = read_content(path)
     table = read_table(content, path.name)
     findings = _named("format", examine_suffix(path.name, content))

@@ -74,6 +74,8 @@ def _spread(time_s: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"
 def _close(samples: Samples) -> Finding | None:
     """A note of samples hard upon the one before, which testers log where a step ends."""
     interval_s = np.diff(samples.time_s)
+    if not len(interval_s):
+        return None
     is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * float(np.median(interval_s)))
     if not is_close.any():
         return None

@@ -1,6 +1,7 @@
 """Rests in which the current is not zero."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from .finding import Finding, counted
 _LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
 # Rests of a minute are rests; by time, so much of them must have the offset, and so little none.
 _LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
+# An offset is more than one step of the reading, and more than noise makes.
+_QUANTA, _SIGMAS = 1.5, 5.0
 # The longest stretches tell enough.
 _ENOUGH = 1000
 # In the second half of a rest the voltage hardly moves, as it does in a slow sweep, and the current
@@ -20,6 +23,16 @@ _ENOUGH = 1000
 _SETTLED_V, _SPREAD = 0.01, 0.3
 # An offset's ampere-hours over the record, as shares of the capacity.
 _DRIFT, _NOTED_DRIFT = 0.01, 5e-3
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """First and last sample of a rest, the median of its current, and its length."""
+
+    first: int
+    last: int
+    current_a: float
+    length_s: float
 
 
 def find_rests(case: Case) -> Iterator[Finding]:
@@ -47,8 +60,17 @@ def find_rests(case: Case) -> Iterator[Finding]:
         yield case.at(int(np.argmax(is_minus)), "note", what)
 
 
-def _rests(case: Case) -> list[tuple[int, float, float]]:
-    """First sample, median current in A and length in s of each stretch that looks like a rest."""
+def _doubt_a(case: Case, rests: list[_Rest]) -> float:
+    """How far from zero noise may put the median of the rests' currents."""
+    is_small = np.abs(case.record.current_a) < _SMALL_SHARE * case.peak_a
+    quiet_a = case.step_a[is_small[1:] & (np.abs(case.step_a) < STEADY_SHARE * case.peak_a)]
+    noise_a = 1.4826 * float(np.median(np.abs(quiet_a))) / np.sqrt(2)
+    samples = sum(rest.last - rest.first + 1 for rest in rests)
+    return _SIGMAS * 1.25 * noise_a / float(np.sqrt(samples))
+
+
+def _rests(case: Case) -> list[_Rest]:
+    """The stretches that look like rests."""
     record = case.record
     small_a = min(_turnover_ah(case) / _LOAD_HOURS, _SMALL_SHARE * case.peak_a)
     is_small = np.abs(record.current_a) < small_a
@@ -72,7 +94,7 @@ def _rests(case: Case) -> list[tuple[int, float, float]]:
         is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * case.resolution_a
         is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * case.noise_v
         if is_steady and is_settled and not _is_counted(case, a, b):
-            found.append((a, middle_a, float(record.time_s[b] - record.time_s[a])))
+            found.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
     return found
 
 
@@ -92,10 +114,10 @@ def _is_counted(case: Case, first: int, last: int) -> bool:
     return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
 
-def _offset(case: Case, rests: list[tuple[int, float, float]]) -> Iterator[Finding]:
+def _offset(case: Case, rests: list[_Rest]) -> Iterator[Finding]:
     """An offset, if most of the rests have it and hardly any is without."""
-    values_a = np.array([value for _, value, _ in rests])
-    lengths_s = np.array([length for *_, length in rests])
+    values_a = np.array([rest.current_a for rest in rests])
+    lengths_s = np.array([rest.length_s for rest in rests])
     order = np.argsort(values_a)
     middle = int(np.searchsorted(np.cumsum(lengths_s[order]), lengths_s.sum() / 2))
     offset_a = float(values_a[order[middle]])
@@ -106,8 +128,10 @@ def _offset(case: Case, rests: list[tuple[int, float, float]]) -> Iterator[Findi
     if alike_s < _MOST * lengths_s.sum() or zero_s > _FEW * lengths_s.sum():
         return
     record = case.record
+    if abs(offset_a) <= max(_QUANTA * case.resolution_a, _doubt_a(case, rests)):
+        return
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
-    first = rests[int(np.argmax(is_alike))][0]
+    first = rests[int(np.argmax(is_alike))].first
     value = -1e3 * offset_a if record.sign.value == "charge-positive" else 1e3 * offset_a
     what = (
         f"the current is {value:.3g} mA while the cell rests, "

@@ -12,7 +12,7 @@ import barnax
 PACKAGE = Path(barnax.__file__).parent
 LAYERS = (
     ("errors", "metrics", "precision", "programs", "bundled", "records", "optimizers"),
-    ("bounded_least_squares",),
+    ("bounded_least_squares", "threads"),
     ("cell",),
     ("evaluator", "simulate", "window", "doctor"),
     ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from threadpoolctl import threadpool_limits
 
 from .bounded_least_squares import least_in_box
 from .cell import CircuitParameters
 from .reduced import Axis, Columns, Reduced, dot, errors_of, normal_equations
+from .threads import one_blas_thread
 
 # In x = log(s / tau) a pair's kernel is exp(x - exp(x)); this is the integral of the absolute
 # value of its third derivative, rounded up. The RMS of an answer's third derivative in log(tau) is
@@ -63,7 +63,7 @@ def certify(reduced: Reduced, rmse_v: float, most_cells: int) -> Certificate:
     `FEW_CELLS` cells, or until `most_cells` have been looked at.
     """
     # One thread: what a library does with several would change the last bits.
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         return _branch(reduced, rmse_v, most_cells)
 
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import label, minimum_filter
-from threadpoolctl import threadpool_limits
 
 from .bounded_least_squares import least_in_box
 from .cell import CircuitParameters
 from .precision import in_float64
 from .problem import Problem
 from .reduced import Reduced, errors_of, normal_equations
+from .threads import one_blas_thread
 
 # Grid points of a time constant by the number of pairs, and of gamma. An answer varies over a
 # factor of e in tau; four pairs are still sampled twice as densely as that.
@@ -71,7 +71,7 @@ def landscape_of(reduced: Reduced) -> Landscape:
     """The landscape of the same, already reduced."""
     places = _grid(reduced)
     # One thread: what a library does with several would change the last bits.
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         tables = [axis.columns(place) for axis, place in zip(reduced.axes, places, strict=True)]
     shape, pairs = tuple(len(place) for place in places), reduced.box.bounds.pairs
     points = np.indices(shape).reshape(len(shape), -1)

@@ -54,6 +54,11 @@ def test_a_model_without_a_known_optimum_is_said_to_have_none():
     assert sentences[1].startswith("The global optimum of esc is not known")
 
 
+def test_models_without_a_known_optimum_are_told_together():
+    (sentence,) = regrets(make_row("lm so-rc", 20.0), make_row("lm esc", 19.0))
+    assert sentence.startswith("The global optimum of so-rc and esc is not known")
+
+
 def test_a_model_without_an_answer_has_no_regret():
     result = make_comparison([make_failure("ls so-rc", "No.")])
     assert list(regret_sentences(result)) == []
@@ -73,9 +78,9 @@ def test_a_bound_is_told_with_the_rows_that_are_at_it():
 
 
 def test_failures_and_notes_say_whose_they_are():
-    rows = [make_failure("rls so-rc", "No circuit."), make_row("ls so-rc", 1.0, notes=("Biased.",))]
+    rows = [make_failure("rls so-rc", "no circuit"), make_row("ls so-rc", 1.0, notes=("Biased.",))]
     result = make_comparison(rows)
-    assert list(failure_sentences(result)) == ["rls so-rc gave no answer: No circuit."]
+    assert list(failure_sentences(result)) == ["rls so-rc gave no answer: no circuit."]
     assert list(note_sentences(result)) == ["ls so-rc: Biased."]
 
 

@@ -57,13 +57,15 @@ def errors_table(result: "ComparisonResult", record: int) -> Table:
 
 def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None = None) -> Table:
     """What every row's search gave and cost on the identification record."""
+    rows = answered(result)
+    has_regret = any(row.regret is not None for row in rows)
     columns = (
         ROW,
         Column("median", "mV"),
         Column("best", "mV"),
         Column("worst", "mV"),
         Column("deviation", "mV"),
-        Column("regret", "%"),
+        *((Column("regret", "%"),) if has_regret else ()),
         Column("refined", "mV"),
         Column("seeds"),
         Column("evaluations"),
@@ -71,11 +73,12 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
     )
     return Table(
         caption="RMSE of the median, best and worst seed on the record identified on, with the "
-        "standard deviation over the seeds; regret: how far the median seed is above the "
-        "global optimum; what refinement makes of it; evaluations of the median seed"
+        "standard deviation over the seeds"
+        + ("; regret: how far the median seed is above the global optimum" if has_regret else "")
+        + "; what refinement makes of it; evaluations of the median seed"
         + (", and the time of all seeds." if seconds else "."),
         columns=columns,
-        rows=tuple(_search_cells(row, seconds) for row in answered(result)),
+        rows=tuple(_search_cells(row, seconds, has_regret) for row in rows),
     )
 
 
@@ -164,8 +167,11 @@ def failures_table(result: "ComparisonResult") -> Table:
     )
 
 
-def _search_cells(row: "RowPart", seconds: Mapping[str, float] | None) -> tuple[str, ...]:
+def _search_cells(
+    row: "RowPart", seconds: Mapping[str, float] | None, has_regret: bool
+) -> tuple[str, ...]:
     spread = row.spread
+    regret = NOTHING if row.regret is None else percent(row.regret).removesuffix(" %")
     time = (fixed(seconds.get(row.name), 2),) if seconds else ()
     return (
         row.name,
@@ -173,7 +179,7 @@ def _search_cells(row: "RowPart", seconds: Mapping[str, float] | None) -> tuple[
         _millivolts(spread and spread.best_rmse_v),
         _millivolts(spread and spread.worst_rmse_v),
         _millivolts(spread and spread.deviation_v),
-        NOTHING if row.regret is None else percent(row.regret).removesuffix(" %"),
+        *((regret,) if has_regret else ()),
         _millivolts(row.refined_rmse_v),
         str(len(row.seeds)),
         NOTHING if row.evaluations is None else str(row.evaluations),

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from .comparison_view import answered, errors_on, leaders, records
-from .words import counted, joined, millivolt, percent
+from .words import counted, joined, millivolt, percent, sentence
 
 if TYPE_CHECKING:
     from ..comparison_parts import BandPart
@@ -18,15 +18,13 @@ LOW_SOC = 0.2
 def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
     """For each model how far above its global optimum the rows are, before and after refinement."""
     rows = answered(result)
+    unknown = []
     for name, model in result.models.items():
         mine = [row for row in rows if row.model == name]
         if not mine:
             continue
         if not model.optimum_rmse_v:
-            yield (
-                f"The global optimum of {name} is not known, so nothing tells how far its rows "
-                "are from the best there is."
-            )
+            unknown.append(name)
             continue
         optimum = f"the global optimum of {name}, {millivolt(model.optimum_rmse_v)}"
         own = {row.name: row.regret for row in mine if row.regret is not None}
@@ -36,6 +34,11 @@ def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
             if row.refined_rmse_v is not None
         }
         yield f"{_reach('By itself', own, optimum)} {_reach('Refined', refined, 'it')}".strip()
+    if unknown:
+        yield (
+            f"The global optimum of {joined(unknown)} is not known, so nothing tells how far their "
+            "rows are from the best there is."
+        )
 
 
 def _reach(how: str, regrets: dict[str, float], optimum: str) -> str:
@@ -69,14 +72,14 @@ def failure_sentences(result: "ComparisonResult") -> Iterator[str]:
     """The rows without an answer, and why."""
     for row in result.rows:
         if row.failure is not None:
-            yield f"{row.name} gave no answer: {row.failure}"
+            yield sentence(f"{row.name} gave no answer: {row.failure}")
 
 
 def note_sentences(result: "ComparisonResult") -> Iterator[str]:
     """What the methods say about their own answers."""
     for row in answered(result):
         for note in row.notes:
-            yield f"{row.name}: {note}"
+            yield sentence(f"{row.name}: {note}")
 
 
 def soc_sentence(result: "ComparisonResult", record: int) -> str:

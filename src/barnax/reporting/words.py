@@ -25,6 +25,15 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def sentence(text: str) -> str:
+    """The text with a full stop, where it has not got one.
+
+    >>> sentence("it failed"), sentence("It failed.")
+    ('it failed.', 'It failed.')
+    """
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
 def millivolt(value_v: float) -> str:
     """Two decimals, more where two would show nothing.
 

@@ -140,7 +140,7 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
     assert needed == declared
 
 
-def test_a_wheel_carries_the_bundled_cell_the_type_marker_and_the_licence(tmp_path):
+def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_licence(tmp_path):
     pytest.importorskip("hatchling", reason="a wheel is built without isolation: needs hatchling")
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
@@ -153,6 +153,8 @@ def test_a_wheel_carries_the_bundled_cell_the_type_marker_and_the_licence(tmp_pa
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {f"barnax/data/virtual_cell/{name}.parquet" for name in BUNDLED_NAMES} <= names
     assert {"barnax/py.typed", "barnax/cli/app.py"} <= names
+    templates = ("report.html", "report.css", "report.md")
+    assert {f"barnax/reporting/templates/{name}" for name in templates} <= names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert not any(name.startswith(("tests", "benchmarks")) for name in names)
 

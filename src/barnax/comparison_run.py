@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +16,13 @@ from .course import Course, make_course
 from .descent import Descent
 from .errors import InputError
 from .evaluate import evaluate_course
-from .methods import METHODS, Budget, MethodFailure
+from .methods import METHODS, Answer, Budget, MethodFailure
+from .methods.stored import can_be_stored, from_arrays, to_arrays
 from .methods.transfer_function import outside_box
+from .optimum import GlobalOptimum, global_optimum, regret
 from .precision import in_float64
 from .problem import Kind, Problem, make_problem
+from .programs import Finished
 from .records import Record
 from .refinement import FINAL_ROUNDS, FINAL_TOLERANCE, at_bound
 from .window import Window
@@ -35,7 +38,7 @@ PAPER_ROWS = (
 # Asked with a row's name, or with what else is done, it gives a context that is told of finished
 # seeds.
 Watch = Callable[[str], AbstractContextManager[Callable[[int], None]]]
-CROSS_CHECK, DIFFERENCES = "cross-check", "differences"
+CROSS_CHECK, OPTIMA, DIFFERENCES = "cross-check", "global optima", "differences"
 
 
 def unwatched(name: str) -> AbstractContextManager[Callable[[int], None]]:
@@ -58,14 +61,17 @@ def compare(
     budget: Budget | None = None,
     source: str = "bounds",
     watch: Watch = unwatched,
+    finished: Finished | None = None,
 ) -> Comparison:
     """Every row's method on its model, on the same data, box, budget and key.
 
     `rows` are pairs of a model and a method of `barnax.methods.METHODS`. Bounds and fixed values
     apply to the models that have such a parameter. `watch` is asked for a context for every row,
-    by its name, and is told in it how many seeds have finished. A method that cannot answer is a
-    row that says why. Raises `InputError` where record, window or box do not fit, `ValueError` for
-    an unknown model or method.
+    by its name, and is told in it how many seeds have finished. `finished` holds the searches that
+    are done and is filled on the way: given again with all else the same, the comparison goes on
+    from there to the same bits. A method that cannot answer is a row that says why. Raises
+    `InputError` where record, window or box do not fit, `ValueError` for an unknown model or
+    method.
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):
@@ -90,14 +96,19 @@ def compare(
         model: [problem.course, *(make_course(other, cell, model, window) for other in validation)]
         for model, problem in problems.items()
     }
+    finished = {} if finished is None else finished
     answered = [
-        _run(problems[model], courses[model], method, budget, watch) for model, method in rows
+        _run(problems[model], courses[model], method, budget, watch, finished)
+        for model, method in rows
     ]
     with watch(CROSS_CHECK):
         refined = _refine(answered)
+    with watch(OPTIMA):
+        optima = _optima(problems)
     with watch(DIFFERENCES):
         differences = _differences(refined, budget.key)
-    return Comparison(tuple(refined), budget, differences, {})
+    measured = tuple(_with_regret(row, optima) for row in refined)
+    return Comparison(measured, budget, differences, optima)
 
 
 def make_problems(
@@ -148,13 +159,18 @@ def _names_of(model: str) -> set[str]:
 
 @in_float64
 def _run(
-    problem: Problem, courses: Sequence[Course], method: str, budget: Budget, watch: Watch
+    problem: Problem,
+    courses: Sequence[Course],
+    method: str,
+    budget: Budget,
+    watch: Watch,
+    finished: Finished,
 ) -> Row:
     """One row, before its cross-check."""
     row = Row(problem.circuit, method, problem, METHODS[method].is_deterministic)
     with watch(row.name) as advance:
         try:
-            answers = METHODS[method].run(problem, budget, advance)
+            answers = _answers(row, method, budget, advance, finished)
         except (MethodFailure, InputError, np.linalg.LinAlgError) as failure:
             return replace(row, failure=str(failure))
     row = replace(row, answers=tuple(answers))
@@ -172,6 +188,20 @@ def _run(
         # A linear method may leave the box; its note says so.
         at_bound=() if outside_box(parameters, problem) else at_bound(box, parameters),
     )
+
+
+def _answers(
+    row: Row, method: str, budget: Budget, advance: Callable[[int], None], finished: Finished
+) -> list[Answer]:
+    """What the method finds, or found before."""
+    if row.name in finished:
+        answers = from_arrays(finished[row.name], get_circuit(row.model))
+        advance(len(answers))
+        return answers
+    answers = METHODS[method].run(row.problem, budget, advance)
+    if can_be_stored(answers):
+        finished[row.name] = to_arrays(answers)
+    return answers
 
 
 def _refine(rows: Sequence[Row]) -> list[Row]:
@@ -194,6 +224,21 @@ def _refine(rows: Sequence[Row]) -> list[Row]:
         for row, end in zip(here, ends, strict=True):
             done[row.name] = replace(row, refined=end)
     return [done[row.name] for row in rows]
+
+
+def _optima(problems: Mapping[str, Problem]) -> dict[str, GlobalOptimum]:
+    """The global optimum of every model whose box is not too wide for it."""
+    found = {}
+    for model, problem in problems.items():
+        with suppress(InputError):
+            found[model] = global_optimum(problem)
+    return found
+
+
+def _with_regret(row: Row, optima: Mapping[str, GlobalOptimum]) -> Row:
+    if row.failure is not None or row.model not in optima:
+        return row
+    return replace(row, regret=regret(row.median.rmse_v, optima[row.model].rmse_v))
 
 
 def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:

@@ -15,7 +15,7 @@ from .errors import InputError
 from .optimizers import AbstractPopulationMinimiser
 from .precision import in_float64
 from .problem import Objective, Problem, rmse, rmse_by_scan
-from .programs import compile_for, run_blocks, seed_blocks, wanted_rows
+from .programs import Finished, compile_for, run_blocks, seed_blocks, wanted_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +57,18 @@ def identify(
     key: Key[Array, ""],
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
+    finished: Finished | None = None,
 ) -> Identification:
     """Search with `seeds` independent runs; seed k draws from `fold_in(key, k)`.
 
-    `progress` is called with the number of seeds finished since the last call. Raises
-    `InputError` where no seed finds a single finite error.
+    `progress` is called with the number of seeds finished since the last call. `finished` holds
+    the blocks of seeds that are done and is filled on the way: given again with all else the same,
+    the search goes on from there to the same bits. Raises `InputError` where no seed finds a
+    single finite error.
     """
-    return identify_many([problem], optimizer, key=key, seeds=seeds, progress=progress)[0]
+    return identify_many(
+        [problem], optimizer, key=key, seeds=seeds, progress=progress, finished=finished
+    )[0]
 
 
 @in_float64
@@ -74,6 +79,7 @@ def identify_many(
     key: Key[Array, ""],
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
+    finished: Finished | None = None,
 ) -> list[Identification]:
     """`identify` for every problem, with the bits each would have alone.
 
@@ -94,7 +100,7 @@ def identify_many(
         return jax.tree.map(np.asarray, search(optimizer, problem.objective, keys))
 
     work = [(problem, keys) for problem in problems for keys in block_keys]
-    outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress)
+    outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress, finished)
     return [
         _identification(problem, optimizer, key, outcomes[first : first + seeds])
         for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True)

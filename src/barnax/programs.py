@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any, TypeVar
 
@@ -12,6 +12,8 @@ import numpy as np
 
 Given = TypeVar("Given")
 Outcome = TypeVar("Outcome")
+# Blocks that are done, by their number; a mapping that keeps them on disk lets a run be resumed.
+Finished = MutableMapping[str, tuple[np.ndarray, ...]]
 
 # Runs go in blocks of one fixed shape, so a seed's bits do not depend on how many run beside it.
 SEEDS_PER_BLOCK = 8
@@ -63,14 +65,22 @@ def run_blocks(
     blocks: Sequence[Given],
     wanted: Sequence[int],
     progress: Callable[[int], None] | None,
+    finished: Finished | None = None,
 ) -> list[tuple[np.ndarray, ...]]:
-    """Run a compiled function on every block, on all cores; the wanted rows of each, in order."""
-    outcomes: dict[int, tuple[np.ndarray, ...]] = {}
+    """Run a compiled function on every block, on all cores; the wanted rows of each, in order.
+
+    Blocks whose number is in `finished` are taken from there; the others are put there as they
+    finish.
+    """
+    finished = {} if finished is None else finished
+    missing = [index for index in range(len(blocks)) if str(index) not in finished]
+    if progress is not None and len(missing) < len(blocks):
+        progress(sum(wanted) - sum(wanted[index] for index in missing))
     with ThreadPoolExecutor(max_workers=min(len(blocks), os.cpu_count() or 1)) as pool:
-        waiting = {pool.submit(run, block): index for index, block in enumerate(blocks)}
+        waiting = {pool.submit(run, blocks[index]): index for index in missing}
         try:
             for done in as_completed(waiting):
-                outcomes[waiting[done]] = done.result()
+                finished[str(waiting[done])] = done.result()
                 if progress is not None:
                     progress(wanted[waiting[done]])
         except BaseException:
@@ -80,5 +90,5 @@ def run_blocks(
     return [
         row
         for index, rows in enumerate(wanted)
-        for row in list(zip(*outcomes[index], strict=True))[:rows]
+        for row in list(zip(*finished[str(index)], strict=True))[:rows]
     ]

@@ -1,12 +1,14 @@
 """Results are written whole or not at all, and never over anything else."""
 
 import os
+import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 
 from barnax.cli import identify as command
+from barnax.cli import output
 from barnax.cli.output import write_folder
 from barnax.errors import InputError
 
@@ -53,10 +55,18 @@ def test_a_stop_while_folders_are_moved_leaves_the_old_result(old, monkeypatch, 
             raise cause
         replace(source, target)
 
+    monkeypatch.setattr(output, "_exchange", lambda first, second: False)
     monkeypatch.setattr(os, "replace", stopped)
     with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
         write_folder(old, NEW)
     assert contents(old.parent) == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="renameat2 is Linux's")
+def test_where_the_system_can_old_and_new_change_places_in_one_step(old, monkeypatch):
+    monkeypatch.setattr(os, "replace", lambda *_: pytest.fail("the folder was away for a moment"))
+    write_folder(old, NEW)
+    assert written(old.parent) == {f"out/{name}": content for name, content in NEW.items()}
 
 
 def test_a_full_disk_while_files_are_written_leaves_the_old_result(old, monkeypatch):
@@ -150,5 +160,5 @@ def test_an_interruption_exits_130_and_writes_nothing(run, tmp_path, monkeypatch
     monkeypatch.setattr(command, "choose_files", interrupted)
     outcome = run(*IDENTIFY, "--out", "out")
     assert outcome.status == 130
-    assert "nothing was written" in outcome.err
+    assert "earlier results are as they were" in outcome.err
     assert contents(tmp_path) == {}

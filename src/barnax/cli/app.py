@@ -1,5 +1,6 @@
 """The command `barnax` and its exit statuses."""
 
+import signal
 import sys
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from .compare import compare
 from .export import export
 from .identify import identify
 from .optimizers import optimizers
+from .rerun import rerun
 from .validate import validate
 
 BAD_INPUT = 2
@@ -30,6 +32,7 @@ app = typer.Typer(
 app.command()(identify)
 app.command()(validate)
 app.command()(compare)
+app.command()(rerun)
 app.command()(export)
 app.command()(check)
 app.command()(optimizers)
@@ -56,6 +59,8 @@ def common(
 
 def main() -> None:
     """Run the command line; bad input is one message and exit status 2, never a traceback."""
+    # A polite end from outside is the same as Ctrl-C: what is being written is finished or undone.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         app()
     except InputError as problem:
@@ -66,5 +71,8 @@ def main() -> None:
     except SystemExit as end:
         # Typer turns Ctrl-C into this status, and says nothing.
         if end.code == INTERRUPTED:
-            Console(stderr=True).print("interrupted; nothing was written")
+            Console(stderr=True).print(
+                "interrupted; earlier results are as they were, and the same command goes on where "
+                "this one stopped"
+            )
         raise

@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from . import options
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
+from .journal import open_journal
 from .options import SEARCH, require_choice
 from .output import DEFAULT_FOLDER, require_free, write_folder
 from .session import Session, command_line, use_compilation_cache
@@ -110,6 +111,11 @@ def compare(
         hysteresis_fit=hysteresis_fit,
         rest_current=rest_current,
     )
+    journal = open_journal(
+        folder, command_line(), inputs.hashes, box.ranges, box.fixed, repr(window)
+    )
+    if journal:
+        session.note(f"Going on where an interrupted run stopped ({journal.path}).")
     total = sum(1 if METHODS[method].is_deterministic else seeds for _, method in rows)
     with session.bar("Comparing", total) as advance:
 
@@ -131,6 +137,7 @@ def compare(
             budget=Budget(population, iterations, seeds, key),
             source=box.source,
             watch=watch,
+            finished=journal,
         )
     result = make_comparison_result(
         comparison, inputs.validation, ocv=inputs.tests, command=command_line()
@@ -142,6 +149,8 @@ def compare(
             written |= _report(result, comparison, seconds)
         written["timings.json"] = session.timings_json()
         write_folder(folder, written)
+    if journal is not None:
+        journal.remove()
     if as_json:
         typer.echo(result.to_json(), nl=False)
     session.show(comparison_report(result, seconds))
@@ -178,7 +187,7 @@ def _report(
     """The report in both forms and its figures, by their path below the results folder."""
     from ..reporting import comparison_document, comparison_illustrations, to_html, to_markdown
 
-    drawn = comparison_illustrations(result, comparison)
+    drawn = comparison_illustrations(result, comparison, comparison.optima)
     document = comparison_document(result, drawn, seconds)
     files = {
         "report.html": to_html(document).encode(),

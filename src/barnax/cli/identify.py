@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from . import options
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
+from .journal import open_journal
 from .options import SEARCH, require_choice
 from .output import DEFAULT_FOLDER, png_bytes, require_free, write_folder
 from .session import (
@@ -147,11 +148,21 @@ def identify(
         )
         # A validation record that does not fit the window is refused before the search, not after.
         courses = [make_course(other, inputs.cell, model, window) for other in inputs.validation]
+    journal = open_journal(
+        folder, command_line(), inputs.hashes, box.ranges, box.fixed, repr(window)
+    )
+    if journal:
+        session.note(f"Going on where an interrupted run stopped ({journal.path}).")
     with ThreadPoolExecutor(max_workers=1) as beside:
         compiling = beside.submit(Descent, problem)
         with session.bar("Searching", seeds) as advance:
             found = search(
-                problem, optimizer, key=jax.random.key(key), seeds=seeds, progress=advance
+                problem,
+                optimizer,
+                key=jax.random.key(key),
+                seeds=seeds,
+                progress=advance,
+                finished=journal,
             )
         with session.bar("Cross-checking", seeds) as advance:
             checked = refine(found, descent=compiling.result(), progress=advance)
@@ -165,6 +176,8 @@ def identify(
             written |= _figures(inputs.cell, checked, identified, validated)
         written["timings.json"] = session.timings_json()
         write_folder(folder, written)
+    if journal is not None:
+        journal.remove()
     if as_json:
         typer.echo(result.to_json(), nl=False)
     session.show(identification_report(checked, [*identified, *validated]))

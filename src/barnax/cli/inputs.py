@@ -34,6 +34,11 @@ class Inputs(NamedTuple):
     validation: "list[Record]"
     cell: "CellModel"
 
+    @property
+    def hashes(self) -> list[str]:
+        """What tells these files from any others."""
+        return [record.sha256 for record in (*self.records, *self.tests, *self.validation)]
+
 
 class Box(NamedTuple):
     """The user's changes to the search box, and where they came from, in words."""

@@ -1,7 +1,9 @@
 """A folder of results, or a single file, written whole or not at all."""
 
+import ctypes
 import io
 import os
+import sys
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -13,6 +15,8 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Of Linux's renameat2.
+AT_FDCWD, RENAME_EXCHANGE = -100, 2
 DEFAULT_FOLDER = Path("barnax-out")
 # A folder that holds one of these was written by us.
 RESULTS = ("result.json", "comparison.json")
@@ -125,6 +129,8 @@ def _write(path: Path, content: bytes) -> None:
 def _put_in_place(fresh: Path, folder: Path, old: Path) -> None:
     """Move `fresh` to `folder`; what was there goes to `old`, and back if anything stops this."""
     try:
+        if folder.exists() and _exchange(fresh, folder):
+            return
         if folder.exists():
             os.replace(folder, old)
         os.replace(fresh, folder)
@@ -132,6 +138,15 @@ def _put_in_place(fresh: Path, folder: Path, old: Path) -> None:
         if old.exists() and not folder.exists():
             os.replace(old, folder)
         raise
+
+
+def _exchange(first: Path, second: Path) -> bool:
+    """Swap two folders in one step, where the system can: then no moment has neither."""
+    rename = getattr(ctypes.CDLL(None), "renameat2", None) if sys.platform == "linux" else None
+    if rename is None:
+        return False
+    places = os.fsencode(first), os.fsencode(second)
+    return rename(AT_FDCWD, places[0], AT_FDCWD, places[1], RENAME_EXCHANGE) == 0
 
 
 def png_bytes(figure: "Figure") -> bytes:

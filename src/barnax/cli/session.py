@@ -58,6 +58,11 @@ class Session:
             for block in blocks:
                 self._console.print(block)
 
+    def note(self, text: str) -> None:
+        """Print a sentence to stderr, unless the command is quiet."""
+        if not self._is_quiet:
+            self._notes.print(escape(text), soft_wrap=True)
+
     def warn(self, warnings: Iterable[str]) -> None:
         """Print warnings to stderr, even where the command is quiet."""
         for text in warnings:

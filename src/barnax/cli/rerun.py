@@ -1,0 +1,125 @@
+"""`barnax rerun`: repeat a result from its own record of the command."""
+
+import hashlib
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from ..errors import InputError
+from . import options
+from .session import Session
+
+if TYPE_CHECKING:
+    from ..result import Result
+
+# Across machines and versions the refined error agrees this closely, relative.
+SAME_RMSE = 1e-9
+FINDINGS = 1
+
+
+def rerun(
+    result: Annotated[
+        Path,
+        typer.Argument(metavar="RESULT.json", help="What identify wrote.", show_default=False),
+    ],
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Where the measured files are (default here and beside the result); repeatable.",
+        ),
+    ] = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Repeat a result by the command it stores, and say whether the same comes out.
+
+    Exit status 0 where it does, bit for bit or to 1e-9 of the refined error; 1 where it does not.
+    """
+    session = Session(is_quiet=quiet)
+    from ..result import Result
+
+    stored = Result.from_json(result)
+    command = _with_files(result, stored, [*(data or []), Path(), result.parent])
+    with session.stage("Repeating"), tempfile.TemporaryDirectory() as folder:
+        repeated = _run(command, Path(folder, "repeated"))
+    if repeated.to_json() == stored.to_json():
+        session.show(["The same bytes came out."])
+        return
+    change = repeated.refined.rmse_v / stored.refined.rmse_v - 1
+    session.show(_differences(stored, repeated))
+    if abs(change) <= SAME_RMSE:
+        session.show([f"The refined error agrees to {abs(change):.1e}."])
+        return
+    session.show([f"[bold]The refined error differs by {100 * change:+.2g} %.[/bold]"])
+    raise typer.Exit(FINDINGS)
+
+
+def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str]:
+    """The stored command with every file's name replaced by where it lies."""
+    if len(stored.command) < 2 or stored.command[1] != "identify":
+        raise InputError(
+            f"{result}: stores no command to repeat (it was made from Python); run it again there"
+        )
+    hashes = {each.name: each.sha256 for each in stored.inputs}
+    words = []
+    for word in stored.command[1:]:
+        option, equals, name = word.rpartition("=") if word.startswith("--") else ("", "", word)
+        is_file = name in hashes or (name.endswith(".toml") and bool(name))
+        place = _find(result, name, hashes.get(name), folders) if is_file else name
+        words.append(f"{option}{equals}{place}")
+    return words
+
+
+def _find(result: Path, name: str, sha256: str | None, folders: list[Path]) -> Path:
+    """The file of that name and content in one of the folders."""
+    places = [folder / name for folder in folders if (folder / name).is_file()]
+    for place in places:
+        if sha256 in (None, hashlib.sha256(place.read_bytes()).hexdigest()):
+            return place
+    if places:
+        raise InputError(
+            f"{places[0]}: is not the file that {result} was made from (its SHA-256 differs); give "
+            "the folder of the right one with --data"
+        )
+    raise InputError(
+        f"{name}: is in none of {', '.join(str(folder) for folder in folders)}; give its folder "
+        "with --data"
+    )
+
+
+def _run(command: list[str], folder: Path) -> "Result":
+    from ..result import Result
+
+    done = subprocess.run(
+        [sys.executable, "-m", "barnax", *command, "--out", str(folder), "--quiet"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    if done.returncode:
+        raise InputError(f"the stored command fails now: {done.stderr.strip()}")
+    return Result.from_json(folder / "result.json")
+
+
+def _differences(stored: "Result", repeated: "Result") -> list[str]:
+    """What is not the same, in words."""
+    lines = [
+        f"{name} was {old}, is {repeated.versions.get(name)}."
+        for name, old in stored.versions.items()
+        if repeated.versions.get(name) != old
+    ]
+    lines += [
+        f"{escape(name)} was {old:.6g}, is {repeated.parameters[name]:.6g}."
+        for name, old in stored.parameters.items()
+        if repeated.parameters.get(name, old) != old
+    ]
+    moved = sum(
+        old.rmse_v != new.rmse_v
+        for old, new in zip(stored.search.seeds, repeated.search.seeds, strict=False)
+    )
+    lines.append(f"{moved} of {len(stored.search.seeds)} seeds ended elsewhere before refinement.")
+    return lines

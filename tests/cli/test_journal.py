@@ -1,6 +1,8 @@
 """The journal keeps what is finished, whole or not at all, for the same run alone."""
 
 import json
+import zlib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,11 @@ from barnax.errors import InputError
 
 PIECE = (np.arange(6.0).reshape(2, 3), np.array([1, 2]), np.array([True, False]))
 RUN = fingerprint("this run")
+# Every example begins by writing the file anew.
+ON_ONE_FILE: dict[str, Any] = {
+    "deadline": None,
+    "suppress_health_check": [HealthCheck.function_scoped_fixture],
+}
 
 
 @pytest.fixture
@@ -39,9 +46,7 @@ def test_another_run_starts_anew(path):
     assert not Journal(path, RUN)
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, **ON_ONE_FILE)
 @given(data=st.data())
 def test_a_journal_cut_anywhere_keeps_its_whole_pieces_and_goes_on(path, data):
     path.unlink(missing_ok=True)
@@ -58,9 +63,7 @@ def test_a_journal_cut_anywhere_keeps_its_whole_pieces_and_goes_on(path, data):
     assert "d" in Journal(path, RUN)
 
 
-@settings(
-    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=100, **ON_ONE_FILE)
 @given(content=st.binary(max_size=300))
 def test_any_bytes_in_its_place_are_no_journal(path, content):
     path.write_bytes(content)
@@ -76,8 +79,6 @@ def test_a_flipped_bit_is_noticed(path):
 
 
 def test_an_array_of_another_kind_is_not_taken(path):
-    import zlib
-
     journal = Journal(path, RUN)
     entry = json.dumps(
         {"piece": "0", "arrays": [{"dtype": "|O", "shape": [1], "data": "AAAA"}]}

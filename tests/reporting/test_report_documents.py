@@ -1,12 +1,18 @@
 """Whole reports: of a comparison, of an identification."""
 
 import re
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
 from report_reader import ReportReader
 
+from barnax.cell import CircuitParameters
 from barnax.evaluate import Evaluation, evaluate_course
-from barnax.refinement import CrossCheck
+from barnax.landscape import Landscape
+from barnax.optimum import GlobalOptimum
+from barnax.refinement import CrossCheck, Optimum
 from barnax.reporting import (
     comparison_document,
     comparison_illustrations,
@@ -16,7 +22,7 @@ from barnax.reporting import (
     to_markdown,
 )
 from barnax.reporting.cell_illustrations import record_roles
-from barnax.reporting.document import Bullets
+from barnax.reporting.document import Bullets, Picture
 from barnax.reporting.identification_report import validation_sentences
 from barnax.result import Result, make_result
 from barnax.result_parts import JointPart, MetricsPart
@@ -114,6 +120,42 @@ def test_every_figure_of_a_comparison_finds_its_place(comparison):
     html = to_html(document)
     assert ReportReader(html).count("img") == len(drawn)
     assert len(html) < LARGEST_REPORT
+
+
+def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):
+    rows = [SimpleNamespace(name=name, evaluations=(identified, identified)) for name in "ab"]
+    names = [
+        each.name
+        for each in comparison_illustrations(comparison, cast(Any, SimpleNamespace(answered=rows)))
+    ]
+    for role in ("identification", "validation-1"):
+        assert {f"{role}-{kind}" for kind in ("condition", "voltages", "errors")} <= set(names)
+    assert len(set(names)) == len(names)
+
+
+def make_optimum(*tau_s):
+    """A global optimum in the middle of a bowl over these time constants."""
+    distance = sum(np.ix_(*(np.log(each / each[len(each) // 2]) ** 2 for each in tau_s)))
+    landscape = Landscape(tau_s, None, 0.02 * (1 + distance), np.zeros((3, *distance.shape)))
+    circuit = CircuitParameters(0.05, (0.01,) * len(tau_s), (1000.0,) * len(tau_s))
+    return GlobalOptimum((Optimum(0.02, circuit, 1, False),), (), None, landscape)
+
+
+def test_the_landscape_stands_in_the_search_with_what_is_sure_about_the_optimum(comparison):
+    tau_s = np.geomspace(1.0, 100.0, 9)
+    optimum = make_optimum(tau_s, tau_s)
+    drawn = comparison_illustrations(comparison, None, {"so-rc": optimum, "iso-rc": optimum})
+    document = comparison_document(comparison, drawn)
+    (search,) = [section for section in document.sections if section.title == "Search"]
+    shown = {block.name: block for block in search.blocks if isinstance(block, Picture)}
+    assert {"landscape-so-rc", "landscape-iso-rc"} <= shown.keys()
+    assert optimum.verdict in shown["landscape-so-rc"].caption
+
+
+def test_what_has_not_two_time_constants_has_no_landscape(comparison):
+    optima = {"so-rc": make_optimum(np.geomspace(1.0, 100.0, 9))}
+    names = [each.name for each in comparison_illustrations(comparison, None, optima)]
+    assert not any(name.startswith("landscape") for name in names)
 
 
 def test_hostile_names_of_files_stay_names():

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .comparison_result import ComparisonResult as ComparisonResult
     from .comparison_result import make_comparison_result as make_comparison_result
     from .comparison_run import compare as compare
+    from .doctor import Diagnosis as Diagnosis
+    from .doctor import diagnose as diagnose
     from .errors import InputError as InputError
     from .evaluate import Evaluation as Evaluation
     from .evaluate import evaluate_course as evaluate_course
@@ -50,6 +52,7 @@ _HOME = {
     "Comparison": "comparison",
     "ComparisonResult": "comparison_result",
     "CrossCheck": "refinement",
+    "Diagnosis": "doctor",
     "Evaluation": "evaluate",
     "GlobalOptimum": "optimum",
     "Identification": "identification",
@@ -63,6 +66,7 @@ _HOME = {
     "bundled_file": "bundled",
     "characterize": "cell",
     "compare": "comparison_run",
+    "diagnose": "doctor",
     "evaluate_course": "evaluate",
     "global_optimum": "optimum",
     "identify": "identification",
@@ -86,6 +90,7 @@ __all__ = [
     "Comparison",
     "ComparisonResult",
     "CrossCheck",
+    "Diagnosis",
     "Evaluation",
     "GlobalOptimum",
     "Identification",
@@ -98,6 +103,7 @@ __all__ = [
     "bundled_file",
     "characterize",
     "compare",
+    "diagnose",
     "evaluate_course",
     "export",
     "identify",

@@ -59,7 +59,7 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Fi
     )
     if not is_like and not _is_number(table.header[0]):
         require_columns(table.header, file)
-    findings = [Finding("note", note, row=1) for note in table.notes]
+    findings = [Finding("note", note) for note in table.notes]
     findings.extend(_repeated_names(table, found))
     findings.extend(_assumed_units(found))
     for quantity in REQUIRED:

@@ -237,3 +237,18 @@ def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):
         return make_comparison_result(compared).to_json()
 
     assert text() == text()
+
+
+def test_regret_is_measured_against_the_global_optimum(comparison, result):
+    exact = row_of(comparison, "varpro so-rc")
+    assert exact.regret == pytest.approx(0, abs=1e-7)
+    for row in comparison.answered:
+        optimum_v = result.models[row.model].optimum_rmse_v
+        assert row.regret == pytest.approx(row.median.rmse_v / optimum_v - 1, abs=1e-12)
+        assert row.method == "ls" or row.regret > -1e-7
+
+
+def test_the_optimum_is_stored_with_how_sure_it_is(result):
+    for model in result.models.values():
+        assert model.optimum_status in ("certified", "grid-verified")
+        assert f"{1e3 * model.optimum_rmse_v:.6g} mV" in model.optimum_verdict

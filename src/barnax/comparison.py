@@ -10,6 +10,7 @@ from .comparison_statistics import BandError, Resampled, SeedPairs
 from .descent import RefinedSeed
 from .evaluate import Evaluation
 from .methods import Answer, Budget
+from .optimum import GlobalOptimum
 from .problem import Problem
 
 
@@ -79,13 +80,13 @@ class Difference:
 class Comparison:
     """All rows of a comparison, in the order asked for, and the differences between them.
 
-    `optima` is the RMSE in V of each model's global optimum, where that is known.
+    `optima` are the models' global optima, where they can be known.
     """
 
     rows: tuple[Row, ...]
     budget: Budget
     differences: tuple[Difference, ...]
-    optima: Mapping[str, float]
+    optima: Mapping[str, GlobalOptimum]
 
     @property
     def answered(self) -> tuple[Row, ...]:

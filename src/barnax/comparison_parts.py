@@ -136,11 +136,18 @@ class DifferencePart(ComparisonPart):
 
 
 class ModelPart(ComparisonPart):
-    """The search box of one model, and its global optimum where that is known."""
+    """The search box of one model, and its global optimum where that is known.
+
+    `optimum_status` says whether it is proved ("certified") or found on a grid, `optimum_verdict`
+    the same in sentences.
+    """
 
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
-    optimum_rmse_v: Volts | None
+    optimum_rmse_v: Volts | None = None
+    optimum_parameters: Parameters | None = None
+    optimum_status: Literal["certified", "grid-verified"] | None = None
+    optimum_verdict: str | None = None
 
 
 class BudgetPart(ComparisonPart):

@@ -24,6 +24,7 @@ from .comparison_parts import (
     SpreadPart,
 )
 from .methods import METHODS
+from .optimum import GlobalOptimum
 from .problem import Problem
 from .records import Record
 from .result import all_versions, input_part, metrics_part
@@ -94,11 +95,7 @@ def make_comparison_result(
         rows=tuple(_row_part(row) for row in comparison.rows),
         differences=tuple(_difference_part(each) for each in comparison.differences),
         models={
-            model: ModelPart(
-                bounds=dict(problem.bounds.ranges),
-                fixed=dict(problem.bounds.fixed),
-                optimum_rmse_v=comparison.optima.get(model),
-            )
+            model: _model_part(problem, comparison.optima.get(model))
             for model, problem in problems.items()
         },
         budget=BudgetPart(
@@ -127,6 +124,20 @@ def comparison_warnings(comparison: Comparison, others: Sequence[Record]) -> tup
         text for row in comparison.rows for each in row.evaluations for text in each.course.warnings
     ]
     return tuple(dict.fromkeys(texts))
+
+
+def _model_part(problem: Problem, optimum: GlobalOptimum | None) -> ModelPart:
+    known = (
+        {}
+        if optimum is None
+        else {
+            "optimum_rmse_v": optimum.rmse_v,
+            "optimum_parameters": optimum.parameters.to_dict(),
+            "optimum_status": optimum.status,
+            "optimum_verdict": optimum.verdict,
+        }
+    )
+    return ModelPart(bounds=dict(problem.bounds.ranges), fixed=dict(problem.bounds.fixed), **known)
 
 
 def _row_part(row: Row) -> RowPart:

@@ -19,6 +19,9 @@ from ..problem import Problem
 from .answer import MethodFailure
 from .even_samples import EvenSamples
 
+# R C is a product, and may miss a bound of tau by its rounding.
+ROUNDING = 1e-9
+
 Coefficients = Float[np.ndarray, "... coefficients"]
 
 
@@ -90,7 +93,7 @@ def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, .
     outside = [
         f"{name} = {values[name]:.4g} ({low:.4g} to {high:.4g})"
         for name, (low, high) in problem.bounds.ranges.items()
-        if not low <= values[name] <= high
+        if not low * (1 - ROUNDING) <= values[name] <= high * (1 + ROUNDING)
     ]
     return (f"outside the search box, which it does not know: {', '.join(outside)}",) * bool(
         outside

@@ -72,6 +72,11 @@ def test_a_table_of_something_else_is_unreadable(tmp_path):
         diagnosed(tmp_path, table)
 
 
+def test_a_table_of_no_columns_is_unreadable(tmp_path):
+    with pytest.raises(InputError):
+        diagnosed(tmp_path, pl.DataFrame(), name="cell.parquet")
+
+
 @pytest.mark.parametrize("content", [b"", b"\x00\x01\x02" * 100, b"PAR1 cut short"])
 def test_what_is_no_table_is_unreadable(tmp_path, content):
     (tmp_path / "cell.csv").write_bytes(content)

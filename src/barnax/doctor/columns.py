@@ -57,7 +57,8 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Fi
     is_like = found.keys() & NEEDED or any(
         likely_names(quantity, table.header) for quantity in REQUIRED
     )
-    if not is_like and not _is_number(table.header[0]):
+    is_nameless = any(map(_is_number, table.header[:1]))
+    if not is_like and not is_nameless:
         require_columns(table.header, file)
     findings = [Finding("note", note) for note in table.notes]
     findings.extend(_repeated_names(table, found))
@@ -81,7 +82,7 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Fi
         else:
             what += f" among {_quoted(list(table.header))}"
             remedy = f"export it, or name it {examples}"
-        if _is_number(table.header[0]):
+        if is_nameless:
             what += "; the first row holds numbers, not names"
         findings.append(Finding("error", what, remedy, row=_names_row(table)))
     return found, findings

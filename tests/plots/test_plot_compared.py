@@ -128,6 +128,16 @@ def test_the_same_row_looks_the_same_in_every_figure():
         assert errors[2 * place].get_lines()[0].get_color() == color
 
 
+@pytest.mark.parametrize("plot", [plot_compared_convergence, plot_compared_parameters])
+def test_a_row_without_an_answer_does_not_change_the_looks_of_the_others(plot):
+    rows = [make_failure("rls so-rc", "No."), make_row("lm so-rc", 20.0)]
+    colors = [
+        {line.get_color() for line in plot(make_comparison(given)).axes[0].get_lines()}
+        for given in (rows, rows[1:])
+    ]
+    assert colors[0] == colors[1]
+
+
 def test_convergence_is_each_row_s_median_with_a_band_of_its_seeds():
     row = make_row("ibmo so-rc", 20.0)
     axes = plot_compared_convergence(make_comparison([row])).axes[0]

@@ -34,9 +34,9 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
     as infinite. `comparison` may be the path of a `comparison.json`.
     """
     result = comparison_of(comparison)
-    looks = row_looks(row.name for row in result.rows)
     optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
     rows = [row for row in result.rows if row.seeds]
+    looks = row_looks(row.name for row in rows)
     has_regret = any(optima_v.get(row.model) for row in rows)
     figure = make_figure(height_in=HEIGHT_IN)
     panels = figure.subplots(1, 2 if has_regret else 1, squeeze=False)[0]

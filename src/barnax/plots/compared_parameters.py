@@ -38,8 +38,8 @@ def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Fig
     they lie in view. `comparison` may be the path of a `comparison.json`.
     """
     result = comparison_of(comparison)
-    looks = row_looks(row.name for row in result.rows)
     rows = [row for row in result.rows if row.seeds]
+    looks = row_looks(row.name for row in rows)
     names = _quantities(rows)
     lines = -(-len(names) // COLUMNS)
     figure = make_figure(height_in=LEGEND_IN + lines * (FURNITURE_IN + LINE_IN * len(rows)))

@@ -4,6 +4,7 @@ from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 SHORT = 10.0
+MIDDLE = 300.0
 LONG = 1e4
 
 
@@ -15,7 +16,8 @@ def label_plainly(axis: Axis) -> None:
     low, high = sorted(axis.get_view_interval())
     if high / low > LONG:
         return
+    within = (1, 3) if high / low < MIDDLE else (1,)
     is_short = high / low < SHORT
-    axis.set_major_locator(MaxNLocator(5) if is_short else LogLocator(subs=(1, 3)))
+    axis.set_major_locator(MaxNLocator(5) if is_short else LogLocator(subs=within))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_locator(NullLocator())

@@ -41,15 +41,20 @@ def comparison_illustrations(
     if any(row.seeds for row in result.rows):
         figures += _seeds_of(result)
     for model, found in (optima or {}).items():
-        rows = [row for row in result.rows if row.model == model and row.seeds]
+        # The rows of other models are there without an answer, so that all keep their looks.
         answers = {
-            row.name: [CircuitParameters.from_dict(seed.parameters) for seed in row.seeds]
-            for row in rows
+            row.name: [
+                CircuitParameters.from_dict(seed.parameters)
+                for seed in row.seeds
+                if row.model == model
+            ]
+            for row in result.rows
+            if row.seeds
         }
         refined = [
             CircuitParameters.from_dict(row.refined_parameters)
-            for row in rows
-            if row.refined_parameters is not None
+            for row in result.rows
+            if row.model == model and row.refined_parameters is not None
         ]
         figures += landscape_illustration(model, found, answers, refined)
     return figures

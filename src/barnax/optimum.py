@@ -1,6 +1,7 @@
 """The best circuit there is in the box, and how far any answer is from it."""
 
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, Context
 from typing import Literal
 
 from .cell import CircuitParameters
@@ -30,6 +31,8 @@ MOST_CELLS = 50_000
 MOST_PROOFS = 8
 # Errors below a nanovolt differ by rounding alone.
 SMALLEST_RMSE_V = 1e-9
+
+ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
 
 Status = Literal["certified", "grid-verified"]
 
@@ -140,15 +143,17 @@ class _Polish:
 
 
 def _sureness(found: GlobalOptimum) -> str:
-    best = f"The lowest RMSE in the box is {1e3 * found.rmse_v:.6g} mV"
-    percent, proof = f"{100 * found.proved_gap:.2g} %", found.certificate
-    if proof is None:
-        return f"{best}, by a grid of time constants and descents from it; nothing was proved."
+    best, proof = f"The lowest RMSE in the box is {1e3 * found.rmse_v:.6g} mV", found.certificate
+    # Rounded up: a claim may not say more than was proved.
+    percent = ROUNDED_UP.create_decimal_from_float(100 * found.proved_gap)
     if found.status == "certified":
-        return f"{best}; certified: no circuit in the box has one {percent} lower."
+        return f"{best}; certified: no circuit in the box is more than {percent:f} % lower."
+    best += ", by a grid of time constants and descents from it"
+    if proof is None:
+        return f"{best}; nothing was proved."
     return (
-        f"{best}, by a grid of time constants and descents from it; what is proved after "
-        f"{proof.cells} cells is only that none is {percent} lower."
+        f"{best}; after {proof.cells} cells all that is proved is that no circuit in the box is "
+        f"more than {percent:f} % lower."
     )
 
 

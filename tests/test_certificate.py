@@ -1,0 +1,205 @@
+"""The proved bound: never above what any circuit reaches, and as close as it claims."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import lsq_linear
+
+from barnax.bounds import Bounds
+from barnax.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, certify
+from barnax.landscape import landscape_of
+from barnax.problem import make_problem, rmse_by_scan
+from barnax.reduced import Axis, Reduced
+from barnax.split_box import SplitBox
+from barnax.window import Window
+from reference import banded_response, make_record
+
+KNOWN_SOC = Window(initial_soc=0.6)
+MANY = 20_000
+
+
+def made_record(seed, noise_v=1e-3, samples=300):
+    """Steps and rests on an uneven clock; two relaxations, noise, and a drift that none can fit."""
+    rng = np.random.default_rng(seed)
+    time_s = np.append(
+        0.0, np.cumsum(rng.choice([1.0, 1.016, 25.0], samples - 1, p=[0.6, 0.38, 0.02]))
+    )
+    current_a = np.repeat(rng.choice([0.0, 0.5, 3.0, -1.5], samples // 10 + 1), 10)[:samples]
+    r, tau = rng.uniform(0.002, 0.05, 3), np.exp(rng.uniform(0.0, 6.5, 2))
+    drop_v = r[0] * current_a
+    for each, tau_s in zip(r[1:], tau, strict=True):
+        drop_v = drop_v + each * banded_response(time_s, current_a, tau_s)
+    drift_v = noise_v * (np.sin(time_s / rng.uniform(30, 300)) + rng.standard_normal(samples))
+    return make_record(time_s, current_a, 3.7 - drop_v + drift_v)
+
+
+def reduced_problem(cell, seed=0, circuit="so-rc", noise_v=1e-3, **given) -> Reduced:
+    record = made_record(seed, noise_v)
+    return Reduced.of(make_problem(record, cell, circuit, window=KNOWN_SOC, **given))
+
+
+def least_error(reduced, place):
+    """The least RMSE at some time constants, by SciPy."""
+    columns = [
+        axis.columns(np.array([at]))[0] for axis, at in zip(reduced.axes, place, strict=True)
+    ]
+    matrix = np.column_stack([reduced.current, *columns])
+    low, high = (end[:, 0] for end in reduced.coefficient_box(np.array(place)[:, None]))
+    free = high > low
+    base = reduced.base + matrix[:, ~free] @ low[~free]
+    found = lsq_linear(matrix[:, free], -base, (low[free], high[free]), method="bvls", tol=1e-14)
+    return np.sqrt(2 * found.cost)
+
+
+def random_places(reduced, count, seed):
+    """Places in the box, half of them near the lowest point of the landscape."""
+    rng = np.random.default_rng(seed)
+    low, high = np.array([[axis.low, axis.high] for axis in reduced.axes]).T
+    anywhere = rng.uniform(low, high, (count, len(low)))
+    landscape = landscape_of(reduced)
+    taus = np.log(landscape.circuit(landscape.minima(1.0)[0]).tau_s)
+    near = np.clip(taus + 0.3 * rng.standard_normal((count, len(low))), low, high)
+    return np.concatenate([anywhere, near])
+
+
+def settled(reduced, rmse_v, most_cells=MANY):
+    """The certificate of the best error that it comes upon itself, and that error."""
+    while True:
+        certificate = certify(reduced, rmse_v, most_cells)
+        if certificate.better is None:
+            return certificate, rmse_v
+        place = np.log(certificate.better.tau_s)
+        rmse_v = least_error(reduced, place)
+
+
+def test_the_third_derivative_of_a_pairs_kernel_is_bounded():
+    # In z = s / tau the kernel is z exp(-z), and a derivative in log(tau) is -z d/dz.
+    def integrand(z):
+        return abs(1 - 7 * z + 6 * z**2 - z**3) * np.exp(-z)
+
+    exact = sum(quad(integrand, a, b)[0] for a, b in [(0, 0.2), (0.2, 1.5), (1.5, 5), (5, 80)])
+    assert exact == pytest.approx(THIRD_DERIVATIVE, rel=1e-5)
+    assert exact < THIRD_DERIVATIVE
+
+
+@pytest.mark.parametrize("tau", [0.7, 3.0, 20.0, 150.0, 900.0])
+def test_no_answers_third_derivative_exceeds_its_bound(bundled_cell, tau):
+    problem = make_problem(made_record(3), bundled_cell, "1rc", window=KNOWN_SOC)
+    record, step = problem.course.record, 1e-2
+    answers = [
+        banded_response(record.time_s, record.current_a, tau * np.exp(k * step))
+        for k in (-2, -1, 1, 2)
+    ]
+    third = (answers[3] - 2 * answers[2] + 2 * answers[1] - answers[0]) / (2 * step**3)
+    bound = THIRD_DERIVATIVE * Reduced.of(problem).axes[0].input_rms
+    assert np.sqrt(np.mean(third**2)) < bound
+
+
+def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound(bundled_cell):
+    window = replace(KNOWN_SOC, score_from_s=40.0, score_to_s=200.0)
+    problem = make_problem(made_record(5), bundled_cell, "1rc", window=window)
+    course, bound = problem.course, Reduced.of(problem).axes[0].input_rms
+    scored_s = course.time_s[course.scored]
+    for lag_s in np.random.default_rng(0).uniform(0, 200, 400):
+        interval = np.searchsorted(course.time_s, scored_s - lag_s, side="right") - 1
+        earlier_a = np.where(interval >= 0, course.held_a[interval], 0.0)
+        assert np.sqrt(np.mean(earlier_a**2)) <= bound
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    wave=st.floats(0.1, 8.0),
+    phase=st.floats(0.0, 6.3),
+    wrong=st.floats(0.0, 0.3),
+    cells=st.integers(0, 40),
+)
+def test_what_an_answer_does_between_the_three_places_is_allowed_for(wave, phase, wrong, cells):
+    # One number that is 2 + r sin(wave u + phase), computed up to `wrong`; no circuit's answer is
+    # as wild, so the cells are wide for it.
+    def columns(places):
+        return np.sin(wave * places + phase)[:, None] + wrong
+
+    axis = Axis(0.0, 8.0, columns, wave**3 / THIRD_DERIVATIVE, wrong)
+    resistances = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.5, 1.0), "tau1 [s]": (1.0, np.exp(8.0))}
+    box = SplitBox(Bounds(resistances, resistances["tau1 [s]"], pairs=1))
+    reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box, is_ordered=True)
+    places = np.linspace(0.0, 8.0, 20_001)
+    sine = np.min(np.sin(wave * places + phase))
+    lowest = 2 + min(0.5 * sine, sine)
+    assert certify(reduced, 0.9 * lowest, cells).lower_bound_v <= lowest
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    seed=st.integers(0, 10_000),
+    noise_v=st.sampled_from([1e-2, 1e-3, 1e-5]),
+    most_cells=st.sampled_from([0, 100, MANY]),
+    changes=st.sampled_from(
+        [
+            {},
+            {"circuit": "1rc"},
+            {"bounds": {"R1 [Ohm]": (1e-4, 3e-3), "R0 [Ohm]": (0.03, 0.2)}},
+            {"bounds": {"tau1 [s]": (2.0, 9.0), "tau2 [s]": (1.0, 400.0)}},
+            {"bounds": {"C1 [F]": (100.0, 900.0)}},
+            {"fixed": {"C2 [F]": 4000.0}},
+            {"fixed": {"tau2 [s]": 60.0, "R0 [Ohm]": 0.02}},
+        ]
+    ),
+)
+def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, most_cells, changes):
+    reduced = reduced_problem(bundled_cell, seed, noise_v=noise_v, **changes)
+    lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
+    certificate, best_v = settled(reduced, lowest_v, most_cells)
+    bound_v = certificate.lower_bound_v
+    for place in random_places(reduced, 15, seed):
+        assert least_error(reduced, place) >= bound_v
+    if most_cells == MANY:
+        assert certificate.cells < MANY
+        assert bound_v >= best_v * (1 - 1.01 * CERTIFIED_GAP)
+
+
+@pytest.mark.parametrize(("circuit", "gap"), [("3rc", CERTIFIED_GAP), ("esc", CERTIFIED_GAP)])
+def test_three_pairs_and_dynamic_hysteresis_are_proved_too(bundled_cell, circuit, gap):
+    reduced = reduced_problem(bundled_cell, 1, circuit)
+    landscape = landscape_of(reduced)
+    rmse_v = np.nanmin(landscape.rmse_v)
+    certificate = certify(reduced, rmse_v, MANY)
+    for _ in range(20):
+        if certificate.better is None:
+            break
+        place = [*np.log(certificate.better.tau_s)]
+        if certificate.better.gamma is not None:
+            place.append(np.log(certificate.better.gamma))
+        rmse_v = least_error(reduced, place)
+        certificate = certify(reduced, rmse_v, MANY)
+    assert certificate.lower_bound_v >= rmse_v * (1 - 1.01 * gap)
+    assert certificate.lower_bound_v <= np.nanmin(landscape.rmse_v)
+
+
+def test_fewer_cells_prove_less_but_nothing_wrong(bundled_cell):
+    reduced = reduced_problem(bundled_cell)
+    lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
+    bounds_v = [settled(reduced, lowest_v, cells)[0].lower_bound_v for cells in (0, 80, 200, MANY)]
+    assert bounds_v == sorted(bounds_v)
+    assert bounds_v[0] < bounds_v[-1] * 0.99
+
+
+def test_a_better_basin_is_met_and_is_really_better(bundled_cell):
+    problem = make_problem(made_record(0), bundled_cell, "so-rc", window=KNOWN_SOC)
+    reduced = Reduced.of(problem)
+    landscape = landscape_of(reduced)
+    worse_v = 1.2 * np.nanmin(landscape.rmse_v)
+    certificate = certify(reduced, worse_v, MANY)
+    assert certificate.better is not None
+    (better_v,) = rmse_by_scan(problem, [certificate.better])
+    assert certificate.lower_bound_v <= better_v < worse_v
+
+
+def test_a_certificate_has_the_same_bits_every_time(bundled_cell):
+    reduced = reduced_problem(bundled_cell)
+    lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
+    assert certify(reduced, lowest_v, MANY) == certify(reduced, lowest_v, MANY)

@@ -5,6 +5,7 @@ from barnax.reporting.search_verdict import (
     budget_sentence,
     failure_sentences,
     note_sentences,
+    optimum_sentences,
     regret_sentences,
     soc_sentence,
 )
@@ -52,6 +53,15 @@ def test_a_model_without_a_known_optimum_is_said_to_have_none():
     )
     assert len(sentences) == 2
     assert sentences[1].startswith("The global optimum of esc is not known")
+
+
+def test_an_optimum_is_told_with_how_sure_it_is():
+    result = make_comparison([make_row("lm so-rc", 20.0, regret=0.0)], optima_mv={"so-rc": 20.0})
+    sure = {"optimum_status": "certified", "optimum_verdict": "Certified by a proof"}
+    models = {"so-rc": result.models["so-rc"].model_copy(update=sure)}
+    result = result.model_copy(update={"models": models})
+    assert "of so-rc, 20.00 mV (certified), to 0.1 %" in next(iter(regret_sentences(result)))
+    assert list(optimum_sentences(result)) == ["so-rc: Certified by a proof."]
 
 
 def test_models_without_a_known_optimum_are_told_together():

@@ -27,6 +27,7 @@ from .search_verdict import (
     budget_sentence,
     failure_sentences,
     note_sentences,
+    optimum_sentences,
     regret_sentences,
     soc_sentence,
 )
@@ -115,7 +116,7 @@ def _results(
             *pictures.of("parameters"),
         ),
     )
-    notes = tuple(note_sentences(result))
+    notes = (*optimum_sentences(result), *note_sentences(result))
     yield Section(
         "Search",
         (

@@ -26,7 +26,8 @@ def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
         if not model.optimum_rmse_v:
             unknown.append(name)
             continue
-        optimum = f"the global optimum of {name}, {millivolt(model.optimum_rmse_v)}"
+        sureness = f" ({model.optimum_status})" if model.optimum_status else ""
+        optimum = f"the global optimum of {name}, {millivolt(model.optimum_rmse_v)}{sureness}"
         own = {row.name: row.regret for row in mine if row.regret is not None}
         refined = {
             row.name: row.refined_rmse_v / model.optimum_rmse_v - 1
@@ -54,6 +55,13 @@ def _reach(how: str, regrets: dict[str, float], optimum: str) -> str:
         return f"{how}, no row reaches {optimum}; the excess is {far}."
     verb = "reaches" if len(there) == 1 else "reach"
     return f"{how}, {joined(there)} {verb} {optimum}, to {percent(REACHED)}; the excess is {far}."
+
+
+def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """How sure the global optimum of each model is."""
+    for name, model in result.models.items():
+        if model.optimum_verdict is not None:
+            yield sentence(f"{name}: {model.optimum_verdict}")
 
 
 def bound_sentences(result: "ComparisonResult") -> Iterator[str]:

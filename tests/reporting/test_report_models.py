@@ -31,6 +31,26 @@ def test_a_difference_that_chance_explains_does_not_count():
     assert sentence.endswith("the gain does not carry over, so on these data it does not pay.")
 
 
+@pytest.mark.parametrize(
+    ("optima_mv", "said"),
+    [
+        ({"so-rc": 23.4, "iso-rc": 23.2}, "it lowers the identification error by 0.20 mV."),
+        ({"so-rc": 23.2, "iso-rc": 23.4}, "it raises the identification error by 0.20 mV."),
+        ({"so-rc": 23.2, "iso-rc": 23.2}, "it leaves the identification error as it is."),
+    ],
+)
+def test_known_optima_tell_the_model_s_worth_from_the_method_s(optima_mv, said):
+    rows = make_row("bmo so-rc", 26.0), make_row("bmo iso-rc", 27.0)
+    (sentence,) = model_sentences(make_comparison(rows, optima_mv=optima_mv))
+    assert sentence.endswith(f"which no method has a part in, {said}")
+
+
+def test_one_optimum_alone_says_nothing_of_the_other_model():
+    rows = make_row("bmo so-rc", 26.0), make_row("bmo iso-rc", 27.0)
+    (sentence,) = model_sentences(make_comparison(rows, optima_mv={"so-rc": 23.0}))
+    assert "optima" not in sentence
+
+
 def test_equal_errors_are_left_as_they_are():
     rows = make_row("ls so-rc", 25.0, 13.0), make_row("ls iso-rc", 25.0, 12.0)
     (sentence,) = told(*rows)

@@ -57,6 +57,7 @@ def model_sentences(result: "ComparisonResult") -> Iterator[str]:
         yield (
             f"By {rows[0].method}, {addition} {joined(_changes(effects))}: "
             f"{conclusion(effects[0].change, [each.change for each in effects[1:]])}."
+            f"{_at_the_optima(result, *pair)}"
         )
 
 
@@ -81,6 +82,19 @@ def conclusion(identified: Change, validated: Sequence[Change]) -> str:
     if identified == "better":
         return "the gain does not carry over, so on these data it does not pay"
     return "on these data it makes no difference that counts"
+
+
+def _at_the_optima(result: "ComparisonResult", plain: str, rich: str) -> str:
+    """What the model changes where no method's own error is in it, as far as that is known."""
+    plain_v, rich_v = (result.models[name].optimum_rmse_v for name in (plain, rich))
+    if not plain_v or not rich_v:
+        return ""
+    if abs(rich_v - plain_v) <= SAME_RMSE * plain_v:
+        change = "leaves the identification error as it is"
+    else:
+        verb = "lowers" if rich_v < plain_v else "raises"
+        change = f"{verb} the identification error by {millivolt(abs(rich_v - plain_v))}"
+    return f" At the global optima of both models, which no method has a part in, it {change}."
 
 
 def _same_method(

@@ -11,8 +11,9 @@ from rich.text import Text
 
 from .cell import CellModel, CircuitParameters
 from .evaluate import Evaluation
+from .optimum import GlobalOptimum, regret
 from .refinement import CrossCheck
-from .result import describe
+from .result import describe, seed_regrets
 
 # Seven figures and a file's name in 80 columns.
 LAYOUT: dict[str, Any] = {
@@ -24,10 +25,12 @@ LAYOUT: dict[str, Any] = {
 }
 # Scored samples from which reducing a record costs less than simulating it for every candidate.
 LONG = 2000
+# A smaller regret is rounding.
+NO_REGRET = 1e-7
 
 
 def identification_report(
-    checked: CrossCheck, evaluations: Sequence[Evaluation]
+    checked: CrossCheck, evaluations: Sequence[Evaluation], optimum: GlobalOptimum | None = None
 ) -> list[RenderableType]:
     """What was decided, the parameters, the errors and the verdict. The evaluations of the
     identification records come first."""
@@ -37,8 +40,26 @@ def identification_report(
         parameters_table(checked),
         metrics_table(evaluations),
         Text(f"Verdict: {checked.verdict}"),
+        Text(f"Global optimum: {optimum_sentences(checked, optimum)}"),
         Text(ocv_sentence(problem.cell)),
     ]
+
+
+def optimum_sentences(checked: CrossCheck, optimum: GlobalOptimum | None) -> str:
+    """How far the answers are from the best there is."""
+    if optimum is None:
+        return "not known, the box is too wide for it."
+    regrets = seed_regrets(checked, optimum)
+    refined = regret(checked.rmse_v, optimum.rmse_v)
+    shares = zip(("best seed", "median seed"), (min(regrets), np.median(regrets)), strict=True)
+    return (
+        f"{optimum.verdict} Regret, the RMSE above that: refined {_percent(refined)}; before "
+        f"refinement {', '.join(f'{name} {_percent(share)}' for name, share in shares)}."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share > NO_REGRET else "none"
 
 
 def parameters_table(checked: CrossCheck) -> Table:

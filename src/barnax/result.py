@@ -1,5 +1,6 @@
 """`result.json`: what an identification found, and all that is needed to use or repeat it."""
 
+import statistics
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, fields
@@ -13,11 +14,12 @@ from .cell import CellModel, CircuitParameters, get_circuit
 from .evaluate import Evaluation, pooled
 from .metrics import Metrics
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
-from .problem import Problem
+from .optimum import GlobalOptimum, regret
 from .records import Record
-from .refinement import CrossCheck
+from .refinement import CrossCheck, Optimum
 from .result_parts import (
     DecisionPart,
+    GlobalPart,
     InputPart,
     JointPart,
     MetricsBlock,
@@ -34,13 +36,16 @@ from .window import Window
 
 SCHEMA_VERSION = 1
 VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
+# An answer further above the global optimum than this is warned about.
+REGRETTABLE = 1e-3
 REMEDY = "give the result.json that barnax identify wrote"
 
 
 class Result(Part):
     """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    `jointly` holds every record where several were identified together; `initial_soc` is then
+    `global_optimum` is None where it was not looked for, or the box is too wide for that. `jointly`
+    holds every record where several were identified together; `initial_soc` is then
     that of the first.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
@@ -53,6 +58,7 @@ class Result(Part):
     parameters: Parameters
     search: SearchPart
     refined: RefinedPart
+    global_optimum: GlobalPart | None = None
     metrics: MetricsBlock
     cell: dict[str, Any]
     bounds: dict[str, tuple[float, float]]
@@ -108,13 +114,15 @@ def make_result(
     identification: Sequence[Evaluation],
     validation: Sequence[Evaluation] = (),
     *,
+    optimum: GlobalOptimum | None = None,
     ocv: Sequence[Record] = (),
     command: Sequence[str] = (),
 ) -> Result:
     """Everything an identification found, as one value that can be stored.
 
     `identification` has an evaluation for every record the circuit was identified on, `ocv` the
-    records the cell was characterized from; `command` is what was run.
+    records the cell was characterized from; `optimum` is the problem's global one, `command` what
+    was run.
     """
     found, problem = checked.found, checked.found.problem
     method, settings = describe(found.optimizer)
@@ -149,19 +157,12 @@ def make_result(
             objective=checked.objective,
             evaluations=checked.evaluations,
             at_bound=checked.at_bound,
-            optima=tuple(
-                OptimumPart(
-                    rmse_v=optimum.rmse_v,
-                    parameters=optimum.parameters.to_dict(),
-                    seeds=optimum.seeds,
-                    is_family=optimum.is_family,
-                )
-                for optimum in checked.optima
-            ),
+            optima=tuple(_optimum_part(each) for each in checked.optima),
             moved=tuple(seed.moved for seed in checked.refined),
             converged=tuple(seed.has_converged for seed in checked.refined),
             verdict=checked.verdict,
         ),
+        global_optimum=None if optimum is None else _global_part(checked, optimum),
         metrics=MetricsBlock(
             identification=joint_metrics(problem.name, identification),
             validation=tuple(metrics_part(each) for each in validation),
@@ -182,9 +183,39 @@ def make_result(
             if len(identification) > 1
         ),
         inputs=tuple(input_part(role, record) for role, record in records),
-        warnings=all_warnings(problem, validation, ocv),
+        warnings=all_warnings(checked, optimum, validation, ocv),
         command=tuple(command),
         versions=all_versions(),
+    )
+
+
+def _global_part(checked: CrossCheck, optimum: GlobalOptimum) -> GlobalPart:
+    regrets = seed_regrets(checked, optimum)
+    return GlobalPart(
+        rmse_v=optimum.rmse_v,
+        parameters=optimum.parameters.to_dict(),
+        status=optimum.status,
+        lower_bound_v=optimum.lower_bound_v,
+        local_optima=tuple(_optimum_part(each) for each in optimum.local_optima),
+        at_bound=optimum.at_bound,
+        median_regret=statistics.median_low(regrets),
+        best_regret=min(regrets),
+        refined_regret=regret(checked.rmse_v, optimum.rmse_v),
+        verdict=optimum.verdict,
+    )
+
+
+def seed_regrets(checked: CrossCheck, optimum: GlobalOptimum) -> list[float]:
+    """How far every seed's own answer is above the global optimum."""
+    return [regret(seed.rmse_v, optimum.rmse_v) for seed in checked.found.seeds]
+
+
+def _optimum_part(optimum: Optimum) -> OptimumPart:
+    return OptimumPart(
+        rmse_v=optimum.rmse_v,
+        parameters=optimum.parameters.to_dict(),
+        seeds=optimum.seeds,
+        is_family=optimum.is_family,
     )
 
 
@@ -214,12 +245,22 @@ def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any
 
 
 def all_warnings(
-    problem: Problem, validation: Sequence[Evaluation], ocv: Sequence[Record]
+    checked: CrossCheck,
+    optimum: GlobalOptimum | None,
+    validation: Sequence[Evaluation],
+    ocv: Sequence[Record],
 ) -> tuple[str, ...]:
     """Every warning of a run once, in the order of the flow."""
+    problem = checked.found.problem
     texts = [*(text for record in ocv for text in record.warnings), *problem.warnings]
     for each in validation:
         texts += [*each.course.record.warnings, *each.course.warnings]
+    excess = 0.0 if optimum is None else regret(checked.rmse_v, optimum.rmse_v)
+    if excess > REGRETTABLE:
+        texts.append(
+            f"the answer's RMSE is {100 * excess:.2g} % above the global optimum's: no seed came "
+            "near it; search with more --seeds, --coordinates log or another --method"
+        )
     return tuple(dict.fromkeys(texts))
 
 

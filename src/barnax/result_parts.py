@@ -18,6 +18,7 @@ Parameters = dict[str, float]
 # Keys with units, by the field's name.
 KEYS = {
     "rmse_v": "rmse [V]",
+    "lower_bound_v": "lower_bound [V]",
     "history_v": "history",
     "mape_percent": "mape [%]",
     "ce_v": "ce [V]",
@@ -99,6 +100,25 @@ class MetricsPart(Part):
     ce_v: Volts
     max_v: Volts
     samples: int
+
+
+class GlobalPart(Part):
+    """The best circuit there is in the box, and how far the search and its refinement are from it.
+
+    A regret is an RMSE over the optimum's, minus one: of the median and of the best seed before
+    refinement, and of the refined answer.
+    """
+
+    rmse_v: Volts
+    parameters: Parameters
+    status: Literal["certified", "grid-verified"]
+    lower_bound_v: Volts
+    local_optima: tuple[OptimumPart, ...]
+    at_bound: tuple[str, ...]
+    median_regret: float
+    best_regret: float
+    refined_regret: float
+    verdict: str
 
 
 class JointPart(Part):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from ..errors import InputError
 from . import options
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
 from .journal import open_journal
@@ -21,8 +22,12 @@ from .session import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..cell import CellModel
     from ..evaluate import Evaluation
+    from ..optimum import GlobalOptimum
+    from ..problem import Problem
     from ..refinement import CrossCheck
 
 
@@ -110,7 +115,7 @@ def identify(
         from ..problem import make_problem
         from ..refinement import refine
         from ..report import identification_report
-        from ..result import all_warnings, make_result
+        from ..result import make_result
 
     require_choice("--model", model, CIRCUITS)
     require_choice("--method", method, OPTIMIZERS)
@@ -153,8 +158,11 @@ def identify(
     )
     if journal:
         session.note(f"Going on where an interrupted run stopped ({journal.path}).")
-    with ThreadPoolExecutor(max_workers=1) as beside:
+    # What does not wait for the search is done beside it.
+    with ThreadPoolExecutor(max_workers=2) as beside:
         compiling = beside.submit(Descent, problem)
+        drawing = beside.submit(_cell_figures, inputs.cell if folder is not None else None)
+        looking = beside.submit(_best_there_is, problem)
         with session.bar("Searching", seeds) as advance:
             found = search(
                 problem,
@@ -166,51 +174,72 @@ def identify(
             )
         with session.bar("Cross-checking", seeds) as advance:
             checked = refine(found, descent=compiling.result(), progress=advance)
+        with session.stage("Looking for the global optimum"):
+            optimum = looking.result()
     with session.stage("Validating"):
         identified = [evaluate_course(course, checked.parameters) for course in problem.courses]
         validated = [evaluate_course(course, checked.parameters) for course in courses]
-    result = make_result(checked, identified, validated, ocv=inputs.tests, command=command_line())
+    result = make_result(
+        checked,
+        identified,
+        validated,
+        optimum=optimum,
+        ocv=inputs.tests,
+        command=command_line(),
+    )
     if folder is not None:
         written = {"result.json": result.to_json().encode()}
         with session.stage("Drawing figures"):
-            written |= _figures(inputs.cell, checked, identified, validated)
+            written |= drawing.result() | _figures(checked, identified, validated)
         written["timings.json"] = session.timings_json()
         write_folder(folder, written)
     if journal is not None:
         journal.remove()
     if as_json:
         typer.echo(result.to_json(), nl=False)
-    session.show(identification_report(checked, [*identified, *validated]))
-    session.warn(all_warnings(problem, validated, inputs.tests))
+    session.show(identification_report(checked, [*identified, *validated], optimum))
+    session.warn(result.warnings)
     session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
 
 
+def _best_there_is(problem: "Problem") -> "GlobalOptimum | None":
+    """The global optimum, None where the box is too wide to look for it."""
+    from ..optimum import global_optimum
+
+    try:
+        return global_optimum(problem)
+    except InputError:
+        return None
+
+
+def _cell_figures(cell: "CellModel | None") -> dict[str, bytes]:
+    """PNG figures of the cell by their path; none without a cell."""
+    if cell is None:
+        return {}
+    from ..plots import plot_hysteresis, plot_ocv
+
+    return _pngs({"ocv": plot_ocv(cell), "hysteresis": plot_hysteresis(cell)})
+
+
 def _figures(
-    cell: "CellModel",
     checked: "CrossCheck",
     identified: "list[Evaluation]",
     validated: "list[Evaluation]",
 ) -> dict[str, bytes]:
-    """PNG figures by their path below the results folder."""
-    from ..plots import (
-        plot_convergence,
-        plot_error,
-        plot_hysteresis,
-        plot_ocv,
-        plot_voltage,
-    )
+    """PNG figures of the search and the errors by their path below the results folder."""
+    from ..plots import plot_convergence, plot_error, plot_voltage
 
-    figures = {
-        "ocv": plot_ocv(cell),
-        "hysteresis": plot_hysteresis(cell),
-        "convergence": plot_convergence(checked.found, checked),
-    }
+    figures = {"convergence": plot_convergence(checked.found, checked)}
     roles = [("identification", each) for each in _numbered(identified)]
     roles += [("validation", each) for each in enumerate(validated, 1)]
     for name, (number, evaluation) in roles:
         role = name if number is None else f"{name}-{number}"
         figures[f"{role}-voltage"] = plot_voltage(evaluation)
         figures[f"{role}-error"] = plot_error(evaluation)
+    return _pngs(figures)
+
+
+def _pngs(figures: "dict[str, Figure]") -> dict[str, bytes]:
     return {f"figures/{name}.png": png_bytes(figure) for name, figure in figures.items()}
 
 

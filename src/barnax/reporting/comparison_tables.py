@@ -76,7 +76,7 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
         "standard deviation over the seeds"
         + ("; regret: how far the median seed is above the global optimum" if has_regret else "")
         + "; what refinement makes of it; evaluations of the median seed"
-        + (", and the time of all seeds." if seconds else "."),
+        + (", and the time of all seeds, compilation included." if seconds else "."),
         columns=columns,
         rows=tuple(_search_cells(row, seconds, has_regret) for row in rows),
     )

@@ -12,7 +12,7 @@ from . import options
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
 from .journal import open_journal
 from .options import SEARCH, require_choice
-from .output import DEFAULT_FOLDER, require_free, write_folder
+from .output import DEFAULT_FOLDER, report_files, require_free, write_folder
 from .session import Session, command_line, use_compilation_cache
 
 if TYPE_CHECKING:
@@ -185,14 +185,7 @@ def _report(
     result: "ComparisonResult", comparison: "Comparison", seconds: dict[str, float]
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
-    from ..reporting import comparison_document, comparison_illustrations, to_html, to_markdown
+    from ..reporting import comparison_document, comparison_illustrations
 
     drawn = comparison_illustrations(result, comparison, comparison.optima)
-    document = comparison_document(result, drawn, seconds)
-    files = {
-        "report.html": to_html(document).encode(),
-        "report.md": to_markdown(document).encode(),
-    }
-    for each in drawn:
-        files |= {f"figures/{each.name}.png": each.png, f"figures/{each.name}.svg": each.svg}
-    return files
+    return report_files(comparison_document(result, drawn, seconds), drawn)

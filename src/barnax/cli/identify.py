@@ -12,7 +12,7 @@ from . import options
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
 from .journal import open_journal
 from .options import SEARCH, require_choice
-from .output import DEFAULT_FOLDER, png_bytes, require_free, write_folder
+from .output import DEFAULT_FOLDER, report_files, require_free, write_folder
 from .session import (
     Session,
     command_line,
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from ..optimum import GlobalOptimum
     from ..problem import Problem
     from ..refinement import CrossCheck
+    from ..result import Result
+
+DPI = 150
 
 
 def identify(
@@ -87,6 +90,7 @@ def identify(
     score_from: options.ScoreFrom = None,
     score_to: options.ScoreTo = None,
     out: options.Out = None,
+    report: options.Report = False,
     force: options.Force = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
@@ -161,7 +165,7 @@ def identify(
     # What does not wait for the search is done beside it.
     with ThreadPoolExecutor(max_workers=2) as beside:
         compiling = beside.submit(Descent, problem)
-        drawing = beside.submit(_cell_figures, inputs.cell if folder is not None else None)
+        drawing = beside.submit(_cell_figures, None if folder is None or report else inputs.cell)
         looking = beside.submit(_best_there_is, problem)
         with session.bar("Searching", seeds) as advance:
             found = search(
@@ -190,7 +194,10 @@ def identify(
     if folder is not None:
         written = {"result.json": result.to_json().encode()}
         with session.stage("Drawing figures"):
-            written |= drawing.result() | _figures(checked, identified, validated)
+            if report:
+                written |= _report(result, checked, identified, validated, optimum)
+            else:
+                written |= drawing.result() | _figures(checked, identified, validated)
         written["timings.json"] = session.timings_json()
         write_folder(folder, written)
     if journal is not None:
@@ -239,8 +246,24 @@ def _figures(
     return _pngs(figures)
 
 
+def _report(
+    result: "Result",
+    checked: "CrossCheck",
+    identified: "list[Evaluation]",
+    validated: "list[Evaluation]",
+    optimum: "GlobalOptimum | None",
+) -> dict[str, bytes]:
+    """The report in both forms and its figures, by their path below the results folder."""
+    from ..reporting import identification_document, identification_illustrations
+
+    drawn = identification_illustrations(checked, identified, validated, optimum)
+    return report_files(identification_document(result, drawn), drawn)
+
+
 def _pngs(figures: "dict[str, Figure]") -> dict[str, bytes]:
-    return {f"figures/{name}.png": png_bytes(figure) for name, figure in figures.items()}
+    from ..plots.encode import encode
+
+    return {f"figures/{name}.png": encode(figure, "png", DPI) for name, figure in figures.items()}
 
 
 def _numbered(evaluations: "list[Evaluation]") -> "list[tuple[int | None, Evaluation]]":

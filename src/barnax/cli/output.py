@@ -1,11 +1,10 @@
 """A folder of results, or a single file, written whole or not at all."""
 
 import ctypes
-import io
 import os
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +12,8 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from ..plots.illustration import Illustration
+    from ..reporting import Document
 
 # Of Linux's renameat2.
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
@@ -149,8 +149,14 @@ def _exchange(first: Path, second: Path) -> bool:
     return rename(AT_FDCWD, places[0], AT_FDCWD, places[1], RENAME_EXCHANGE) == 0
 
 
-def png_bytes(figure: "Figure") -> bytes:
-    """A figure as the content of a PNG file; equal figures give equal bytes."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=150, metadata={"Software": None})
-    return buffer.getvalue()
+def report_files(document: "Document", drawn: "Iterable[Illustration]") -> dict[str, bytes]:
+    """A report in both forms and its figures, by their path below the results folder."""
+    from ..reporting import to_html, to_markdown
+
+    files = {
+        "report.html": to_html(document).encode(),
+        "report.md": to_markdown(document).encode(),
+    }
+    for each in drawn:
+        files |= {f"figures/{each.name}.png": each.png, f"figures/{each.name}.svg": each.svg}
+    return files

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from ..refinement import CrossCheck
     from ..result import Result
 
-DPI = 150
-
 
 def identify(
     records: Annotated[
@@ -263,7 +261,7 @@ def _report(
 def _pngs(figures: "dict[str, Figure]") -> dict[str, bytes]:
     from ..plots.encode import encode
 
-    return {f"figures/{name}.png": encode(figure, "png", DPI) for name, figure in figures.items()}
+    return {f"figures/{name}.png": encode(figure) for name, figure in figures.items()}
 
 
 def _numbered(evaluations: "list[Evaluation]") -> "list[tuple[int | None, Evaluation]]":

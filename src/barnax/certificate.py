@@ -29,6 +29,9 @@ LEBESGUE = 1.25
 # The compressed form agrees with the scan to the larger of these.
 RELATIVE, ABSOLUTE_V = 1e-9, 1e-12
 
+# Nothing measured comes near this: a smaller error counts as one of this size.
+SMALLEST_RMSE_V = 1e-8
+
 # Places are counted in 2^-40 of an axis, so that halves of halves are the same numbers.
 UNITS = 2**40
 # Cells an axis to begin with, and how many are split at a time.
@@ -75,11 +78,12 @@ def _branch(reduced: Reduced, rmse_v: float, most_cells: int) -> Certificate:
     while better is None:
         order = np.argsort(bounds_v, kind="stable")
         cells, bounds_v, split = cells[order], bounds_v[order], split[order]
-        gap = NARROW_GAP if seen < FEW_CELLS else CERTIFIED_GAP
-        low = int(np.searchsorted(bounds_v, rmse_v * (1 - gap) + slack_v))
-        # Between two whole batches the pool of cells is never looked at in part.
+        is_cheap = seen < FEW_CELLS and rmse_v > SMALLEST_RMSE_V
+        gap = NARROW_GAP if is_cheap else CERTIFIED_GAP
+        target_v = rmse_v - gap * max(rmse_v, SMALLEST_RMSE_V)
+        low = int(np.searchsorted(bounds_v, target_v + slack_v))
         taken = min(low, BATCH, most_cells - seen)
-        if taken <= 0:
+        if target_v <= 0 or taken <= 0:
             break
         halves = _halves(cells[:taken], split[:taken], reduced)
         new_v, new_split, better = _bound(reduced, halves, rmse_v)

@@ -5,7 +5,7 @@ from decimal import ROUND_CEILING, Context
 from typing import Literal
 
 from .cell import CircuitParameters
-from .certificate import CERTIFIED_GAP, Certificate, certify
+from .certificate import CERTIFIED_GAP, SMALLEST_RMSE_V, Certificate, certify
 from .descent import Descent, RefinedSeed
 from .landscape import Landscape, landscape_of
 from .precision import in_float64
@@ -29,8 +29,6 @@ MOST_MINIMA = 4 * SEEDS_PER_BLOCK
 MOST_CELLS = 50_000
 # A circuit that a proof comes upon and that is better than all polished ones; seldom more than one.
 MOST_PROOFS = 8
-# Errors below a nanovolt differ by rounding alone.
-SMALLEST_RMSE_V = 1e-9
 
 ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
 
@@ -86,7 +84,7 @@ class GlobalOptimum:
 def regret(rmse_v: float, optimum_v: float) -> float:
     """How far an RMSE is above the optimum's, as a share of it.
 
-    An optimum below a nanovolt counts as one: there is nothing to regret about rounding.
+    An optimum below `SMALLEST_RMSE_V` counts as one of that: rounding is nothing to regret.
 
     >>> round(regret(10.1e-3, 10e-3), 6)
     0.01

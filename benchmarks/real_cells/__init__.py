@@ -1,0 +1,1 @@
+"""Models on measured cells: where hysteresis helps, where not, and why."""

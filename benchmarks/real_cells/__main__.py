@@ -1,0 +1,80 @@
+"""Run with `python -m benchmarks.real_cells [FOLDER OF MEASURED CELLS]`.
+
+Without the folder only the bundled cell runs. Writes benchmarks/results/real_cells.md.
+"""
+
+import sys
+from datetime import date
+from pathlib import Path
+
+from .cases import BUDGET, EXACT, Ran, cases, data_folder, run
+from .tables import (
+    conditions_table,
+    differences_table,
+    rows_table,
+    summary_table,
+    verdict_sentences,
+)
+
+RESULTS = Path(__file__).parents[1] / "results" / "real_cells.md"
+
+
+def page(runs: list[Ran]) -> str:
+    """The whole page."""
+    lines = [
+        "# Models and methods on measured cells",
+        "",
+        "Printed by `python -m benchmarks.real_cells FOLDER`, with the folder of measured cells, "
+        f"{date.today()}. Interpolated OCV; population {BUDGET.population}, {BUDGET.iterations} "
+        f"generations, {BUDGET.seeds} seeds, key {BUDGET.key}, raw R and C; bounds as `barnax "
+        "compare` sets them. On the A123 the first half of the one dynamic record identifies and "
+        "the second validates.",
+        "",
+        "## Which model is best",
+        "",
+        f"The best circuit of each model in its box ({EXACT}, which draws nothing; its regret "
+        "below is measured against the global optimum), so that searches play no part. RMSE in mV.",
+        "",
+        *summary_table(runs),
+        "",
+        "Differences of RMSE with 95 % intervals of a moving-block bootstrap over time; n.s.: the "
+        "interval holds zero.",
+        "",
+        *differences_table(runs),
+        "",
+        "## Why",
+        "",
+        *conditions_table(runs),
+        "",
+    ]
+    for ran in runs:
+        lines += [f"## {ran.case.name}", "", *verdict_sentences(ran), "", *rows_table(ran), ""]
+        lines += [
+            f"- {model}: {optimum.verdict}" for model, optimum in ran.comparison.optima.items()
+        ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, print the page and write it."""
+    folder = data_folder(sys.argv[1] if len(sys.argv) > 1 else None)
+    if folder is None:
+        print(
+            "the measured cells are not here (give their folder, or set BARNAX_SHARED_DATA); "
+            "only the bundled cell runs, and nothing is written",
+            file=sys.stderr,
+        )
+    runs = []
+    for case in cases(folder):
+        runs.append(run(case))
+        print(case.name, "done", file=sys.stderr)
+    text = page(runs)
+    if folder is not None:
+        RESULTS.parent.mkdir(exist_ok=True)
+        RESULTS.write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

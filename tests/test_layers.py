@@ -19,6 +19,7 @@ LAYERS = (
     ("split_box", "reduced"),
     ("identification", "descent", "refinement", "evaluate", "landscape"),
     ("certificate", "optimum"),
+    ("trust",),
     ("block_bootstrap", "methods", "comparison_statistics"),
     ("comparison", "comparison_run"),
     (

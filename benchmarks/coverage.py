@@ -1,0 +1,258 @@
+"""Do 95 % intervals hold the truth 95 % of the time? `python -m benchmarks.coverage`.
+
+Known circuits on the bundled cell's current, simulated with SciPy's lfilter, under noise of
+several correlation times: 200 records each, identified again by Levenberg-Marquardt from the truth.
+Counts how often the trusted and the plain interval of every parameter hold it, and what the block
+bootstrap says of the first records. Then the bundled cell itself, and measured cells where their
+folder is given: `python -m benchmarks.coverage [FOLDER OF MEASURED CELLS]`. Writes
+benchmarks/results/coverage.md.
+"""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+
+import jax
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import t as student
+
+import barnax
+from barnax.problem import Problem
+from barnax.trust.assessment import assess
+from barnax.trust.bootstrap import bootstrap
+from barnax.trust.covariance import CONFIDENCE, Uncertainty, uncertainty
+from barnax.trust.linearization import linearize
+from barnax.trust.refit import Refit
+
+RESULTS = Path(__file__).parent / "results" / "coverage.md"
+RECORDS, SEED, KEY = 200, 20, 0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A sum of AR(1) noises: (correlation time in s, standard deviation in V); 0 s is white."""
+
+    name: str
+    parts: tuple[tuple[float, float], ...]
+
+    def draw(self, rng: np.random.Generator, records: int, samples: int) -> np.ndarray:
+        """Stationary noise at 1 s sampling, one row a record."""
+        total = np.zeros((records, samples))
+        for correlation_s, sd_v in self.parts:
+            drawn = rng.standard_normal((records, samples))
+            rho = np.exp(-1 / correlation_s) if correlation_s else 0.0
+            drawn[:, 0] /= np.sqrt(1 - rho**2)
+            total += sd_v * np.sqrt(1 - rho**2) * lfilter([1.0], [1.0, -rho], drawn, axis=1)
+        return total
+
+
+NOISES = (
+    Noise("white, 5 mV", ((0.0, 5e-3),)),
+    Noise("60 s, 5 mV", ((60.0, 5e-3),)),
+    Noise("300 s, 5 mV", ((300.0, 5e-3),)),
+    Noise(
+        "as measured: 20 s, 10 mV and 600 s, 10 mV and white, 1 mV",
+        ((20.0, 10e-3), (600.0, 10e-3), (0.0, 1e-3)),
+    ),
+)
+CIRCUITS = (
+    barnax.CircuitParameters(0.05, (0.02, 0.03), (20 / 0.02, 300 / 0.03)),
+    barnax.CircuitParameters(0.073, (0.015, 0.0213), (10.2 / 0.015, 87 / 0.0213)),
+)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Shares of records whose interval holds the truth, and mean inflation, by parameter."""
+
+    trusted: dict[str, float]
+    plain: dict[str, float]
+    inflation: dict[str, float]
+    held: int
+
+
+def coverage(
+    problem: Problem, truth: barnax.CircuitParameters, noise: Noise, records: int, seed: int
+) -> Coverage:
+    """The coverage of `records` simulated records on the current of a problem sampled at 1 s.
+
+    A parameter that ends at a bound has no interval and so does not hold the truth.
+    """
+    course = problem.course
+    rng = np.random.default_rng(seed)
+    base_v = -_drop_v(truth, course.current_a) + noise.draw(rng, records, len(course.soc))
+    refit = Refit(problem)
+    scored = course.scored
+    start = refit.encode(truth)
+    ends = refit(
+        np.broadcast_to(start, (records, len(start))),
+        base_v=refit.voltages.project(base_v[:, scored]),
+    )
+    found = problem.parameters_at(list(ends.points), refit.box)
+    hits: dict[str, list[tuple[bool, bool, float]]] = {}
+    held = 0
+    for parameters, base in zip(found, base_v, strict=True):
+        changed = _with_voltage(problem, course.source_v + base)
+        sure = uncertainty(parameters, linearize(changed, parameters))
+        held += len(sure.names) < len(start)
+        for name, value in _values(truth).items():
+            hits.setdefault(name, []).append(_holds(sure, name, value))
+    table = {name: np.array(rows, float).mean(axis=0).tolist() for name, rows in hits.items()}
+    return Coverage(
+        trusted={name: row[0] for name, row in table.items()},
+        plain={name: row[1] for name, row in table.items()},
+        inflation={name: row[2] for name, row in table.items()},
+        held=held,
+    )
+
+
+def _holds(sure: Uncertainty, name: str, truth: float) -> tuple[bool, bool, float]:
+    estimate = sure[name]
+    if estimate.plain_relative_error is None or estimate.inflation is None:
+        return False, False, 1.0
+    is_held = estimate.low is None or estimate.low <= truth <= (estimate.high or np.inf)
+    plain = student.ppf((1 + CONFIDENCE) / 2, sure.samples - len(sure.names))
+    miss = abs(np.log(estimate.value / truth))
+    return is_held, miss <= plain * estimate.plain_relative_error, estimate.inflation
+
+
+def _values(truth: barnax.CircuitParameters) -> dict[str, float]:
+    taus = {f"tau{pair} [s]": tau for pair, tau in enumerate(truth.tau_s, 1)}
+    return truth.to_dict() | taus
+
+
+def _drop_v(truth: barnax.CircuitParameters, current_a: np.ndarray) -> np.ndarray:
+    """Ohmic and polarization drop by SciPy's filter of a zero-order hold at 1 s."""
+    drop_v = truth.r0 * current_a
+    for r, tau in zip(truth.r, truth.tau_s, strict=True):
+        decay = np.exp(-1 / tau)
+        drop_v = drop_v + r * np.asarray(lfilter([0.0, 1 - decay], [1.0, -decay], current_a))
+    return drop_v
+
+
+def _with_voltage(problem: Problem, voltage_v: np.ndarray) -> Problem:
+    course = problem.course
+    whole_v = course.record.voltage_v.copy()
+    whole_v[course.stretch] = voltage_v
+    record = replace(course.record, voltage_v=whole_v)
+    return replace(problem, courses=(replace(course, record=record),))
+
+
+def simulated_page() -> list[str]:
+    """Coverage of every circuit under every noise."""
+    problem = bundled("so-rc")
+    lines = [
+        "## Known circuits, simulated",
+        "",
+        f"{RECORDS} records of {problem.scored} samples at 1 s each, seed {SEED}. With {RECORDS} "
+        "records a share of 95 % has a standard error of 1.5 %. The inflation is the trusted "
+        "standard error over the plain one, its mean.",
+        "",
+    ]
+    for truth in CIRCUITS:
+        names = list(_values(truth))
+        values = ", ".join(f"{name} {value:.4g}" for name, value in _values(truth).items())
+        lines += [
+            f"Truth: {values}.",
+            "",
+            f"| noise | interval | {' | '.join(names)} | at a bound |",
+            f"|---|---|{'---|' * (len(names) + 1)}",
+        ]
+        for noise in NOISES:
+            found = coverage(problem, truth, noise, RECORDS, SEED)
+            for kind, shares in (("trusted", found.trusted), ("plain", found.plain)):
+                cells = " | ".join(f"{100 * shares[name]:.1f} %" for name in names)
+                lines.append(f"| {noise.name} | {kind} | {cells} | {found.held} |")
+            cells = " | ".join(f"{found.inflation[name]:.1f}" for name in names)
+            lines.append(f"| {noise.name} | inflation | {cells} | |")
+            print(truth, noise.name, found, file=sys.stderr)
+        lines.append("")
+    return lines
+
+
+def cell_page(name: str, problem: Problem) -> list[str]:
+    """Intervals of one cell: plain, trusted, and the block bootstrap's."""
+    optimizer = barnax.make_optimizer("ibmo-centered", 30, 200)
+    found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=8)
+    checked = barnax.refine(found)
+    assessment = assess(checked)
+    resampled = bootstrap(checked, key=jax.random.key(KEY), assessment=assessment)
+    lines = [
+        f"## {name}",
+        "",
+        f"RMSE {1e3 * checked.rmse_v:.3f} mV. {assessment.words}",
+        "",
+        "| parameter | value | plain | trusted | inflation | bootstrap | degrees of freedom "
+        "| 95 % interval |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for each in assessment.uncertainty.estimates:
+        if each.relative_error is None or each.plain_relative_error is None:
+            lines.append(f"| {each.name} | {each.value:.4g} | {each.held} | | | | | |")
+            continue
+        ends = "open" if each.low is None else f"{each.low:.4g} to {each.high:.4g}"
+        again = resampled.parameters[each.name].relative_error
+        figures = (each.plain_relative_error, each.relative_error)
+        plain, trusted = (f"{100 * error:.2f} %" for error in figures)
+        lines.append(
+            f"| {each.name} | {each.value:.4g} | {plain} | {trusted} | {each.inflation:.1f} "
+            f"| {100 * again:.2f} % | {each.degrees_of_freedom:.1f} | {ends} |"
+        )
+    cut = ", cut short by the record" if resampled.is_cut else ""
+    return [
+        *lines,
+        "",
+        f"Bootstrap: {resampled.replicates} replicates in blocks of {resampled.block_s:.0f} s"
+        f"{cut}; {resampled.converged} refits converged.",
+        "",
+    ]
+
+
+def bundled(circuit: str) -> Problem:
+    """The bundled cell with interpolated OCV."""
+    tests = [
+        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
+    ]
+    cell = barnax.characterize(tests, ocv_fit="interpolated")
+    record = barnax.read_record(barnax.bundled_file("identification"))
+    return barnax.make_problem(record, cell, circuit, coordinates="log", objective="compressed")
+
+
+def measured(folder: Path) -> Problem:
+    """CALCE INR18650-20R, DST at 25 degC."""
+    calce = folder / "calce-inr18650-20r"
+    test = barnax.read_record(calce / "ocv-incremental_25degC_SP20-3.parquet")
+    return barnax.make_problem(
+        barnax.read_record(calce / "dst_25degC_80soc_SP20-2.parquet"),
+        barnax.characterize([test], capacity_ah=2.0, ocv_fit="interpolated"),
+        "so-rc",
+        window=barnax.Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8)),
+        coordinates="log",
+        objective="compressed",
+    )
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure, print the page and write it."""
+    lines = [
+        "# Do the intervals hold?",
+        "",
+        f"Printed by `python -m benchmarks.coverage [FOLDER OF MEASURED CELLS]`, {date.today()}.",
+        "",
+        *simulated_page(),
+        *cell_page("Bundled virtual cell, iso-rc", bundled("iso-rc")),
+    ]
+    if arguments:
+        problem = measured(Path(arguments[0]))
+        lines += cell_page("CALCE INR18650-20R, DST at 25 degC, so-rc", problem)
+    text = "\n".join(lines)
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,277 @@
+"""What the data determine, in words: collinear parameters, time constants out of sight, bounds."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..refinement import CrossCheck
+from .covariance import Estimate, Uncertainty, direction_of, named_values
+from .linearization import Linearization
+from .wording import joined, symbol, with_unit
+
+# Brun, Reichert, Kuensch, Water Resources Research 37 (2001) 1015: above 10 to 15 parameters can
+# hardly be told apart.
+COLLINEAR = 15.0
+# A parameter whose interval ends more than this factor away from its value is hardly determined.
+LOOSE_FACTOR = 2.0
+# A combination is worth telling where its interval is this much narrower than its members'.
+SHARPER = 1 / 3
+# What changes by less than this in a direction is not part of it.
+PART_OF_DIRECTION = 0.1
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing the data do not determine, and the parameters it is about."""
+
+    kind: str
+    parameters: tuple[str, ...]
+    text: str
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """How well the free parameters can be told apart.
+
+    `collinearity_index` is Brun's gamma of all of them: a change of one of them by 1 can be made
+    up by the others down to 1/gamma of its effect. `collinear_pairs` are the pairs whose own
+    index is above `COLLINEAR`. `condition_number` is that of the columns scaled to length 1.
+    """
+
+    collinearity_index: float
+    condition_number: float
+    collinear_pairs: tuple[tuple[str, str, float], ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def words(self) -> str:
+        if not self.findings:
+            return "The data determine every free parameter."
+        return " ".join(finding.text for finding in self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "collinearity index": self.collinearity_index,
+            "condition number": self.condition_number,
+            "collinear pairs": [list(pair) for pair in self.collinear_pairs],
+            "findings": [
+                {"kind": each.kind, "parameters": list(each.parameters), "text": each.text}
+                for each in self.findings
+            ],
+        }
+
+
+def identifiability(checked: CrossCheck, near: Linearization, sure: Uncertainty) -> Identifiability:
+    """What a refined answer's record determines and what it leaves open."""
+    values = named_values(checked.parameters)
+    courses = checked.found.problem.courses
+    interval_s = min(course.median_interval_s for course in courses)
+    duration_s = max(course.scored_duration_s for course in courses)
+    pairs = range(1, checked.parameters.pairs + 1)
+    told: set[str] = set()
+    findings: list[Finding] = []
+
+    def add(found: Sequence[Finding]) -> None:
+        for finding in found:
+            findings.append(finding)
+            told.update(finding.parameters)
+
+    add([each for k in pairs for each in _too_fast(k, values, near, sure, interval_s)])
+    add([each for k in pairs for each in _too_slow(k, values, near, sure, duration_s)])
+    add([each for k in pairs[:-1] for each in _alike(k, values, near, sure, told)])
+    add(_at_bounds(near, values, told))
+    add(_loose(sure, told, interval_s, duration_s))
+    add(_weak_directions(near, sure, values))
+    scaled = near.slope_v / np.linalg.norm(near.slope_v, axis=0)
+    return Identifiability(
+        collinearity_index=collinearity(scaled),
+        condition_number=_condition(scaled),
+        collinear_pairs=tuple(
+            (near.names[i], near.names[j], index)
+            for i, j in combinations(range(len(near.names)), 2)
+            if (index := collinearity(scaled[:, [i, j]])) > COLLINEAR
+        ),
+        findings=tuple(findings),
+    )
+
+
+def collinearity(scaled: Float[np.ndarray, "samples columns"]) -> float:
+    """Brun's collinearity index of columns of length 1 (2001, Eq. 11)."""
+    smallest = np.linalg.svd(scaled, compute_uv=False)[-1]
+    return float(1 / max(smallest, 1e-12))
+
+
+def _condition(scaled: Float[np.ndarray, "samples columns"]) -> float:
+    singular = np.linalg.svd(scaled, compute_uv=False)
+    return float(singular[0] / max(singular[-1], 1e-12 * singular[0]))
+
+
+def _too_fast(pair, values, near, sure, interval_s) -> list[Finding]:
+    """A pair that is over within a sampling interval: below half of it, as the default box."""
+    tau, resistance = f"tau{pair} [s]", f"R{pair} [Ohm]"
+    if not values[tau] <= 0.5 * interval_s * (1 + 1e-3):
+        return []
+    total = _sum_of(("R0 [Ohm]", resistance), values, near, sure)
+    text = (
+        f"tau{pair} = {values[tau]:.2f} s cannot be told from a resistance at "
+        f"{interval_s:.3g} s sampling: only R0 + R{pair} is determined"
+    )
+    return [Finding("too fast", (tau, resistance, "R0 [Ohm]"), f"{text}{_known(total)}.")]
+
+
+def _too_slow(pair, values, near, sure, duration_s) -> list[Finding]:
+    """A pair that has no end within the record: to it, all that shows is its capacitance."""
+    tau, resistance, capacitance = f"tau{pair} [s]", f"R{pair} [Ohm]", f"C{pair} [F]"
+    if not values[tau] >= duration_s * (1 - 1e-3):
+        return []
+    text = (
+        f"tau{pair} = {with_unit(tau, values[tau])} is as long as the record, "
+        f"{with_unit(tau, duration_s)}, or longer: only R{pair}/tau{pair} is determined, which is "
+        f"the capacitance C{pair}"
+    )
+    if tau in near.held:
+        text += (
+            f" ({with_unit(capacitance, values[capacitance])} with tau{pair} held there; a wider "
+            "box would tell it better)"
+        )
+    else:
+        text += _known(sure[capacitance])
+    return [Finding("too slow", (tau, resistance), f"{text}.")]
+
+
+def _alike(pair, values, near, sure, told) -> list[Finding]:
+    """Neighboring time constants whose ratio may as well be 1, where the sum is better known."""
+    first, second = f"tau{pair} [s]", f"tau{pair + 1} [s]"
+    if first in told or second in told:
+        return []
+    gap = math.log(values[second] / values[first])
+    direction = _direction(second, near) - _direction(first, near)
+    ratio = sure.of("ratio", math.exp(gap), direction)
+    if ratio.low is not None and ratio.high is not None and not ratio.low <= 1 <= ratio.high:
+        return []
+    resistances = (f"R{pair} [Ohm]", f"R{pair + 1} [Ohm]")
+    total = _sum_of(resistances, values, near, sure)
+    if not _is_sharper(total, [sure[name] for name in resistances]):
+        return []
+    text = (
+        f"tau{pair} = {with_unit(first, values[first])} and tau{pair + 1} = "
+        f"{with_unit(second, values[second])} cannot be told apart: of R{pair} and R{pair + 1} "
+        "only the sum is determined"
+    )
+    return [Finding("alike", (first, second, *resistances), f"{text}{_known(total)}.")]
+
+
+def _at_bounds(near: Linearization, values: dict[str, float], told: set[str]) -> list[Finding]:
+    return [
+        Finding(
+            "at bound",
+            (name,),
+            f"{symbol(name)} = {with_unit(name, values[name])} is {reason}: the box decides, "
+            "not the data.",
+        )
+        for name, reason in near.held.items()
+        if reason != "fixed" and name not in told and name in values
+    ]
+
+
+def _loose(
+    sure: Uncertainty, told: set[str], interval_s: float, duration_s: float
+) -> list[Finding]:
+    findings = []
+    for each in sure.estimates:
+        if each.name in told or each.name.startswith("C") or each.relative_error is None:
+            continue
+        if each.low is None or each.high is None:
+            text = f"{symbol(each.name)} is not determined at all"
+        elif each.value / each.low > LOOSE_FACTOR:
+            text = (
+                f"{symbol(each.name)} is only known to lie between "
+                f"{with_unit(each.name, each.low)} and {with_unit(each.name, each.high)}"
+            )
+        else:
+            continue
+        if each.name.startswith("tau") and each.low is not None and each.high is not None:
+            if each.low < interval_s / 2:
+                text += "; it may be faster than the sampling shows"
+            if each.high > duration_s:
+                text += "; it may be slower than the record shows"
+        findings.append(Finding("loose", (each.name,), f"{text}."))
+    return findings
+
+
+def _weak_directions(
+    near: Linearization, sure: Uncertainty, values: dict[str, float]
+) -> list[Finding]:
+    """Changes of several parameters at once that the data do not notice."""
+    variances, directions = np.linalg.eigh(sure.covariance)
+    findings = []
+    for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
+        if not math.log(LOOSE_FACTOR) < math.sqrt(max(variance, 0.0)):
+            break
+        step = direction * math.sqrt(variance)
+        order = np.argsort(-np.abs(step))
+        moving = [int(k) for k in order if abs(direction[k]) > PART_OF_DIRECTION]
+        if len(moving) < 2:
+            continue
+        step = step * np.sign(step[moving[0]])
+        moves = [
+            f"{symbol(near.names[k])} times {math.exp(min(step[k], 99.0)):.3g}" for k in moving
+        ]
+        text = f"{joined(moves)} at once is within one standard error"
+        text += _sharper(tuple(near.names[k] for k in moving), near, sure, values)
+        findings.append(Finding("direction", tuple(near.names[k] for k in moving), f"{text}."))
+    return findings
+
+
+def _sharper(names, near, sure, values) -> str:
+    """The sum of resistances or the capacitance among `names` that is far better known."""
+    found = []
+    resistances = [name for name in names if name.startswith("R")]
+    for size in range(2, len(resistances) + 1):
+        for members in combinations(sorted(resistances), size):
+            total = _sum_of(members, values, near, sure)
+            if _is_sharper(total, [sure[name] for name in members]):
+                found.append(total)
+    for name in resistances:
+        pair = name[1]
+        members = [name, f"tau{pair} [s]"]
+        if members[1] in names and _is_sharper(sure[f"C{pair} [F]"], [sure[m] for m in members]):
+            found.append(sure[f"C{pair} [F]"])
+    if not found:
+        return ""
+    best = min(found, key=lambda each: each.relative_error)
+    return f"; what they have in common, {symbol(best.name)}, is determined{_known(best)}"
+
+
+def _is_sharper(total: Estimate, members: list[Estimate]) -> bool:
+    errors = [each.relative_error for each in members if each.relative_error is not None]
+    if total.low is None or total.relative_error is None or len(errors) < len(members):
+        return False
+    return total.relative_error < SHARPER * min(errors)
+
+
+def _sum_of(
+    names: Sequence[str], values: dict[str, float], near: Linearization, sure: Uncertainty
+) -> Estimate:
+    total = sum(values[name] for name in names)
+    direction = sum(values[name] / total * _direction(name, near) for name in names)
+    label = " + ".join(symbol(name) for name in names)
+    return sure.of(f"{label} [Ohm]", total, np.asarray(direction))
+
+
+def _direction(name: str, near: Linearization) -> Float[np.ndarray, "free"]:
+    return direction_of(name, near)[0]
+
+
+def _known(estimate: Estimate) -> str:
+    """The value with its interval, to append to a sentence."""
+    value = with_unit(estimate.name, estimate.value)
+    if estimate.low is None or estimate.high is None:
+        return f" ({value})"
+    low, high = (with_unit(estimate.name, end) for end in (estimate.low, estimate.high))
+    return f" ({value}, between {low} and {high})"

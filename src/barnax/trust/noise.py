@@ -1,0 +1,192 @@
+"""The noise behind a fit's residuals: how strong it is and how long it remembers.
+
+Voltage errors of a battery model are alike over hundreds of seconds, so that 20,000 samples say
+no more than a few dozen would. Here they are taken for a stationary noise: a white part and parts
+whose correlation decays exponentially, with times from one sampling interval to a quarter of the
+record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative.
+
+A fit follows slow noise and so leaves too little of it in its residuals. This is undone: what is
+fitted is not each part's autocovariance but what is expected of it after the projection
+I - Q Q' onto the residuals (to first order in the parameters). Long correlations are otherwise
+understated, by a quarter and more where they reach a tenth of the record.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.fft import irfft, rfft
+from scipy.optimize import nnls
+
+# Correlation times a decade, up to this share of the record, and lags an octave, up to that share:
+# twice as many change the intervals by less than their own spread between records.
+TIMES_PER_DECADE = 3
+LONGEST_TIME = 1 / 4
+LAGS_PER_OCTAVE = 2
+LONGEST_LAG = 1 / 2
+# Clocks finer than this many intervals a record are read in coarser slots.
+MOST_SLOTS = 2**20
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """A fitted noise, and what it does to the coordinates of a projection.
+
+    `correlation_s` holds each part's correlation time, 0 for the white one, `variance_v2` its
+    variance. `spread_v2` is the covariance of Q' u, u being the noise and Q the projection's
+    orthonormal columns. `autocorrelation` is the residuals' own, at `lags_s`.
+    """
+
+    correlation_s: Float[np.ndarray, "parts"]
+    variance_v2: Float[np.ndarray, "parts"]
+    lags_s: Float[np.ndarray, "lags"]
+    autocorrelation: Float[np.ndarray, "lags"]
+    parts_spread: Float[np.ndarray, "parts columns columns"]
+    _from_lags: Float[np.ndarray, "parts lags"]
+    _edges: Int[np.ndarray, "edges"]
+    _power_v2: Float[np.ndarray, "frequencies"]
+    _slots: int
+    _padded: int
+
+    @property
+    def spread_v2(self) -> Float[np.ndarray, "columns columns"]:
+        return np.tensordot(self.variance_v2, self.parts_spread, axes=1)
+
+    @property
+    def sd_v(self) -> float:
+        """Standard deviation of the noise, with what the fit has followed."""
+        return math.sqrt(float(self.variance_v2.sum()))
+
+    def integrated_time(self, interval_s: float) -> float:
+        """The time in s over which the noise is as good as one sample: its variance's sum over
+        all lags, times the interval."""
+        total = float(self.variance_v2.sum())
+        if total == 0:
+            return interval_s
+        # The sum of exp(-|lag| / time) over all lags is coth(interval / 2 time).
+        with np.errstate(divide="ignore"):
+            sums = 1 / np.tanh(interval_s / (2 * self.correlation_s))
+        return interval_s * float(self.variance_v2 @ sums) / total
+
+    def degrees_of_freedom(self, direction: Float[np.ndarray, "columns"]) -> float:
+        """How well the variance of `direction` . Q' u is known, as degrees of freedom.
+
+        Satterthwaite (1946): twice its square over its own variance. It is a linear function of
+        the periodogram, whose values are independent and exponentially distributed about the
+        fitted spectrum.
+        """
+        shares = np.einsum("i,pij,j->p", direction, self.parts_spread, direction)
+        variance = float(shares @ self.variance_v2)
+        is_used = self.variance_v2 > 0
+        if variance == 0:
+            return math.inf
+        by_bin = shares[is_used] @ self._from_lags[is_used]
+        by_lag = np.zeros(self._padded)
+        by_lag[: self._edges[-1]] = np.repeat(by_bin, np.diff(self._edges))
+        by_frequency = _both_sides(rfft(by_lag).real) / self._padded
+        # Padding repeats each independent value of the periodogram this often.
+        repeats = self._padded / self._slots
+        uncertainty = repeats * float(np.sum((by_frequency * self._power_v2) ** 2))
+        return 2 * variance**2 / uncertainty
+
+
+def fit_noise(
+    error_v: Float[np.ndarray, "samples"],
+    columns: Float[np.ndarray, "samples columns"],
+    time_s: Float[np.ndarray, "samples"],
+) -> Noise:
+    """The noise that left `error_v` behind after a least-squares fit.
+
+    `columns` are orthonormal and span what the fit could follow. Samples may be uneven and have
+    gaps: time is read in slots of the median interval, empty where there was no sample.
+    """
+    interval_s = float(np.median(np.diff(time_s)))
+    slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (MOST_SLOTS - 1))
+    slot = np.floor((time_s - time_s[0]) / slot_s + 0.5).astype(int)
+    slots = int(slot[-1]) + 1
+    padded = 1 << (2 * slots - 2).bit_length()
+
+    def gathered(values):
+        return np.bincount(slot, values, minlength=slots)
+
+    counts = gathered(np.ones(len(slot)))
+    gathered_columns = np.stack([gathered(column) for column in columns.T], axis=1)
+    lag = np.arange(slots)
+    edges = _lag_edges(slots)
+    count = max(1, math.ceil(TIMES_PER_DECADE * math.log10(max(slots * LONGEST_TIME, 2))))
+    times = np.geomspace(1, max(slots * LONGEST_TIME, 2), count + 1)
+    decays = [np.exp(-lag / time) for time in times]
+
+    spectra = rfft(gathered_columns, padded, axis=0)
+    pairs = irfft(np.abs(rfft(counts, padded)) ** 2, padded)[:slots]
+    own_power = np.sum(np.abs(spectra) ** 2, axis=1)
+    white = -irfft(own_power, padded)[:slots]
+    white[0] += len(time_s)
+    expected = [_binned(white, edges)]
+    spread = [columns.T @ columns]
+    for decay in decays:
+        smoothed = irfft(_mirrored_spectrum(decay, padded)[:, None] * spectra, padded, axis=0)
+        smoothed = smoothed[:slots]
+        inner = gathered_columns.T @ smoothed
+        crossed = np.sum(spectra.conj() * rfft(counts[:, None] * smoothed, padded, axis=0), axis=1)
+        both = np.einsum("fi,ij,fj->f", spectra.conj(), inner, spectra)
+        taken = irfft(both.real - 2 * crossed.real, padded)[:slots]
+        expected.append(_binned(pairs * decay + taken, edges))
+        spread.append(inner)
+
+    power = np.abs(rfft(gathered(error_v), padded)) ** 2
+    measured = _binned(irfft(power, padded)[:slots], edges)
+    # Every bin counts alike, as the mean over its pairs: lags that no two samples have do not.
+    total_pairs = _binned(pairs, edges)
+    weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, 0.5), 0.0)
+    unit_v2 = float(error_v @ error_v) / len(error_v)
+    design = np.stack(expected, axis=1) * weight[:, None]
+    variance = np.zeros(len(spread))
+    if unit_v2 > 0:
+        variance = unit_v2 * nnls(design, measured * weight / unit_v2)[0]
+    autocovariance = np.tensordot(variance[1:], np.stack(decays), axes=1)
+    autocovariance[0] += variance[0]
+    from_lags = np.zeros((len(spread), len(measured)))
+    from_lags[variance > 0] = np.linalg.pinv(design[:, variance > 0]) * weight
+    has_pairs = weight > 0
+    return Noise(
+        correlation_s=np.append(0.0, slot_s * times),
+        variance_v2=variance,
+        lags_s=slot_s * (edges[:-1] + np.diff(edges) / 2 - 0.5)[has_pairs],
+        autocorrelation=(measured * weight)[has_pairs] / (unit_v2 or 1.0),
+        parts_spread=np.stack(spread),
+        _from_lags=from_lags,
+        _edges=edges,
+        _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
+        _slots=slots,
+        _padded=padded,
+    )
+
+
+def _lag_edges(slots: int) -> Int[np.ndarray, "edges"]:
+    """First lag of every bin and the end of the last: 0, 1, 2, then ever wider."""
+    last = max(int(slots * LONGEST_LAG), 2)
+    edges = [0, 1]
+    while edges[-1] < last:
+        edges.append(math.ceil(edges[-1] * 2 ** (1 / LAGS_PER_OCTAVE) + 0.1))
+    return np.array([*edges[:-1], last] if edges[-2] < last else edges[:-1])
+
+
+def _binned(by_lag: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    return np.add.reduceat(by_lag[: edges[-1]], edges[:-1])
+
+
+def _mirrored_spectrum(by_lag: np.ndarray, padded: int) -> np.ndarray:
+    """The transform of a function of the absolute lag."""
+    mirrored = np.zeros(padded)
+    mirrored[: len(by_lag)] = by_lag
+    mirrored[padded - len(by_lag) + 1 :] = by_lag[:0:-1]
+    return rfft(mirrored).real
+
+
+def _both_sides(half: np.ndarray) -> np.ndarray:
+    """Weights of half a spectrum that count its mirrored half as well."""
+    doubled = 2 * half
+    doubled[[0, -1]] /= 2
+    return doubled

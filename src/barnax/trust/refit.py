@@ -1,0 +1,150 @@
+"""Many fits of one circuit to changed voltages, or along a constraint, by one small program."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float
+
+from ..cell import CircuitParameters
+from ..compressed import Compressed
+from ..coordinates import Coordinates
+from ..descent import AT_BOUND
+from ..precision import in_float64
+from ..problem import Objective, Problem, impedance_of, residuals
+from ..programs import SEEDS_PER_BLOCK, compile_for, run_blocks, seed_blocks, wanted_rows
+from .linearization import Linearization
+from .voltages import Voltages
+
+STEPS = 50
+# Relative tolerance of errors and unknowns; far below what any interval could show.
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Where fits ended, in `log` coordinates, and their RMSE in V."""
+
+    points: Float[np.ndarray, "fits coordinates"]
+    rmse_v: Float[np.ndarray, "fits"]
+    has_converged: Bool[np.ndarray, "fits"]
+
+
+class Refit:
+    """Levenberg-Marquardt for one problem's times and currents, compiled once.
+
+    What changes from fit to fit are arguments: the voltage, the start, and a constraint
+    x = matrix y + shift on the coordinates x, y being any point of the box. A parameter is held
+    by a row of zeros and its value as the shift.
+    """
+
+    @in_float64
+    def __init__(self, problem: Problem):
+        self.voltages = Voltages.of(problem)
+        self.box = Coordinates.of(problem.bounds, "log")
+        free = len(self.box.names)
+        self._compiled = compile_for(
+            _refit,
+            self.voltages.objective,
+            self.box,
+            jnp.stack([self.voltages.objective.base] * SEEDS_PER_BLOCK),
+            jnp.zeros((SEEDS_PER_BLOCK, free)),
+            jnp.zeros((SEEDS_PER_BLOCK, free, free)),
+            jnp.zeros((SEEDS_PER_BLOCK, free)),
+        )
+
+    @property
+    def rows(self) -> int:
+        """The length of a projected voltage."""
+        return len(self.voltages.objective.base)
+
+    @in_float64
+    def encode(self, parameters: CircuitParameters) -> Float[np.ndarray, "coordinates"]:
+        """A circuit as a start."""
+        return np.asarray(self.box.encode(impedance_of(parameters)))
+
+    @in_float64
+    def __call__(
+        self,
+        starts: Float[np.ndarray, "fits coordinates"],
+        *,
+        base_v: Float[np.ndarray, "fits rows"] | None = None,
+        matrix: Float[np.ndarray, "coordinates coordinates"] | None = None,
+        shift: Float[np.ndarray, "fits coordinates"] | None = None,
+    ) -> Ends:
+        """Where each fit ends, from the y of `starts`.
+
+        `base_v` are voltages as `Voltages.project` gives them; without it the record's own is
+        fitted.
+        """
+        fits, free = starts.shape
+        own = np.asarray(self.voltages.objective.base)
+        base_v = np.broadcast_to(own, (fits, self.rows)) if base_v is None else base_v
+        matrix = np.eye(free) if matrix is None else matrix
+        shift = np.zeros((fits, free)) if shift is None else shift
+        given = (base_v, starts, np.broadcast_to(matrix, (fits, free, free)), shift)
+        blocks = [
+            # The last block is filled up with its last fit: all have one shape.
+            tuple(part[np.minimum(block, fits - 1)] for part in given)
+            for block in seed_blocks(fits)
+        ]
+
+        @in_float64  # the setting belongs to a thread
+        def run(block):
+            given = (jnp.asarray(part) for part in block)
+            ends = self._compiled(self.voltages.objective, self.box, *given)
+            return jax.tree.map(np.asarray, ends)
+
+        rows = run_blocks(run, blocks, wanted_rows(fits), None)
+        points, rmse_v, converged = zip(*rows, strict=True)
+        return Ends(np.stack(points), np.array(rmse_v), np.array(converged))
+
+
+def holding(near: Linearization) -> tuple[np.ndarray, np.ndarray]:
+    """The constraint, matrix and shift, that holds what a linearization holds."""
+    is_free = np.isin(np.arange(len(near.point)), near.free)
+    return np.diag(is_free.astype(near.point.dtype)), np.where(is_free, 0.0, near.point)
+
+
+def _refit(
+    own: Compressed,
+    box: Coordinates,
+    base_v: Float[Array, "lanes rows"],
+    starts: Float[Array, "lanes free"],
+    matrices: Float[Array, "lanes free free"],
+    shifts: Float[Array, "lanes free"],
+):
+    """End point, its RMSE in V and whether it converged, for every lane."""
+    width = box.upper - box.lower
+    solver = optx.LevenbergMarquardt(
+        rtol=TOLERANCE, atol=TOLERANCE, linear_solver=lx.Normal(lx.Cholesky())
+    )
+
+    def place(angle, matrix, shift):
+        return matrix @ (box.lower + width * (1 + jnp.sin(angle)) / 2) + shift
+
+    def errors(angle, given):
+        objective, matrix, shift, unit_v = given
+        return residuals(place(angle, matrix, shift), objective) / unit_v
+
+    def one(base_v, start, matrix, shift):
+        # The last column is the voltage.
+        factor = own.factor.at[:, -1].set(base_v)
+        changed = Objective(eqx.tree_at(lambda each: each.factor, own, factor), box)
+        # The sine is flat at the ends of the box: a start exactly there could never leave.
+        fraction = jnp.clip((start - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
+        angle = jnp.arcsin(2 * fraction - 1)
+        unit_v = jnp.linalg.norm(errors(angle, (changed, matrix, shift, 1.0)))
+        given = (changed, matrix, shift, jnp.where(unit_v > 0, unit_v, 1.0))
+        solution = optx.least_squares(
+            errors, solver, angle, given, {"jac": "fwd"}, max_steps=STEPS, throw=False
+        )
+        end = place(solution.value, matrix, shift)
+        rmse_v = jnp.linalg.norm(residuals(end, changed))
+        return end, rmse_v, solution.result == optx.RESULTS.successful
+
+    return jax.vmap(one)(base_v, starts, matrices, shifts)

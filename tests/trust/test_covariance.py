@@ -1,0 +1,82 @@
+"""Standard errors and intervals against SciPy's curve_fit, closed forms and known truths."""
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+from barnax.trust.assessment import assess
+from reference import drop_v, filtered_response
+
+from .made import TRUTH, cross_check, made_problem
+
+LOGARITHMS = np.log([TRUTH.r0, TRUTH.r[0], TRUTH.tau_s[0], TRUTH.r[1], TRUTH.tau_s[1]])
+
+
+@pytest.fixture(scope="module")
+def white(short_problem):
+    """A known circuit under 1 mV of white noise, and its assessment."""
+    noise_v = np.random.default_rng(5).normal(0, 1e-3, 1501)
+    checked = cross_check(made_problem(short_problem, noise_v))
+    return checked, assess(checked)
+
+
+def test_the_plain_covariance_is_that_of_curve_fit(white):
+    checked, assessment = white
+    course = checked.found.problem.course
+
+    def drop(current_a, *logarithms):
+        r0, r1, tau1, r2, tau2 = np.exp(logarithms)
+        return 1e3 * drop_v(filtered_response, 1.0, current_a, (r0, (r1, r2), (tau1, tau2)))
+
+    measured_mv = 1e3 * (course.source_v - course.voltage_v)
+    best, covariance = curve_fit(drop, course.current_a, measured_mv, LOGARITHMS, xtol=1e-12)
+    sure = assessment.uncertainty
+    assert sure.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
+    np.testing.assert_allclose(sure.plain_covariance, covariance, rtol=1e-3, atol=1e-9)
+    assert [sure[name].value for name in sure.names] == pytest.approx(np.exp(best), rel=1e-5)
+
+
+def test_white_noise_needs_no_inflation(white):
+    _, assessment = white
+    inflations = [each.inflation for each in assessment.uncertainty.estimates]
+    # Parts that white noise does not have are fitted to its chance correlations.
+    assert all(0.6 < inflation < 1.6 for inflation in inflations)
+
+
+def test_capacitances_follow_from_resistances_and_time_constants(white):
+    _, assessment = white
+    sure = assessment.uncertainty
+    first, second = sure.names.index("R1 [Ohm]"), sure.names.index("tau1 [s]")
+    difference = np.zeros(5)
+    difference[[first, second]] = -1, 1
+    variance = difference @ sure.covariance @ difference
+    assert sure["C1 [F]"].relative_error == pytest.approx(np.sqrt(variance))
+    assert sure["C1 [F]"].value == pytest.approx(sure["tau1 [s]"].value / sure["R1 [Ohm]"].value)
+
+
+def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
+    for each in white[1].uncertainty.estimates:
+        assert each.low < each.value < each.high
+        assert each.low * each.high == pytest.approx(each.value**2)
+
+
+def test_the_correlation_matrix_has_ones_on_its_diagonal(white):
+    correlation = white[1].uncertainty.correlation
+    np.testing.assert_allclose(np.diag(correlation), 1.0)
+    assert np.abs(correlation).max() < 1 + 1e-12
+
+
+def test_what_is_fixed_or_at_a_bound_has_no_interval_and_says_why(short_problem):
+    problem = made_problem(
+        short_problem,
+        np.random.default_rng(5).normal(0, 1e-3, 1501),
+        fixed={"tau2 [s]": 120.0},
+        bounds={"R0 [Ohm]": (0.01, 0.045)},
+    )
+    sure = assess(cross_check(problem)).uncertainty
+    assert sure["tau2 [s]"].held == "fixed"
+    assert sure["R0 [Ohm]"].held == "at its upper bound"
+    assert sure["tau2 [s]"].low is None
+    # What is made of a held and a free parameter has the free one's error.
+    assert sure["C2 [F]"].relative_error == pytest.approx(sure["R2 [Ohm]"].relative_error)
+    assert sure.names == ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]")

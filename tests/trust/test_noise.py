@@ -1,0 +1,97 @@
+"""The fitted noise against dense covariance matrices, AR(1) theory and simulation."""
+
+import numpy as np
+import pytest
+
+from barnax.trust.noise import fit_noise
+
+from .made import colored_noise
+
+
+def orthonormal(columns):
+    return np.linalg.qr(columns)[0]
+
+
+@pytest.fixture
+def waves():
+    """Columns of different speed over 400 samples: what a fit could follow."""
+    time = np.arange(400.0)
+    return orthonormal(np.stack([np.sin(time / 3), np.sin(time / 40), 1 + time / 400], axis=1))
+
+
+@pytest.mark.parametrize("clock", ["even", "jitters", "has a gap"])
+def test_every_part_spreads_over_the_columns_as_its_dense_covariance_says(waves, clock):
+    time_s = np.arange(400.0)
+    if clock == "jitters":
+        time_s += np.random.default_rng(0).uniform(-0.02, 0.02, 400)
+    if clock == "has a gap":
+        time_s[250:] += 75.0
+    noise = fit_noise(np.random.default_rng(1).normal(size=400), waves, time_s)
+    slots = np.round(time_s - time_s[0])
+    lag = np.abs(slots[:, None] - slots)
+    for correlation_s, spread in zip(noise.correlation_s, noise.parts_spread, strict=True):
+        dense = np.where(lag == 0, 1.0, 0.0) if correlation_s == 0 else np.exp(-lag / correlation_s)
+        # The clock's slot is its median interval, which the jitter moves a little.
+        np.testing.assert_allclose(spread, waves.T @ dense @ waves, rtol=5e-3, atol=5e-3)
+
+
+@pytest.mark.parametrize("correlation_s", [0.0, 5.0, 60.0])
+def test_the_integrated_time_is_that_of_first_order_autoregression(correlation_s):
+    error_v = colored_noise(np.random.default_rng(0), 60_000, correlation_s, 5e-3)[0]
+    constant = np.full((60_000, 1), 1 / np.sqrt(60_000))
+    noise = fit_noise(error_v, constant, np.arange(60_000.0))
+    rho = np.exp(-1 / correlation_s) if correlation_s else 0.0
+    # 60,000 samples hold 500 correlation lengths of 120 s: about 10 % of error are usual.
+    assert noise.integrated_time(1.0) == pytest.approx((1 + rho) / (1 - rho), rel=0.3)
+    assert noise.sd_v == pytest.approx(5e-3, rel=0.1)
+
+
+def test_the_mean_of_correlated_errors_is_as_unsure_as_theory_says():
+    samples, correlation_s = 40_000, 20.0
+    constant = np.full((samples, 1), 1 / np.sqrt(samples))
+    error_v = colored_noise(np.random.default_rng(3), samples, correlation_s, 1.0)[0]
+    noise = fit_noise(error_v, constant, np.arange(float(samples)))
+    rho = np.exp(-1 / correlation_s)
+    inflation = float(noise.spread_v2[0, 0]) / np.var(error_v)
+    assert inflation == pytest.approx((1 + rho) / (1 - rho), rel=0.25)
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """True and fitted variances of Q'u, and the degrees of freedom, over 300 noisy records."""
+    time = np.arange(2000.0)
+    columns = orthonormal(np.stack([np.sin(time / 30), np.sin(time / 150), time / 2000 - 0.5], 1))
+    rng = np.random.default_rng(7)
+    noise_v = colored_noise(rng, 2000, 60.0, 1.0, records=300)
+    followed = noise_v @ columns
+    fits = [
+        fit_noise(each - columns @ inside, columns, time)
+        for each, inside in zip(noise_v, followed, strict=True)
+    ]
+    lag = np.abs(time[:, None] - time)
+    true = np.diag(columns.T @ np.exp(-lag / 60.0) @ columns)
+    fitted = np.array([np.diag(fit.spread_v2) for fit in fits])
+    freedom = np.array([[fit.degrees_of_freedom(row) for row in np.eye(3)] for fit in fits])
+    return true, fitted, freedom
+
+
+def test_what_the_fit_has_followed_is_given_back(simulated):
+    true, fitted, _ = simulated
+    ratio = np.mean(fitted, axis=0) / true
+    # 300 records tell the mean to a few percent. The slowest column reads a fifth too high: parts
+    # slower than the noise have variances that cannot be negative.
+    assert np.all((ratio > 0.9) & (ratio < 1.3))
+
+
+def test_the_degrees_of_freedom_tell_how_much_the_fitted_variance_scatters(simulated):
+    _, fitted, freedom = simulated
+    scatter = np.var(fitted, axis=0) / np.mean(fitted, axis=0) ** 2
+    # Satterthwaite: a variance known to nu degrees of freedom scatters by 2 / nu.
+    np.testing.assert_allclose(np.median(freedom, axis=0) * scatter / 2, 1.0, atol=0.5)
+
+
+def test_a_perfect_fit_leaves_no_noise(waves):
+    noise = fit_noise(np.zeros(400), waves, np.arange(400.0))
+    assert noise.sd_v == 0
+    assert not noise.spread_v2.any()
+    assert noise.integrated_time(1.0) == 1.0

@@ -23,6 +23,13 @@ KEYS = {
     "mape_percent": "mape [%]",
     "ce_v": "ce [V]",
     "max_v": "max [V]",
+    "mean_v": "mean [V]",
+    "sd_v": "sd [V]",
+    "threshold_v": "threshold [V]",
+    "correlation_s": "correlation [s]",
+    "lags_s": "lags [s]",
+    "integrated_time_s": "integrated_time [s]",
+    "block_s": "block [s]",
 }
 
 

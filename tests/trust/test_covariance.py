@@ -80,3 +80,18 @@ def test_what_is_fixed_or_at_a_bound_has_no_interval_and_says_why(short_problem)
     # What is made of a held and a free parameter has the free one's error.
     assert sure["C2 [F]"].relative_error == pytest.approx(sure["R2 [Ohm]"].relative_error)
     assert sure.names == ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]")
+
+
+def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
+    names = ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
+    values = dict(zip(names, (0.02, 10.0, 0.03, 120.0), strict=True))
+    problem = made_problem(
+        short_problem,
+        np.random.default_rng(5).normal(0, 1e-3, 1501),
+        fixed=values,
+        bounds={"R0 [Ohm]": (0.01, 0.045)},
+    )
+    assessment = assess(cross_check(problem))
+    assert all(each.relative_error is None for each in assessment.uncertainty.estimates)
+    assert assessment.identifiability.condition_number == 1
+    assert assessment.diagnostics.samples == 1501

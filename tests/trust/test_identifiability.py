@@ -104,4 +104,4 @@ def test_a_loose_parameter_is_given_with_its_range(short_problem):
 def test_the_stored_findings_are_plain(short_problem):
     stored = assess(cross_check(made_problem(short_problem, white()))).to_dict()
     assert stored["identifiability"]["findings"] == []
-    assert stored["identifiability"]["condition number"] > 1
+    assert stored["identifiability"]["condition_number"] > 1

@@ -77,4 +77,4 @@ def test_a_held_parameter_has_no_profile(short_problem):
 def test_the_stored_profile_is_plain(noisy):
     stored = profile(noisy[0], "R0 [Ohm]", assessment=noisy[1], refit=noisy[2]).to_dict()
     assert len(stored["values"]) == len(stored["rmse [V]"])
-    assert stored["low"] < stored["best"] < stored["high"]
+    assert stored["low"] < stored["value"] < stored["high"]

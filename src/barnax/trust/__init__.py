@@ -1,1 +1,31 @@
 """What the data determine, how sure the answer is, and what would lower the error."""
+
+from .assessment import Assessment, assess
+from .bootstrap import Bootstrap, bootstrap
+from .covariance import Estimate, Uncertainty
+from .diagnostics import Band, Diagnostics
+from .examination import Examination, examine
+from .identifiability import Finding, Identifiability
+from .profile import Profile, profile
+from .refit import Refit
+from .suggestions import Suggestion, suggestions
+
+__all__ = [
+    "Assessment",
+    "Band",
+    "Bootstrap",
+    "Diagnostics",
+    "Estimate",
+    "Examination",
+    "Finding",
+    "Identifiability",
+    "Profile",
+    "Refit",
+    "Suggestion",
+    "Uncertainty",
+    "assess",
+    "bootstrap",
+    "examine",
+    "profile",
+    "suggestions",
+]

@@ -32,6 +32,7 @@ FEWEST_BLOCKS = 8
 class Resampled:
     """One parameter over the replicates: its spread, and its basic bootstrap interval."""
 
+    value: float
     relative_error: float
     low: float
     high: float
@@ -51,11 +52,15 @@ class Bootstrap:
     def to_dict(self) -> dict[str, Any]:
         return {
             "block [s]": self.block_s,
-            "block is cut short": self.is_cut,
+            "is_cut": self.is_cut,
             "replicates": self.replicates,
             "converged": self.converged,
             "parameters": {
-                name: {"relative error": each.relative_error, "low": each.low, "high": each.high}
+                name: {
+                    "standard_error": each.value * each.relative_error,
+                    "low": each.low,
+                    "high": each.high,
+                }
                 for name, each in self.parameters.items()
             },
         }
@@ -129,4 +134,4 @@ def _resampled(value: float, moved: Float[np.ndarray, "replicates"]) -> Resample
     tail = (1 - CONFIDENCE) / 2
     below, above = np.quantile(moved, [tail, 1 - tail])
     low, high = value * np.exp([-above, -below])
-    return Resampled(float(np.std(moved)), float(low), float(high))
+    return Resampled(value, float(np.std(moved)), float(low), float(high))

@@ -57,17 +57,17 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values; standard errors in the parameter's unit."""
-        stored: dict[str, Any] = {"value": self.value, "held": self.held}
-        if self.relative_error is not None and self.plain_relative_error is not None:
-            stored |= {
-                "standard error": self.value * self.relative_error,
-                "standard error, plain": self.value * self.plain_relative_error,
-                "inflation": self.inflation,
-                "degrees of freedom": self.degrees_of_freedom,
-                "low": self.low,
-                "high": self.high,
-            }
-        return stored
+        trusted, plain = self.relative_error, self.plain_relative_error
+        return {
+            "value": self.value,
+            "held": self.held,
+            "standard_error": None if trusted is None else self.value * trusted,
+            "plain_standard_error": None if plain is None else self.value * plain,
+            "inflation": self.inflation,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "low": self.low,
+            "high": self.high,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +123,8 @@ class Uncertainty:
             "free": list(self.names),
             "correlation": self.correlation.tolist(),
             "noise": {
-                "correlation times [s]": self.noise.correlation_s.tolist(),
-                "standard deviations [V]": np.sqrt(self.noise.variance_v2).tolist(),
+                "correlation [s]": self.noise.correlation_s.tolist(),
+                "sd [V]": np.sqrt(self.noise.variance_v2).tolist(),
             },
         }
 

@@ -76,11 +76,12 @@ class Diagnostics:
         return {
             "lags [s]": self.lags_s.tolist(),
             "autocorrelation": self.autocorrelation.tolist(),
-            "integrated time [s]": self.integrated_time_s,
-            "effective samples": self.effective_samples,
-            "by soc": bands(self.by_soc),
-            "by current": bands(self.by_current),
-            "by temperature": bands(self.by_temperature),
+            "integrated_time [s]": self.integrated_time_s,
+            "effective_samples": self.effective_samples,
+            "by_soc": bands(self.by_soc),
+            "by_current": bands(self.by_current),
+            "by_temperature": bands(self.by_temperature),
+            "words": self.words,
         }
 
 

@@ -21,6 +21,8 @@ COLLINEAR = 15.0
 LOOSE_FACTOR = 2.0
 # A combination is worth telling where its interval is this much narrower than its members'.
 SHARPER = 1 / 3
+# Singular values under this share of the largest are rounding.
+LEAST_SHARE = 1e-12
 # What changes by less than this in a direction is not part of it.
 PART_OF_DIRECTION = 0.1
 
@@ -56,9 +58,9 @@ class Identifiability:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "collinearity index": self.collinearity_index,
-            "condition number": self.condition_number,
-            "collinear pairs": [list(pair) for pair in self.collinear_pairs],
+            "collinearity_index": self.collinearity_index,
+            "condition_number": self.condition_number,
+            "collinear_pairs": [list(pair) for pair in self.collinear_pairs],
             "findings": [
                 {"kind": each.kind, "parameters": list(each.parameters), "text": each.text}
                 for each in self.findings
@@ -102,13 +104,17 @@ def identifiability(checked: CrossCheck, near: Linearization, sure: Uncertainty)
 
 def collinearity(scaled: Float[np.ndarray, "samples columns"]) -> float:
     """Brun's collinearity index of columns of length 1 (2001, Eq. 11)."""
-    smallest = np.linalg.svd(scaled, compute_uv=False)[-1]
-    return float(1 / max(smallest, 1e-12))
+    return float(1 / np.maximum(_singular(scaled)[-1], LEAST_SHARE))
 
 
 def _condition(scaled: Float[np.ndarray, "samples columns"]) -> float:
-    singular = np.linalg.svd(scaled, compute_uv=False)
-    return float(singular[0] / max(singular[-1], 1e-12 * singular[0]))
+    singular = _singular(scaled)
+    return float(singular[0] / max(singular[-1], LEAST_SHARE * singular[0]))
+
+
+def _singular(scaled: np.ndarray) -> np.ndarray:
+    """Singular values, a 1 where there are no columns: nothing is then collinear."""
+    return np.linalg.svd(scaled, compute_uv=False) if scaled.size else np.ones(1)
 
 
 def _too_fast(pair, values, near, sure, interval_s) -> list[Finding]:

@@ -111,7 +111,8 @@ def fit_noise(
         return np.bincount(slot, values, minlength=slots)
 
     counts = gathered(np.ones(len(slot)))
-    gathered_columns = np.stack([gathered(column) for column in columns.T], axis=1)
+    gathered_columns = np.zeros((slots, columns.shape[1]))
+    np.add.at(gathered_columns, slot, columns)
     lag = np.arange(slots)
     edges = _lag_edges(slots)
     count = max(1, math.ceil(TIMES_PER_DECADE * math.log10(max(slots * LONGEST_TIME, 2))))

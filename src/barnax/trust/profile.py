@@ -54,7 +54,7 @@ class Profile:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "best": self.best,
+            "value": self.best,
             "values": self.values.tolist(),
             "rmse [V]": self.rmse_v.tolist(),
             "threshold [V]": self.threshold_rmse_v,

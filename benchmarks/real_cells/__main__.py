@@ -10,6 +10,7 @@ from pathlib import Path
 from .cases import BUDGET, EXACT, Ran, cases, data_folder, run
 from .tables import (
     conditions_table,
+    count_sentences,
     differences_table,
     rows_table,
     summary_table,
@@ -27,8 +28,8 @@ def page(runs: list[Ran]) -> str:
         "Printed by `python -m benchmarks.real_cells FOLDER`, with the folder of measured cells, "
         f"{date.today()}. Interpolated OCV; population {BUDGET.population}, {BUDGET.iterations} "
         f"generations, {BUDGET.seeds} seeds, key {BUDGET.key}, raw R and C; bounds as `barnax "
-        "compare` sets them. On the A123 the first half of the one dynamic record identifies and "
-        "the second validates.",
+        "compare` sets them. The OCV of the Samsung cell was measured at 25 degC, on another "
+        "specimen.",
         "",
         "## Which model is best",
         "",
@@ -42,13 +43,15 @@ def page(runs: list[Ran]) -> str:
         "",
         *differences_table(runs),
         "",
+        *count_sentences(runs),
+        "",
         "## Why",
         "",
         *conditions_table(runs),
         "",
     ]
     for ran in runs:
-        lines += [f"## {ran.case.name}", "", *verdict_sentences(ran), "", *rows_table(ran), ""]
+        lines += [f"## {ran.name}", "", *verdict_sentences(ran), "", *rows_table(ran), ""]
         lines += [
             f"- {model}: {optimum.verdict}" for model, optimum in ran.comparison.optima.items()
         ]
@@ -65,9 +68,9 @@ def main() -> None:
             "only the bundled cell runs, and nothing is written",
             file=sys.stderr,
         )
-    runs = []
+    runs: list[Ran] = []
     for case in cases(folder):
-        runs.append(run(case))
+        runs += run(case)
         print(case.name, "done", file=sys.stderr)
     text = page(runs)
     if folder is not None:

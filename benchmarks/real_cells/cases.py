@@ -10,6 +10,7 @@ from benchmarks.hysteresis import Case, bundled, measured
 import barnax
 from barnax.comparison import Comparison, Row
 from barnax.comparison_run import PAPER_ROWS
+from barnax.course import make_course
 from barnax.evaluate import Evaluation
 
 from .conditions import Condition, condition_of
@@ -18,6 +19,8 @@ BUDGET = barnax.Budget(population=30, iterations=500, seeds=30, key=0)
 MODELS = ("so-rc", "iso-rc", "esc")
 # Variable projection draws nothing and ends at the best circuit of a model: it compares models.
 EXACT = "varpro"
+# Below this the A123's voltage falls off a cliff, and errors there would be all one sees.
+LOWEST_SOC = 0.1
 ROWS = (*((model, EXACT) for model in MODELS), *PAPER_ROWS, ("esc", "bmo"), ("esc", "ibmo"))
 
 
@@ -37,12 +40,9 @@ def cases(folder: Path | None) -> Iterator[Case]:
 
 @dataclass(frozen=True, eq=False)
 class Ran:
-    """One case: all rows, and their errors on the record that validates.
+    """One case: all rows, and their errors on the record that validates, if there is one."""
 
-    Where a cell has one dynamic record only, its first half identifies and its second validates.
-    """
-
-    case: Case
+    name: str
     cell: barnax.CellModel
     comparison: Comparison
     validation: dict[str, Evaluation]
@@ -52,33 +52,59 @@ class Ran:
         return {row.name: row.evaluations[0] for row in self.comparison.answered}
 
     @property
-    def conditions(self) -> tuple[Condition, Condition]:
-        """The condition of the record identified on and of the one validated on."""
-        first, second = (
-            next(iter(each.values())).course for each in (self.identification, self.validation)
-        )
-        return condition_of(first, self.cell), condition_of(second, self.cell)
+    def records(self) -> dict[str, dict[str, Evaluation]]:
+        """Evaluations of the rows on every record there is, by its role."""
+        found = {"identification": self.identification, "validation": self.validation}
+        return {role: evaluations for role, evaluations in found.items() if evaluations}
+
+    def condition(self, role: str) -> Condition:
+        """What a record does to the hysteresis."""
+        return condition_of(next(iter(self.records[role].values())).course, self.cell)
 
     def exact(self, model: str) -> Row:
         """The row of a model's best circuit."""
         return next(row for row in self.comparison.rows if row.name == f"{EXACT} {model}")
 
 
-def run(case: Case) -> Ran:
-    """Every row on one case."""
+def run(case: Case) -> list[Ran]:
+    """Every row on one case; twice where there is one dynamic record only.
+
+    That one is scored down to `LOWEST_SOC`, in whole, and its first half against its second.
+    """
     tests = [barnax.read_record(path) for path in case.ocv]
     cell = barnax.characterize(tests, capacity_ah=case.capacity_ah, ocv_fit="interpolated")
     record = barnax.read_record(case.record)
-    window = later = case.window
-    if case.validation is None:
-        middle_s = float(record.time_s[[0, -1]].mean())
-        window, later = replace(window, score_to_s=middle_s), replace(window, score_from_s=middle_s)
+    if case.validation is not None:
+        other = barnax.read_record(case.validation)
+        return [_compared(case.name, cell, record, case.window, (other, case.window))]
+    course = make_course(record, cell, "so-rc", case.window)
+    end_s = float(course.time_s[course.soc >= LOWEST_SOC][-1])
+    middle_s = float((course.time_s[0] + end_s) / 2)
+    whole, first, second = (
+        replace(case.window, score_from_s=start_s, score_to_s=stop_s)
+        for start_s, stop_s in ((None, end_s), (None, middle_s), (middle_s, end_s))
+    )
+    above = f"{case.name}, above {100 * LOWEST_SOC:.0f} % SOC"
+    return [
+        _compared(above, cell, record, whole, None),
+        _compared(f"{above}, first half against second", cell, record, first, (record, second)),
+    ]
+
+
+def _compared(
+    name: str,
+    cell: barnax.CellModel,
+    record: barnax.Record,
+    window: barnax.Window,
+    other: tuple[barnax.Record, barnax.Window] | None,
+) -> Ran:
     comparison = barnax.compare(
         record, cell, ROWS, window=window, budget=BUDGET, objective="compressed"
     )
-    other = record if case.validation is None else barnax.read_record(case.validation)
-    validation = {
-        row.name: barnax.validate(other, cell, row.model, row.median.parameters, later)
-        for row in comparison.answered
-    }
-    return Ran(case, cell, comparison, validation)
+    validation = {}
+    if other is not None:
+        validation = {
+            row.name: barnax.validate(other[0], cell, row.model, row.median.parameters, other[1])
+            for row in comparison.answered
+        }
+    return Ran(name, cell, comparison, validation)

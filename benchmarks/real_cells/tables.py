@@ -9,40 +9,54 @@ from barnax.evaluate import Evaluation
 
 from .cases import EXACT, MODELS, Ran
 
-RECORDS = ("identification", "validation")
+ROLES = ("identification", "validation")
+PAIRS = (("iso-rc", "so-rc"), ("esc", "so-rc"), ("esc", "iso-rc"))
 
 
 def summary_table(runs: Sequence[Ran]) -> Iterator[str]:
     """The best circuit of every model on every cell."""
-    heads = [f"{model} {record} [mV]" for record in RECORDS for model in MODELS]
+    heads = [f"{model} {role} [mV]" for role in ROLES for model in MODELS]
     yield f"| cell | {' | '.join(heads)} |"
     yield "|---" * (1 + len(heads)) + "|"
     for ran in runs:
         cells = [
-            f"{1e3 * each[f'{EXACT} {model}'].metrics.rmse_v:.2f}"
-            for each in (ran.identification, ran.validation)
+            f"{1e3 * ran.records[role][f'{EXACT} {model}'].metrics.rmse_v:.2f}"
+            if role in ran.records
+            else "-"
+            for role in ROLES
             for model in MODELS
         ]
-        yield f"| {ran.case.name} | {' | '.join(cells)} |"
+        yield f"| {ran.name} | {' | '.join(cells)} |"
 
 
 def differences_table(runs: Sequence[Ran]) -> Iterator[str]:
     """What each hysteresis brings over the plain circuit, and the dynamic one over the switch."""
-    pairs = (("iso-rc", "so-rc"), ("esc", "so-rc"), ("esc", "iso-rc"))
-    heads = [f"{first} minus {second} [mV]" for first, second in pairs]
+    heads = [f"{first} minus {second} [mV]" for first, second in PAIRS]
     yield f"| cell | record | {' | '.join(heads)} |"
     yield "|---|---|---|---|---|"
     for ran in runs:
-        for place, record in enumerate(RECORDS):
-            cells = [_difference(difference(ran, record, *pair)) for pair in pairs]
-            yield f"| {'' if place else ran.case.name} | {record} | {' | '.join(cells)} |"
+        for place, role in enumerate(ran.records):
+            cells = [_shown(difference(ran, role, *pair)) for pair in PAIRS]
+            yield f"| {'' if place else ran.name} | {role} | {' | '.join(cells)} |"
 
 
-def difference(ran: Ran, record: str, first: str, second: str) -> Resampled:
+def count_sentences(runs: Sequence[Ran]) -> Iterator[str]:
+    """On how many records each model is better than another by more than chance."""
+    for first, second in PAIRS:
+        found = [difference(ran, role, first, second) for ran in runs for role in ran.records]
+        better = sum(each.high_v < 0 for each in found)
+        worse = sum(each.low_v > 0 for each in found)
+        yield (
+            f"- {first} against {second}: better by more than chance on {better} of {len(found)} "
+            f"records, worse on {worse}; the median difference is "
+            f"{1e3 * np.median([each.difference_v for each in found]):+.2f} mV."
+        )
+
+
+def difference(ran: Ran, role: str, first: str, second: str) -> Resampled:
     """How the best circuits of two models differ on one record."""
-    evaluations = ran.identification if record == "identification" else ran.validation
-    errors = [_scored(evaluations[f"{EXACT} {model}"]) for model in (first, second)]
-    return compare_over_time(*errors)
+    one, other = (ran.records[role][f"{EXACT} {model}"] for model in (first, second))
+    return compare_over_time(_scored(one), _scored(other))
 
 
 def conditions_table(runs: Sequence[Ran]) -> Iterator[str]:
@@ -54,15 +68,16 @@ def conditions_table(runs: Sequence[Ran]) -> Iterator[str]:
     yield "|---|---|---|---|---|---|---|"
     for ran in runs:
         gamma = ran.exact("esc").median.parameters.gamma or np.nan
-        for place, (record, condition) in enumerate(zip(RECORDS, ran.conditions, strict=True)):
+        for place, role in enumerate(ran.records):
+            condition = ran.condition(role)
             cells = (
-                "" if place else ran.case.name,
-                record,
+                "" if place else ran.name,
+                role,
                 f"{1e3 * condition.half_gap_v:.1f}",
                 f"{condition.charging_share:.2f}",
                 f"{condition.switches_per_hour:.0f}",
                 f"{100 * condition.soc_between_switches:.3f}",
-                "" if place else f"{100 / gamma:.2g}",
+                "" if place else f"{100 / gamma:.3g}",
             )
             yield f"| {' | '.join(cells)} |"
 
@@ -89,7 +104,7 @@ def rows_table(ran: Ran) -> Iterator[str]:
             f"{regret:.2g}",
             *_millivolts(*(band.rmse_v for band in row.bands[0])),
             *_millivolts(row.evaluations[0].metrics.max_v),
-            *_millivolts(ran.validation[row.name].metrics.rmse_v),
+            *_millivolts(ran.validation[row.name].metrics.rmse_v if ran.validation else None),
             "; ".join([*row.at_bound, *row.notes]) or "-",
         ]
         yield f"| {' | '.join(cells)} |"
@@ -98,27 +113,15 @@ def rows_table(ran: Ran) -> Iterator[str]:
 def verdict_sentences(ran: Ran) -> Iterator[str]:
     """Where hysteresis helps on one cell, and why, from the numbers."""
     for model, what in (("iso-rc", "The switched hysteresis"), ("esc", "The dynamic hysteresis")):
-        yield f"- {what} {' and '.join(_change(ran, record, model) for record in RECORDS)}."
-    condition, _ = ran.conditions
+        yield f"- {what} {' and '.join(_change(ran, role, model) for role in ran.records)}."
+    condition = ran.condition("identification")
     plain_v = ran.identification[f"{EXACT} so-rc"].metrics.rmse_v
     yield (
         f"- Half the gap is {1e3 * condition.half_gap_v:.1f} mV rms where the error of so-rc is "
         f"{1e3 * plain_v:.1f} mV. No hysteresis of that size, however it moves, can change the "
         "RMSE of one circuit by more than that."
     )
-    parameters = ran.exact("esc").median.parameters
-    if parameters.gamma is not None:
-        turn, between = 1 / parameters.gamma, condition.soc_between_switches
-        relation = (
-            "so Sig, which turns at once, is ahead of the cell most of the time"
-            if turn > 2 * between
-            else "so a switch is no bad picture of it"
-        )
-        yield (
-            f"- The direction switches {condition.switches_per_hour:.0f} times an hour, after "
-            f"{100 * between:.2g} % SOC in the median; the dynamic hysteresis that fits best turns "
-            f"within about 1 / gamma = {100 * turn:.2g} % SOC, {relation}."
-        )
+    yield _turning(ran)
     above = [_above(ran.identification[f"{EXACT} {model}"]) for model in MODELS]
     shown = ", ".join(
         f"{model} {1e3 * value:.1f} mV" for model, value in zip(MODELS, above, strict=True)
@@ -126,14 +129,32 @@ def verdict_sentences(ran: Ran) -> Iterator[str]:
     yield f"- Above 10 % SOC, of the same circuits: {shown}."
 
 
-def _change(ran: Ran, record: str, model: str) -> str:
-    found = difference(ran, record, model, "so-rc")
+def _turning(ran: Ran) -> str:
+    """How fast the hysteresis turns, and how often it is asked to."""
+    condition, exact = ran.condition("identification"), ran.exact("esc")
+    turn = 1 / (exact.median.parameters.gamma or np.nan)
+    between = condition.soc_between_switches
+    if any("gamma" in text for text in exact.at_bound):
+        relation = "and that is the box's end: these data do not want the hysteresis to turn"
+    elif turn > 2 * between:
+        relation = "so Sig, which turns at once, is ahead of the cell most of the time"
+    else:
+        relation = "so a switch is no bad picture of it"
+    return (
+        f"- The direction switches {condition.switches_per_hour:.0f} times an hour, after "
+        f"{100 * between:.2g} % SOC in the median; the dynamic hysteresis that fits best turns "
+        f"within about 1 / gamma = {100 * turn:.3g} % SOC, {relation}."
+    )
+
+
+def _change(ran: Ran, role: str, model: str) -> str:
+    found = difference(ran, role, model, "so-rc")
     verb = "raises" if found.difference_v > 0 else "lowers"
     sure = "" if found.is_real else " (no more than chance)"
-    return f"{verb} the {record} error by {1e3 * abs(found.difference_v):.2f} mV{sure}"
+    return f"{verb} the {role} error by {1e3 * abs(found.difference_v):.2f} mV{sure}"
 
 
-def _difference(found: Resampled) -> str:
+def _shown(found: Resampled) -> str:
     mark = "" if found.is_real else " (n.s.)"
     low, high = 1e3 * found.low_v, 1e3 * found.high_v
     return f"{1e3 * found.difference_v:+.2f} [{low:+.2f}, {high:+.2f}]{mark}"

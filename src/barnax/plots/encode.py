@@ -30,7 +30,9 @@ def encode(figure: Figure, kind: Kind = "png", dpi: int = DPI) -> bytes:
     buffer = io.BytesIO()
     with figure_style(), matplotlib.rc_context({"svg.hashsalt": "barnax"}):
         # Laid out anew for every file, axes would move by a fraction of a point each time.
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            engine.execute(figure)
+            figure.set_layout_engine("none")
         figure.canvas.print_figure(buffer, format=kind, dpi=dpi, metadata=UNDATED[kind])
     return buffer.getvalue()

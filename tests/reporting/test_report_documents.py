@@ -10,8 +10,7 @@ from report_reader import ReportReader
 
 from barnax.cell import CircuitParameters
 from barnax.evaluate import Evaluation, evaluate_course
-from barnax.landscape import Landscape
-from barnax.optimum import GlobalOptimum
+from barnax.optimum import GlobalOptimum, Landscape
 from barnax.refinement import CrossCheck, Optimum
 from barnax.reporting import (
     comparison_document,

@@ -16,7 +16,7 @@ from .style import BLACK, TICKS, figure_style, finish_axes, legend_above, make_f
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
-    from ..landscape import Landscape
+    from ..optimum import Landscape
 
 # Excess over the lowest RMSE, in percent: narrow steps near the bottom, where basins part.
 STEPS_PERCENT: Final = (0.0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
@@ -54,7 +54,7 @@ def plot_landscape(
     `optimum` the global optimum and `others` the local ones. Raises `ValueError` for what has not
     two time constants to choose.
 
-    >>> from barnax.landscape import Landscape
+    >>> from barnax.optimum import Landscape
     >>> tau_s = np.geomspace(1.0, 1e4, 30)
     >>> rmse_v = 0.01 + 1e-3 * np.abs(np.log(tau_s[:, None] * tau_s / 1e4))
     >>> landscape = Landscape((tau_s, tau_s), None, rmse_v, np.zeros((3, 30, 30)))

@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import label, minimum_filter
 
+from ..cell import CircuitParameters
+from ..precision import in_float64
+from ..problem import Problem
+from ..threads import one_blas_thread
 from .bounded_least_squares import least_in_box
-from .cell import CircuitParameters
-from .precision import in_float64
-from .problem import Problem
 from .reduced import Reduced, errors_of, normal_equations
-from .threads import one_blas_thread
 
 # Grid points of a time constant by the number of pairs, and of gamma. An answer varies over a
 # factor of e in tau; four pairs are still sampled twice as densely as that.

@@ -10,10 +10,10 @@ from scipy.integrate import quad
 from scipy.optimize import lsq_linear
 
 from barnax.bounds import Bounds
-from barnax.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, certify
-from barnax.landscape import landscape_of
+from barnax.optimum.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, certify
+from barnax.optimum.landscape import landscape_of
+from barnax.optimum.reduced import Axis, Reduced
 from barnax.problem import make_problem, rmse_by_scan
-from barnax.reduced import Axis, Reduced
 from barnax.split_box import SplitBox
 from barnax.window import Window
 from reference import banded_response, make_record

@@ -4,15 +4,12 @@ from dataclasses import dataclass
 from decimal import ROUND_CEILING, Context
 from typing import Literal
 
-from .cell import CircuitParameters
-from .certificate import CERTIFIED_GAP, SMALLEST_RMSE_V, Certificate, certify
-from .descent import Descent, RefinedSeed
-from .landscape import Landscape, landscape_of
-from .precision import in_float64
-from .problem import Problem
-from .programs import SEEDS_PER_BLOCK
-from .reduced import Reduced
-from .refinement import (
+from ..cell import CircuitParameters
+from ..descent import Descent, RefinedSeed
+from ..precision import in_float64
+from ..problem import Problem
+from ..programs import SEEDS_PER_BLOCK
+from ..refinement import (
     FINAL_ROUNDS,
     FINAL_TOLERANCE,
     SEED_TOLERANCE,
@@ -20,6 +17,9 @@ from .refinement import (
     at_bound,
     distinct_optima,
 )
+from .certificate import CERTIFIED_GAP, SMALLEST_RMSE_V, Certificate, certify
+from .landscape import Landscape, landscape_of
+from .reduced import Reduced
 
 # Local minima of the grid up to this many times its lowest error are polished, but never more of
 # them than this.

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .cell import CircuitParameters
-from .compressed import TOLERANCE
-from .course import Course
-from .exponentials import Lagrange, span_of
-from .problem import Problem
-from .split_box import SplitBox
+from ..cell import CircuitParameters
+from ..compressed import TOLERANCE
+from ..course import Course
+from ..exponentials import Lagrange, span_of
+from ..problem import Problem
+from ..split_box import SplitBox
 
 Columns = Float[np.ndarray, "points rows"]
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..cell import CircuitParameters
+from ..threads import one_blas_thread
 from .bounded_least_squares import least_in_box
-from .cell import CircuitParameters
 from .reduced import Axis, Columns, Reduced, dot, errors_of, normal_equations
-from .threads import one_blas_thread
 
 # In x = log(s / tau) a pair's kernel is exp(x - exp(x)); this is the integral of the absolute
 # value of its third derivative, rounded up. The RMS of an answer's third derivative in log(tau) is

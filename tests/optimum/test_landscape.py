@@ -7,7 +7,7 @@ from scipy.optimize import lsq_linear
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.evaluate import evaluate_course
-from barnax.landscape import Landscape, make_landscape
+from barnax.optimum import Landscape, make_landscape
 from barnax.problem import make_problem, rmse_by_scan
 from barnax.window import Window
 from reference import make_record

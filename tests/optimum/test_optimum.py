@@ -10,8 +10,7 @@ import pytest
 import barnax
 from barnax.cell import characterize
 from barnax.errors import InputError
-from barnax.landscape import Landscape
-from barnax.optimum import global_optimum, regret
+from barnax.optimum import Landscape, global_optimum, regret
 from barnax.problem import make_problem, rmse_by_scan
 from barnax.records import read_record
 from barnax.window import Window

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 
 from barnax.cell import CIRCUITS, CircuitParameters
-from barnax.compressed import BLOCK
+from barnax.compressed import BLOCK, ROW_STEP
 from barnax.errors import InputError
 from barnax.evaluate import evaluate_course
 from barnax.identification import identify, identify_many
@@ -216,6 +217,37 @@ def test_reducing_twice_gives_the_same_bits(short_problem):
         for _ in range(2)
     )
     assert np.asarray(first.factor).tobytes() == np.asarray(second.factor).tobytes()
+
+
+def test_reducing_gives_the_same_bits_whatever_the_threads_of_linear_algebra(short_problem):
+    factors = []
+    for threads in (1, 4):
+        problem = make_problem(
+            short_problem.course.record, short_problem.cell, window=short_problem.window
+        )
+        with threadpool_limits(threads, "blas"):
+            factors.append(np.asarray(problem.compressed.factor).tobytes())
+    assert factors[0] == factors[1]
+
+
+def test_a_record_of_fewer_samples_than_nodes_has_the_scans_error(bundled_cell):
+    problem = make_problem(record_of("uneven", 15, 8), bundled_cell, "so-rc", window=KNOWN_SOC)
+    assert problem.scored < len(problem.compressed.in_tau.nodes)
+    assert_both_agree(problem, "log")
+
+
+def test_records_of_different_lengths_and_currents_share_the_shape_of_their_factor(bundled_cell):
+    tau = {"tau1 [s]": (0.5, 2000.0), "tau2 [s]": (0.5, 2000.0)}
+    shapes = {
+        make_problem(
+            record_of("even", samples, samples), bundled_cell, window=KNOWN_SOC, bounds=tau
+        ).compressed.factor.shape
+        for samples in (2000, 2700, 3500)
+    }
+    assert len(shapes) == 1
+    rows, columns = shapes.pop()
+    assert rows % ROW_STEP == 0
+    assert rows < columns
 
 
 def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import barnax
-from barnax.comparison import Comparison, Difference, Row
-from barnax.comparison_run import PAPER_ROWS
+from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
 
 RESULTS = Path(__file__).parent / "results" / "paper.md"
 BUDGET = barnax.Budget(population=30, iterations=500, seeds=30, key=0)

@@ -5,7 +5,8 @@ from functools import cache
 
 from barnax import bundled_file, characterize, read_record
 from barnax.cell import CellModel
-from barnax.comparison_parts import (
+from barnax.comparison import ComparisonResult
+from barnax.comparison.parts import (
     BandPart,
     BudgetPart,
     DifferencePart,
@@ -17,7 +18,6 @@ from barnax.comparison_parts import (
     SeedAnswerPart,
     SpreadPart,
 )
-from barnax.comparison_result import ComparisonResult
 from barnax.result_parts import DecisionPart, InputPart, MetricsPart
 from barnax.window import Window
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from benchmarks.hysteresis import Case, bundled, measured
 
 import barnax
-from barnax.comparison import Comparison, Row
-from barnax.comparison_run import PAPER_ROWS
+from barnax.comparison import PAPER_ROWS, Comparison, Row
 from barnax.course import make_course
 from barnax.evaluate import Evaluation
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from barnax.comparison_statistics import Resampled, compare_over_time
+from barnax.comparison.statistics import Resampled, compare_over_time
 from barnax.evaluate import Evaluation
 
 from .cases import EXACT, MODELS, Ran

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import export as export
     from . import plots as plots
+    from . import trust as trust
     from .bundled import bundled_file as bundled_file
     from .cell import CellModel as CellModel
     from .cell import CircuitParameters as CircuitParameters
     from .cell import characterize as characterize
     from .comparison import Comparison as Comparison
-    from .comparison_result import ComparisonResult as ComparisonResult
-    from .comparison_result import make_comparison_result as make_comparison_result
-    from .comparison_run import compare as compare
+    from .comparison import ComparisonResult as ComparisonResult
+    from .comparison import compare as compare
+    from .comparison import make_comparison_result as make_comparison_result
     from .doctor import Diagnosis as Diagnosis
     from .doctor import diagnose as diagnose
     from .errors import InputError as InputError
@@ -41,19 +42,25 @@ if TYPE_CHECKING:
     from .refinement import refine as refine
     from .result import Result as Result
     from .result import make_result as make_result
+    from .trust import Assessment as Assessment
+    from .trust import Examination as Examination
+    from .trust import assess as assess
+    from .trust import examine as examine
     from .window import Window as Window
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "Assessment": "trust",
     "Budget": "methods",
     "CellModel": "cell",
     "CircuitParameters": "cell",
     "Comparison": "comparison",
-    "ComparisonResult": "comparison_result",
+    "ComparisonResult": "comparison",
     "CrossCheck": "refinement",
     "Diagnosis": "doctor",
     "Evaluation": "evaluate",
+    "Examination": "trust",
     "GlobalOptimum": "optimum",
     "Identification": "identification",
     "InputError": "errors",
@@ -63,14 +70,16 @@ _HOME = {
     "Record": "records",
     "Result": "result",
     "Window": "window",
+    "assess": "trust",
     "bundled_file": "bundled",
     "characterize": "cell",
-    "compare": "comparison_run",
+    "compare": "comparison",
     "diagnose": "doctor",
     "evaluate_course": "evaluate",
+    "examine": "trust",
     "global_optimum": "optimum",
     "identify": "identification",
-    "make_comparison_result": "comparison_result",
+    "make_comparison_result": "comparison",
     "make_optimizer": "optimizers",
     "make_problem": "problem",
     "make_result": "result",
@@ -79,11 +88,12 @@ _HOME = {
     "regret": "optimum",
     "validate": "evaluate",
 }
-_MODULES = {"export", "plots"}
+_MODULES = {"export", "plots", "trust"}
 
 __all__ = [
     "METHODS",
     "OPTIMIZERS",
+    "Assessment",
     "Budget",
     "CellModel",
     "CircuitParameters",
@@ -92,6 +102,7 @@ __all__ = [
     "CrossCheck",
     "Diagnosis",
     "Evaluation",
+    "Examination",
     "GlobalOptimum",
     "Identification",
     "InputError",
@@ -100,11 +111,13 @@ __all__ = [
     "Result",
     "Window",
     "__version__",
+    "assess",
     "bundled_file",
     "characterize",
     "compare",
     "diagnose",
     "evaluate_course",
+    "examine",
     "export",
     "identify",
     "make_comparison_result",
@@ -115,6 +128,7 @@ __all__ = [
     "read_record",
     "refine",
     "regret",
+    "trust",
     "validate",
 ]
 

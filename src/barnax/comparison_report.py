@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from .comparison_result import ComparisonResult
+from .comparison import ComparisonResult
 from .report import LAYOUT
 from .reporting import document
 from .reporting.comparison_report import comparison_document

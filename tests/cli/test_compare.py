@@ -5,8 +5,7 @@ import json
 import pytest
 
 from barnax.cli.compare import chosen_rows
-from barnax.comparison_result import ComparisonResult
-from barnax.comparison_run import PAPER_ROWS
+from barnax.comparison import PAPER_ROWS, ComparisonResult
 
 from .conftest import BUDGET, contents, run_command
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sample_results import make_evaluation, make_record
 
-from barnax.comparison_parts import SeedAnswerPart
+from barnax.comparison.parts import SeedAnswerPart
 from barnax.plots import (
     plot_compared_convergence,
     plot_compared_errors,

@@ -16,8 +16,7 @@ from .output import DEFAULT_FOLDER, report_files, require_free, write_folder
 from .session import Session, command_line, use_compilation_cache
 
 if TYPE_CHECKING:
-    from ..comparison import Comparison
-    from ..comparison_result import ComparisonResult
+    from ..comparison import Comparison, ComparisonResult
 
 
 def compare(
@@ -83,9 +82,8 @@ def compare(
     with session.stage("Loading JAX"):
         use_compilation_cache()
         from ..cell import CIRCUITS
+        from ..comparison import PAPER_ROWS, compare, make_comparison_result
         from ..comparison_report import comparison_report
-        from ..comparison_result import make_comparison_result
-        from ..comparison_run import PAPER_ROWS, compare
         from ..methods import METHODS, Budget
 
     rows = chosen_rows(models, methods, PAPER_ROWS)

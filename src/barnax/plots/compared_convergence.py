@@ -13,8 +13,8 @@ from .sources import comparison_of
 from .style import figure_style, finish_axes, legend_above, make_figure
 
 if TYPE_CHECKING:
-    from ..comparison_parts import RowPart
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
+    from ..comparison.parts import RowPart
 
 BAND = (10, 90)
 MARKERS_PER_LINE = 6

@@ -15,8 +15,8 @@ from .sources import comparison_of
 from .style import BLACK, GREY, figure_style, finish_axes, legend_above, make_figure
 
 if TYPE_CHECKING:
-    from ..comparison_parts import RowPart
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
+    from ..comparison.parts import RowPart
 
 RMSE = "RMSE [mV]"
 COLUMNS = 3

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..cell import CellModel
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
     from ..result import Result
 
 
@@ -23,6 +23,6 @@ def cell_of(source: "CellModel | Result | str | Path") -> "CellModel":
 
 def comparison_of(source: "ComparisonResult | str | Path") -> "ComparisonResult":
     """A stored comparison, or that of a `comparison.json`."""
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
 
     return source if isinstance(source, ComparisonResult) else ComparisonResult.from_json(source)

@@ -15,8 +15,7 @@ from .cell_illustrations import cell_illustrations, condition_illustrations, rec
 from .landscape_illustration import landscape_illustration
 
 if TYPE_CHECKING:
-    from ..comparison import Comparison
-    from ..comparison_result import ComparisonResult
+    from ..comparison import Comparison, ComparisonResult
     from ..optimum import GlobalOptimum
 
 

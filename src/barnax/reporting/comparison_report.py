@@ -34,7 +34,7 @@ from .search_verdict import (
 from .words import counted, joined, millivolt
 
 if TYPE_CHECKING:
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
 
 
 def comparison_document(

@@ -10,8 +10,8 @@ from .metrics_table import METRICS, metrics_cells
 from .words import NOTHING, fixed, joined, percent
 
 if TYPE_CHECKING:
-    from ..comparison_parts import DifferencePart, RowPart
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
+    from ..comparison.parts import DifferencePart, RowPart
 
 # With more pairs than these only those are shown that a reader asks for first.
 ALL_PAIRS = 15

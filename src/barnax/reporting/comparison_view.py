@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..comparison_parts import OverSeedsPart, RecordErrorsPart, RowPart
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
+    from ..comparison.parts import OverSeedsPart, RecordErrorsPart, RowPart
 
 # Rows whose RMSE agree this closely, relative, found the same answer.
 SAME_RMSE = 1e-5

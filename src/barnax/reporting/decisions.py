@@ -8,7 +8,7 @@ from .document import Column, Table
 from .words import joined, millivolt, significant
 
 if TYPE_CHECKING:
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
     from ..result import Result
     from ..result_parts import DecisionPart, InputPart
     from ..window import Window

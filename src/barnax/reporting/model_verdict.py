@@ -8,8 +8,8 @@ from .comparison_view import SAME_RMSE, answered, contrast, records, rmse_on
 from .words import joined, millivolt
 
 if TYPE_CHECKING:
-    from ..comparison_parts import RowPart
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
+    from ..comparison.parts import RowPart
 
 Change = Literal["better", "worse", "same"]
 

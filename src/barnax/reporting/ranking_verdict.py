@@ -7,8 +7,8 @@ from .comparison_view import answered, contrast, leaders, ranked, records, rmse_
 from .words import joined, millivolt
 
 if TYPE_CHECKING:
-    from ..comparison_parts import RowPart
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
+    from ..comparison.parts import RowPart
 
 NARROW = "errors stay alike for longer than the blocks, so the interval is too narrow"
 

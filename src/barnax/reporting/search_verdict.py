@@ -7,8 +7,8 @@ from .comparison_view import answered, errors_on, leaders, records
 from .words import counted, joined, millivolt, percent, sentence
 
 if TYPE_CHECKING:
-    from ..comparison_parts import BandPart
-    from ..comparison_result import ComparisonResult
+    from ..comparison import ComparisonResult
+    from ..comparison.parts import BandPart
 
 # A regret below this is no loss to anyone; above it an answer is not the best there is.
 REACHED = 1e-3

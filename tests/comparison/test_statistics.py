@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from barnax.comparison_statistics import compare_over_seeds, compare_over_time, errors_by_soc
+from barnax.comparison.statistics import compare_over_seeds, compare_over_time, errors_by_soc
 
 
 def test_bands_hold_every_scored_sample_once():

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import ConfigDict
 
-from .result_parts import KEYS, MetricsPart, Parameters, Part, Volts
+from ..result_parts import KEYS, MetricsPart, Parameters, Part, Volts
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {

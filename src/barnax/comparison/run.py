@@ -7,25 +7,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from .bounds import Bounds, Range
-from .cell import CellModel, get_circuit
-from .comparison import Comparison, Difference, Row
-from .comparison_statistics import compare_over_seeds, compare_over_time, errors_by_soc
-from .coordinates import Scale
-from .course import Course, make_course
-from .descent import Descent
-from .errors import InputError
-from .evaluate import evaluate_course
-from .methods import METHODS, Answer, Budget, MethodFailure
-from .methods.stored import can_be_stored, from_arrays, to_arrays
-from .methods.transfer_function import outside_box
-from .optimum import GlobalOptimum, global_optimum, regret
-from .precision import in_float64
-from .problem import Kind, Problem, make_problem
-from .programs import Finished
-from .records import Record
-from .refinement import FINAL_ROUNDS, FINAL_TOLERANCE, at_bound
-from .window import Window
+from ..bounds import Bounds, Range
+from ..cell import CellModel, get_circuit
+from ..coordinates import Scale
+from ..course import Course, make_course
+from ..descent import Descent
+from ..errors import InputError
+from ..evaluate import evaluate_course
+from ..methods import METHODS, Answer, Budget, MethodFailure
+from ..methods.stored import can_be_stored, from_arrays, to_arrays
+from ..methods.transfer_function import outside_box
+from ..optimum import GlobalOptimum, global_optimum, regret
+from ..precision import in_float64
+from ..problem import Kind, Problem, make_problem
+from ..programs import Finished
+from ..records import Record
+from ..refinement import FINAL_ROUNDS, FINAL_TOLERANCE, at_bound
+from ..window import Window
+from .rows import Comparison, Difference, Row
+from .statistics import compare_over_seeds, compare_over_time, errors_by_soc
 
 # The rows of Li et al. (2023), Tables 3 to 5: model and method.
 PAPER_ROWS = (

@@ -8,9 +8,15 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import field_validator
 
-from .cell import CellModel, CircuitParameters
-from .comparison import Comparison, Difference, Row
-from .comparison_parts import (
+from ..cell import CellModel, CircuitParameters
+from ..methods import METHODS
+from ..optimum import GlobalOptimum
+from ..problem import Problem
+from ..records import Record
+from ..result import all_versions, input_part, metrics_part
+from ..result_parts import InputPart, read_stored
+from ..window import Window
+from .parts import (
     BandPart,
     BudgetPart,
     ComparisonPart,
@@ -23,13 +29,7 @@ from .comparison_parts import (
     SeedAnswerPart,
     SpreadPart,
 )
-from .methods import METHODS
-from .optimum import GlobalOptimum
-from .problem import Problem
-from .records import Record
-from .result import all_versions, input_part, metrics_part
-from .result_parts import InputPart, read_stored
-from .window import Window
+from .rows import Comparison, Difference, Row
 
 SCHEMA_VERSION = 1
 REMEDY = "give the comparison.json that barnax compare wrote"

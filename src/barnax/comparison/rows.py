@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .comparison_statistics import BandError, Resampled, SeedPairs
-from .descent import RefinedSeed
-from .evaluate import Evaluation
-from .methods import Answer, Budget
-from .optimum import GlobalOptimum
-from .problem import Problem
+from ..descent import RefinedSeed
+from ..evaluate import Evaluation
+from ..methods import Answer, Budget
+from ..optimum import GlobalOptimum
+from ..problem import Problem
+from .statistics import BandError, Resampled, SeedPairs
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from barnax.block_bootstrap import block_length, resampled_means
-from barnax.comparison_statistics import compare_over_time
+from barnax.comparison.block_bootstrap import block_length, resampled_means
+from barnax.comparison.statistics import compare_over_time
 
 
 def autoregressive(correlation, samples, seed, rows=1):

@@ -9,8 +9,7 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.comparison_result import ComparisonResult, make_comparison_result
-from barnax.comparison_run import PAPER_ROWS, compare
+from barnax.comparison import PAPER_ROWS, ComparisonResult, compare, make_comparison_result
 from barnax.errors import InputError
 from barnax.evaluate import validate
 from barnax.methods import METHODS, Budget

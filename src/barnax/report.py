@@ -30,14 +30,18 @@ NO_REGRET = 1e-7
 
 
 def identification_report(
-    checked: CrossCheck, evaluations: Sequence[Evaluation], optimum: GlobalOptimum | None = None
+    checked: CrossCheck,
+    evaluations: Sequence[Evaluation],
+    optimum: GlobalOptimum | None = None,
+    trust: Sequence[RenderableType] = (),
 ) -> list[RenderableType]:
     """What was decided, the parameters, the errors and the verdict. The evaluations of the
-    identification records come first."""
+    identification records come first; `trust` stands after the parameters."""
     problem = checked.found.problem
     return [
         _decisions(checked),
         parameters_table(checked),
+        *trust,
         metrics_table(evaluations),
         Text(f"Verdict: {checked.verdict}"),
         Text(f"Global optimum: {optimum_sentences(checked, optimum)}"),

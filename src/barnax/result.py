@@ -32,6 +32,8 @@ from .result_parts import (
     SeedPart,
     read_stored,
 )
+from .trust import Assessment, Examination
+from .trust_parts import TrustPart, trust_part
 from .window import Window
 
 SCHEMA_VERSION = 1
@@ -44,7 +46,8 @@ REMEDY = "give the result.json that barnax identify wrote"
 class Result(Part):
     """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    `global_optimum` is None where it was not looked for, or the box is too wide for that. `jointly`
+    `global_optimum` is None where it was not looked for, or the box is too wide for that; `trust`
+    where the answer was not assessed. `jointly`
     holds every record where several were identified together; `initial_soc` is then
     that of the first.
 
@@ -59,6 +62,7 @@ class Result(Part):
     search: SearchPart
     refined: RefinedPart
     global_optimum: GlobalPart | None = None
+    trust: TrustPart | None = None
     metrics: MetricsBlock
     cell: dict[str, Any]
     bounds: dict[str, tuple[float, float]]
@@ -115,14 +119,16 @@ def make_result(
     validation: Sequence[Evaluation] = (),
     *,
     optimum: GlobalOptimum | None = None,
+    assessment: Assessment | None = None,
+    examination: Examination | None = None,
     ocv: Sequence[Record] = (),
     command: Sequence[str] = (),
 ) -> Result:
     """Everything an identification found, as one value that can be stored.
 
     `identification` has an evaluation for every record the circuit was identified on, `ocv` the
-    records the cell was characterized from; `optimum` is the problem's global one, `command` what
-    was run.
+    records the cell was characterized from; `optimum` is the problem's global one, `assessment` and
+    `examination` say how far the answer can be trusted, `command` what was run.
     """
     found, problem = checked.found, checked.found.problem
     method, settings = describe(found.optimizer)
@@ -163,6 +169,7 @@ def make_result(
             verdict=checked.verdict,
         ),
         global_optimum=None if optimum is None else _global_part(checked, optimum),
+        trust=None if assessment is None else trust_part(assessment, examination),
         metrics=MetricsBlock(
             identification=joint_metrics(problem.name, identification),
             validation=tuple(metrics_part(each) for each in validation),

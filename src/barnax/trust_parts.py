@@ -34,6 +34,7 @@ class UncertaintyPart(Part):
     """
 
     confidence: float
+    words: str
     parameters: dict[str, EstimatePart]
     free: tuple[str, ...]
     correlation: tuple[tuple[float, ...], ...]
@@ -124,6 +125,7 @@ class ExaminationPart(Part):
     profiles: dict[str, ProfilePart]
     bootstrap: BootstrapPart
     suggestions: tuple[SuggestionPart, ...]
+    words: str
 
 
 class TrustPart(Part):

@@ -88,6 +88,7 @@ def identify(
     score_from: options.ScoreFrom = None,
     score_to: options.ScoreTo = None,
     out: options.Out = None,
+    trust: options.Trust = "basic",
     report: options.Report = False,
     force: options.Force = False,
     as_json: options.Json = False,
@@ -118,6 +119,8 @@ def identify(
         from ..refinement import refine
         from ..report import identification_report
         from ..result import make_result
+        from ..trust import assess, compile_linearization, examine
+        from ..trust_report import trust_report
 
     require_choice("--model", model, CIRCUITS)
     require_choice("--method", method, OPTIMIZERS)
@@ -165,6 +168,7 @@ def identify(
         compiling = beside.submit(Descent, problem)
         drawing = beside.submit(_cell_figures, None if folder is None or report else inputs.cell)
         looking = beside.submit(_best_there_is, problem)
+        beside.submit(compile_linearization, problem)
         with session.bar("Searching", seeds) as advance:
             found = search(
                 problem,
@@ -178,6 +182,12 @@ def identify(
             checked = refine(found, descent=compiling.result(), progress=advance)
         with session.stage("Looking for the global optimum"):
             optimum = looking.result()
+    with session.stage("Assessing"):
+        assessment = assess(checked)
+    examination = None
+    if trust == "full":
+        with session.stage("Fitting again"):
+            examination = examine(checked, assessment, key=jax.random.key(key))
     with session.stage("Validating"):
         identified = [evaluate_course(course, checked.parameters) for course in problem.courses]
         validated = [evaluate_course(course, checked.parameters) for course in courses]
@@ -186,6 +196,8 @@ def identify(
         identified,
         validated,
         optimum=optimum,
+        assessment=assessment,
+        examination=examination,
         ocv=inputs.tests,
         command=command_line(),
     )
@@ -202,7 +214,8 @@ def identify(
         journal.remove()
     if as_json:
         typer.echo(result.to_json(), nl=False)
-    session.show(identification_report(checked, [*identified, *validated], optimum))
+    told = [*trust_report(assessment, examination)]
+    session.show(identification_report(checked, [*identified, *validated], optimum, told))
     session.warn(result.warnings)
     session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
 

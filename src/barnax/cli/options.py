@@ -200,6 +200,15 @@ Out = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+Trust = Annotated[
+    Literal["basic", "full"],
+    typer.Option(
+        metavar="basic|full",
+        help="How far the answer is looked into: intervals, identifiability and residuals, or also "
+        "profiles, a block bootstrap and what would lower the error, by fitting again.",
+        rich_help_panel=SEARCH,
+    ),
+]
 Report = Annotated[
     bool,
     typer.Option(

@@ -14,6 +14,7 @@ from .document import Bullets, Column, Document, Section, Table
 from .metrics_table import METRICS, metrics_cells
 from .pictures import Pictures
 from .reproduction import reproduction_section, warnings_section
+from .trust_section import trust_section
 from .words import counted, joined, millivolt, percent, significant
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def identification_document(
         ),
         Section("What was decided", (Bullets(tuple(_decisions(result))),)),
         Section("Parameters", (parameters_table(result),)),
+        *trust_section(result),
         Section(
             "Errors",
             (

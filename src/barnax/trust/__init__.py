@@ -6,6 +6,7 @@ from .covariance import Estimate, Uncertainty
 from .diagnostics import Band, Diagnostics
 from .examination import Examination, examine
 from .identifiability import Finding, Identifiability
+from .linearization import compile_linearization
 from .profile import Profile, profile
 from .refit import Refit
 from .suggestions import Suggestion, suggestions
@@ -25,6 +26,7 @@ __all__ = [
     "Uncertainty",
     "assess",
     "bootstrap",
+    "compile_linearization",
     "examine",
     "profile",
     "suggestions",

@@ -6,7 +6,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from ..refinement import CrossCheck
-from .covariance import CONFIDENCE, Uncertainty, uncertainty
+from .covariance import Uncertainty, uncertainty
 from .diagnostics import Diagnostics, diagnostics
 from .identifiability import Identifiability, identifiability
 from .linearization import Linearization, linearize
@@ -24,17 +24,8 @@ class Assessment:
     @property
     def words(self) -> str:
         """Sentences for a report."""
-        inflations = [
-            each.inflation for each in self.uncertainty.estimates if each.inflation is not None
-        ]
-        sentences = []
-        if inflations:
-            sentences.append(
-                f"The {100 * CONFIDENCE:.0f} % intervals reckon with errors that stay alike from "
-                "sample to sample; were all samples independent, standard errors would be "
-                f"{min(inflations):.2g} to {max(inflations):.2g} times smaller."
-            )
-        return " ".join([*sentences, self.identifiability.words, self.diagnostics.words])
+        parts = (self.uncertainty, self.identifiability, self.diagnostics)
+        return " ".join(part.words for part in parts if part.words)
 
     def to_dict(self) -> dict[str, Any]:
         return {

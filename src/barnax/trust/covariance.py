@@ -92,10 +92,26 @@ class Uncertainty:
         raise KeyError(f"{name!r}; there are {', '.join(each.name for each in self.estimates)}")
 
     @property
+    def confidence(self) -> float:
+        return CONFIDENCE
+
+    @property
     def correlation(self) -> Float[np.ndarray, "free free"]:
         """Trusted correlation of the logarithms of `names`."""
         sd = np.sqrt(np.diag(self.covariance))
         return self.covariance / np.where(sd > 0, np.outer(sd, sd), 1.0)
+
+    @property
+    def words(self) -> str:
+        """How much the trusted errors differ from the plain ones."""
+        inflations = [each.inflation for each in self.estimates if each.inflation is not None]
+        if not inflations:
+            return ""
+        return (
+            f"The {100 * CONFIDENCE:.0f} % intervals reckon with errors that stay alike from "
+            "sample to sample; taking all samples for independent would give standard errors "
+            f"{min(inflations):.2g} to {max(inflations):.2g} times smaller."
+        )
 
     def of(self, name: str, value: float, direction: Float[np.ndarray, "free"]) -> Estimate:
         """The estimate of a quantity whose logarithm moves by `direction` . (free logarithms)."""
@@ -119,6 +135,7 @@ class Uncertainty:
     def to_dict(self) -> dict[str, Any]:
         return {
             "confidence": CONFIDENCE,
+            "words": self.words,
             "parameters": {each.name: each.to_dict() for each in self.estimates},
             "free": list(self.names),
             "correlation": self.correlation.tolist(),

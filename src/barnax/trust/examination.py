@@ -32,6 +32,7 @@ class Examination:
             "profiles": {each.name: each.to_dict() for each in self.profiles},
             "bootstrap": self.bootstrap.to_dict(),
             "suggestions": [each.to_dict() for each in self.suggestions],
+            "words": self.words,
         }
 
 

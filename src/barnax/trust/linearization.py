@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,7 @@ from ..course import Course
 from ..descent import AT_BOUND
 from ..precision import in_float64
 from ..problem import Objective, Problem, impedance_of, residuals
+from ..programs import compile_for
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,9 @@ def linearize(
     objective = problem.objective_in("log", "scan")
     box = objective.coordinates
     point = np.asarray(box.encode(impedance_of(parameters)))
-    error, slope = (np.asarray(part) for part in _errors_and_slopes(jnp.asarray(point), objective))
+    here = jnp.asarray(point)
+    program = compile_for(_errors_and_slopes, here, objective)
+    error, slope = (np.asarray(part) for part in program(here, objective))
     scored = np.concatenate([course.scored for course in problem.courses])
     unit = np.sqrt(problem.scored)
     error_v, slope_v = unit * error[scored], unit * slope[scored]
@@ -80,7 +82,13 @@ def linearize(
     )
 
 
-@eqx.filter_jit
+@in_float64
+def compile_linearization(problem: Problem) -> None:
+    """Make the program of `linearize`, which takes seconds and waits for no answer."""
+    objective = problem.objective_in("log", "scan")
+    compile_for(_errors_and_slopes, objective.coordinates.lower, objective)
+
+
 def _errors_and_slopes(
     point: Float[Array, "free"], objective: Objective
 ) -> tuple[Float[Array, "samples"], Float[Array, "samples free"]]:

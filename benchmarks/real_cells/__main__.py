@@ -49,6 +49,11 @@ def page(runs: list[Ran]) -> str:
         "",
         *conditions_table(runs),
         "",
+        "All three models share the OCV and differ in where between its branches they are: so-rc "
+        "in the middle, iso-rc on the branch of the last current, esc on its way there. After a "
+        "full charge esc starts on the charge branch, so it does not contain so-rc: where the "
+        "middle is best throughout, it loses by its way down.",
+        "",
     ]
     for ran in runs:
         lines += [f"## {ran.name}", "", *verdict_sentences(ran), "", *rows_table(ran), ""]

@@ -1,5 +1,6 @@
 """What sets each published comparator apart, checked against its rule written out plainly."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -17,19 +18,14 @@ from barnax.optimizers import (
     SeagullSearch,
     Swarm,
     WhaleSearch,
-    make_optimizer,
 )
 from barnax.optimizers.gwo import Leaders, replace_leaders, three_best
 from barnax.optimizers.igwo import learn_from_neighbors
 from barnax.optimizers.leader import best_of, better_leader
 from barnax.optimizers.sfo import random_subset
 
-losses = st.lists(st.one_of(st.integers(0, 9).map(float), st.just(np.inf)), min_size=5, max_size=12)
-
-
-def minimise(solver, fn, key, dims=3):
-    options = {"key": key, "lower": -4.0, "upper": 4.0}
-    return optx.minimise(fn, solver, jnp.zeros(dims), options=options, max_steps=None)
+# An infinite loss stands for a wolf that is not there.
+losses = st.lists(st.one_of(st.integers(0, 9).map(float), st.just(np.inf)), min_size=9, max_size=9)
 
 
 def loop_over_wolves(leader_losses, wolf_losses):
@@ -51,7 +47,7 @@ def test_grey_wolf_leaders_change_as_in_a_loop_over_the_wolves(wolf_losses, lead
     # With a position that names its wolf, the leaders' positions say who was chosen.
     wolves = jnp.arange(len(wolf_losses), dtype=float)[:, None]
     old = Leaders(jnp.array([[-1.0], [-2.0], [-3.0]]), jnp.array(leader_losses))
-    leaders = replace_leaders(old, Swarm(wolves, jnp.array(wolf_losses)))
+    leaders = jax.jit(replace_leaders)(old, Swarm(wolves, jnp.array(wolf_losses)))
     who, new_losses = loop_over_wolves(leader_losses, wolf_losses)
     np.testing.assert_array_equal(leaders.losses, new_losses)
     np.testing.assert_array_equal(leaders.positions[:, 0], who)
@@ -73,11 +69,14 @@ def test_a_leader_is_replaced_only_by_a_strictly_better_candidate():
     assert (better.position[0], better.loss) == (6, 2)
 
 
-@pytest.mark.parametrize("bounded", [True, False])
-def test_only_an_unbounded_swarm_leaves_the_box(bounded):
-    solver = ParticleSwarm(population=8, iterations=20, bounded=bounded)
-    solution = minimise(solver, lambda x, _: -jnp.sum(x), jr.key(0))
-    assert (jnp.max(solution.value) > 4.0) == (not bounded)
+def test_an_unbounded_swarm_leaves_the_box():
+    """The bounded one does not: that every optimizer promises."""
+    solver = ParticleSwarm(population=8, iterations=20, bounded=False)
+    options = {"key": jr.key(0), "lower": -4.0, "upper": 4.0}
+    solution = optx.minimise(
+        lambda x, _: -jnp.sum(x), solver, jnp.zeros(3), options=options, max_steps=None
+    )
+    assert jnp.max(solution.value) > 4.0
 
 
 @pytest.mark.parametrize(("limit", "expected"), [(0.25, 0.25), (None, 0.06 * 8)])
@@ -86,7 +85,8 @@ def test_no_particle_flies_faster_than_its_limit(limit, expected):
     box = Box(jnp.full(3, -4.0), jnp.full(3, 4.0))
     positions = solver.start(jr.key(0), box, float)
     swarm = solver.prepare(Swarm(positions, jnp.sum(positions, axis=1)), box)
-    moved, _ = solver.propose(jr.key(1), swarm, jnp.array(1), box)
+    drawn = solver.draw(jr.key(1), jnp.array(1), box)
+    moved, _ = solver.propose(drawn, swarm, jnp.array(1), box)
     assert jnp.max(jnp.abs(moved - positions)) == pytest.approx(expected, rel=1e-5)
 
 
@@ -96,7 +96,8 @@ def test_neighbors_within_reach_are_chosen_equally_often():
     hunted = wolves + jnp.array([[1.5], [0.1], [0.1], [0.1]])
 
     def chosen(key):
-        return learn_from_neighbors(key, jnp.tile(wolves, (1, 8)), jnp.tile(hunted, (1, 8)))
+        numbers = jr.uniform(key, (3, 4, 8))
+        return learn_from_neighbors(numbers, jnp.tile(wolves, (1, 8)), jnp.tile(hunted, (1, 8)))
 
     keys = jr.split(jr.key(0), 2000)
     learned = np.asarray(jax.vmap(chosen)(keys))
@@ -120,10 +121,24 @@ def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
     before = solver.prepare(Swarm(jnp.zeros((6, 1)), jnp.full(6, 9.0)), None)
     losses = jnp.array([5.0, 8.0, 6.0, 1.0, 7.0, 9.0, 4.0, 4.0, 4.0, 4.0])
     offspring = Swarm(jnp.concatenate([sailfish, sardines, born]), losses, before.memory)
-    after = solver.survive(before, offspring)
+    after = solver.survive(before, offspring, jnp.array(1))
     np.testing.assert_array_equal(after.losses, [1, 6, 4, 4, 7, 9])
     np.testing.assert_array_equal(after.positions[:, 0], [2, 2, 3, 3, 2, 2])
     assert after.memory.loss == 1
+
+
+@eqx.filter_jit
+def one_generation(solver, key):
+    """Where a swarm is after one generation on a sphere about 1."""
+    box = Box(jnp.full(3, -4.0), jnp.full(3, 4.0))
+
+    def evaluated(positions, memory=None):
+        return Swarm(positions, jnp.sum((positions - 1) ** 2, axis=1), memory)
+
+    swarm = solver.prepare(evaluated(solver.start(key, box, box.lower.dtype)), box)
+    drawn = solver.draw(key, jnp.array(2), box)
+    offspring = evaluated(*solver.propose(drawn, swarm, jnp.array(2), box))
+    return solver.survive(swarm, offspring, jnp.array(2))
 
 
 @pytest.mark.parametrize(
@@ -134,21 +149,8 @@ def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
         (SeagullSearch(), SeagullSearch(spiral_attack=True)),
         (ParticleSwarm(), ParticleSwarm(velocity_limit=0.1)),
     ],
+    ids=lambda solver: type(solver).__name__,
 )
-def test_each_documented_option_changes_the_run(default, option):
-    histories = [
-        minimise(solver, lambda x, _: jnp.sum((x - 1) ** 2), jr.key(0)).stats["history"]
-        for solver in (default, option)
-    ]
-    assert not np.array_equal(*histories)
-
-
-@pytest.mark.parametrize(
-    ("name", "bound"),
-    [("pso", 1e-2), ("woa", 1e-6), ("soa", 1e-4), ("sfo", 1e-4), ("gwo", 1e-12), ("igwo", 1e-12)],
-)
-def test_the_sphere_about_the_origin_is_solved_to_the_published_order(name, bound):
-    """Ten dimensions are easier than the thirty of Li et al. (2023), Table 2, F1."""
-    solver = make_optimizer(name, 30, 500)
-    solution = minimise(solver, lambda x, _: jnp.sum(x**2), jr.key(0), dims=10)
-    assert solution.stats["best_loss"] < bound
+def test_each_documented_option_changes_a_generation(default, option):
+    swarms = [one_generation(solver, jr.key(0)) for solver in (default, option)]
+    assert not eqx.tree_equal(*swarms)

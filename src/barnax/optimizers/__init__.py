@@ -5,7 +5,7 @@ from .bmo import bmo
 from .gwo import GreyWolf
 from .ibmo import ibmo, ibmo_centered, ibmo_printed
 from .igwo import ImprovedGreyWolf
-from .population import AbstractPopulationMinimiser, Box, Swarm, keep_best, sort_by_loss
+from .population import AbstractPopulationMinimiser
 from .pso import ParticleSwarm
 from .registry import (
     OPTIMIZERS,
@@ -16,6 +16,7 @@ from .registry import (
 )
 from .sfo import SailfishSearch
 from .soa import SeagullSearch
+from .swarm import Box, Swarm, keep_best, sort_by_loss
 from .woa import WhaleSearch
 
 __all__ = [

@@ -3,31 +3,35 @@
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
+from jax import lax
+from jaxtyping import Array, Float, Int, Key, PyTree, Scalar, UInt32
 
-from .chaos import TentBranch, levy_step, tent_map
-from .population import AbstractPopulationMinimiser, Box, Swarm, keep_best, sort_by_loss
+from .chaos import TentBranch, levy_step, normal, tent_map
+from .population import AbstractPopulationMinimiser
+from .swarm import Box, Swarm, keep_best, ranks, sort_by_loss
 
 
-class Brood(NamedTuple):
-    """Which mother, by rank, each offspring has, and when."""
+class Chances(NamedTuple):
+    """What is random in one generation; the father of mother k ranks as `lots[k]` does."""
 
-    mother_rank: Int[Array, "candidates"]
-    generation: Int[Array, ""]
+    lots: UInt32[Array, "candidates"]
+    factor: Float[Array, "#candidates dims"]
+    steps: Float[Array, "candidates #dims"]
+    mixture: Float[Array, "candidates candidates"] | None
 
 
 class BarnacleMating(AbstractPopulationMinimiser):
     """Mate close barnacles, cast the sperm of distant ones, keep the best of both generations.
 
     With the defaults this is the barnacle mating optimizer (Sulaiman et al., 2020) in the form
-    that reproduces Li et al. (2023), Table 2. Two random permutations pair a father and a mother;
-    where their ranks differ by at most `pl` the offspring is `p * father + (1 - p) * mother`,
-    otherwise it is the mother's sperm cast toward `cast_center`.
+    that reproduces Li et al. (2023), Table 2. A random permutation gives every mother a father
+    (the authors permute both, which makes the same pairs in another order); where their ranks
+    differ by at most `pl` the offspring is `p * father + (1 - p) * mother`, otherwise it is the
+    mother's sperm cast toward `cast_center`.
 
     The improvements of Li et al. (2023), each on its own:
 
@@ -94,50 +98,61 @@ class BarnacleMating(AbstractPopulationMinimiser):
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return sort_by_loss(swarm)
 
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Chances:
+        lot_key, factor_key, step_key, mixture_key = jr.split(key, 4)
+        dims, dtype = len(box.lower), box.lower.dtype
+        square = (self.population, self.population)
+        return Chances(
+            jr.bits(lot_key, (self.population,), jnp.uint32),
+            self._mating_factor(factor_key, generation, dims, dtype),
+            self._cast_steps(step_key, dims, dtype),
+            normal(mixture_key, square, dtype) if self.cast_mothers == "all" else None,
+        )
+
     def propose(
-        self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
+        self, drawn: Chances, swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
-        father_key, mother_key, factor_key, step_key, sperm_key = jr.split(key, 5)
-        father_rank = jr.permutation(father_key, self.population)
-        mother_rank = jr.permutation(mother_key, self.population)
-        father = swarm.positions[father_rank]
-        mother = swarm.positions[mother_rank]
+        mother = swarm.positions
+        father_rank = ranks(drawn.lots)
+        p = drawn.factor
+        mated = p * mother[father_rank] + (1 - p) * mother
 
-        p = self._mating_factor(factor_key, generation, mother)
-        mated = p * father + (1 - p) * mother
-
-        center = self._cast_center(swarm.positions)
+        center = self._cast_center(mother)
         sperm = mother - center
-        if self.cast_mothers == "all":
-            weights = jr.normal(sperm_key, (self.population,) * 2, mother.dtype)
-            sperm = weights @ (swarm.positions - center) / self.population**0.5
-        cast = center + self._cast_steps(step_key, mother) * sperm
+        if drawn.mixture is not None:
+            sperm = drawn.mixture @ sperm / self.population**0.5
+        cast = center + drawn.steps * sperm
 
+        mother_rank = jnp.arange(self.population, dtype=father_rank.dtype)
         is_near = jnp.abs(father_rank - mother_rank) <= self.pl
         offspring = jnp.where(is_near[:, None], mated, cast)
         if self.reevaluate_parents:
             offspring = jnp.concatenate([swarm.positions, offspring])
-        return offspring, Brood(mother_rank, generation)
+        return offspring, None
 
-    def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
-        brood, offspring = offspring.memory, Swarm(offspring.positions, offspring.losses)
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
         if self.reevaluate_parents:
             best = sort_by_loss(offspring)
             return Swarm(best.positions[: self.population], best.losses[: self.population])
-        kept = keep_best(swarm, offspring, self.population)
         if self.brood_share == 0:
-            return kept
-        is_early = brood.generation <= self.brood_share * self.iterations
-        broods = _better_than_mother(swarm, offspring, brood.mother_rank)
-        return jax.tree.map(lambda early, late: jnp.where(is_early, early, late), broods, kept)
+            return keep_best(swarm, offspring, self.population)
+        return lax.cond(
+            generation <= self.brood_share * self.iterations,
+            better_than_mother,
+            lambda swarm, offspring: keep_best(swarm, offspring, self.population),
+            swarm,
+            offspring,
+        )
 
-    def _mating_factor(self, key: Key[Array, ""], generation: Int[Array, ""], like: Array) -> Array:
-        factor = jnp.ones((), like.dtype)
+    def _mating_factor(
+        self, key: Key[Array, ""], generation: Int[Array, ""], dims: int, dtype: Any
+    ) -> Array:
+        factor = jnp.ones((1, dims), dtype)
         if self.gaussian_factor:
-            shape = like.shape[1:] if self.shared_factor else like.shape
-            factor = self.factor_mean + self.factor_spread * jr.normal(key, shape, like.dtype)
+            rows = 1 if self.shared_factor else self.population
+            factor = self.factor_mean + self.factor_spread * normal(key, (rows, dims), dtype)
         if self.cosine_factor:
-            factor = factor * (0.5 * jnp.cos(generation.astype(like.dtype) / self.iterations) + 0.5)
+            factor = factor * (0.5 * jnp.cos(generation.astype(dtype) / self.iterations) + 0.5)
         return factor
 
     def _cast_center(self, positions: Float[Array, "candidates dims"]) -> Array:
@@ -149,24 +164,23 @@ class BarnacleMating(AbstractPopulationMinimiser):
         weights = np.maximum(np.log(self.population / 2 + 0.5) - np.log(ranks), 0)
         return jnp.asarray(weights / weights.sum(), positions.dtype) @ positions
 
-    def _cast_steps(self, key: Key[Array, ""], like: Array) -> Array:
-        shape = like.shape if self.cast_per_dimension else (len(like), 1)
+    def _cast_steps(self, key: Key[Array, ""], dims: int, dtype: Any) -> Array:
+        shape = (self.population, dims if self.cast_per_dimension else 1)
         if self.cast_step == "levy":
-            steps = levy_step(key, shape, self.levy_exponent, like.dtype)
+            steps = levy_step(key, shape, self.levy_exponent, dtype)
         elif self.cast_step == "normal":
-            steps = jr.normal(key, shape, like.dtype)
+            steps = normal(key, shape, dtype)
         else:
-            steps = jr.uniform(key, shape, like.dtype)
+            steps = jr.uniform(key, shape, dtype)
         return self.cast_scale * steps
 
 
-def _better_than_mother(swarm: Swarm, offspring: Swarm, mother_rank: Array) -> Swarm:
+def better_than_mother(swarm: Swarm, offspring: Swarm) -> Swarm:
     """Every offspring or, where that is no worse, its mother; sorted."""
-    mothers = Swarm(swarm.positions[mother_rank], swarm.losses[mother_rank])
-    is_better = offspring.losses < mothers.losses
+    is_better = offspring.losses < swarm.losses
     return sort_by_loss(
         Swarm(
-            jnp.where(is_better[:, None], offspring.positions, mothers.positions),
-            jnp.where(is_better, offspring.losses, mothers.losses),
+            jnp.where(is_better[:, None], offspring.positions, swarm.positions),
+            jnp.where(is_better, offspring.losses, swarm.losses),
         )
     )

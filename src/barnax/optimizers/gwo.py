@@ -10,7 +10,8 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
 
-from .population import AbstractPopulationMinimiser, Box, Swarm
+from .population import AbstractPopulationMinimiser
+from .swarm import Box, Swarm, best_first
 
 
 class Leaders(eqx.Module):
@@ -43,13 +44,16 @@ class GreyWolf(AbstractPopulationMinimiser):
         nobody = Leaders(swarm.positions[:3], jnp.full_like(swarm.losses[:3], jnp.inf))
         return self._follow(Swarm(swarm.positions, swarm.losses, nobody))
 
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Array:
+        return jr.uniform(key, (2, 3, self.population, len(box.lower)), box.lower.dtype)
+
     def propose(
-        self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
+        self, drawn: Array, swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
         leaders = swarm.memory
-        return hunt(key, swarm.positions, leaders.positions, generation, self.iterations), leaders
+        return hunt(drawn, swarm.positions, leaders.positions, generation, self.iterations), leaders
 
-    def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
         return self._follow(offspring)
 
     def _follow(self, swarm: Swarm) -> Swarm:
@@ -58,26 +62,29 @@ class GreyWolf(AbstractPopulationMinimiser):
 
 
 def hunt(
-    key: Key[Array, ""],
+    numbers: Float[Array, "2 3 candidates dims"],
     positions: Float[Array, "candidates dims"],
     leaders: Float[Array, "3 dims"],
     generation: Int[Array, ""],
     iterations: int,
 ) -> Float[Array, "candidates dims"]:
-    """Where the pack moves: the mean of one place about each leader (Eq. 3.5 to 3.7)."""
+    """Where the pack moves: the mean of one place about each leader (Eq. 3.5 to 3.7).
+
+    `numbers` are uniform in [0, 1).
+    """
     a = 2 - 2 * (generation - 1).astype(positions.dtype) / iterations
-    numbers = jr.uniform(key, (2, 3, *positions.shape), positions.dtype)
     step = a * (2 * numbers[0] - 1)
     weight = 2 * numbers[1]
     prey = leaders[:, None, :]
-    return jnp.mean(prey - step * jnp.abs(weight * prey - positions), axis=0)
+    about_alpha, about_beta, about_delta = prey - step * jnp.abs(weight * prey - positions)
+    return (about_alpha + about_beta + about_delta) / 3
 
 
 def three_best(leaders: Leaders, swarm: Swarm) -> Leaders:
     """The three best of the old leaders and the swarm, in order."""
     positions = jnp.concatenate([leaders.positions, swarm.positions])
     losses = jnp.concatenate([leaders.losses, swarm.losses])
-    order = jnp.argsort(losses, stable=True)[:3]
+    order = best_first(losses, 3)
     return Leaders(positions[order], losses[order])
 
 

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Scalar
 
-from .population import Swarm
+from .swarm import Swarm
 
 
 class Leader(eqx.Module):

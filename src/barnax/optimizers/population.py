@@ -1,12 +1,14 @@
 """The one population minimiser: what every algorithm here shares.
 
-An algorithm says how a first population is laid out (`start`, `prepare`), how new positions are
-proposed (`propose`) and which candidates live on (`survive`). Bounds, keys, the vmap over
-candidates, losses that are not finite, counting and the history are settled here, once. Every
-algorithm is an `optimistix.AbstractMinimiser`, so one call, `optimistix.minimise`, runs it.
+An algorithm says how a first population is laid out (`start`, `prepare`), what of a generation is
+random (`draw`), how new positions are proposed (`propose`) and which candidates live on
+(`survive`). Bounds, keys, the vmap over candidates, losses that are not finite, counting and the
+history are settled here, once. Every algorithm is an `optimistix.AbstractMinimiser`, so one call,
+`optimistix.minimise`, runs it.
 """
 
 import abc
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,31 +18,15 @@ import jax.numpy as jnp
 import jax.random as jr
 import optimistix as optx
 from equinox import AbstractVar
+from jax import lax
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
 
+from .swarm import Box, Swarm
+from .threefry import written_out
 
-class Box(eqx.Module):
-    """Lower and upper bound of every dimension."""
-
-    lower: Float[Array, "dims"]
-    upper: Float[Array, "dims"]
-
-    def clip(self, positions: Float[Array, "*candidates dims"]) -> Float[Array, "*candidates dims"]:
-        return jnp.clip(positions, self.lower, self.upper)
-
-    def scale(
-        self, fractions: Float[Array, "*candidates dims"]
-    ) -> Float[Array, "*candidates dims"]:
-        """Fractions of the box, in [0, 1], as positions."""
-        return self.lower + fractions * (self.upper - self.lower)
-
-
-class Swarm(eqx.Module):
-    """Candidates and their losses; `memory` is what one algorithm carries beside them."""
-
-    positions: Float[Array, "candidates dims"]
-    losses: Float[Array, "candidates"]
-    memory: PyTree = None
+# Random numbers are drawn for several generations at once, up to so many in all: large loops over
+# numbers run faster than small ones, until they leave the processor's cache.
+DRAWN_AT_ONCE = 8192
 
 
 class PopulationState(eqx.Module):
@@ -56,24 +42,6 @@ class PopulationState(eqx.Module):
     history: Float[Array, "generations"]
 
 
-def sort_by_loss(swarm: Swarm) -> Swarm:
-    """The swarm with its best candidate first; equal losses keep their order."""
-    order = jnp.argsort(swarm.losses, stable=True)
-    return Swarm(swarm.positions[order], swarm.losses[order], swarm.memory)
-
-
-def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
-    """The best of parents and offspring together, sorted; a parent wins a tie."""
-    together = sort_by_loss(
-        Swarm(
-            jnp.concatenate([swarm.positions, offspring.positions]),
-            jnp.concatenate([swarm.losses, offspring.losses]),
-            offspring.memory,
-        )
-    )
-    return Swarm(together.positions[:population], together.losses[:population], together.memory)
-
-
 class AbstractPopulationMinimiser(optx.AbstractMinimiser):
     """Minimise inside a box with a population of candidates, for `iterations` generations.
 
@@ -84,6 +52,8 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
     - `options["keyed_objective"]`: if true, `args` is a pair `(data, key)` and `key` is replaced
       by a fresh one for every single evaluation; for objectives with noise of their own.
     - `y0` gives shape and dtype only; its value is never used as a guess.
+
+    To Optimistix the whole search is one step, so `max_steps` may be anything.
 
     With `bounded` every candidate is clipped to the box before it is evaluated. Without, only
     the first population lies inside; some published results were made that way.
@@ -111,14 +81,18 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         """The evaluated first population in the algorithm's order, with its first memory."""
 
     @abc.abstractmethod
-    def propose(
-        self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
-        """New positions to evaluate in `generation` (1 to `iterations`), and the new memory."""
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> PyTree:
+        """All that is random in `generation` (1 to `iterations`), whatever the swarm is like."""
 
     @abc.abstractmethod
-    def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
-        """The next generation, from this one and its evaluated offspring."""
+    def propose(
+        self, drawn: PyTree, swarm: Swarm, generation: Int[Array, ""], box: Box
+    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+        """New positions to evaluate in `generation`, and the new memory."""
+
+    @abc.abstractmethod
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+        """Who lives on after `generation`, of the parents and their evaluated offspring."""
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> PopulationState:
         del aux_struct, tags
@@ -145,19 +119,64 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
 
     def step(self, fn, y, args, options, state: PopulationState, tags):
         del tags
-        box = _box(y, options)
-        generation = state.generation + 1
-        propose_key, noise_key = jr.split(jr.fold_in(_key(options), generation))
-        positions, memory = self.propose(propose_key, state.swarm, generation, box)
-        if self.bounded:
-            positions = box.clip(positions)
-        losses, aux, failures = _evaluate(fn, positions, y, args, options, noise_key)
+        key, box = _key(options), _box(y, options)
 
+        def draw(generation):
+            propose_key, noise_key = jr.split(jr.fold_in(key, generation))
+            return self.draw(propose_key, generation, box), noise_key
+
+        at_once = self._generations_at_once(box)
+
+        def some_generations(chunk, carry):
+            first = 1 + chunk * at_once
+            drawn = jax.vmap(draw)(first + 1 + jnp.arange(at_once))
+
+            def one_generation(offset, carry):
+                state, (positions, memory), noise_key = carry
+                numbers, next_noise_key = jax.tree.map(lambda leaf: leaf[offset], drawn)
+                generation = first + offset
+                losses, aux, failures = _evaluate(fn, positions, y, args, options, noise_key)
+                offspring = Swarm(positions, losses, memory)
+                state = self._advance(state, offspring, aux, failures, generation)
+                proposal = self._propose(numbers, state.swarm, generation + 1, box)
+                return state, proposal, next_noise_key
+
+            remaining = 1 + self.iterations - first
+            return lax.fori_loop(0, jnp.minimum(at_once, remaining), one_generation, carry)
+
+        # What is drawn and what is proposed each pass from one turn of a loop to the next, that
+        # is, through memory. Within a turn the compiler would compute both again wherever they
+        # are used, at a cost, and with last bits that depend on the searches beside this one.
+        numbers, noise_key = draw(jnp.array(1))
+        carry = state, self._propose(numbers, state.swarm, jnp.array(1), box), noise_key
+        chunks = math.ceil(self.iterations / at_once)
+        state, _, _ = lax.fori_loop(0, chunks, some_generations, carry)
+        return state.best_position.reshape(y.shape), state, state.best_aux
+
+    def _generations_at_once(self, box: Box) -> int:
+        struct = jax.eval_shape(self.draw, jr.key(0), jnp.array(1), box)
+        numbers = sum(leaf.size for leaf in jax.tree.leaves(struct))
+        return max(1, min(DRAWN_AT_ONCE // numbers, self.iterations))
+
+    def _propose(self, drawn: PyTree, swarm: Swarm, generation: Int[Array, ""], box: Box):
+        positions, memory = self.propose(drawn, swarm, generation, box)
+        return box.clip(positions) if self.bounded else positions, memory
+
+    def _advance(
+        self,
+        state: PopulationState,
+        offspring: Swarm,
+        aux: PyTree,
+        failures: Int[Array, ""],
+        generation: Int[Array, ""],
+    ) -> PopulationState:
+        """The state one generation later."""
+        positions, losses = offspring.positions, offspring.losses
         best = jnp.argmin(losses)
         better = losses[best] < state.best_loss
         best_loss = jnp.where(better, losses[best], state.best_loss)
-        state = PopulationState(
-            swarm=self.survive(state.swarm, Swarm(positions, losses, memory)),
+        return PopulationState(
+            swarm=self.survive(state.swarm, offspring, generation),
             best_position=jnp.where(better, positions[best], state.best_position),
             best_loss=best_loss,
             best_aux=jax.tree.map(
@@ -166,9 +185,8 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
             generation=generation,
             evaluations=state.evaluations + len(positions),
             failures=state.failures + failures,
-            history=state.history.at[generation].set(best_loss),
+            history=state.history.at[generation].set(best_loss, mode="promise_in_bounds"),
         )
-        return state.best_position.reshape(y.shape), state, state.best_aux
 
     def terminate(self, fn, y, args, options, state: PopulationState, tags):
         del fn, y, args, options, tags
@@ -191,7 +209,10 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
 def _key(options: dict[str, Any]) -> Key[Array, ""]:
     if "key" not in options:
         raise ValueError('a population minimiser needs options["key"], such as jax.random.key(0)')
-    return options["key"]
+    key = jnp.asarray(options["key"])
+    if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        key = jr.wrap_key_data(key)
+    return written_out(key)
 
 
 def _box(y: Array, options: dict[str, Any]) -> Box:
@@ -211,12 +232,13 @@ def _evaluate(
     fn: Callable, positions: Array, y: Array, args: PyTree, options: dict[str, Any], key: Array
 ) -> tuple[Float[Array, "candidates"], PyTree, Int[Array, ""]]:
     """Losses of all candidates, non-finite ones as infinity, and how many those were."""
-
-    def one(position, evaluation_key):
-        if options.get("keyed_objective", False):
-            return fn(position.reshape(y.shape), (args[0], evaluation_key))
-        return fn(position.reshape(y.shape), args)
-
-    losses, aux = jax.vmap(one)(positions, jr.split(key, len(positions)))
+    if options.get("keyed_objective", False):
+        kind = jr.key_impl(args[1])
+        keys = jr.wrap_key_data(jr.key_data(jr.split(key, len(positions))), impl=kind)
+        losses, aux = jax.vmap(lambda x, key: fn(x.reshape(y.shape), (args[0], key)))(
+            positions, keys
+        )
+    else:
+        losses, aux = jax.vmap(lambda x: fn(x.reshape(y.shape), args))(positions)
     is_finite = jnp.isfinite(losses)
     return jnp.where(is_finite, losses, jnp.inf), aux, jnp.sum(~is_finite)

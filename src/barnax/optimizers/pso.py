@@ -9,7 +9,8 @@ import jax.random as jr
 import optimistix as optx
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
 
-from .population import AbstractPopulationMinimiser, Box, Swarm
+from .population import AbstractPopulationMinimiser
+from .swarm import Box, Swarm
 
 
 class Flight(eqx.Module):
@@ -52,14 +53,17 @@ class ParticleSwarm(AbstractPopulationMinimiser):
         flight = Flight(jnp.zeros_like(swarm.positions), swarm.positions, swarm.losses)
         return Swarm(swarm.positions, swarm.losses, flight)
 
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Array:
+        return jr.uniform(key, (2, self.population, len(box.lower)), box.lower.dtype)
+
     def propose(
-        self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
+        self, drawn: Array, swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
         positions, flight = swarm.positions, swarm.memory
         progress = generation.astype(positions.dtype) / self.iterations
         inertia = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
         best = flight.best_positions[jnp.argmin(flight.best_losses)]
-        own, common = jr.uniform(key, (2, *positions.shape), positions.dtype)
+        own, common = drawn
         velocities = (
             inertia * flight.velocities
             + self.own_pull * own * (flight.best_positions - positions)
@@ -71,7 +75,7 @@ class ParticleSwarm(AbstractPopulationMinimiser):
         velocities = jnp.clip(velocities, -limit, limit)
         return positions + velocities, Flight(velocities, flight.best_positions, flight.best_losses)
 
-    def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
         flight = offspring.memory
         is_better = offspring.losses < flight.best_losses
         flight = Flight(

@@ -12,10 +12,11 @@ from .bmo import bmo
 from .gwo import GreyWolf
 from .ibmo import ibmo, ibmo_centered, ibmo_printed
 from .igwo import ImprovedGreyWolf
-from .population import AbstractPopulationMinimiser, Box, Swarm
+from .population import AbstractPopulationMinimiser
 from .pso import ParticleSwarm
 from .sfo import SailfishSearch
 from .soa import SeagullSearch
+from .swarm import Box, Swarm
 from .woa import WhaleSearch
 
 OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingProxyType(
@@ -62,7 +63,8 @@ def evaluations_per_iteration(optimizer: AbstractPopulationMinimiser) -> int:
     def first_offspring(key, positions, losses):
         box = Box(positions[0], positions[0] + 1)
         swarm = optimizer.prepare(Swarm(positions, losses), box)
-        return optimizer.propose(key, swarm, jnp.array(1), box)[0]
+        drawn = optimizer.draw(key, jnp.array(1), box)
+        return optimizer.propose(drawn, swarm, jnp.array(1), box)[0]
 
     population = optimizer.population
     shapes = jax.eval_shape(

@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import optimistix as optx
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
 
 from .leader import best_of, better_leader
-from .population import AbstractPopulationMinimiser, Box, Swarm, sort_by_loss
+from .population import AbstractPopulationMinimiser
+from .swarm import Box, Swarm, ranks, sort_by_loss
 
 
 class SailfishSearch(AbstractPopulationMinimiser):
@@ -42,15 +44,18 @@ class SailfishSearch(AbstractPopulationMinimiser):
         sailfish, _ = self._schools(swarm)
         return Swarm(swarm.positions, swarm.losses, best_of(sailfish))
 
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Array:
+        # Each fish has two numbers of its own and two rows of numbers, one a dimension.
+        shape = (self.population, 2 + 2 * len(box.lower))
+        return jr.uniform(key, shape, box.lower.dtype)
+
     def propose(
-        self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
+        self, drawn: Array, swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
         sailfish, sardines = self._schools(swarm)
         elite, injured = swarm.memory.position, best_of(sardines).position
         dims, dtype = swarm.positions.shape[1], swarm.positions.dtype
-        # Each fish has two numbers of its own and two rows of numbers, one a dimension.
-        numbers = jr.uniform(key, (self.population, 2 + 2 * dims), dtype)
-        attack_numbers, flee_numbers = jnp.split(numbers, [len(sailfish.losses)])
+        attack_numbers, flee_numbers = jnp.split(drawn, [len(sailfish.losses)])
 
         density = 1 - len(sailfish.losses) / self.population
         rate = density * (2 * attack_numbers[:, :1] - 1)
@@ -60,15 +65,22 @@ class SailfishSearch(AbstractPopulationMinimiser):
         # The paper's A (1 - 2 l eps) with its eps of 0.001 is this at its 500 iterations.
         power = self.attack_power * (1 - generation.astype(dtype) / self.iterations)
         fled = flee_numbers[:, :1] * (elite - sardines.positions + power)
-        is_fleeing = random_subset(flee_numbers[:, 1], power)[:, None]
-        flees_along = jax.vmap(random_subset, (0, None))(flee_numbers[:, 2 : 2 + dims], power)
-        flees = (power >= 0.5) | (is_fleeing & flees_along)
+        flees = lax.cond(
+            power >= 0.5,
+            lambda numbers, power: jnp.ones(fled.shape, bool),
+            lambda numbers, power: (
+                random_subset(numbers[:, 0], power)[:, None]
+                & jax.vmap(random_subset, (0, None))(numbers[:, 1:], power)
+            ),
+            flee_numbers[:, 1 : 2 + dims],
+            power,
+        )
         fleeing = jnp.where(flees, fled, sardines.positions)
 
         born = box.scale(flee_numbers[:, 2 + dims :])
         return jnp.concatenate([attacking, fleeing, born]), swarm.memory
 
-    def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
         moved = jnp.arange(self.population)
         sailfish, sardines = self._schools(_rows(offspring, moved))
         born = _rows(offspring, self.population + jnp.arange(len(sardines.losses)))
@@ -100,9 +112,7 @@ class SailfishSearch(AbstractPopulationMinimiser):
 
 def random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "items"]:
     """A random subset of `share` of the items, rounded down: those of the smallest numbers."""
-    # Counting the smaller ones is several times faster here than sorting.
-    rank = jnp.sum(numbers[None, :] < numbers[:, None], axis=1)
-    return rank.astype(numbers.dtype) < jnp.floor(share * len(numbers))
+    return ranks(numbers).astype(numbers.dtype) < jnp.floor(share * len(numbers))
 
 
 def _rows(swarm: Swarm, rows: Int[Array, "rows"]) -> Swarm:

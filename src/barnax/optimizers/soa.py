@@ -1,7 +1,7 @@
 """SOA, the seagull optimization algorithm."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import jax.random as jr
@@ -9,7 +9,16 @@ import optimistix as optx
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
 
 from .leader import best_of, better_leader
-from .population import AbstractPopulationMinimiser, Box, Swarm
+from .population import AbstractPopulationMinimiser
+from .swarm import Box, Swarm
+
+
+class Flight(NamedTuple):
+    """One generation's numbers: A of each gull, the factor of its spiral, and F of them all."""
+
+    step: Float[Array, "candidates #dims"]
+    spiral: Float[Array, "candidates #dims"]
+    control: Scalar
 
 
 class SeagullSearch(AbstractPopulationMinimiser):
@@ -36,37 +45,29 @@ class SeagullSearch(AbstractPopulationMinimiser):
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, best_of(swarm))
 
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Flight:
+        progress = (generation - 1).astype(box.lower.dtype) / self.iterations
+        control = 2 - 2 * progress
+        columns = 1 if self.spiral_attack else len(box.lower)
+        numbers = jr.uniform(key, (2, self.population, columns), box.lower.dtype)
+        if self.spiral_attack:
+            angle = 2 * jnp.pi * numbers[1]
+            radius = jnp.exp(angle)
+            spiral = (radius * jnp.cos(angle)) * (radius * jnp.sin(angle)) * (radius * angle)
+            return Flight(2 * control**2 * numbers[0], spiral, control)
+        turn = 1 + (control - 1) * numbers[1]
+        spiral = jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn)
+        return Flight(control * (2 * numbers[0] - 1), spiral, control)
+
     def propose(
-        self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
+        self, drawn: Flight, swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
         positions, best = swarm.positions, swarm.memory.position
-        progress = (generation - 1).astype(positions.dtype) / self.iterations
-        control = 2 - 2 * progress
-        attack = _attack_of_the_paper if self.spiral_attack else _attack_of_the_code
-        return attack(key, positions, best, control), swarm.memory
+        migration = drawn.control * positions + drawn.step * (best - positions)
+        if self.spiral_attack:
+            migration = jnp.abs(migration)
+        return migration * drawn.spiral + best, swarm.memory
 
-    def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
         leader = better_leader(offspring.memory, offspring)
         return Swarm(offspring.positions, offspring.losses, leader)
-
-
-def _attack_of_the_code(
-    key: Key[Array, ""], positions: Float[Array, "candidates dims"], best: Array, control: Array
-) -> Float[Array, "candidates dims"]:
-    numbers = jr.uniform(key, (2, *positions.shape), positions.dtype)
-    step = control * (2 * numbers[0] - 1)
-    turn = 1 + (control - 1) * numbers[1]
-    migration = control * positions + step * (best - positions)
-    return migration * jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn) + best
-
-
-def _attack_of_the_paper(
-    key: Key[Array, ""], positions: Float[Array, "candidates dims"], best: Array, control: Array
-) -> Float[Array, "candidates dims"]:
-    numbers = jr.uniform(key, (2, len(positions), 1), positions.dtype)
-    movement = 2 * control**2 * numbers[0]
-    distance = jnp.abs(control * positions + movement * (best - positions))
-    angle = 2 * jnp.pi * numbers[1]
-    radius = jnp.exp(angle)
-    spiral = (radius * jnp.cos(angle)) * (radius * jnp.sin(angle)) * (radius * angle)
-    return distance * spiral + best

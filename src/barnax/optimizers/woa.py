@@ -1,15 +1,26 @@
 """WOA, the whale optimization algorithm."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import jax.random as jr
 import optimistix as optx
-from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
 
 from .leader import best_of, better_leader
-from .population import AbstractPopulationMinimiser, Box, Swarm
+from .population import AbstractPopulationMinimiser
+from .swarm import Box, Swarm
+
+
+class Swim(NamedTuple):
+    """One generation's numbers: one of each a whale, and whom it follows in each dimension."""
+
+    step: Float[Array, "candidates 1"]
+    weight: Float[Array, "candidates 1"]
+    spiral: Float[Array, "candidates 1"]
+    is_spiral: Bool[Array, "candidates 1"]
+    whale: Int[Array, "candidates #dims"]
 
 
 class WhaleSearch(AbstractPopulationMinimiser):
@@ -36,32 +47,38 @@ class WhaleSearch(AbstractPopulationMinimiser):
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, best_of(swarm))
 
-    def propose(
-        self, key: Key[Array, ""], swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
-        positions = swarm.positions
-        best = swarm.memory.position
-        progress = (generation - 1).astype(positions.dtype) / self.iterations
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Swim:
+        dims, dtype = len(box.lower), box.lower.dtype
+        progress = (generation - 1).astype(dtype) / self.iterations
         a = 2 - 2 * progress
-        # Four numbers of its own and a whale for every dimension, one row a whale.
-        numbers = jr.uniform(key, (self.population, 4 + positions.shape[1]), positions.dtype)
-        numbers, whale_numbers = numbers[:, :4].T[:, :, None], numbers[:, 4:]
-        step = 2 * a * numbers[0] - a
-        weight = 2 * numbers[1]
-        turn = 1 - (2 + progress) * numbers[2]
+        own_key, whale_key = jr.split(key)
+        own = jr.uniform(own_key, (4, self.population, 1), dtype)
+        turn = 1 - (2 + progress) * own[2]
+        whales = jr.randint(
+            whale_key,
+            (self.population, 1 if self.one_random_whale else dims),
+            0,
+            self.population,
+            jnp.int32,
+        )
+        return Swim(
+            step=2 * a * own[0] - a,
+            weight=2 * own[1],
+            spiral=jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn),
+            is_spiral=own[3] >= 0.5,
+            whale=whales,
+        )
 
-        random = self._random_whales(whale_numbers, positions)
-        prey = jnp.where(jnp.abs(step) >= 1, random, best)
-        encircling = prey - step * jnp.abs(weight * prey - positions)
-        spiral = jnp.abs(best - positions) * jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn) + best
-        return jnp.where(numbers[3] < 0.5, encircling, spiral), swarm.memory
+    def propose(
+        self, drawn: Swim, swarm: Swarm, generation: Int[Array, ""], box: Box
+    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+        positions, best = swarm.positions, swarm.memory.position
+        random = jnp.take_along_axis(positions, drawn.whale, axis=0)
+        prey = jnp.where(jnp.abs(drawn.step) >= 1, random, best)
+        encircling = prey - drawn.step * jnp.abs(drawn.weight * prey - positions)
+        spiral = jnp.abs(best - positions) * drawn.spiral + best
+        return jnp.where(drawn.is_spiral, spiral, encircling), swarm.memory
 
-    def survive(self, swarm: Swarm, offspring: Swarm) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
         leader = better_leader(offspring.memory, offspring)
         return Swarm(offspring.positions, offspring.losses, leader)
-
-    def _random_whales(self, numbers: Array, positions: Array) -> Array:
-        whale = jnp.floor(numbers * self.population).astype(int)
-        if self.one_random_whale:
-            return positions[whale[:, 0]]
-        return jnp.take_along_axis(positions, whale, axis=0)

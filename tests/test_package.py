@@ -27,7 +27,7 @@ BLOCKS = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 SMALLER = {
     "seeds=30": "seeds=2",
     "iterations=500": "iterations=5",
-    "ibmo_centered()": "ibmo_centered(iterations=5)",
+    "ibmo()": "ibmo(iterations=5)",
     "(0), 30)": "(0), 2)",
 }
 

@@ -69,3 +69,43 @@ def test_any_span_of_errors_has_labeled_ticks(lowest_v):
         if low <= tick.get_loc() <= high and tick.label1.get_text()
     ]
     assert len(ticks) >= 3
+
+
+LOSSES = np.array([[8.0, 2.0, 0.0], [np.inf, 4.0, 1.0]])
+STATS = {"history": LOSSES, "population": np.array([10, 10]), "evaluations": np.array([30, 30])}
+
+
+def test_the_stats_of_searches_used_alone_are_drawn_as_losses():
+    (axes,) = plot_convergence(STATS).axes
+    *seeds, median = axes.get_lines()
+    assert axes.get_ylabel() == "Best loss"
+    for line, drawn in zip(seeds, [[8.0, 2.0, 0.1], [np.nan, 4.0, 1.0]], strict=True):
+        np.testing.assert_allclose(line.get_xdata(), [10, 20, 30])
+        np.testing.assert_allclose(line.get_ydata(), drawn)
+    np.testing.assert_allclose(median.get_ydata(), [np.nan, 3.0, 0.55])
+
+
+def test_one_search_used_alone_is_one_seed():
+    stats = {"history": LOSSES[0], "population": 10, "evaluations": 30}
+    (axes,) = plot_convergence(stats).axes
+    assert axes.get_legend_handles_labels()[1] == ["one seed"]
+    np.testing.assert_allclose(axes.get_lines()[0].get_ydata(), [8.0, 2.0, 0.2])
+
+
+@pytest.mark.parametrize("lowest", [-3.0, 0.0])
+def test_losses_without_a_logarithm_are_drawn_on_a_linear_axis(lowest):
+    history = np.array([0.0, lowest, lowest])
+    figure = plot_convergence({"history": history, "population": 10, "evaluations": 30})
+    figure.savefig(io.BytesIO())
+    assert figure.axes[0].get_yscale() == "linear"
+    np.testing.assert_array_equal(figure.axes[0].get_lines()[0].get_ydata(), history)
+
+
+def test_searches_that_failed_altogether_make_an_empty_figure():
+    figure = plot_convergence(STATS | {"history": np.full((2, 3), np.inf)})
+    figure.savefig(io.BytesIO())
+
+
+def test_stats_of_another_solver_are_refused():
+    with pytest.raises(ValueError, match="lack history, population"):
+        plot_convergence({"num_steps": 3, "evaluations": 30})

@@ -60,8 +60,9 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
 
     A loss that is NaN or infinite counts as infinite and can never become the best. The
     solution's `stats` hold `best_loss`, `history` (the best loss after each generation, the
-    initial population first), `evaluations`, and `failures` (losses that were not finite). Where
-    every loss was infinite the result is `RESULTS.nonfinite`.
+    initial population first), `evaluations`, `population` (the initial evaluations among them)
+    and `failures` (losses that were not finite); `barnax.plots.plot_convergence(stats)` draws
+    them. Where every loss was infinite the result is `RESULTS.nonfinite`.
     """
 
     population: AbstractVar[int]
@@ -201,6 +202,7 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
             "best_loss": state.best_loss,
             "history": state.history,
             "evaluations": state.evaluations,
+            "population": jnp.array(self.population),
             "failures": state.failures,
         }
         return state.best_position.reshape(y.shape), state.best_aux, stats

@@ -1,6 +1,7 @@
-"""How every seed's best RMSE fell during the search."""
+"""How every seed's best error, or loss, fell during the search."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -22,42 +23,76 @@ LEAST_EXCESS_PERCENT = 1e-6
 
 @figure_style()
 def plot_convergence(
-    identification: "Identification", checked: "CrossCheck | None" = None
+    searches: "Identification | Mapping[str, Any]", checked: "CrossCheck | None" = None
 ) -> Figure:
-    """Best RMSE of each seed in mV over the evaluations it has spent, and the median of all seeds.
+    """Best RMSE, or loss, of each seed over the evaluations it has spent, and the seeds' median.
 
-    With `checked`, a second panel shows how far each is above the refined RMSE, in percent;
-    excesses under 1e-6 % are drawn there. Generations count as equally expensive. Generations
-    before a seed's first finite error are not drawn, and count as infinite in the median.
+    `searches` is an identification, drawn in mV, or the `stats` of population optimizers used
+    alone: those of one `optimistix.minimise`, or of many under `jax.vmap`. With `checked`, a
+    second panel shows how far each seed of an identification is above the refined RMSE, in
+    percent; excesses under 1e-6 % are drawn there. Generations count as equally expensive.
+    Generations before a seed's first finite value are not drawn, and count as infinite in the
+    median. Losses of zero are drawn below all others; the axis is linear if some are negative.
+
+    Raises `ValueError` for stats of another kind of solver.
     """
-    population = identification.optimizer.population
-    history_mv = 1e3 * np.array([seed.history_v for seed in identification.seeds])
-    evaluations = np.array(
-        [
-            np.linspace(population, seed.evaluations, history_mv.shape[1])
-            for seed in identification.seeds
-        ]
-    )
-    # A refined RMSE of zero, as of data without noise, has neither excess nor a logarithm.
-    refined_mv = 0.0 if checked is None else 1e3 * checked.rmse_v
     figure = make_figure()
+    if isinstance(searches, Mapping):
+        panels = [_plot_losses(figure, searches)]
+    else:
+        panels = _plot_errors(figure, searches, 0.0 if checked is None else 1e3 * checked.rmse_v)
+    for axes in panels:
+        axes.set_xlabel("Evaluations of one seed [-]")
+        axes.set_xscale("log")
+        if axes.get_yscale() == "log":
+            _place_ticks(axes)
+    finish_axes(*panels)
+    legend_above(figure, panels[0], columns=3)
+    return figure
+
+
+def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
+    """One panel from the stats of one or many searches."""
+    missing = [name for name in ("history", "population", "evaluations") if name not in stats]
+    if missing:
+        raise ValueError(
+            f"the stats lack {', '.join(missing)}; pass the `stats` that optimistix.minimise "
+            "returns for an optimizer of barnax, whole"
+        )
+    history = np.atleast_2d(np.asarray(stats["history"]))
+    first, last = (
+        np.broadcast_to(stats[name], len(history)) for name in ("population", "evaluations")
+    )
+    axes = figure.subplots()
+    finite = history[np.isfinite(history)]
+    is_logarithmic = bool((finite >= 0).all() and (finite > 0).any())
+    if is_logarithmic:
+        axes.set_yscale("log")
+        history = np.maximum(history, finite[finite > 0].min() / 10)
+    _draw_seeds(axes, np.linspace(first, last, history.shape[1], axis=1), history)
+    axes.set_ylabel("Best loss")
+    return axes
+
+
+def _plot_errors(figure: Figure, found: "Identification", refined_mv: float) -> list[Axes]:
+    """A panel of RMSE and, where a refined RMSE is given, one of the excess over it.
+
+    A refined RMSE of zero, as of data without noise, has neither excess nor a logarithm.
+    """
+    history_mv = 1e3 * np.array([seed.history_v for seed in found.seeds])
+    spent = np.array([seed.evaluations for seed in found.seeds])
+    evaluations = np.linspace(found.optimizer.population, spent, history_mv.shape[1], axis=1)
     rmse, *excess = figure.subplots(1, 2 if refined_mv > 0 else 1, squeeze=False)[0]
     _draw_seeds(rmse, evaluations, history_mv)
-    rmse.set_ylabel("Best RMSE [mV]")
+    rmse.set(ylabel="Best RMSE [mV]", yscale="log")
     if refined_mv > 0:
         rmse.axhline(
             refined_mv, color=VERMILLION, linestyle="--", label=f"refined, {refined_mv:.4g} mV"
         )
         excess_percent = 100 * (history_mv / refined_mv - 1)
         _draw_seeds(excess[0], evaluations, np.maximum(excess_percent, LEAST_EXCESS_PERCENT))
-        excess[0].set_ylabel("Best RMSE above the refined [%]")
-    for axes in (rmse, *excess):
-        axes.set_xlabel("Evaluations of one seed [-]")
-        axes.set_xscale("log")
-        _scale_logarithmically(axes)
-    finish_axes(rmse, *excess)
-    legend_above(figure, rmse, columns=3)
-    return figure
+        excess[0].set(ylabel="Best RMSE above the refined [%]", yscale="log")
+    return [rmse, *excess]
 
 
 def _draw_seeds(axes: Axes, evaluations: Histories, values: Histories) -> None:
@@ -87,9 +122,8 @@ def _count(seeds: int) -> str:
     return "one seed" if seeds == 1 else f"each of {seeds} seeds"
 
 
-def _scale_logarithmically(axes: Axes) -> None:
-    """A logarithmic vertical axis with plain numbers, also where it spans less than a decade."""
-    axes.set_yscale("log")
+def _place_ticks(axes: Axes) -> None:
+    """Plain numbers on a logarithmic axis, also where it spans less than a decade."""
     low, high = axes.get_ylim()
     if high / low > 1e4:
         return

@@ -1,4 +1,4 @@
-/* Baseline of core_speed.py: squared error of many two-RC circuits on one record.
+/* Baseline of benchmarks/speed: squared error of many two-RC circuits on one record.
  * Candidates are SIMD lanes: every inner loop runs over a block of LANES of them. */
 #include <stddef.h>
 

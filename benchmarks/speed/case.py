@@ -1,0 +1,64 @@
+"""What is timed: the bundled cell's identification record, one second a sample."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import barnax
+from barnax.coordinates import Coordinates
+from barnax.problem import Kind
+from barnax.simulate import Drive, Intervals
+
+
+@cache
+def bundled_cell() -> barnax.CellModel:
+    """The bundled cell."""
+    tests = [
+        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
+    ]
+    return barnax.characterize(tests)
+
+
+@cache
+def bundled_record() -> barnax.Record:
+    """The bundled record that `barnax identify` takes, 19,680 samples."""
+    return barnax.read_record(barnax.bundled_file("identification"))
+
+
+def bundled_problem(kind: Kind = "scan") -> barnax.Problem:
+    """A fresh problem, as `barnax identify` sees it. Nothing is reduced or compiled yet."""
+    return barnax.make_problem(bundled_record(), bundled_cell(), objective=kind)
+
+
+def points_of(problem: barnax.Problem, count: int) -> Float[Array, "points free"]:
+    """Random points in a problem's box, always the same."""
+    return points_in(problem.coordinates, count)
+
+
+def points_in(box: Coordinates, count: int) -> Float[Array, "points free"]:
+    """Random points in a box, always the same."""
+    fractions = jax.random.uniform(jax.random.key(count), (count, len(box.lower)), box.lower.dtype)
+    return box.lower + fractions * (box.upper - box.lower)
+
+
+def drive_of(problem: barnax.Problem, samples: int) -> Drive:
+    """The problem's record repeated or cut to a length."""
+    drive = problem.drives[0]
+
+    def stretch(values: Float[Array, "samples"]) -> Float[Array, "samples"]:
+        return jnp.asarray(np.resize(np.asarray(values), samples))
+
+    return Drive(
+        current_a=stretch(drive.current_a),
+        held_a=stretch(drive.held_a),
+        source_v=stretch(drive.source_v),
+        base_error_v=stretch(drive.base_error_v),
+        weight=None,
+        scored=jnp.asarray(float(samples)),
+        intervals=Intervals.measure(
+            np.arange(samples, dtype=float), problem.coordinates.shortest_tau_s
+        ),
+    )

@@ -1,0 +1,148 @@
+"""The rows of the table, all in the same turns."""
+
+import numpy as np
+
+import barnax
+from barnax.descent import Descent
+from barnax.refinement import SEED_TOLERANCE
+
+from .case import bundled_problem, points_in, points_of
+from .filtered import Filtered
+from .kernel import Kernel, lanes_of
+from .row import Row
+from .searches import generations, identify, one_search, reduce_record
+from .sizes import POPULATION, Sizes
+from .turns import Run, Taken, take_turns
+
+LARGE = 900
+# Two optima of one problem that are the same optimum.
+SAME = 1e-3
+
+
+def time_generations(name: str, kernel: Kernel, sizes: Sizes) -> list[Row]:
+    """One generation by the scan against the kernel, two populations."""
+    problem = bundled_problem()
+    objective, drive = problem.objective, problem.drives[0]
+    arrays = [np.asarray(each) for each in (drive.current_a, drive.base_error_v)]
+    count = sizes.generations_a_turn
+    runs: dict[str, Run] = {}
+    for population in (POPULATION, LARGE):
+        points = points_of(problem, population)
+        lanes = lanes_of(problem, points)
+        ours = generations(objective, points, 1)()[0] ** 2 * len(arrays[0])
+        difference = max(abs(kernel(lanes, *arrays)[:population] / ours - 1))
+        if not difference < 1e-9:
+            raise SystemExit(f"the kernel and the scan disagree by {difference:.1e}")
+        runs[f"scan {population}"] = Run(generations(objective, points, count), each=count)
+        runs[f"kernel {population}"] = Run(lambda lanes=lanes: kernel(lanes, *arrays), calls=count)
+    taken = take_turns(runs, 3 * sizes.turns)
+    samples = f"{len(arrays[0]):,} samples"
+    return [
+        _at_most(
+            f"one generation, scan, {population} candidates x {samples}, f64",
+            taken, f"scan {population}", f"kernel {population}", name, aim,
+        )
+        for population, aim in ((POPULATION, 3.0), (LARGE, 2.5))
+    ]  # fmt: skip
+
+
+def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], list[str]]:
+    """Everything that is compared with whole searches, and what the runs found."""
+    scan, short = bundled_problem("scan"), bundled_problem("compressed")
+    filtered = Filtered(scan)
+    arrays = (filtered.current_a, filtered.base_v)
+    lanes = lanes_of(scan, points_of(scan, POPULATION))
+    nodes = len(short.compressed.in_tau.nodes)
+    node_lanes = lanes_of(scan, points_of(scan, nodes))
+    logs = scan.objective_in("log").coordinates
+    starts = np.asarray(points_in(logs, sizes.starts))
+    circuits = short.parameters_at(starts, logs)
+    descent = Descent(short)
+    found: dict[str, object] = {}
+
+    def keep(key, call):
+        def run():
+            found[key] = call()
+
+        return run
+
+    def generations_of_kernel():
+        for _ in range(sizes.generations):
+            kernel(lanes, *arrays)
+
+    budget = sizes.generations, POPULATION
+    runs = {
+        "de": Run(keep("de", lambda: filtered.evolve(*budget))),
+        "scan": Run(one_search(scan.objective, sizes)),
+        "kernel": Run(generations_of_kernel),
+        "compressed": Run(one_search(short.objective, sizes), calls=5),
+        "trf": Run(keep("trf", lambda: filtered.descend(starts))),
+        "lm": Run(keep("lm", lambda: descent(circuits, SEED_TOLERANCE)), calls=5),
+        "optimum": Run(
+            keep("optimum", lambda: barnax.global_optimum(bundled_problem(), prove=False))
+        ),
+        "certified": Run(keep("certified", lambda: barnax.global_optimum(bundled_problem()))),
+        "seeds": Run(
+            keep("seeds", lambda: identify(bundled_problem("compressed"), sizes, sizes.seeds))
+        ),
+        "nodes": Run(lambda: kernel(node_lanes, *arrays), calls=10),
+        "reduction": Run(lambda: reduce_record(short), calls=3),
+    }
+    taken = take_turns(runs, sizes.turns)
+    search = f"full search {POPULATION} x {sizes.generations}"
+    evaluations = f"{POPULATION * sizes.generations:,} evaluations"
+    de = f"NumPy + lfilter + SciPy DE, {evaluations}"
+    alone = f"{name}, {sizes.generations} generations alone"
+    after = "compressed, after the reduction"
+    optimum = "global optimum, the reduction included"
+    single = "the program of one seed; a search by `identify` runs eight seeds at a time"
+    trf = f"lfilter + least_squares TRF, {sizes.starts} starts"
+    rows = [
+        _faster(f"{search}, scan", taken, "scan", "de", de, 15.0, note=single),
+        _at_most("the reduction of one record", taken, "reduction", "nodes",
+                 f"one pass of the {name}, {node_lanes.shape[1]} lanes for {nodes} nodes", 5.0),
+        _faster(f"{search}, {after}", taken, "compressed", "de", de, 100.0, note=single),
+        _faster(f"{search}, {after}", taken, "compressed", "kernel", alone, 2.0, note=single),
+        _faster(f"{sizes.seeds} seeds, compressed, the reduction included", taken, "seeds",
+                "kernel", f"{sizes.seeds} x {alone}", 6.0, times=sizes.seeds,
+                note="`make_problem` and `identify` as a user calls them"),
+        _faster(f"multi-start LM from {sizes.starts} starts, {after}", taken, "lm", "trf", trf,
+                20.0),
+        _faster(f"{optimum}, not proved", taken, "optimum", "de", de, 30.0,
+                note="`make_problem` and `global_optimum(problem, prove=False)`"),
+        _faster(f"{optimum}, with its certificate", taken, "certified", "de", de, 30.0,
+                note="`make_problem` and `global_optimum(problem)`"),
+    ]  # fmt: skip
+    return rows, _what_was_found(found)
+
+
+def _what_was_found(found: dict) -> list[str]:
+    """The RMSE each method reached: a fast wrong answer is none."""
+    optimum = found["certified"]
+    descents = [each.rmse_v for each in found["lm"]]
+    filtered = [float((2 * each.cost / len(each.fun)) ** 0.5) for each in found["trf"]]
+    best = (1 + SAME) * optimum.rmse_v
+    return [
+        f"global optimum: {1e3 * optimum.rmse_v:.4f} mV, {optimum.status}; without proof "
+        f"{1e3 * found['optimum'].rmse_v:.4f} mV",
+        f"LM: best {1e3 * min(descents):.4f} mV, "
+        f"{sum(each < best for each in descents)} of {len(descents)} starts at the optimum",
+        f"TRF from the same starts: best {1e3 * min(filtered):.4f} mV, "
+        f"{sum(each < best for each in filtered)} of {len(filtered)} starts at the optimum, "
+        f"{sum(each.nfev for each in found['trf'])} evaluations without those of its Jacobians",
+        f"SciPy DE: {1e3 * found['de'].fun:.4f} mV",
+        f"ibmo, best of all seeds: {1e3 * found['seeds'].best.rmse_v:.4f} mV",
+    ]
+
+
+def _faster(
+    work: str, taken: Taken, ours: str, other: str, baseline: str, aim: float, *,
+    times: int = 1, note: str = "",
+) -> Row:  # fmt: skip
+    ratio = times * taken.ratio(other, ours)
+    return Row(work, taken[ours], baseline, times * taken[other], ratio, "times faster", aim, note)
+
+
+def _at_most(work: str, taken: Taken, ours: str, other: str, baseline: str, aim: float) -> Row:
+    ratio = taken.ratio(ours, other)
+    return Row(work, taken[ours], baseline, taken[other], ratio, "times as long", aim)

@@ -53,6 +53,8 @@ def _one_s(folder: Path, objective: str, number: int) -> float:
     begin = time.perf_counter()
     subprocess.run(
         [*command, "--out", str(folder / f"out{number}")],
-        check=True, env=environment, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+        check=True,
+        env=environment,
+        capture_output=True,
+    )
     return time.perf_counter() - begin

@@ -251,10 +251,11 @@ def main() -> None:
         f"{BUDGET.population}, {BUDGET.iterations} generations, {BUDGET.seeds} seeds (the paper "
         f"gives one answer; here it is the median seed's, unrefined), key {BUDGET.key}.",
         "",
-        "**The cells differ.** The paper's cell and data are not public (an 18650 ternary cell of 2 Ah; its box, "
-        "sampling interval and initial states are not given). The bundled cell is simulated, a "
-        "DFN with open-circuit hysteresis and noise. No figure can be expected to agree; what can "
-        "be compared is the order of the rows, what the corrections bring, and rough sizes.",
+        "**The cells differ.** The paper's cell and data are not public (an 18650 ternary cell of "
+        "2 Ah; its box, sampling interval and initial states are not given). The bundled cell is "
+        "simulated, a DFN with open-circuit hysteresis and noise. No figure can be expected to "
+        "agree; what can be compared is the order of the rows, what the corrections bring, and "
+        "rough sizes.",
         "",
         "## Table 3: parameters",
         "",

@@ -76,7 +76,9 @@ def test_the_tables_print_what_the_result_stores(finished):
     validation = result.metrics.validation[0]
     assert float(lines["validation.parquet"][1]) == pytest.approx(1e3 * validation.rmse_v, abs=1e-3)
     assert f"Verdict: {result.refined.verdict}".split() == (
-        finished.outcome.out[finished.outcome.out.index("Verdict") :].split("OCV from")[0].split()
+        finished.outcome.out[finished.outcome.out.index("Verdict") :]
+        .split("Global optimum")[0]
+        .split()
     )
 
 

@@ -13,14 +13,14 @@ import pytest
 from .conftest import contents, run_command
 
 WORDS = (
-    *("identify", "--quiet", "--seeds", "24", "--population", "8", "--iterations", "60"),
+    *("identify", "--quiet", "--seeds", "24", "--population", "8", "--iterations", "30"),
     *("--score-to", "1500"),
 )
 
 
-def start(folder: Path) -> subprocess.Popen:
+def start(folder: Path, stderr: int = subprocess.DEVNULL) -> subprocess.Popen:
     command = [sys.executable, "-m", "barnax", *WORDS, "--out", str(folder), "--force"]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr)
 
 
 def journal_of(folder: Path) -> Path:
@@ -45,7 +45,7 @@ def kill_many_times(times: int, whole: Path, folder: Path) -> None:
     before, moments = contents(folder), random.Random(times)
     for _ in range(times):
         process = start(folder)
-        time.sleep(moments.uniform(0.2, 6.0))
+        time.sleep(moments.uniform(0.2, 4.0))
         process.send_signal(moments.choice([signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
         process.wait(60)
         # Either the old result or the new one, whole.
@@ -83,7 +83,7 @@ def test_a_run_goes_on_from_its_journal(whole, tmp_path, monkeypatch):
 
 
 def test_an_interrupted_process_says_that_it_can_be_resumed(tmp_path):
-    process = start(tmp_path / "out")
+    process = start(tmp_path / "out", subprocess.PIPE)
     time.sleep(3)
     process.send_signal(signal.SIGTERM)
     _, err = process.communicate(timeout=60)

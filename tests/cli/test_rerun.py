@@ -6,6 +6,8 @@ import shutil
 import pytest
 
 from barnax.bundled import BUNDLED
+from barnax.cli import rerun
+from barnax.result import Result
 
 from .conftest import BUDGET
 
@@ -25,7 +27,20 @@ def test_the_same_machine_gives_the_same_bytes(run, finished):
     assert "The same bytes came out" in outcome.out
 
 
-def test_a_result_that_cannot_be_reached_any_more_is_a_finding(run, finished, tmp_path):
+@pytest.fixture
+def repeats(finished, monkeypatch):
+    """The stored command gives the finished result again; the words it was run with."""
+    words = []
+
+    def again(command, folder):
+        words.append(command)
+        return Result.from_json(finished.folder / "result.json")
+
+    monkeypatch.setattr(rerun, "_run", again)
+    return words
+
+
+def test_a_result_that_cannot_be_reached_any_more_is_a_finding(run, finished, tmp_path, repeats):
     def change(document):
         document["refined"]["rmse [V]"] *= 1.01
         document["parameters"]["R0 [Ohm]"] *= 1.5
@@ -36,7 +51,7 @@ def test_a_result_that_cannot_be_reached_any_more_is_a_finding(run, finished, tm
     assert "R0" in outcome.out
 
 
-def test_other_versions_with_the_same_error_agree(run, finished, tmp_path):
+def test_other_versions_with_the_same_error_agree(run, finished, tmp_path, repeats):
     def change(document):
         document["versions"]["jax"] = "0.0.1"
 
@@ -46,18 +61,18 @@ def test_other_versions_with_the_same_error_agree(run, finished, tmp_path):
     assert "agrees to" in outcome.out
 
 
-def test_files_are_found_by_name_and_known_by_content(run, tmp_path):
+def test_files_are_found_by_name_and_known_by_content(run, finished, tmp_path, repeats):
     files = tmp_path / "files"
     files.mkdir()
-    names = [shutil.copy(path, files / path.name) for path in (BUNDLED.record, *BUNDLED.ocv)]
-    out = tmp_path / "out"
-    words = ("identify", names[0], "--ocv", names[1], "--ocv", names[2], *BUDGET)
-    assert run(*words, "--out", out).status == 0
-    result = out / "result.json"
+    shutil.copy(BUNDLED.record, files)
 
+    def change(document):
+        document["command"] = ["barnax", "identify", BUNDLED.record.name, "--seeds=2"]
+
+    result = altered(finished, tmp_path, change)
     assert "is in none of" in run("rerun", result).err
-    outcome = run("rerun", result, "--data", files)
-    assert (outcome.status, "same bytes" in outcome.out) == (0, True)
+    run("rerun", result, "--data", files)
+    assert repeats == [["identify", str(files / BUNDLED.record.name), "--seeds=2"]]
     shutil.copy(BUNDLED.validation, files / BUNDLED.record.name)
     outcome = run("rerun", result, "--data", files)
     assert outcome.status == 2

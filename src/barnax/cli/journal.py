@@ -41,6 +41,9 @@ class Journal(MutableMapping[str, Arrays]):
             if not kept:
                 self._append({"barnax journal": VERSION, "run": run})
         except OSError as problem:
+            if not self._done:
+                with suppress(OSError):
+                    self.path.unlink(missing_ok=True)
             raise InputError(
                 f"{path}: cannot be written to ({problem.strerror or problem}); give --out a "
                 "folder elsewhere"

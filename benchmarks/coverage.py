@@ -25,7 +25,7 @@ from barnax.trust.assessment import assess
 from barnax.trust.bootstrap import bootstrap
 from barnax.trust.covariance import CONFIDENCE, Uncertainty, uncertainty
 from barnax.trust.linearization import linearize
-from barnax.trust.refit import Refit
+from barnax.trust.refit import Ends, Refit
 
 RESULTS = Path(__file__).parent / "results" / "coverage.md"
 RECORDS, SEED, KEY = 200, 20, 0
@@ -66,10 +66,15 @@ CIRCUITS = (
 
 @dataclass(frozen=True)
 class Coverage:
-    """Shares of records whose interval holds the truth, and mean inflation, by parameter."""
+    """Shares of records whose interval holds the truth, and mean inflation, by parameter.
+
+    `profile` has the parameters that are refined themselves, `held` counts records with one at a
+    bound.
+    """
 
     trusted: dict[str, float]
     plain: dict[str, float]
+    profile: dict[str, float]
     inflation: dict[str, float]
     held: int
 
@@ -87,26 +92,57 @@ def coverage(
     refit = Refit(problem)
     scored = course.scored
     start = refit.encode(truth)
-    ends = refit(
-        np.broadcast_to(start, (records, len(start))),
-        base_v=refit.voltages.project(base_v[:, scored]),
-    )
+    projected = refit.voltages.project(base_v[:, scored])
+    ends = refit(np.broadcast_to(start, (records, len(start))), base_v=projected)
     found = problem.parameters_at(list(ends.points), refit.box)
     hits: dict[str, list[tuple[bool, bool, float]]] = {}
-    held = 0
+    every = []
     for parameters, base in zip(found, base_v, strict=True):
         changed = _with_voltage(problem, course.source_v + base)
         sure = uncertainty(parameters, linearize(changed, parameters))
-        held += len(sure.names) < len(start)
+        every.append(sure)
         for name, value in _values(truth).items():
             hits.setdefault(name, []).append(_holds(sure, name, value))
     table = {name: np.array(rows, float).mean(axis=0).tolist() for name, rows in hits.items()}
+    rises = _rises_at(start, refit, ends, projected)
+    held = sum(len(sure.names) < len(start) for sure in every)
     return Coverage(
+        profile={
+            name: float(
+                np.mean(
+                    [_is_below(sure, name, rise) for sure, rise in zip(every, row, strict=True)]
+                )
+            )
+            for name, row in rises.items()
+        },
         trusted={name: row[0] for name, row in table.items()},
         plain={name: row[1] for name, row in table.items()},
         inflation={name: row[2] for name, row in table.items()},
         held=held,
     )
+
+
+def _rises_at(
+    truth: np.ndarray, refit: Refit, ends: Ends, projected: np.ndarray
+) -> dict[str, np.ndarray]:
+    """How much of the squared error each parameter adds where it is held at its truth."""
+    rises = {}
+    for slot, name in enumerate(refit.box.names):
+        matrix = np.diag(np.arange(len(truth)) != slot).astype(float)
+        shift = np.where(np.arange(len(truth)) == slot, truth, 0.0)
+        shifts = np.broadcast_to(shift, ends.points.shape)
+        there = refit(ends.points, base_v=projected, matrix=matrix, shift=shifts)
+        rises[name] = (there.rmse_v / ends.rmse_v) ** 2 - 1
+    return rises
+
+
+def _is_below(sure: Uncertainty, name: str, rise: float) -> bool:
+    """Whether the profile has not risen to its threshold, as `barnax.trust.profile` has it."""
+    estimate = sure[name]
+    if estimate.inflation is None or estimate.degrees_of_freedom is None:
+        return False
+    quantile = student.ppf((1 + CONFIDENCE) / 2, estimate.degrees_of_freedom)
+    return bool(rise <= (quantile * estimate.inflation) ** 2 / (sure.samples - len(sure.names)))
 
 
 def _holds(sure: Uncertainty, name: str, truth: float) -> tuple[bool, bool, float]:
@@ -163,8 +199,11 @@ def simulated_page() -> list[str]:
         ]
         for noise in NOISES:
             found = coverage(problem, truth, noise, RECORDS, SEED)
-            for kind, shares in (("trusted", found.trusted), ("plain", found.plain)):
-                cells = " | ".join(f"{100 * shares[name]:.1f} %" for name in names)
+            kinds = {"trusted": found.trusted, "profile": found.profile, "plain": found.plain}
+            for kind, shares in kinds.items():
+                cells = " | ".join(
+                    f"{100 * shares[name]:.1f} %" if name in shares else "-" for name in names
+                )
                 lines.append(f"| {noise.name} | {kind} | {cells} | {found.held} |")
             cells = " | ".join(f"{found.inflation[name]:.1f}" for name in names)
             lines.append(f"| {noise.name} | inflation | {cells} | |")

@@ -162,7 +162,7 @@ def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_
 def test_the_readme_names_only_options_that_exist():
     blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL))
     commands = re.findall(r"^barnax (\w+) ((?:.*\\\n)*.*)$", blocks, re.MULTILINE)
-    assert {name for name, _ in commands} == {"identify", "validate", "export", "check"}
+    assert {name for name, _ in commands} == {"identify", "validate", "compare", "export", "check"}
     for name, words in commands:
         known = get_command(app).commands[name].params
         options = {option for parameter in known for option in parameter.opts}

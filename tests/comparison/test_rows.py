@@ -141,6 +141,7 @@ def test_watching_tells_of_every_row_and_its_seeds(comparison, watched):
     assert [watched[name] for name in names] == [1, 1, BUDGET.seeds, BUDGET.seeds, 0]
 
 
+@pytest.mark.slow
 def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled_cell):
     compared = compare(
         bundled_record,

@@ -112,6 +112,7 @@ def test_the_example_runs():
     assert doctest.testmod(importlib.import_module("barnax.doctor.diagnose")).failed == 0
 
 
+@pytest.mark.slow
 def test_a_million_rows_take_seconds(tmp_path):
     table = pl.concat([frame().with_columns(pl.col(TIME) + 19_680.0 * k) for k in range(51)])
     table.write_parquet(tmp_path / "long.parquet")

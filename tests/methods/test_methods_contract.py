@@ -64,6 +64,7 @@ def test_a_source_is_named(ran):
     assert len(METHODS[ran[0]].source) > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BOXED)
 def test_answers_lie_in_the_box(name, known_problem):
     bounds = {"R1 [Ohm]": (0.001, 0.01), "tau2 [s]": (20.0, 60.0)}

@@ -9,8 +9,6 @@ from barnax.bundled import BUNDLED
 from barnax.cli import rerun
 from barnax.result import Result
 
-from .conftest import BUDGET
-
 
 def altered(finished, folder, change):
     """A copy of the finished result with something changed."""

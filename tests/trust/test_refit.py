@@ -1,0 +1,80 @@
+"""Refits on reduced voltages against the scan, for every kind of problem."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.cell import CircuitParameters
+from barnax.problem import make_problem, rmse_by_scan
+from barnax.trust.assessment import assess
+from barnax.trust.refit import Refit
+from barnax.window import Window
+
+from .made import TRUTH, cross_check, made_problem
+
+
+def white(seed=0, sd_v=1e-3):
+    return np.random.default_rng(seed).normal(0, sd_v, 1501)
+
+
+@pytest.fixture(scope="module")
+def jointly(short_problem):
+    """One circuit under two voltages of the same current."""
+    first, second = (made_problem(short_problem, white(seed)) for seed in (0, 1))
+    return replace(first, courses=(*first.courses, *second.courses))
+
+
+@pytest.fixture(scope="module")
+def turning(short_problem):
+    """A problem with dynamic hysteresis."""
+    course = short_problem.course
+    window = Window(initial_soc=course.initial_soc, score_from_s=200.0, score_to_s=1500.5)
+    return make_problem(course.record, short_problem.cell, "esc", window=window)
+
+
+@pytest.mark.parametrize("kind", ["jointly", "turning"])
+def test_the_error_of_a_held_circuit_is_the_scan_s(kind, request):
+    problem = request.getfixturevalue(kind)
+    gamma = 30.0 if problem.bounds.has_rate else None
+    circuit = CircuitParameters(TRUTH.r0, TRUTH.r, TRUTH.c, gamma)
+    refit = Refit(problem)
+    point = refit.encode(circuit)
+    ends = refit(point[None], matrix=np.zeros((len(point), len(point))), shift=point[None])
+    assert ends.points[0] == pytest.approx(point)
+    assert ends.rmse_v[0] == pytest.approx(rmse_by_scan(problem, [circuit])[0], rel=1e-7)
+
+
+def test_another_voltage_is_fitted_as_if_it_were_the_record_s(short_problem):
+    problem = made_problem(short_problem, white(0))
+    changed = made_problem(short_problem, white(1))
+    refit, own = Refit(problem), Refit(changed)
+    start = refit.encode(TRUTH)[None]
+    foreign = refit(start, base_v=refit.voltages.project(own.voltages.own_v[None]))
+    np.testing.assert_allclose(foreign.points, own(start).points, rtol=1e-5)
+    np.testing.assert_allclose(foreign.rmse_v, own(start).rmse_v, rtol=1e-8)
+
+
+def test_how_many_fits_run_at_a_time_changes_no_bit(short_problem):
+    problem = made_problem(short_problem, white(0))
+    refit = Refit(problem)
+    starts = refit.encode(TRUTH) + 0.1 * np.random.default_rng(2).normal(size=(11, 5))
+    together = refit(starts)
+    alone = refit(starts[9:10])
+    assert np.array_equal(together.points[9], alone.points[0])
+    assert together.rmse_v[9] == alone.rmse_v[0]
+
+
+def test_records_identified_jointly_are_assessed_together(jointly):
+    checked = cross_check(jointly)
+    together = assess(checked)
+    assert together.near.samples == 2 * 1501
+    assert np.all(np.diff(together.near.time_s) > 0)
+    # Two records tell more than one: errors shrink by about the root of two.
+    alone = assess(cross_check(replace(jointly, courses=jointly.courses[:1])))
+    ratio = [
+        together.uncertainty[name].plain_relative_error
+        / alone.uncertainty[name].plain_relative_error
+        for name in together.uncertainty.names
+    ]
+    np.testing.assert_allclose(ratio, np.sqrt(0.5), rtol=0.15)

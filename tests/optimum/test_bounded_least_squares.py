@@ -47,7 +47,7 @@ def expected_error(columns, base, low, high):
     likeness=st.sampled_from([0.0, 0.9, 0.9999, 1.0]),
     pinned=st.booleans(),
 )
-def test_every_problem_reaches_the_error_of_scipys_exact_solver(unknowns, seed, likeness, pinned):
+def test_no_problem_ends_above_the_error_of_scipys_exact_solver(unknowns, seed, likeness, pinned):
     rng = np.random.default_rng(seed)
     columns = rng.standard_normal((30, ROWS, unknowns)) * 10 ** rng.uniform(-2, 2, unknowns)
     columns = likeness * columns[:, :, :1] + (1 - likeness) * columns
@@ -58,8 +58,10 @@ def test_every_problem_reaches_the_error_of_scipys_exact_solver(unknowns, seed, 
         high[:, 0] = low[:, 0]
     found = solved(columns, base, low, high)
     assert np.all((low <= found) & (found <= high))
-    errors = error(columns, base, found)
-    np.testing.assert_allclose(errors, expected_error(columns, base, low, high), rtol=1e-9)
+    # Inside the box nothing is below the optimum; where columns are nearly alike SciPy's solver
+    # itself can stop above it.
+    excess = error(columns, base, found) / expected_error(columns, base, low, high) - 1
+    assert excess.max() < 1e-9
 
 
 def test_equal_columns_share_one_value_as_if_there_were_one():

@@ -33,6 +33,7 @@ def encode(figure: Figure, kind: Kind = "png", dpi: int = DPI) -> bytes:
         engine = figure.get_layout_engine()
         if engine is not None:
             engine.execute(figure)
-            figure.set_layout_engine("none")
+            # Not "none": with that stand-in every figure is drawn twice.
+            figure.set_layout_engine(None)
         figure.canvas.print_figure(buffer, format=kind, dpi=dpi, metadata=UNDATED[kind])
     return buffer.getvalue()

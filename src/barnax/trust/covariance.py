@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
 from .linearization import Linearization
@@ -119,7 +119,7 @@ class Uncertainty:
         trusted = math.sqrt(float(direction @ self.covariance @ direction))
         freedom = self.noise.degrees_of_freedom(self._to_noise @ direction)
         freedom = max(1.0, min(freedom, self.samples - len(self.names)))
-        half_width = student.ppf((1 + CONFIDENCE) / 2, freedom) * trusted
+        half_width = stdtrit(freedom, (1 + CONFIDENCE) / 2) * trusted
         is_open = not half_width < math.log(WIDEST_FACTOR)
         low, high = (None, None) if is_open else value * np.exp([-half_width, half_width])
         return Estimate(

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ..coordinates import Coordinates
 from ..errors import InputError
@@ -92,7 +92,7 @@ def profile(
     refit = refit or Refit(checked.found.problem)
     linear = sure[name]
     freedom = max(near.samples - len(near.names), 1)
-    quantile = student.ppf((1 + CONFIDENCE) / 2, linear.degrees_of_freedom)
+    quantile = stdtrit(linear.degrees_of_freedom, (1 + CONFIDENCE) / 2)
     rise = (quantile * (linear.inflation or 1.0)) ** 2 / freedom
     best_v = float(np.sqrt(np.mean(near.error_v**2)))
     threshold_v = best_v * math.sqrt(1 + rise)

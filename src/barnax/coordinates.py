@@ -28,7 +28,7 @@ class Coordinates(eqx.Module):
     lower: Float[Array, "free"]
     upper: Float[Array, "free"]
     fixed: Float[Array, "parameters"]
-    tau_limits_s: tuple[tuple[float, float], ...] = eqx.field(static=True)
+    tau_limits_s: Float[Array, "pairs ends"]
     free: tuple[int, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     holds_tau: tuple[bool, ...] = eqx.field(static=True)
@@ -64,7 +64,7 @@ class Coordinates(eqx.Module):
             lower=jnp.asarray(ends[list(free), 0]),
             upper=jnp.asarray(ends[list(free), 1]),
             fixed=jnp.asarray(ends[:, 0]),
-            tau_limits_s=tuple(tau_limits),
+            tau_limits_s=jnp.asarray(tau_limits),
             free=free,
             names=tuple(slots[index][0] for index in free),
             holds_tau=tuple(holds_tau),
@@ -75,12 +75,12 @@ class Coordinates(eqx.Module):
     @property
     def shortest_tau_s(self) -> float:
         """The smallest time constant in the box, in s."""
-        return min(low for low, _ in self.tau_limits_s)
+        return float(np.min(np.asarray(self.tau_limits_s)))
 
     @property
     def longest_tau_s(self) -> float:
         """The largest time constant in the box, in s."""
-        return max(high for _, high in self.tau_limits_s)
+        return float(np.max(np.asarray(self.tau_limits_s)))
 
     @property
     def highest_gamma(self) -> float | None:

@@ -10,8 +10,10 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float, Key
 
+from .alike import filler
 from .cell import CircuitParameters
 from .errors import InputError
+from .evaluator import AbstractEvaluator
 from .optimizers import AbstractPopulationMinimiser
 from .precision import in_float64
 from .problem import Objective, Problem, rmse, rmse_by_scan
@@ -83,8 +85,9 @@ def identify_many(
 ) -> list[Identification]:
     """`identify` for every problem, with the bits each would have alone.
 
-    Problems of one shape share one compiled program: with the compressed objective those whose
-    boxes span alike, however long their records; with the scan those of equal length.
+    Problems of one kind share one compiled program, however long their records: compressed
+    records are of one size if their boxes span alike, and for the scan shorter ones are filled up
+    with samples that count nothing.
     """
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: at least one seed is needed")
@@ -93,22 +96,30 @@ def identify_many(
         for block in seed_blocks(seeds)
     ]
 
+    fill = filler(problem.objective.evaluator for problem in problems)
+    fill_scan = filler(problem.scan for problem in problems)
+
     @in_float64  # the setting belongs to a thread
     def run(work):
         problem, keys = work
-        search = compile_for(_search, optimizer, problem.objective, keys)
-        return jax.tree.map(np.asarray, search(optimizer, problem.objective, keys))
+        objective = Objective(fill(problem.objective.evaluator), problem.objective.coordinates)
+        search = compile_for(_search, optimizer, objective, keys)
+        return jax.tree.map(np.asarray, search(optimizer, objective, keys))
 
     work = [(problem, keys) for problem in problems for keys in block_keys]
     outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress, finished)
     return [
-        _identification(problem, optimizer, key, outcomes[first : first + seeds])
+        _identification(problem, optimizer, key, outcomes[first : first + seeds], fill_scan)
         for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True)
     ]
 
 
 def _identification(
-    problem: Problem, optimizer: AbstractPopulationMinimiser, key: Key[Array, ""], outcomes
+    problem: Problem,
+    optimizer: AbstractPopulationMinimiser,
+    key: Key[Array, ""],
+    outcomes,
+    fill: Callable[[AbstractEvaluator], AbstractEvaluator],
 ) -> Identification:
     points, histories, evaluations, failures = zip(*outcomes, strict=True)
     circuits = problem.parameters_at(points, problem.objective.coordinates)
@@ -119,7 +130,7 @@ def _identification(
             "values and the bounds"
         )
     if problem.kind != "scan":
-        errors_v = rmse_by_scan(problem, circuits)
+        errors_v = rmse_by_scan(problem, circuits, fill)
     answers = [
         SeedAnswer(rmse_v, circuit, history_v, int(spent), int(failed))
         for rmse_v, circuit, history_v, spent, failed in zip(

@@ -1,6 +1,6 @@
 """The identification problem: records of one cell, one circuit, one box."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -20,6 +20,7 @@ from .evaluator import AbstractEvaluator, Impedance, Joint
 from .precision import in_float64
 from .programs import compile_for, seed_blocks
 from .records import Record
+from .segmented import Segmented
 from .simulate import Drive
 from .window import Window
 
@@ -103,7 +104,10 @@ class Problem:
     @in_float64
     def scan(self) -> AbstractEvaluator:
         """The objective by simulating every sample: the reference."""
-        return Joint.of(self.drives)
+        if jax.default_backend() == "cpu":
+            return Joint.of(self.drives)
+        # There every step is a launch of its own, and thousands in a row are slow.
+        return Joint.of(tuple(Segmented.of(drive) for drive in self.drives))
 
     @cached_property
     @in_float64
@@ -137,9 +141,18 @@ class Problem:
 
 
 @in_float64
-def rmse_by_scan(problem: Problem, circuits: Sequence[CircuitParameters]) -> list[float]:
-    """The RMSE of circuits by the reference, in V, whatever the problem's objective."""
+def rmse_by_scan(
+    problem: Problem,
+    circuits: Sequence[CircuitParameters],
+    fill: Callable[[AbstractEvaluator], AbstractEvaluator] | None = None,
+) -> list[float]:
+    """The RMSE of circuits by the reference, in V, whatever the problem's objective.
+
+    `fill` may give the records a shape for which there is a compiled program.
+    """
     objective = problem.objective_in("log", "scan")
+    if fill is not None:
+        objective = Objective(fill(objective.evaluator), objective.coordinates)
     errors_v = []
     for points in point_blocks(circuits, objective.coordinates):
         errors_v += compile_for(_rmse_of_all, points, objective)(points, objective).tolist()

@@ -138,7 +138,7 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]
     ]
     # A pair bounded in C can still end at the limits of its tau.
     for pair, tau_s in enumerate(parameters.tau_s):
-        name, limits = f"tau{pair + 1} [s]", box.tau_limits_s[pair]
+        name, limits = f"tau{pair + 1} [s]", np.asarray(box.tau_limits_s)[pair]
         if name not in box.names and limits[0] < limits[1]:
             places.append((name, *np.log([tau_s, *limits])))
     return tuple(

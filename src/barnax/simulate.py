@@ -5,6 +5,8 @@ intervals) is in a `Drive`, made once. A candidate's simulation is its RC states
 drop. Functions are written for one candidate; callers vmap them.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -98,12 +100,42 @@ class Drive(AbstractEvaluator):
     intervals: Intervals
     hysteresis: HysteresisDrive | None = None
 
+    def map_samples(self, change: Callable[[Array], Array]) -> "Drive":
+        """The same with every array that has one entry a sample changed."""
+        return eqx.tree_at(_sample_arrays, self, replace_fn=change)
+
+    def filled_up(self, samples: int) -> "Drive":
+        """The same in `samples` samples: those added at the end repeat the last and count nothing.
+
+        Errors keep their bits: a weight of one is exact, and nothing but zeros is added.
+        """
+        missing = samples - len(self.current_a)
+        weight = jnp.ones_like(self.current_a) if self.weight is None else self.weight
+        filled = self.map_samples(lambda array: jnp.pad(array, (0, missing), mode="edge"))
+        return eqx.tree_at(
+            lambda drive: drive.weight,
+            filled,
+            jnp.pad(weight, (0, missing)),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
     def squared_error(self, impedance: Impedance) -> Scalar:
         return squared_error(impedance, self)
 
     def errors(self, impedance: Impedance) -> Float[Array, "samples"]:
         error_v = self.base_error_v + overpotential(impedance, self)
         return error_v if self.weight is None else self.weight * error_v
+
+
+def _sample_arrays(drive: Drive) -> list[Array]:
+    clocks = [drive.intervals]
+    arrays = [drive.current_a, drive.held_a, drive.source_v, drive.base_error_v]
+    if drive.weight is not None:
+        arrays.append(drive.weight)
+    if drive.hysteresis is not None:
+        arrays += [drive.hysteresis.amplitude_v, drive.hysteresis.push]
+        clocks.append(drive.hysteresis.intervals)
+    return arrays + [array for clock in clocks for array in (clock.node, clock.offset_s)]
 
 
 def overpotential(impedance: Impedance, drive: Drive) -> Float[Array, "samples"]:
@@ -162,10 +194,14 @@ def terminal_voltage(impedance: Impedance, drive: Drive) -> Float[Array, "sample
     return drive.source_v - overpotential(impedance, drive)
 
 
-def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
+def squared_error(
+    impedance: Impedance, drive: Drive, start: tuple[tuple[Scalar, ...], Scalar] | None = None
+) -> Scalar:
     """Sum of squared errors over the scored samples, in V^2.
 
-    The error is summed in the scan's carry: stacking the voltages first costs 4 to 40 times more.
+    `start` holds the voltage over every pair and what the hysteresis has moved, at the first
+    sample; without it all is at rest. The error is summed in the scan's carry: stacking the
+    voltages first costs 4 to 40 times more.
     """
     pairs = [
         _Pair(r, tau, drive.intervals) for r, tau in zip(impedance.r, impedance.tau, strict=True)
@@ -187,8 +223,9 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
         states = tuple(
             pair.advance(state, *clocked) for pair, state in zip(pairs, states, strict=True)
         )
-        square = error_v * error_v
-        return (states, turned, total + (square if weight is None else weight * square)), None
+        # Weighted before it is squared: a weight of one then leaves every bit as it is.
+        counted_v = error_v if weight is None else weight * error_v
+        return (states, turned, total + counted_v * counted_v), None
 
     samples = (
         drive.current_a,
@@ -197,9 +234,20 @@ def squared_error(impedance: Impedance, drive: Drive) -> Scalar:
         _clocked(drive.held_a, drive.intervals),
         turning,
     )
-    start = ((zero,) * len(pairs), zero, zero)
-    (_, _, total), _ = lax.scan(step, start, samples, unroll=UNROLL)
+    states, turned = start or ((zero,) * len(pairs), zero)
+    (_, _, total), _ = lax.scan(step, (states, turned, zero), samples, unroll=UNROLL)
     return total
+
+
+def last_state(tau: Scalar, held: Float[Array, "samples"], intervals: Intervals) -> Scalar:
+    """Where an RC pair of 1 ohm that starts at rest is after the last interval."""
+    pair = _Pair(jnp.ones_like(tau), tau, intervals)
+
+    def step(state, sample):
+        return pair.advance(state, *sample), None
+
+    state, _ = lax.scan(step, jnp.zeros_like(tau), _clocked(held, intervals), unroll=UNROLL)
+    return state
 
 
 def _clocked(held: Float[Array, "samples"], intervals: Intervals):

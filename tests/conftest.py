@@ -1,6 +1,8 @@
 """What every test shares: the data it may use."""
 
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import jax
@@ -16,6 +18,18 @@ from barnax.refinement import CrossCheck, refine
 from barnax.window import Window
 
 REPOSITORY = Path(__file__).parents[1]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What one process of the run has compiled serves all of them, and nobody else."""
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.mkdtemp(prefix="barnax-tests-")
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    # JAX has read its settings already where it was imported before.
+    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
 @pytest.fixture(scope="session")

@@ -44,10 +44,9 @@ def run_command(*words: object) -> Outcome:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Compiled code goes to a folder of the tests', not to the user's."""
+def narrow_terminal() -> Iterator[None]:
+    """Tables are as wide everywhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("jax")))
         patch.setenv("COLUMNS", "80")
         yield
 

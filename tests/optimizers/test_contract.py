@@ -42,9 +42,7 @@ class Seen(NamedTuple):
     solution: optx.Solution
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(n, marks=pytest.mark.xdist_group(n)) for n in OPTIMIZERS]
-)
+@pytest.fixture(scope="module", params=list(OPTIMIZERS))
 def name(request):
     return request.param
 

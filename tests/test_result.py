@@ -295,3 +295,20 @@ def test_content_that_is_no_result_is_refused_under_the_files_name(read, content
 def test_what_is_no_file_is_refused(tmp_path, place):
     with pytest.raises(InputError, match="cannot be read"):
         Result.from_json(tmp_path / place)
+
+
+def test_a_seed_that_failed_at_first_or_altogether_is_stored(checked, result, tmp_path):
+    first, second = checked.found.seeds
+    late = replace(first, history_v=np.array([math.inf, *first.history_v[1:]]))
+    lost = replace(second, rmse_v=math.inf, history_v=np.full(len(second.history_v), math.inf))
+    found = replace(checked.found, seeds=(late, lost))
+    course = checked.found.problem.course
+    made = make_result(
+        replace(checked, found=found), [evaluate_course(course, checked.parameters)]
+    )
+    path = tmp_path / "result.json"
+    path.write_text(made.to_json())
+    assert json.loads(path.read_text())["search"]["seeds"][0]["history"][0] is None
+    read = Result.from_json(path)
+    assert read.search.seeds[0].history_v == tuple(late.history_v)
+    assert read.search.seeds[1].rmse_v == math.inf

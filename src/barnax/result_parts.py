@@ -1,9 +1,17 @@
 """The parts of `result.json`: what each holds, and under which keys."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+)
 
 from .errors import InputError
 from .problem import Kind
@@ -13,6 +21,13 @@ Stored = TypeVar("Stored", bound=BaseModel)
 LARGEST_FILE = 200_000_000
 
 Volts = Annotated[float, Field(ge=0)]
+# An error that may be infinite, where nothing could be simulated; JSON has null for that.
+Loss = Annotated[
+    float,
+    Field(ge=0, allow_inf_nan=True),
+    BeforeValidator(lambda value: math.inf if value is None else value),
+    PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
+]
 Parameters = dict[str, float]
 
 # Keys with units, by the field's name.
@@ -48,11 +63,11 @@ class Part(BaseModel):
 class SeedPart(Part):
     """One seed of the search, before refinement."""
 
-    rmse_v: Volts
+    rmse_v: Loss
     parameters: Parameters
     evaluations: int
     failures: int
-    history_v: tuple[float, ...]
+    history_v: tuple[Loss, ...]
 
 
 class SearchPart(Part):

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from sample_results import make_cross_check, make_identification
 
+from barnax.evaluate import evaluate_course
 from barnax.plots import plot_convergence
+from barnax.result import make_result
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 
@@ -109,3 +111,15 @@ def test_searches_that_failed_altogether_make_an_empty_figure():
 def test_stats_of_another_solver_are_refused():
     with pytest.raises(ValueError, match="lack history, population"):
         plot_convergence({"num_steps": 3, "evaluations": 30})
+
+
+def test_a_stored_result_is_drawn_as_the_search_it_holds(checked, tmp_path):
+    problem = checked.found.problem
+    result = make_result(checked, [evaluate_course(problem.course, checked.parameters)])
+    (tmp_path / "result.json").write_text(result.to_json())
+    expected = plot_convergence(checked.found, checked)
+    for stored in (result, tmp_path / "result.json"):
+        figure = plot_convergence(stored)
+        for ours, drawn in zip(expected.axes, figure.axes, strict=True):
+            for line, same in zip(ours.get_lines(), drawn.get_lines(), strict=True):
+                np.testing.assert_array_equal(line.get_xydata(), same.get_xydata())

@@ -79,6 +79,7 @@ def compare(
         require_free(folder, force)
     paths = choose_files([record] if record else [], ocv or [], validate or [])
     files = Files(*paths, current_sign, ocv_current_sign, validate_current_sign, current_hold)
+    command = command_line(files.names)
     with session.stage("Loading JAX"):
         use_compilation_cache()
         from ..cell import CIRCUITS
@@ -109,9 +110,7 @@ def compare(
         hysteresis_fit=hysteresis_fit,
         rest_current=rest_current,
     )
-    journal = open_journal(
-        folder, command_line(), inputs.hashes, box.ranges, box.fixed, repr(window)
-    )
+    journal = open_journal(folder, command, inputs.hashes, box.ranges, box.fixed, repr(window))
     if journal:
         session.note(f"Going on where an interrupted run stopped ({journal.path}).")
     total = sum(1 if METHODS[method].is_deterministic else seeds for _, method in rows)
@@ -138,7 +137,7 @@ def compare(
             finished=journal,
         )
     result = make_comparison_result(
-        comparison, inputs.validation, ocv=inputs.tests, command=command_line()
+        comparison, inputs.validation, ocv=inputs.tests, command=command
     )
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
     if folder is not None:

@@ -105,6 +105,7 @@ def identify(
         require_free(folder, force)
     paths = choose_files(records or [], ocv or [], validate or [])
     files = Files(*paths, current_sign, ocv_current_sign, validate_current_sign, current_hold)
+    command = command_line(files.names)
     with session.stage("Loading JAX"):
         use_compilation_cache()
         import jax
@@ -158,9 +159,7 @@ def identify(
         )
         # A validation record that does not fit the window is refused before the search, not after.
         courses = [make_course(other, inputs.cell, model, window) for other in inputs.validation]
-    journal = open_journal(
-        folder, command_line(), inputs.hashes, box.ranges, box.fixed, repr(window)
-    )
+    journal = open_journal(folder, command, inputs.hashes, box.ranges, box.fixed, repr(window))
     if journal:
         session.note(f"Going on where an interrupted run stopped ({journal.path}).")
     # What does not wait for the search is done beside it.
@@ -199,7 +198,7 @@ def identify(
         assessment=assessment,
         examination=examination,
         ocv=inputs.tests,
-        command=command_line(),
+        command=command,
     )
     if folder is not None:
         written = {"result.json": result.to_json().encode()}

@@ -1,5 +1,6 @@
 """What commands that identify read: records, OCV tests, a window and a box."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,6 +25,20 @@ class Files(NamedTuple):
     ocv_sign: Sign
     validation_sign: Sign
     hold: Hold
+
+    @property
+    def names(self) -> dict[Path, str]:
+        """What each is called in results: the file's name, and folders where names are shared."""
+        paths = {*self.records, *self.ocv, *self.validation}
+        return {path: _shortest_own_name(path, paths - {path}) for path in paths}
+
+
+def _shortest_own_name(path: Path, others: set[Path]) -> str:
+    parts = path.absolute().parts
+    for count in range(1, len(parts)):
+        if all(other.absolute().parts[-count:] != parts[-count:] for other in others):
+            return "/".join(parts[-count:])
+    return path.name
 
 
 class Inputs(NamedTuple):
@@ -76,10 +91,12 @@ def read_inputs(
     from ..cell import characterize
     from ..records import read_record
 
+    names = files.names
     with session.stage("Reading records"):
 
         def read(path: Path, sign: Sign) -> "Record":
-            return read_record(path, current_sign=sign, current_hold=files.hold)
+            record = read_record(path, current_sign=sign, current_hold=files.hold)
+            return replace(record, name=names[path])
 
         tests = [read(path, files.ocv_sign) for path in files.ocv]
         dynamic = [read(path, files.sign) for path in files.records]

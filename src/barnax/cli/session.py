@@ -92,15 +92,19 @@ class Session:
 APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1}
 
 
-def command_line() -> list[str]:
-    """What was run, without folders and without the options of output: equal runs are equal."""
+def command_line(names: Mapping[Path, str]) -> list[str]:
+    """What was run, without folders and without the options of output: equal runs are equal.
+
+    `names` are what results call the files.
+    """
     words, kept = sys.argv[1:], ["barnax"]
     while words:
         first = words[0]
         option, equals, value = first.partition("=") if first.startswith("--") else (first, "", "")
         spent = 1 if equals else APPEARANCE.get(option, 1)
         if option not in APPEARANCE:
-            kept.append(f"{option}{equals}{_file_name(value)}" if equals else _file_name(option))
+            prefix, word = (f"{option}=", value) if equals else ("", option)
+            kept.append(prefix + names.get(Path(word), _file_name(word)))
         words = words[spent:]
     return kept
 

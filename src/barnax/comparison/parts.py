@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import ConfigDict
 
-from ..result_parts import KEYS, MetricsPart, Parameters, Part, Volts
+from ..result_parts import KEYS, Loss, MetricsPart, Parameters, Part, Volts
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -35,18 +35,18 @@ class ComparisonPart(Part):
 class SeedAnswerPart(ComparisonPart):
     """One seed's own answer."""
 
-    rmse_v: Volts
+    rmse_v: Loss
     parameters: Parameters
     evaluations: int
-    history_v: tuple[float, ...] | None
+    history_v: tuple[Loss, ...] | None
 
 
 class SpreadPart(ComparisonPart):
     """How the seeds of one row differ."""
 
     best_rmse_v: Volts
-    worst_rmse_v: Volts
-    deviation_v: Volts
+    worst_rmse_v: Loss
+    deviation_v: Loss
 
 
 class BandPart(ComparisonPart):

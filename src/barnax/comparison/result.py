@@ -1,5 +1,6 @@
 """`comparison.json`: what a comparison found, as it is stored."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -173,7 +174,7 @@ def _row_part(row: Row) -> RowPart:
         else SpreadPart(
             best_rmse_v=float(errors_v.min()),
             worst_rmse_v=float(errors_v.max()),
-            deviation_v=float(np.std(errors_v, ddof=1)) if len(errors_v) > 1 else 0.0,
+            deviation_v=_deviation_v(errors_v),
         ),
         identification=identification,
         validation=tuple(validation),
@@ -190,6 +191,13 @@ def _row_part(row: Row) -> RowPart:
             for answer in row.answers
         ),
     )
+
+
+def _deviation_v(errors_v: np.ndarray) -> float:
+    """The standard deviation over seeds; one that failed altogether is infinitely far away."""
+    if len(errors_v) == 1:
+        return 0.0
+    return float(np.std(errors_v, ddof=1)) if np.isfinite(errors_v).all() else math.inf
 
 
 def time_constants(parameters: CircuitParameters) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """How every seed's best error, or loss, fell during the search."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,11 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from .sources import result_of
 from .style import BLACK, SKY_BLUE, VERMILLION, figure_style, finish_axes, legend_above, make_figure
 
 if TYPE_CHECKING:
-    from ..identification import Identification
+    from ..identification import Identification, SeedAnswer
     from ..refinement import CrossCheck
+    from ..result import Result
+    from ..result_parts import SeedPart
 
 Histories = Float[np.ndarray, "seeds generations"]
 
@@ -23,14 +27,16 @@ LEAST_EXCESS_PERCENT = 1e-6
 
 @figure_style()
 def plot_convergence(
-    searches: "Identification | Mapping[str, Any]", checked: "CrossCheck | None" = None
+    searches: "Identification | Result | str | Path | Mapping[str, Any]",
+    checked: "CrossCheck | None" = None,
 ) -> Figure:
     """Best RMSE, or loss, of each seed over the evaluations it has spent, and the seeds' median.
 
     `searches` is an identification, drawn in mV, or the `stats` of population optimizers used
     alone: those of one `optimistix.minimise`, or of many under `jax.vmap`. With `checked`, a
     second panel shows how far each seed of an identification is above the refined RMSE, in
-    percent; excesses under 1e-6 % are drawn there. Generations count as equally expensive.
+    percent; excesses under 1e-6 % are drawn there. A result, or the path of a `result.json`,
+    holds both. Generations count as equally expensive.
     Generations before a seed's first finite value are not drawn, and count as infinite in the
     median. Losses of zero are drawn below all others; the axis is linear if some are negative.
 
@@ -40,7 +46,7 @@ def plot_convergence(
     if isinstance(searches, Mapping):
         panels = [_plot_losses(figure, searches)]
     else:
-        panels = _plot_errors(figure, searches, 0.0 if checked is None else 1e3 * checked.rmse_v)
+        panels = _plot_errors(figure, *_runs(searches, checked))
     for axes in panels:
         axes.set_xlabel("Evaluations of one seed [-]")
         axes.set_xscale("log")
@@ -74,14 +80,29 @@ def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
     return axes
 
 
-def _plot_errors(figure: Figure, found: "Identification", refined_mv: float) -> list[Axes]:
+def _runs(
+    searches: "Identification | Result | str | Path", checked: "CrossCheck | None"
+) -> "tuple[Sequence[SeedAnswer | SeedPart], int, float]":
+    """The seeds, how many candidates each began with, and the refined RMSE in mV or zero."""
+    from ..identification import Identification
+
+    if isinstance(searches, Identification):
+        refined_mv = 0.0 if checked is None else 1e3 * checked.rmse_v
+        return searches.seeds, searches.optimizer.population, refined_mv
+    result = result_of(searches)
+    return result.search.seeds, result.search.population, 1e3 * result.refined.rmse_v
+
+
+def _plot_errors(
+    figure: Figure, seeds: "Sequence[SeedAnswer | SeedPart]", population: int, refined_mv: float
+) -> list[Axes]:
     """A panel of RMSE and, where a refined RMSE is given, one of the excess over it.
 
     A refined RMSE of zero, as of data without noise, has neither excess nor a logarithm.
     """
-    history_mv = 1e3 * np.array([seed.history_v for seed in found.seeds])
-    spent = np.array([seed.evaluations for seed in found.seeds])
-    evaluations = np.linspace(found.optimizer.population, spent, history_mv.shape[1], axis=1)
+    history_mv = 1e3 * np.array([seed.history_v for seed in seeds])
+    spent = np.array([seed.evaluations for seed in seeds])
+    evaluations = np.linspace(population, spent, history_mv.shape[1], axis=1)
     rmse, *excess = figure.subplots(1, 2 if refined_mv > 0 else 1, squeeze=False)[0]
     _draw_seeds(rmse, evaluations, history_mv)
     rmse.set(ylabel="Best RMSE [mV]", yscale="log")

@@ -16,9 +16,14 @@ def cell_of(source: "CellModel | Result | str | Path") -> "CellModel":
     if isinstance(source, CellModel):
         return source
     # A result needs JAX, which a cell does not.
+    return result_of(source).cell_model
+
+
+def result_of(source: "Result | str | Path") -> "Result":
+    """A stored result, or that of a `result.json`."""
     from ..result import Result
 
-    return (source if isinstance(source, Result) else Result.from_json(source)).cell_model
+    return source if isinstance(source, Result) else Result.from_json(source)
 
 
 def comparison_of(source: "ComparisonResult | str | Path") -> "ComparisonResult":

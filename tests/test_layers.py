@@ -11,9 +11,10 @@ import barnax
 
 PACKAGE = Path(barnax.__file__).parent
 LAYERS = (
-    ("errors", "metrics", "precision", "programs", "threads", "bundled", "records", "optimizers"),
+    ("errors", "metrics", "precision", "programs", "threads", "bundled", "table_layout"),
+    ("records", "optimizers"),
     ("cell",),
-    ("evaluator", "simulate", "window", "doctor"),
+    ("evaluator", "simulate", "segmented", "alike", "window", "doctor"),
     ("exponentials", "bounds", "coordinates", "course", "compressed", "problem"),
     ("split_box",),
     ("identification", "descent", "refinement", "evaluate"),

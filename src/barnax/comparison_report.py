@@ -8,7 +8,6 @@ from rich.table import Table
 from rich.text import Text
 
 from .comparison import ComparisonResult
-from .report import LAYOUT
 from .reporting import document
 from .reporting.comparison_report import comparison_document
 from .reporting.comparison_tables import (
@@ -19,6 +18,7 @@ from .reporting.comparison_tables import (
     search_table,
 )
 from .reporting.comparison_view import answered, records
+from .table_layout import LAYOUT
 
 
 def comparison_report(

@@ -1,10 +1,8 @@
 """Tables and sentences about an identification, for a terminal."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -14,15 +12,8 @@ from .evaluate import Evaluation
 from .optimum import GlobalOptimum, regret
 from .refinement import CrossCheck
 from .result import describe, seed_regrets
+from .table_layout import LAYOUT
 
-# Seven figures and a file's name in 80 columns.
-LAYOUT: dict[str, Any] = {
-    "box": box.SIMPLE_HEAD,
-    "padding": (0, 1, 0, 0),
-    "pad_edge": False,
-    "title_style": "bold cyan",
-    "header_style": "cyan",
-}
 # Scored samples from which reducing a record costs less than simulating it for every candidate.
 LONG = 2000
 # A smaller regret is rounding.

@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from .report import LAYOUT
+from .table_layout import LAYOUT
 from .trust import Assessment, Estimate, Examination
 
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..doctor import Diagnosis, Facts, Finding, Role
-from ..report import LAYOUT
+from ..table_layout import LAYOUT
 
 STYLE = {"error": "bold red", "warning": "yellow", "note": "dim"}
 

@@ -10,7 +10,7 @@ from .coordinates import Coordinates
 from .descent import AT_BOUND, STEPS, Descent, RefinedSeed, largest_change
 from .identification import Identification
 from .precision import in_float64
-from .problem import Kind, impedance_of
+from .problem import Kind, point_blocks
 
 # Refined answers whose RMSE agree this closely (relative) are one optimum; if their parameters
 # differ by more than this all the same, the optimum is a family of circuits.
@@ -131,7 +131,7 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
 
 def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]:
     """Which parameters are at an end of a box in `log` coordinates, in words."""
-    point = np.asarray(box.encode(impedance_of(parameters)))
+    point = np.asarray(point_blocks([parameters], box)[0][0])
     places = [
         (name, value, low, high)
         for name, value, low, high in zip(box.names, point, box.lower, box.upper, strict=True)

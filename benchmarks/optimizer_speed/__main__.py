@@ -6,16 +6,18 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from benchmarks.environments import make_environment, run_worker
 from benchmarks.table2.provenance import as_markdown, provenance
 from benchmarks.table2.report import write_csv
 from benchmarks.table2.runs import run_optimizer
 
 from barnax.optimizers import OPTIMIZERS
 
-from .environments import REQUIREMENTS, run_worker
 from .sizes import ITERATIONS, POPULATION, REPEATS, RUNS
 
-RESULTS = Path(__file__).parents[1] / "results"
+HERE = Path(__file__).parent
+RESULTS = HERE.parent / "results"
+REQUIREMENTS = {"mealpy": "mealpy==3.0.3", "evosax": "evosax==0.3.2"}
 KEY = 2023
 
 
@@ -113,7 +115,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder to write to")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    theirs = {library: run_worker(library) for library in REQUIREMENTS}
+    theirs = {
+        library: run_worker(make_environment(library, wanted), HERE / f"{library}_worker.py")
+        for library, wanted in REQUIREMENTS.items()
+    }
     rows = rows_of(time_ours(), theirs)
     page = markdown_page(rows, provenance("python -m benchmarks.optimizer_speed", KEY))
     write_csv(options.out / "optimizer_speed.csv", rows)

@@ -1,0 +1,1 @@
+"""The optimizers, test functions and baselines against work that nobody here wrote."""

@@ -1,0 +1,116 @@
+"""Command: `python -m benchmarks.rule_check`."""
+
+import argparse
+import importlib.metadata
+import json
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from benchmarks.environments import WorkerError, make_environment, run_worker
+from benchmarks.table2.provenance import provenance
+
+from .coco_report import running_times
+from .comparisons import COMPARISONS, REQUIREMENTS
+from .ours import Sample, make_experiment, our_samples, our_values
+from .report import markdown_page, outcomes
+from .sizes import COCO_FUNCTIONS
+
+HERE = Path(__file__).parent
+RESULTS = HERE.parent / "results"
+KEY = 20_261_122
+# The versions the baselines of centre_bias have here.
+COCO_REQUIREMENTS = (
+    "cma==4.5.0",
+    *(f"{name}=={importlib.metadata.version(name)}" for name in ("cmaes", "numpy", "scipy")),
+)
+COCO_TASKS = [f"{method}-{function}" for method in ("de", "cma-es") for function in COCO_FUNCTIONS]
+VALUED = ("evolopy", "niapy", "mealpy")
+
+
+def make_environments() -> tuple[dict[str, Path], dict[str, str]]:
+    """By library, the Python that has it, or why there is none."""
+    wanted = {name: (requirement,) for name, requirement in REQUIREMENTS.items()}
+    pythons, missing = {}, {}
+    for name, requirements in (wanted | {"coco": COCO_REQUIREMENTS}).items():
+        try:
+            pythons[name] = make_environment(name, *requirements)
+        except WorkerError as error:
+            missing[name] = str(error)
+    return pythons, missing
+
+
+def play(
+    pythons: dict[str, Path], experiment: dict, workers: int
+) -> tuple[dict, dict[tuple[str, str], Any], dict[str, str]]:
+    """What ours find, what every task of theirs printed, and why where it failed."""
+    tasks = [(comparison.library, comparison.task) for comparison in reversed(COMPARISONS)]
+    tasks += [("coco", task) for task in COCO_TASKS] + [(library, "values") for library in VALUED]
+    found, missing = {}, {}
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
+        path = Path(folder) / "experiment.json"
+        path.write_text(json.dumps(experiment))
+        running = {
+            (library, task): pool.submit(
+                run_worker, pythons[library], HERE / f"{library}_worker.py", path, task
+            )
+            for library, task in tasks
+            if library in pythons
+        }
+        ours = pool.submit(our_samples, experiment)
+        for name, future in running.items():
+            try:
+                found[name] = future.result()
+            except WorkerError as error:
+                missing[" ".join(name)] = str(error)
+        return ours.result(), found, missing
+
+
+def main() -> None:
+    """Run all, print the page and write it."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.rule_check", description=__doc__)
+    parser.add_argument("--workers", type=int, default=2, help="processes at once")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder to write to")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+
+    pythons, missing = make_environments()
+    begin = time.perf_counter()
+    experiment = make_experiment(KEY)
+    ours, found, failed = play(pythons, experiment, options.workers)
+    theirs = {
+        comparison.name: Sample(
+            {name: np.array(losses) for name, losses in answer["final"].items()},
+            answer["evaluations"],
+        )
+        for comparison in COMPARISONS
+        if (answer := found.get((comparison.library, comparison.task)))
+    }
+    their_values = {
+        library: {name: np.array(value) for name, value in found[library, "values"].items()}
+        for library in VALUED
+        if (library, "values") in found
+    }
+    page = markdown_page(
+        outcomes(ours, theirs),
+        our_values(experiment["points"]),
+        their_values,
+        [
+            running_times(task, found["coco", task])
+            for task in COCO_TASKS
+            if ("coco", task) in found
+        ],
+        missing | failed,
+        provenance("python -m benchmarks.rule_check", KEY, "cmaes"),
+        f"{time.perf_counter() - begin:.0f} s with {options.workers} processes at once, beside "
+        "making the environments",
+    )
+    (options.out / "rule_check.md").write_text(page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main()

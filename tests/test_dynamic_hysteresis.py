@@ -17,17 +17,24 @@ from barnax.window import Window
 from reference import drop_v, looped_response, make_record
 
 CIRCUIT = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)
+# Beside rests without any current, one with a tester's offset and noise.
 CURRENT_A = np.tile(np.repeat([0.0, 2.0, 0.0, -1.0, 3.0], 40), 4)
+CURRENT_A[200:240] = np.random.default_rng(8).normal(1e-3, 2e-3, 40)
 simulate = in_float64(eqx.filter_jit(terminal_voltage))
 
 
 def plett_state(course, capacity_ah, gamma) -> np.ndarray:
-    """h at every sample, by Plett (2004): charge moves it toward the sign of the current."""
+    """h at every sample, by Plett (2004): charge moves it toward the sign of the current.
+
+    Below the rest current nothing moves it, as the direction of the switched hysteresis.
+    """
     state = course.direction[0]
     states = [state]
     for sample in range(len(course.soc) - 1):
         flowing_a = course.held_a[sample]
-        passed = abs(flowing_a) * (course.time_s[sample + 1] - course.time_s[sample])
+        passed = 0.0
+        if abs(flowing_a) >= course.rest_current_a:
+            passed = abs(flowing_a) * (course.time_s[sample + 1] - course.time_s[sample])
         decay = np.exp(-gamma * passed / 3600 / capacity_ah)
         state = decay * state - (1 - decay) * np.sign(flowing_a)
         states.append(state)
@@ -55,6 +62,23 @@ def test_the_voltage_agrees_with_a_plain_loop(bundled_cell, course, gamma):
         - drop_v(looped_response, course.time_s, course.current_a, values, hold)
     )
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell, hold):
+    current_a = np.random.default_rng(2).normal(0, 2e-3, 36_000)
+    current_a[:60] = 2.0
+    record = make_record(np.arange(36_000.0), current_a, hold=hold)
+    window = Window(initial_soc=0.8, initial_direction=-1)
+    course = make_course(record, bundled_cell, "esc", window)
+    assert np.abs(current_a[60:]).max() < course.rest_current_a
+    circuit = CircuitParameters(1e-9, (1e-9, 1e-9), (1e9, 1e9), gamma=54.0)
+    with jax.enable_x64(True):
+        moved_v = np.asarray(simulate(impedance_of(circuit), course.drive(0.5, 1e4)))
+    state = (moved_v - bundled_cell.average_ocv_v(course.soc)) / (
+        bundled_cell.hysteresis_v(course.soc) / 2
+    )
+    np.testing.assert_allclose(state, -1.0, atol=1e-4)
 
 
 def test_the_summed_error_is_that_of_the_voltages(course):

@@ -88,10 +88,13 @@ class Course:
         return np.append(self.record.interval_current_a[last], 0.0)
 
     def _hysteresis(self, highest_gamma: float) -> HysteresisDrive:
-        passed = np.abs(np.diff(self.soc, append=self.soc[-1]))
+        # Below the rest current a cell keeps its direction: noise and offsets turn nothing.
+        is_moving = (np.abs(self.held_a) >= self.rest_current_a) & (self.held_a != 0)
+        passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)
+        toward = np.where(is_moving, -np.sign(self.held_a), self.direction)
         return HysteresisDrive(
             amplitude_v=jnp.asarray(self.hysteresis_amplitude_v),
-            push=jnp.asarray(-np.sign(self.held_a) - self.direction[0]),
+            push=jnp.asarray(toward - self.direction[0]),
             intervals=Intervals.gather(passed, 1 / highest_gamma, 0.0),
         )
 

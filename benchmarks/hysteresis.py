@@ -13,6 +13,7 @@ from pathlib import Path
 import jax
 
 import barnax
+from barnax.reporting.model_verdict import conclusion
 
 RESULTS = Path(__file__).parent / "results" / "hysteresis.md"
 KEY, SEEDS, ITERATIONS = 0, 8, 200
@@ -112,9 +113,11 @@ def _sentence(ocv_fit: str, plain: tuple, corrected: tuple) -> str:
         f"{'raises' if change > 0 else 'lowers'} the {place} error by {abs(change):.2f} mV"
         for place, change in changes
     )
-    gains = [change < 0 for _, change in changes]
-    verdict = "it pays" if all(gains) else "it does not pay" if not any(gains) else "it is a draw"
-    return f"- With the {ocv_fit} OCV the hysteresis voltage {words}: {verdict}."
+    kinds = ["better" if change < 0 else "worse" for _, change in changes]
+    return (
+        f"- With the {ocv_fit} OCV the hysteresis voltage {words}: "
+        f"{conclusion(kinds[0], kinds[1:])}."
+    )
 
 
 def main() -> None:

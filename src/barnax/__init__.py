@@ -119,6 +119,7 @@ __all__ = [
     "evaluate_course",
     "examine",
     "export",
+    "global_optimum",
     "identify",
     "make_comparison_result",
     "make_optimizer",

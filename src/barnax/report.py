@@ -9,15 +9,14 @@ from rich.text import Text
 
 from .cell import CellModel, CircuitParameters
 from .evaluate import Evaluation
-from .optimum import GlobalOptimum, regret
+from .optimum import GlobalOptimum
 from .refinement import CrossCheck
-from .result import describe, seed_regrets
+from .result import describe, global_part
 from .table_layout import LAYOUT
 
 # Scored samples from which reducing a record costs less than simulating it for every candidate.
 LONG = 2000
-# A smaller regret is rounding.
-NO_REGRET = 1e-7
+TOO_WIDE = "not known, the box is too wide for it."
 
 
 def identification_report(
@@ -35,26 +34,9 @@ def identification_report(
         *trust,
         metrics_table(evaluations),
         Text(f"Verdict: {checked.verdict}"),
-        Text(f"Global optimum: {optimum_sentences(checked, optimum)}"),
+        Text(f"Global optimum: {global_part(checked, optimum).words if optimum else TOO_WIDE}"),
         Text(ocv_sentence(problem.cell)),
     ]
-
-
-def optimum_sentences(checked: CrossCheck, optimum: GlobalOptimum | None) -> str:
-    """How far the answers are from the best there is."""
-    if optimum is None:
-        return "not known, the box is too wide for it."
-    regrets = seed_regrets(checked, optimum)
-    refined = regret(checked.rmse_v, optimum.rmse_v)
-    shares = zip(("best seed", "median seed"), (min(regrets), np.median(regrets)), strict=True)
-    return (
-        f"{optimum.verdict} Regret, the RMSE above that: refined {_percent(refined)}; before "
-        f"refinement {', '.join(f'{name} {_percent(share)}' for name, share in shares)}."
-    )
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share > NO_REGRET else "none"
 
 
 def parameters_table(checked: CrossCheck) -> Table:

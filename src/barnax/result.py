@@ -1,14 +1,14 @@
 """`result.json`: what an identification found, and all that is needed to use or repeat it."""
 
-import statistics
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import field_validator
+import numpy as np
+from pydantic import Field, field_validator
 
 from .cell import CellModel, CircuitParameters, get_circuit
 from .evaluate import Evaluation, pooled
@@ -49,7 +49,9 @@ class Result(Part):
     `global_optimum` is None where it was not looked for, or the box is too wide for that; `trust`
     where the answer was not assessed. `jointly`
     holds every record where several were identified together; `initial_soc` is then
-    that of the first.
+    that of the first, like `initial_direction`, the hysteresis' direction at the first simulated
+    sample (+1 after charging), and `rest_current_a`, below which nothing turns it. Results of
+    versions that did not store these two have None: `start_direction` is then the window's.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -70,6 +72,8 @@ class Result(Part):
     window: Window
     initial_soc: float
     initial_soc_reason: str
+    initial_direction: Literal[-1, 1] | None = None
+    rest_current_a: Annotated[float, Field(ge=0)] | None = None
     jointly: tuple[JointPart, ...] = ()
     inputs: tuple[InputPart, ...]
     warnings: tuple[str, ...]
@@ -99,6 +103,27 @@ class Result(Part):
     @property
     def cell_model(self) -> CellModel:
         return CellModel.from_dict(self.cell)
+
+    @property
+    def start_direction(self) -> int:
+        """+1 where the simulation starts with a charging cell's hysteresis, else -1.
+
+        Of a result that does not store it, the window's, which is the direction before the record:
+        wrong where the simulation starts later and the current has turned until then.
+        """
+        if self.initial_direction is None:
+            return self.window.initial_direction
+        return self.initial_direction
+
+    @property
+    def start_rest_current_a(self) -> float:
+        """The current in A below which a hysteresis keeps its direction.
+
+        Of a result that does not store it, the given one or C/100, its least.
+        """
+        if self.rest_current_a is not None:
+            return self.rest_current_a
+        return self.window.rest_current_a or self.cell_model.capacity_ah / 100
 
     def to_dict(self) -> dict[str, Any]:
         """The file's content as plain Python values, units in the keys."""
@@ -168,7 +193,7 @@ def make_result(
             converged=tuple(seed.has_converged for seed in checked.refined),
             verdict=checked.verdict,
         ),
-        global_optimum=None if optimum is None else _global_part(checked, optimum),
+        global_optimum=None if optimum is None else global_part(checked, optimum),
         trust=None if assessment is None else trust_part(assessment, examination),
         metrics=MetricsBlock(
             identification=joint_metrics(problem.name, identification),
@@ -180,6 +205,8 @@ def make_result(
         window=problem.window,
         initial_soc=problem.course.initial_soc,
         initial_soc_reason=problem.course.initial_soc_reason,
+        initial_direction=1 if problem.course.direction[0] > 0 else -1,
+        rest_current_a=float(problem.course.rest_current_a),
         jointly=tuple(
             JointPart(
                 initial_soc=each.course.initial_soc,
@@ -196,8 +223,9 @@ def make_result(
     )
 
 
-def _global_part(checked: CrossCheck, optimum: GlobalOptimum) -> GlobalPart:
-    regrets = seed_regrets(checked, optimum)
+def global_part(checked: CrossCheck, optimum: GlobalOptimum) -> GlobalPart:
+    """The global optimum as it is stored, with the regret of every answer."""
+    regrets = [regret(seed.rmse_v, optimum.rmse_v) for seed in checked.found.seeds]
     return GlobalPart(
         rmse_v=optimum.rmse_v,
         parameters=optimum.parameters.to_dict(),
@@ -205,16 +233,11 @@ def _global_part(checked: CrossCheck, optimum: GlobalOptimum) -> GlobalPart:
         lower_bound_v=optimum.lower_bound_v,
         local_optima=tuple(_optimum_part(each) for each in optimum.local_optima),
         at_bound=optimum.at_bound,
-        median_regret=statistics.median_low(regrets),
+        median_regret=float(np.median(regrets)),
         best_regret=min(regrets),
         refined_regret=regret(checked.rmse_v, optimum.rmse_v),
         verdict=optimum.verdict,
     )
-
-
-def seed_regrets(checked: CrossCheck, optimum: GlobalOptimum) -> list[float]:
-    """How far every seed's own answer is above the global optimum."""
-    return [regret(seed.rmse_v, optimum.rmse_v) for seed in checked.found.seeds]
 
 
 def _optimum_part(optimum: Optimum) -> OptimumPart:

@@ -18,6 +18,8 @@ from .problem import Kind
 
 Stored = TypeVar("Stored", bound=BaseModel)
 
+# A smaller regret is rounding.
+NO_REGRET = 1e-7
 LARGEST_FILE = 200_000_000
 
 Volts = Annotated[float, Field(ge=0)]
@@ -45,6 +47,7 @@ KEYS = {
     "lags_s": "lags [s]",
     "integrated_time_s": "integrated_time [s]",
     "block_s": "block [s]",
+    "rest_current_a": "rest_current [A]",
 }
 
 
@@ -141,6 +144,20 @@ class GlobalPart(Part):
     best_regret: float
     refined_regret: float
     verdict: str
+
+    @property
+    def words(self) -> str:
+        """What the optimum is, how sure that is, and how far the answers are from it."""
+        before = {"best seed": self.best_regret, "median seed": self.median_regret}
+        shares = ", ".join(f"{name} {_share(regret)}" for name, regret in before.items())
+        return (
+            f"{self.verdict} Regret, the RMSE above that: refined {_share(self.refined_regret)}; "
+            f"before refinement {shares}."
+        )
+
+
+def _share(regret: float) -> str:
+    return f"{100 * regret:.2g} %" if regret > NO_REGRET else "none"
 
 
 class JointPart(Part):

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from barnax.comparison.block_bootstrap import block_length, resampled_means
-from barnax.comparison.statistics import compare_over_time
+from barnax.comparison.statistics import compare_over_seeds, compare_over_time
 
 
 def autoregressive(correlation, samples, seed, rows=1):
@@ -42,11 +42,28 @@ def test_a_constant_series_needs_no_block():
 def test_resampled_means_vary_as_block_means_do(length):
     series = autoregressive(0.5, 5000, 3)
     means = resampled_means(series, length, np.random.default_rng(0))[0]
-    blocks = np.lib.stride_tricks.sliding_window_view(series[0], length).mean(axis=1)
+    circle = np.concatenate([series[0], series[0, : length - 1]])
+    blocks = np.lib.stride_tricks.sliding_window_view(circle, length).mean(axis=1)
     expected = np.std(blocks) / np.sqrt(np.ceil(5000 / length))
     # The standard deviation of 1000 draws is known to 1 / sqrt(2000).
     assert np.std(means) == pytest.approx(expected, rel=4 / np.sqrt(2000))
     assert np.mean(means) == pytest.approx(np.mean(blocks), abs=4 * expected / np.sqrt(1000))
+
+
+def test_the_ends_of_a_series_count_as_much_as_its_middle():
+    series = np.zeros((1, 3000))
+    series[0, -200:] = 1.0
+    means = resampled_means(series, 150, np.random.default_rng(0))[0]
+    assert np.mean(means) == pytest.approx(200 / 3000, abs=4 * np.std(means) / np.sqrt(1000))
+
+
+def test_errors_that_differ_by_rounding_are_no_real_difference():
+    error_v = autoregressive(0.5, 3000, 6)[0]
+    found = compare_over_time(error_v, error_v * (1 + 1e-12))
+    assert found.high_v < 0
+    assert not found.is_real
+    pairs = compare_over_seeds(np.full(30, 0.02), np.full(30, 0.02) * (1 + 1e-12))
+    assert (pairs.wins, pairs.losses, pairs.p_value) == (0, 0, 1.0)
 
 
 def test_all_series_are_resampled_at_the_same_places():

@@ -114,6 +114,13 @@ def test_a_dynamic_hysteresis_is_beyond_a_linear_method(method, known_problem):
 
 
 # White noise alone has no pole between zero and one, and none that is a circuit's.
+@pytest.mark.parametrize("method", ["ls", "rls"])
+def test_a_linear_method_refuses_what_it_cannot_hold(method, known_problem):
+    held = known_problem(TWO_PAIRS, fixed={"R0 [Ohm]": 0.08})
+    with pytest.raises(MethodFailure, match=r"cannot hold R0 \[Ohm\] = 0.08"):
+        answer_of(method, held)
+
+
 def test_least_squares_says_why_noise_has_no_circuit(known_problem):
     with pytest.raises(MethodFailure, match=r"poles|negative resistance"):
         answer_of("ls", known_problem((1e-9, (1e-9, 1e-9), (8.0, 90.0)), noise_v=0.05))

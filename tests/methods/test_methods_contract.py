@@ -102,6 +102,11 @@ def test_a_budget_that_is_too_small_is_a_failure_that_says_so(name, short_proble
         METHODS[name].run(short_problem, Budget(8, 1), lambda gained: None)
 
 
+def test_a_population_too_small_for_differential_evolution_is_a_failure(short_problem):
+    with pytest.raises(MethodFailure, match="at least 5, not 4"):
+        METHODS["de"].run(short_problem, Budget(4, 10), lambda gained: None)
+
+
 def test_the_compressed_objective_gives_the_scans_errors(known_problem):
     circuit = (0.05, (0.02, 0.03), (8.0, 90.0))
     problem = known_problem(circuit, noise_v=1e-3, objective="compressed")

@@ -10,7 +10,7 @@ from report_reader import ReportReader
 
 from barnax.cell import CircuitParameters
 from barnax.evaluate import Evaluation, evaluate_course
-from barnax.optimum import GlobalOptimum, Landscape
+from barnax.optimum import GlobalOptimum, Landscape, global_optimum
 from barnax.refinement import CrossCheck, Optimum
 from barnax.reporting import (
     comparison_document,
@@ -192,6 +192,19 @@ def test_an_identification_s_report_tells_its_numbers(result):
     assert f"{result.search.evaluations} evaluations" in text
     for optimum in result.refined.optima:
         assert f"{1e3 * optimum.rmse_v:.4f}" in text
+
+
+def test_an_identification_s_report_tells_how_far_it_is_from_the_global_optimum(
+    checked, identified
+):
+    optimum = global_optimum(checked.found.problem, prove=False)
+    result = make_result(checked, [identified], optimum=optimum)
+    text = to_markdown(identification_document(result))
+    assert f"The lowest RMSE in the box is {1e3 * optimum.rmse_v:.6g} mV" in text
+    seeds_v = [seed.rmse_v for seed in checked.found.seeds]
+    regret = 100 * (np.median(seeds_v) / optimum.rmse_v - 1)
+    assert f"median seed {regret:.2g} %" in text
+    assert result.global_optimum.median_regret == pytest.approx(regret / 100)
 
 
 def test_what_was_made_from_python_has_no_command(result):

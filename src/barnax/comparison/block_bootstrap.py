@@ -46,17 +46,19 @@ def resampled_means(
 ) -> Float[np.ndarray, "series replicates"]:
     """Means of all series over the same randomly drawn blocks (Kuensch, 1989).
 
-    Blocks overlap; as many are drawn as cover the series.
+    Blocks overlap, and as many are drawn as cover the series. It is closed to a circle (Politis
+    and Romano, 1992): else its two ends, where models err most, are drawn least.
     """
     samples = series.shape[1]
-    totals = np.concatenate([np.zeros((len(series), 1)), np.cumsum(series, axis=1)], axis=1)
+    closed = np.concatenate([np.zeros((len(series), 1)), series, series[:, : length - 1]], axis=1)
+    totals = np.cumsum(closed, axis=1)
     block_means = (totals[:, length:] - totals[:, :-length]) / length
     blocks = math.ceil(samples / length)
     held = max(1, _HELD // blocks)
     means = []
     for first in range(0, REPLICATES, held):
         shape = (min(held, REPLICATES - first), blocks)
-        drawn = generator.integers(0, samples - length + 1, shape)
+        drawn = generator.integers(0, samples, shape)
         means.append(np.stack([np.mean(each[drawn], axis=1) for each in block_means]))
     return np.concatenate(means, axis=1)
 

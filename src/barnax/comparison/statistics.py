@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import stats
 
+from ..refinement import SAME_RMSE
 from .block_bootstrap import block_length, resampled_means
 
 Samples = Float[np.ndarray, "samples"]
@@ -39,7 +40,8 @@ class Resampled:
     `difference_v2` is the mean of the first row's squared errors minus the second's;
     `difference_v` the same as a difference of RMSE. Negative: the first row is better. Where
     `is_block_capped`, errors stay alike for longer than the longest block that the rule allows,
-    and the intervals are narrower than they should be.
+    and the intervals are narrower than they should be. `is_real` says that the interval leaves
+    out zero, and that the two RMSE are not one by `SAME_RMSE`.
     """
 
     difference_v2: float
@@ -50,18 +52,15 @@ class Resampled:
     high_v: float
     block_samples: int
     is_block_capped: bool
-
-    @property
-    def is_real(self) -> bool:
-        """Whether the interval leaves out zero."""
-        return self.low_v2 > 0 or self.high_v2 < 0
+    is_real: bool
 
 
 @dataclass(frozen=True)
 class SeedPairs:
     """Two rows' RMSE paired seed by seed, in V; negative: the first row is better.
 
-    `wins` counts the seeds where the first row is better, `losses` where the second is.
+    `wins` counts the seeds where the first row is better by more than `SAME_RMSE`, `losses` where
+    the second is.
     `p_value` is that of Wilcoxon's signed-rank test (Biometrics Bulletin 1 (1945) 80),
     two-sided; 1 where no seed differs.
     """
@@ -113,17 +112,19 @@ def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int
     means = resampled_means(squares, length, np.random.default_rng(seed))
     tail = 100 * (1 - CONFIDENCE) / 2
     mean = np.mean(squares, axis=1)
+    first_v, second_v = np.sqrt(mean)
     low_v2, high_v2 = np.percentile(means[0] - means[1], [tail, 100 - tail])
     low_v, high_v = np.percentile(np.sqrt(means[0]) - np.sqrt(means[1]), [tail, 100 - tail])
     return Resampled(
         difference_v2=float(mean[0] - mean[1]),
         low_v2=float(low_v2),
         high_v2=float(high_v2),
-        difference_v=float(np.sqrt(mean[0]) - np.sqrt(mean[1])),
+        difference_v=float(first_v - second_v),
         low_v=float(low_v),
         high_v=float(high_v),
         block_samples=length,
         is_block_capped=is_capped,
+        is_real=bool((low_v2 > 0 or high_v2 < 0) and _differ(first_v, second_v)),
     )
 
 
@@ -141,14 +142,19 @@ def compare_over_seeds(
     if len(sizes) != 1:
         return None
     difference_v = first_v - second_v
-    is_different = difference_v != 0
+    is_different = _differ(first_v, second_v)
     p_value = 1.0
     if np.any(is_different):
         tested: Any = stats.wilcoxon(difference_v[is_different])
         p_value = tested.pvalue
     return SeedPairs(
         median_v=float(np.median(difference_v)),
-        wins=int(np.count_nonzero(difference_v < 0)),
-        losses=int(np.count_nonzero(difference_v > 0)),
+        wins=int(np.count_nonzero(is_different & (difference_v < 0))),
+        losses=int(np.count_nonzero(is_different & (difference_v > 0))),
         p_value=float(p_value),
     )
+
+
+def _differ(first_v: Float[np.ndarray, "..."], second_v: Float[np.ndarray, "..."]) -> Any:
+    """Where two RMSE are not one, rounding and unfinished descents aside."""
+    return np.abs(first_v - second_v) > SAME_RMSE * np.minimum(first_v, second_v)

@@ -12,9 +12,12 @@ from scipy.optimize import differential_evolution
 from ..precision import in_float64
 from ..problem import Objective, Problem, rmse, rmse_by_scan
 from ..programs import compile_for
-from .answer import Answer
+from .answer import Answer, MethodFailure
 from .method import Budget, Method, Progress
 from .starts import generator_of, latin_hypercube
+
+# SciPy's own limit.
+FEWEST = 5
 
 
 @in_float64
@@ -24,9 +27,14 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
 
     SciPy's defaults (best1bin, dithered mutation 0.5 to 1, crossover 0.7), in the search
     coordinates and box of all others, over our compiled RMSE; no polish, and no early stop, so
-    that the whole budget is spent.
+    that the whole budget is spent. Raises `MethodFailure` for a population under `FEWEST`.
     """
     box = problem.coordinates
+    if budget.population < FEWEST:
+        raise MethodFailure(
+            f"differential evolution needs a population of at least {FEWEST}, not "
+            f"{budget.population}"
+        )
     low, high = np.asarray(box.lower), np.asarray(box.upper)
     candidates = jnp.zeros((budget.population, len(low)))
     compiled = compile_for(_errors, candidates, problem.objective)

@@ -7,7 +7,13 @@ from ..problem import Problem
 from .answer import Answer
 from .even_samples import even_samples
 from .method import Budget, Method, Progress
-from .transfer_function import circuit_of, impedances, outside_box, regression
+from .transfer_function import (
+    circuit_of,
+    impedances,
+    outside_box,
+    regression,
+    require_all_free,
+)
 
 
 def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
@@ -17,9 +23,10 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     sample from the measured ones before it, not that of a simulation: noise in the regressors
     biases the poles toward fast ones (Ljung, System Identification, 1999, section 7.3), so its
     RMSE is no least one even where it answers. Raises `MethodFailure` where the equation belongs
-    to no circuit.
+    to no circuit, and where a parameter is held.
     """
     del budget
+    require_all_free(problem)
     pairs = problem.bounds.pairs
     samples = even_samples(problem.course, pairs)
     columns, target = regression(samples, pairs)

@@ -11,7 +11,13 @@ from ..problem import Problem
 from .answer import Answer, MethodFailure, Trajectory
 from .even_samples import even_samples
 from .method import Budget, Method, Progress
-from .transfer_function import circuit_of, impedances, outside_box, regression
+from .transfer_function import (
+    circuit_of,
+    impedances,
+    outside_box,
+    regression,
+    require_all_free,
+)
 
 # Ljung's usual range is 0.98 to 0.995; at one sample a second those forget within the slower time
 # constant of a cell. This remembers a thousand samples.
@@ -31,9 +37,10 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
     guess zero. The averaged parameters are medians over time, from the sample on at which the
     first guess is forgotten (or half of a shorter record), where the equation belongs to a
     circuit; noise can make those few, and a note says how many. The bias of `ls` is its bias too.
-    Raises `MethodFailure` where there are none.
+    Raises `MethodFailure` where there are none, and where a parameter is held.
     """
     del budget
+    require_all_free(problem)
     pairs = problem.bounds.pairs
     samples = even_samples(problem.course, pairs)
     columns, target = regression(samples, pairs)

@@ -86,6 +86,16 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
     return CircuitParameters(r0, tuple(pairs), c)
 
 
+def require_all_free(problem: Problem) -> None:
+    """Raise `MethodFailure` where a parameter is held: a difference equation cannot hold one."""
+    if problem.bounds.fixed:
+        held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
+        raise MethodFailure(
+            f"a regression of the difference equation cannot hold {held}; use another method, such "
+            "as varpro, or leave out --fix"
+        )
+
+
 def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
     """A note where parameters lie outside the search box, which a linear method does not know."""
     values = parameters.to_dict()

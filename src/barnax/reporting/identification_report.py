@@ -72,6 +72,8 @@ def verdict_sentences(result: "Result") -> Iterator[str]:
     yield f"On {own.record} the refined {result.model} errs by {millivolt(own.rmse_v)} (RMSE)."
     yield from validation_sentences(own, result.metrics.validation)
     yield result.refined.verdict
+    if result.global_optimum is not None:
+        yield result.global_optimum.words
 
 
 def validation_sentences(

@@ -18,6 +18,7 @@ from barnax.bundled import BUNDLED
 from barnax.cell import CellModel
 from barnax.errors import InputError
 from barnax.evaluate import evaluate_course, validate
+from barnax.export.tables import tables_of
 from barnax.identification import identify
 from barnax.optimizers import make_optimizer
 from barnax.problem import make_problem
@@ -120,6 +121,34 @@ def test_the_numbers_are_those_of_the_run(document, checked):
     assert stored["converged"] == [seed.has_converged for seed in refined]
     assert document["fixed"] == {"tau1 [s]": 10.0}
     assert document["bounds"]["R0 [Ohm]"] == [0.01, 0.1]
+
+
+def test_the_direction_and_rest_current_the_simulation_starts_with_are_stored(
+    document, checked, bundled_record, bundled_cell
+):
+    assert document["initial_direction"] == 1
+    assert document["rest_current [A]"] == pytest.approx(bundled_cell.capacity_ah / 100)
+    # From 5,000 s on the cell comes from a discharge, whatever was before the record.
+    window = Window(start_time_s=5000.0, score_to_s=5900.0, initial_soc=0.7)
+    problem = make_problem(bundled_record, bundled_cell, "iso-rc", window=window)
+    later = replace(checked, found=replace(checked.found, problem=problem))
+    evaluation = evaluate_course(problem.course, checked.parameters)
+    stored = make_result(later, [evaluation])
+    assert stored.window.initial_direction == 1
+    assert stored.start_direction == stored.initial_direction == problem.course.direction[0] == -1
+    # An export starts where the simulation does.
+    away_v = tables_of(stored).initial_hysteresis_v
+    assert problem.course.source_v[0] == pytest.approx(
+        bundled_cell.average_ocv_v(problem.course.soc[0]) + away_v, abs=1e-6
+    )
+    assert away_v < -1e-3
+
+
+def test_a_result_without_direction_and_rest_current_still_reads(document, read):
+    del document["initial_direction"], document["rest_current [A]"]
+    old = read(document)
+    assert (old.initial_direction, old.start_direction) == (None, 1)
+    assert old.start_rest_current_a == pytest.approx(old.cell_model.capacity_ah / 100)
 
 
 def test_the_refined_rmse_is_the_identification_metric(document):

@@ -48,7 +48,8 @@ def make_result(
     initial_soc: float = 0.9,
     record: str = "cycle.csv",
     hysteresis_fit: str = "continuous",
-    initial_direction: int = 1,
+    initial_direction: int | None = 1,
+    rest_current_a: float | None = 0.035,
 ) -> Result:
     """A result of this circuit, with what an export reads of it."""
     parameters = {"R0 [Ohm]": 0.0511}
@@ -62,7 +63,9 @@ def make_result(
         parameters=parameters,
         cell=make_cell(hysteresis_fit).to_dict(),
         metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
-        window=Window(initial_direction=initial_direction),
+        window=Window(initial_direction=1),
         initial_soc=initial_soc,
+        initial_direction=initial_direction,
+        rest_current_a=rest_current_a,
         versions={"barnax": "0.1.0"},
     )

@@ -31,6 +31,7 @@ int main(void)
     show(&barnax_capacity_ah, 1);
     show(&barnax_initial_soc, 1);
     show(&barnax_initial_direction, 1);
+    show(&barnax_rest_current_a, 1);
     show(&barnax_r0_ohm, 1);
     show(barnax_r_ohm, BARNAX_RC_PAIRS);
     show(barnax_c_f, BARNAX_RC_PAIRS);
@@ -52,7 +53,7 @@ int main(void)
 @needs_compiler
 @pytest.mark.parametrize("circuit", CIRCUITS)
 def test_a_program_prints_every_number_of_the_result(tmp_path, circuit):
-    result = make_result(circuit)
+    result = make_result(circuit, initial_direction=-1)
     (tmp_path / "barnax_cell.h").write_bytes(EXPORTERS["c-header"].write(result).content)
     (tmp_path / "main.c").write_text(PROGRAM)
     strict = ["-std=c89", "-pedantic", "-Wall", "-Wextra", "-Werror"]
@@ -62,7 +63,8 @@ def test_a_program_prints_every_number_of_the_result(tmp_path, circuit):
 
     tables = tables_of(result)
     r, c = np.array(PAIRS[: PAIRS_OF[circuit]]).T
-    expected = [[2.0], [0.9], [1.0], [0.0511], r, c, r * c, tables.ocv.soc, tables.ocv.voltage_v]
+    expected = [[2.0], [0.9], [-1.0], [0.035], [0.0511], r, c, r * c]
+    expected += [tables.ocv.soc, tables.ocv.voltage_v]
     if tables.hysteresis is not None:
         expected += [tables.hysteresis.soc, tables.hysteresis.voltage_v]
     if circuit == "esc":

@@ -23,7 +23,7 @@ def rows(circuit: str) -> list[dict[str, str]]:
 def test_every_value_is_a_number_with_a_unit_under_a_name_of_its_own(circuit):
     found = rows(circuit)
     assert all(np.isfinite(float(row["value"])) for row in found)
-    assert {row["unit"] for row in found} == {"Ohm", "F", "s", "A.h", "V", "1"}
+    assert {row["unit"] for row in found} == {"Ohm", "F", "s", "A", "A.h", "V", "1"}
     assert len({row["name"] for row in found}) == len(found)
 
 
@@ -37,6 +37,7 @@ def test_the_circuit_comes_back_as_it_was_identified(circuit):
         assert found[f"tau{k}"] == (r * c, "s")
     assert found["capacity"] == (2.0, "A.h")
     assert found["initial SOC"] == (0.9, "1")
+    assert found["rest current"] == (0.035, "A")
     assert found.get("gamma") == ((GAMMA, "1") if circuit == "esc" else None)
 
 

@@ -8,6 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from barnax.cell import SegmentedHysteresis
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
+from barnax.window import Window
 
 from .sample_results import make_cell, make_result
 
@@ -70,6 +71,15 @@ def test_the_kind_of_hysteresis_follows_the_circuit(circuit, kind):
     tables = tables_of(make_result(circuit))
     assert tables.kind == kind
     assert (tables.hysteresis is None) == (kind == "none")
+
+
+def test_a_result_that_stores_no_direction_starts_with_the_window_s():
+    old = make_result(initial_direction=None, rest_current_a=None)
+    assert tables_of(old).initial_direction == old.window.initial_direction == 1
+    turned = old.model_copy(update={"window": Window(initial_direction=-1, rest_current_a=0.1)})
+    assert (tables_of(turned).initial_direction, tables_of(turned).rest_current_a) == (-1, 0.1)
+    # C/100 where none was given.
+    assert tables_of(old).rest_current_a == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("direction", [1, -1])

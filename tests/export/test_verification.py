@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, Profile, pulse_profile, require_package, verify
-from barnax.export.tables import TOLERANCE_V
+from barnax.export.tables import TOLERANCE_V, tables_of
 from barnax.export.verification import simulate_here
 
 from .sample_results import CAPACITY_AH, PAIRS, make_result
@@ -68,6 +68,19 @@ def test_barnax_own_side_is_the_circuit_that_was_identified():
         decay = math.exp(-1 / (r * c))
         expected_v -= lfilter([0, r * (1 - decay)], [1, -decay], SHORT.current_a)
     np.testing.assert_allclose(found_v, expected_v, rtol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("circuit", ["iso-rc", "esc"])
+def test_both_sides_start_in_the_direction_the_identification_started_in(circuit, direction):
+    result = make_result(circuit, initial_direction=direction)
+    # Less than the rest current turns nothing.
+    resting = Profile(1.0 * np.arange(200), np.tile([0.03, -0.03], 100))
+    found_v = simulate_here(result, result.cell_model, resting)
+    start_v = tables_of(result).initial_hysteresis_v
+    assert start_v * direction > 5e-3
+    away_v = found_v - simulate_here(make_result("so-rc"), result.cell_model, resting)
+    np.testing.assert_allclose(away_v, start_v, atol=1e-5)
 
 
 @pytest.mark.parametrize("initial_soc", [0.0, 0.1, 0.49, 0.5, 0.9, 1.0])

@@ -15,8 +15,9 @@ TEMPLATE = """\
  *
  * v = OCV(soc) - R0 i - v_1 - v_2 - ... + h W(soc) / 2, i > 0 while discharging.
  * Each pair: dv_k/dt = (R_k i - v_k) / tau_k. SOC: d(soc)/dt = -i / (3600 capacity).
- * h is 1 after charging, -1 after discharging; with BARNAX_HYSTERESIS 2, over an interval that
- * passes the share dz of the capacity: h = exp(-gamma |dz|) h + (1 - exp(-gamma |dz|)) sign(-i).
+ * h starts as barnax_initial_direction. While |i| < barnax_rest_current_a, and at i = 0, it stays
+ * as it is; else with BARNAX_HYSTERESIS 1: h = sign(-i), 1 while charging; with 2, over an interval
+ * that passes the share dz of the capacity: h = exp(-gamma |dz|) h + (1 - exp(-gamma |dz|)) sign(-i).
  * Tables are read linearly and are constant beyond their ends.
  */
 #ifndef BARNAX_CELL_H
@@ -33,7 +34,10 @@ TEMPLATE = """\
 
 
 def write_c_header(result: Result) -> Export:
-    """The header's source, in C89. It holds everything a circuit has."""
+    """The header's source, in C89: all that simulates the circuit as barnax does.
+
+    Pairs start without voltage. Tables follow the curves within `TOLERANCE_V`.
+    """
     tables = tables_of(result)
     content = TEMPLATE.format(
         notes=note_lines(tables.heading, (), " * "),
@@ -48,7 +52,8 @@ def _declarations(tables: Tables) -> Iterator[str]:
     circuit = tables.parameters
     yield _scalar("capacity_ah", tables.capacity_ah, "A.h")
     yield _scalar("initial_soc", tables.initial_soc, "1")
-    yield _scalar("initial_direction", float(tables.initial_direction), "1, last before the start")
+    yield _scalar("initial_direction", float(tables.initial_direction), "1, at the start")
+    yield _scalar("rest_current_a", tables.rest_current_a, "A, turns no hysteresis below")
     yield _scalar("r0_ohm", circuit.r0, "ohm")
     for name, values, unit in (
         ("r_ohm", circuit.r, "ohm"),

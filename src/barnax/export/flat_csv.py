@@ -10,7 +10,10 @@ from .tables import Tables, tables_of
 
 
 def write_csv(result: Result) -> Export:
-    """The table. `OCV(0.5)` and `W(0.5)` are the curves at a SOC, to be read linearly."""
+    """The table. `OCV(0.5)` and `W(0.5)` are the curves at a SOC, to be read linearly.
+
+    The hysteresis starts in the initial direction; below the rest current it keeps its own.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("name", "value", "unit"))
@@ -27,6 +30,7 @@ def _rows(tables: Tables) -> Iterator[tuple[str, str, str]]:
     yield "capacity", repr(tables.capacity_ah), "A.h"
     yield "initial SOC", repr(tables.initial_soc), "1"
     yield "initial direction", repr(tables.initial_direction), "1"
+    yield "rest current", repr(tables.rest_current_a), "A"
     for name, table in (("OCV", tables.ocv), ("W", tables.hysteresis)):
         if table is not None:
             for soc, voltage_v in zip(table.soc.tolist(), table.voltage_v.tolist(), strict=True):

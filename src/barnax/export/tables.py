@@ -40,8 +40,8 @@ class Tables:
     `hysteresis` is W(soc), charge minus discharge OCV in V, None where the circuit has none. The
     circuit adds half of it after charging and takes half of it away after discharging: at once
     (`kind` is "instant"), or with a state that follows the charge passed at the rate
-    `parameters.gamma` per unit of SOC ("dynamic"). `initial_direction` is the last direction
-    before the start, +1 charging.
+    `parameters.gamma` per unit of SOC ("dynamic"); a current below `rest_current_a` turns neither.
+    `initial_direction` is the direction the simulation starts with, +1 charging.
     """
 
     model: str
@@ -50,6 +50,7 @@ class Tables:
     capacity_ah: float
     initial_soc: float
     initial_direction: int
+    rest_current_a: float
     kind: Hysteresis
     ocv: Table
     hysteresis: Table | None
@@ -82,7 +83,8 @@ def tables_of(result: Result) -> Tables:
         parameters=result.circuit_parameters,
         capacity_ah=cell.capacity_ah,
         initial_soc=result.initial_soc,
-        initial_direction=result.window.initial_direction,
+        initial_direction=result.start_direction,
+        rest_current_a=result.start_rest_current_a,
         kind=kind,
         ocv=linear_table(cell.average_ocv_v, np.concatenate([cell.charge.soc, cell.discharge.soc])),
         hysteresis=None if kind == "none" else segment_table(cell.hysteresis),

@@ -133,7 +133,8 @@ def _hysteresis_caveats(tables: Tables) -> tuple[str, ...]:
         )
     return (
         "thevenin relaxes the hysteresis voltage, barnax the share of W(soc)/2: they differ by "
-        "about the slope of W(soc)/2 over gamma.",
+        "about the slope of W(soc)/2 over gamma. It turns with any current, however small, where "
+        "barnax leaves it below the rest current.",
         start,
     )
 

@@ -81,7 +81,7 @@ def verify(
         largest_v=_largest(difference_v),
         rms_v=_rms(difference_v),
         without_hysteresis_v=_largest(there_v - simulate_here(result, plain, profile)),
-        without_turns_v=_largest(difference_v[~_turns(profile, result.window.initial_direction)]),
+        without_turns_v=_largest(difference_v[~_turns(profile, result.start_direction)]),
     )
 
 
@@ -107,8 +107,8 @@ def simulate_here(
     )
     window = Window(
         initial_soc=result.initial_soc,
-        initial_direction=result.window.initial_direction,
-        rest_current_a=result.window.rest_current_a,
+        initial_direction=result.start_direction,
+        rest_current_a=result.start_rest_current_a,
     )
     evaluation = validate(record, cell, result.model, result.circuit_parameters, window)
     return evaluation.simulated_v

@@ -173,3 +173,11 @@ def test_fixed_values_are_a_name_and_a_number():
 def test_a_fixed_value_written_otherwise_is_refused_with_an_example(text):
     with pytest.raises(InputError, match=r'--fix .* such as "C1 \[F\]=500"'):
         parse_fixed([text])
+
+
+@pytest.mark.parametrize("digits", [401, 5000])
+def test_a_number_of_hundreds_of_digits_is_refused(tmp_path, digits):
+    path = tmp_path / "box.toml"
+    path.write_text(f'[bounds]\n"R0 [Ohm]" = [0, {"9" * digits}]\n')
+    with pytest.raises(InputError, match=r"box\.toml"):
+        read_bounds(path)

@@ -341,3 +341,34 @@ def test_a_seed_that_failed_at_first_or_altogether_is_stored(checked, result, tm
     read = Result.from_json(path)
     assert read.search.seeds[0].history_v == tuple(late.history_v)
     assert read.search.seeds[1].rmse_v == math.inf
+
+
+@pytest.mark.parametrize(
+    ("model", "change"),
+    [
+        ("iso-rc", {"gamma": 50.0}),
+        ("esc", {}),
+        ("3rc", {}),
+        ("1rc", {}),
+    ],
+)
+def test_parameters_of_another_circuit_are_refused(result, tmp_path, model, change):
+    stored = result.to_dict() | {"model": model}
+    stored["parameters"] |= change
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps(stored))
+    with pytest.raises(InputError, match=f"the circuit {model} has the parameters"):
+        Result.from_json(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("capacity [A.h]", 10**400), ("warnings", 5), ("warnings", [1]), ("warnings", "text")],
+)
+def test_a_cell_of_absurd_values_is_refused(result, tmp_path, key, value):
+    stored = result.to_dict()
+    stored["cell"][key] = value
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps(stored))
+    with pytest.raises(InputError, match="is not a barnax result"):
+        Result.from_json(path)

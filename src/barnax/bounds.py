@@ -167,7 +167,8 @@ def read_bounds(path: Path) -> dict[str, Range]:
         raise InputError(
             f"{path}: cannot be read ({problem.strerror or problem}); give --bounds a TOML file"
         ) from problem
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+    except (ValueError, RecursionError) as problem:
+        # No TOML, no text, or an integer of more digits than Python turns into one.
         raise InputError(f"{path}: is not a TOML file ({problem})") from problem
     table = document.get("bounds")
     if not isinstance(table, dict) or len(document) != 1:
@@ -183,7 +184,10 @@ def read_bounds(path: Path) -> dict[str, Range]:
             raise InputError(
                 f"{path}: {name!r} must be two numbers, [lower, upper]; it is {value!r}"
             )
-        ranges[name] = (float(value[0]), float(value[1]))
+        try:
+            ranges[name] = (float(value[0]), float(value[1]))
+        except OverflowError as problem:
+            raise InputError(f"{path}: {name!r} holds a number beyond all bounds") from problem
     return ranges
 
 

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from .cell import CellModel, CircuitParameters, get_circuit
 from .evaluate import Evaluation, pooled
@@ -89,6 +89,16 @@ class Result(Part):
     @classmethod
     def _name_a_circuit(cls, values: Parameters) -> Parameters:
         return CircuitParameters.from_dict(values).to_dict()
+
+    @model_validator(mode="after")
+    def _hold_what_the_circuit_has(self) -> Self:
+        wanted = get_circuit(self.model).parameter_names
+        if set(self.parameters) != set(wanted):
+            raise ValueError(
+                f"the circuit {self.model} has the parameters {', '.join(wanted)}, not "
+                f"{', '.join(self.parameters)}"
+            )
+        return self
 
     @field_validator("cell")
     @classmethod

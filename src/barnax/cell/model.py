@@ -11,7 +11,7 @@ from ..errors import InputError
 from .curves import AbstractCurve, PolynomialCurve, curve_from_dict
 from .hysteresis import SegmentedHysteresis
 from .soc_axis import OcvPoint
-from .stored import stored_number, stored_value
+from .stored import stored_number, stored_texts, stored_value
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
@@ -131,7 +131,7 @@ class CellModel:
                 )
                 for name, error in errors.items()
             },
-            warnings=tuple(str(text) for text in stored_value(stored, "warnings", what)),
+            warnings=stored_texts(stored, "warnings", what),
         )
 
 

@@ -1,5 +1,6 @@
 """Reading stored mappings back: every value is checked before it is believed."""
 
+import contextlib
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -27,8 +28,17 @@ def stored_numbers(stored: Mapping[str, Any], key: str, what: str) -> tuple[floa
     return tuple(_number(value, f"{key!r} of the stored {what}") for value in values)
 
 
+def stored_texts(stored: Mapping[str, Any], key: str, what: str) -> tuple[str, ...]:
+    """A list of texts. Raises `InputError` for anything else."""
+    values = stored_value(stored, key, what)
+    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+        raise InputError(f"{key!r} of the stored {what} must be a list of texts")
+    return tuple(values)
+
+
 def _number(value: Any, where: str) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (is_number and math.isfinite(value)):
-        raise InputError(f"{where} must hold finite numbers; it holds {value!r}")
-    return float(value)
+    # An integer too large for a float overflows where it is asked whether it is finite.
+    with contextlib.suppress(OverflowError):
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            return float(value)
+    raise InputError(f"{where} must hold finite numbers; it holds {str(value)[:80]}")

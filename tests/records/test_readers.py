@@ -50,6 +50,8 @@ def test_a_file_cut_anywhere_is_refused_and_never_crashes(name):
             read_table(content[:length], "cell")
 
 
-@pytest.mark.parametrize("module", ["read", "rests"])
+@pytest.mark.parametrize(
+    "module", ["read", "rests", "limits", "readers.thrift", "readers.workbook_xml"]
+)
 def test_the_examples_run(module):
     assert doctest.testmod(importlib.import_module(f"barnax.records.{module}")).failed == 0

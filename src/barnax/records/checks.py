@@ -13,6 +13,8 @@ from ..errors import InputError
 from .samples import Samples
 
 FEWEST_SAMPLES = 10
+# Far below what any tester resolves; squares of much less are lost.
+_SHORTEST_S, _LEAST_A = 1e-6, 1e-12
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 CELL_RANGE_V = (0.5, 6.0)
@@ -38,6 +40,12 @@ def check_samples(samples: Samples) -> Samples:
         raise InputError(
             f"{samples.file}: holds {len(samples.time_s)} samples, and a record needs at least "
             f"{FEWEST_SAMPLES}; give a longer one."
+        )
+    duration_s = float(samples.time_s[-1] - samples.time_s[0])
+    if duration_s < _SHORTEST_S:
+        raise InputError(
+            f"{samples.file}: lasts {duration_s:.3g} s by '{samples.names['time']}', and no record "
+            "is so short; give the column that holds the time, with its unit."
         )
     samples = _with_plausible_voltage(samples)
     return _with_plausible_current(samples)
@@ -148,10 +156,11 @@ def _with_plausible_voltage(samples: Samples) -> Samples:
 def _with_plausible_current(samples: Samples) -> Samples:
     magnitude, name = np.abs(samples.current_a), samples.names["current"]
     peak = float(magnitude.max())
-    if peak == 0:
+    if peak < _LEAST_A:
         raise InputError(
-            f"{samples.file}: every current in '{name}' is zero, so nothing can be learned from "
-            "the record; give the column that holds the measured current."
+            f"{samples.file}: every current in '{name}' is zero (or below {_LEAST_A:g} A), so "
+            "nothing can be learned from the record; give the column that holds the measured "
+            "current."
         )
     reasons = milliampere_reasons(samples)
     if reasons:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..errors import InputError
+from .limits import listed
 from .units import QUANTITIES, Quantity, Unit
 
 Dialect = Literal["Battery Data Format", "Arbin", "PyBaMM", "plain"]
@@ -53,10 +54,12 @@ def find_columns(header: Sequence[str]) -> dict[str, Column]:
     that states its unit, then the first of two equal names.
     """
     found: dict[str, Column] = {}
+    names = {name: index for index, name in reversed(list(enumerate(header)))}
+    normals = {name: _normal(name).replace("<", "").replace(">", "") for name in names}
     for quantity in QUANTITIES:
         candidates = []
-        for index, name in enumerate(header):
-            match = _match(name, quantity)
+        for name, index in names.items():
+            match = _match(name, normals[name], quantity)
             if match is not None:
                 rank, unit, assumed = match
                 column = Column(index, name, quantity, unit, assumed)
@@ -75,10 +78,10 @@ def require_columns(header: Sequence[str], file: str) -> dict[str, Column]:
     missing = [quantity for quantity in QUANTITIES if quantity.is_required]
     missing = [quantity for quantity in missing if quantity.name not in found]
     if missing:
-        names = ", ".join(name for name in header if name) or "none"
+        names = listed(name for name in header if name) or "none"
         raise InputError(
             f"{file}: no column for {', '.join(quantity.name for quantity in missing)}. "
-            f"Columns found: {textwrap.shorten(names, 400, placeholder=' ...')}. "
+            f"Columns found: {names}. "
             + " ".join(_advice(quantity, header) for quantity in missing)
             + " Rename the columns so, in the file's first row."
         )
@@ -110,9 +113,8 @@ def _tight(name: str) -> str:
     return _normal(name).replace(" (", "(")
 
 
-def _match(name: str, quantity: Quantity) -> tuple[int, Unit, bool] | None:
+def _match(name: str, normal: str, quantity: Quantity) -> tuple[int, Unit, bool] | None:
     """Rank of the alias (0 is the most specific), the unit, and whether it is assumed."""
-    normal = _normal(name).replace("<", "").replace(">", "")
     for rank, alias in enumerate(quantity.aliases):
         if normal == alias:
             # A bare T is a temperature to some and a time to others; a bare t is a time.

@@ -8,6 +8,7 @@ import polars as pl
 from jaxtyping import Bool, Float, Int
 
 from .columns import Column
+from .limits import LARGEST_NUMBER, LONGEST_CELL, cut
 from .table import Table
 
 
@@ -36,12 +37,13 @@ class Lines:
         return place(int(self.row[line]), int(self.sheet[line]), self.sheets)
 
     def cell(self, name: str, line: int) -> object:
-        """What stands in the file under the quantity `name`; None for nothing."""
-        return self.table.columns[self.columns[name].index][int(self.at[line])]
+        """What stands in the file under the quantity `name`, long text cut; None for nothing."""
+        cell = self.table.columns[self.columns[name].index][int(self.at[line])]
+        return cut(cell, LONGEST_CELL) if isinstance(cell, str) else cell
 
     def bad(self, name: str) -> Bool[np.ndarray, "lines"]:
-        """Where the quantity `name` has no finite number."""
-        return ~np.isfinite(self.values[name])
+        """Where the quantity `name` has no number, or one that no tester reads."""
+        return ~(np.abs(self.values[name]) <= LARGEST_NUMBER)
 
     def keep(self, mask: Bool[np.ndarray, "lines"]) -> "Lines":
         """The lines where `mask` holds."""

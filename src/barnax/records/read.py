@@ -1,12 +1,14 @@
 """From a cycler's file to a checked record, in one straight line."""
 
 import hashlib
+import os
 from pathlib import Path
 from typing import Literal
 
 from ..errors import InputError
 from .checks import check_samples
 from .hold import decide_hold
+from .limits import LARGEST_FILE
 from .readers import read_table
 from .record import Decision, Hold, Record
 from .samples import Samples, take_samples
@@ -70,12 +72,24 @@ def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:
 
 
 def read_content(path: Path) -> bytes:
-    """A file's bytes. Raises InputError where there is no such file or it cannot be read."""
+    """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
     try:
-        if path.is_dir():
-            raise InputError(f"{path.name}: is a directory; give one file of measured samples.")
-        return path.read_bytes()
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            # A pipe or a device has no size, and the latter no end.
+            content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
+    except IsADirectoryError:
+        raise InputError(
+            f"{path.name}: is a directory; give one file of measured samples."
+        ) from None
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; check the name and the folder.") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({reason}).") from error
+    if max(size, len(content)) > LARGEST_FILE:
+        raise InputError(
+            f"{path.name}: is larger than the {LARGEST_FILE / 1e9:g} GB that are read; give a part "
+            "of the record."
+        )
+    return content

@@ -7,8 +7,11 @@ from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
 from .columns import Column, Dialect, dialect_of, require_columns
+from .limits import LARGEST_NUMBER
 from .lines import Lines, place, take_lines
 from .table import Table
+
+_LARGEST_STEP = 2**31
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ def take_samples(table: Table, file: str) -> Samples:
     """The samples of a table whose columns are known by their names.
 
     Blank lines are passed over. Raises InputError when time, current or voltage is missing, is
-    no number, or is not finite.
+    no number, or none that a tester reads.
     """
     lines = take_lines(table, require_columns(table.header, file), file)
     for name in required(lines):
@@ -82,10 +85,11 @@ def take_samples(table: Table, file: str) -> Samples:
         if bad.any():
             first = int(np.argmax(bad))
             cell = lines.cell(name, first)
+            stands = "nothing" if cell is None else repr(cell)
             raise InputError(
-                f"{file}: {lines.place(first)}: {'nothing' if cell is None else repr(cell)} stands "
-                f"under '{lines.columns[name].header}', where a finite number is needed "
-                f"({int(bad.sum())} such cells in the column); "
+                f"{file}: {lines.place(first)}: {stands} stands under "
+                f"'{lines.columns[name].header}', where a number below {LARGEST_NUMBER:g} is "
+                f"needed ({int(bad.sum())} such cells in the column); "
                 f"{_remedy(bad, lines.columns[name])}."
             )
     return samples_of(lines)
@@ -102,7 +106,7 @@ def samples_of(lines: Lines) -> Samples:
     notes = list(lines.table.notes) + [_unit_note(found) for found in columns.values()]
     temperature, temperature_notes = _optional(lines, "temperature")
     step, step_notes = _optional(lines, "step")
-    if step is not None and np.any(step != np.round(step)):
+    if step is not None and np.any((step != np.round(step)) | (np.abs(step) > _LARGEST_STEP)):
         step, step_notes = None, ["the step numbers are not whole numbers and are left out"]
     return Samples(
         file=lines.file,

@@ -4,7 +4,10 @@ A new format is one module with a `Reader` and one line here. Order matters: the
 comes last because almost anything without a signature could be text.
 """
 
+from dataclasses import replace
+
 from ...errors import InputError
+from ..limits import LONGEST_NAME, cut
 from ..table import Table
 from .parquet import PARQUET
 from .reader import Reader
@@ -24,7 +27,13 @@ def read_table(content: bytes, file: str) -> Table:
         raise InputError(f"{file}: the file is empty; give a file that holds measured samples.")
     for reader in READERS:
         if reader.recognizes(content):
-            return reader.read(content, file)
+            table = reader.read(content, file)
+            # Messages quote the names.
+            return replace(
+                table,
+                header=tuple(cut(name, LONGEST_NAME) for name in table.header),
+                sheets=tuple((cut(name, LONGEST_NAME), lines) for name, lines in table.sheets),
+            )
     known = ", ".join(reader.name for reader in READERS)
     raise InputError(
         f"{file}: the content is binary and of no known format, whatever the file's suffix says. "

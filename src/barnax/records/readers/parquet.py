@@ -6,8 +6,14 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError
+from ..limits import reason_of
 from ..table import Table
+from .parquet_claims import check_claims
 from .reader import Reader
+from .thrift import Broken
+
+# Polars panics, outside Exception, on some files damaged in their middle.
+_DAMAGE = (Broken, pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
 
 
 def _recognizes(content: bytes) -> bool:
@@ -16,11 +22,11 @@ def _recognizes(content: bytes) -> bool:
 
 def _read(content: bytes, file: str) -> Table:
     try:
+        check_claims(content, file)
         frame = pl.read_parquet(io.BytesIO(content))
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
-        # Polars panics, outside Exception, on some files damaged in their middle.
+    except _DAMAGE as error:
         raise InputError(
-            f"{file}: the Parquet file is damaged or cut short ({str(error).splitlines()[0]}); "
+            f"{file}: the Parquet file is damaged or cut short ({reason_of(error)}); "
             "copy or export it again."
         ) from error
     return Table(

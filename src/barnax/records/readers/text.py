@@ -10,13 +10,14 @@ import polars as pl
 
 from ...errors import InputError
 from ..columns import NEEDED, find_columns
+from ..limits import reason_of, require_size
 from ..table import Table
 from .reader import Reader
 
 _DELIMITERS = ",;\t|"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # The longest preambles known have some 80 lines, the widest headers some 3,000 characters.
-_PREAMBLE_LINES, _LONGEST_HEADER = 200, 20_000
+_PREAMBLE_LINES, _PREAMBLE_LETTERS, _LONGEST_HEADER = 200, 200_000, 20_000
 _DECIMAL_COMMA = re.compile(r"^\s*-?\d+,\d+(?:[eE][+-]?\d+)?\s*$")
 
 
@@ -41,7 +42,11 @@ def _decoded(content: bytes, file: str) -> str:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    """The cells of one line; none where the standard library finds a cell too long."""
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:
+        return []
 
 
 def _read(content: bytes, file: str) -> Table:
@@ -57,7 +62,13 @@ def _read(content: bytes, file: str) -> Table:
     above = _lines_above_names(text[lead:])
     head, _, body = text[lead:].split("\n", above)[-1].partition("\n")
     delimiter = max(_DELIMITERS, key=head.count)
+    require_size(body.count("\n") + 1, head.count(delimiter) + 1, file)
     header = _cells(head, delimiter)
+    if not header:
+        raise InputError(
+            f"{file}: a cell of the first line has {len(head)} letters, so this is no table of "
+            "samples; export the record as plain CSV."
+        )
     columns = _string_columns(body, len(header), delimiter, file)
     first_line = _cells(body.partition("\n")[0], delimiter)
     if delimiter != "," and any(_DECIMAL_COMMA.match(cell) for cell in first_line):
@@ -78,7 +89,8 @@ def _lines_above_names(text: str) -> int:
 
     Some testers write what was tested, by whom and when above their table.
     """
-    for number, line in enumerate(text.split("\n", _PREAMBLE_LINES)[:_PREAMBLE_LINES]):
+    start = text[:_PREAMBLE_LETTERS]
+    for number, line in enumerate(start.split("\n", _PREAMBLE_LINES)[:_PREAMBLE_LINES]):
         if len(line) > _LONGEST_HEADER:
             continue
         if find_columns(_cells(line, max(_DELIMITERS, key=line.count))).keys() >= NEEDED:
@@ -100,7 +112,7 @@ def _string_columns(body: str, width: int, delimiter: str, file: str) -> list[pl
         )
     except pl.exceptions.PolarsError as error:
         raise InputError(
-            f"{file}: cannot be split into columns at {delimiter!r} ({str(error).splitlines()[0]});"
+            f"{file}: cannot be split into columns at {delimiter!r} ({reason_of(error)});"
             " export it as plain CSV without quotes inside cells."
         ) from error
     return [column.str.strip_chars().replace("", None) for column in frame.get_columns()]

@@ -13,10 +13,17 @@ import polars as pl
 
 from ...errors import InputError
 from ..columns import NEEDED, find_columns, has_arbin_header
+from ..limits import cut, listed, reason_of, require_size
 from ..table import Table
+from .old_workbook import open_old_sheets
 from .reader import Reader
+from .workbook_parts import plain_workbook
+from .workbook_sheets import open_sheets
+from .workbook_xml import Damaged
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+# More are read one by one, each from its whole sheet.
+_MOST_SHEETS = 100
 _CHANNEL = re.compile(r"^channel[ _]*(?P<channel>\d+(?:-\d+)?)?", re.IGNORECASE)
 
 
@@ -27,28 +34,35 @@ def _recognizes(content: bytes) -> bool:
 
 def _read(content: bytes, file: str) -> Table:
     try:
-        workbook = fastexcel.read_excel(content)
-        headers = {name: _header(workbook, name) for name in workbook.sheet_names}
+        is_old = content.startswith(_OLE)
+        workbook = (
+            open_old_sheets(content) if is_old else open_sheets(plain_workbook(content, file))
+        )
+        if len(workbook.names) > _MOST_SHEETS:
+            raise InputError(
+                f"{file}: has {len(workbook.names)} sheets, and at most {_MOST_SHEETS} are read; "
+                "delete those that do not belong to the record."
+            )
+        headers = {name: workbook.header(name) for name in workbook.names}
         chosen = _chosen_sheets(headers, file)
-        bodies = {name: _body(workbook, name) for name in chosen}
-    except fastexcel.FastExcelError as error:
+        bodies: dict[str, pl.DataFrame] = {}
+        for name in chosen:
+            bodies[name] = workbook.body(name)
+            rows = sum(body.height for body in bodies.values())
+            require_size(rows, len(headers[name]), file)
+    except (Damaged, fastexcel.FastExcelError) as error:
         raise InputError(
-            f"{file}: the workbook is damaged or cut short ({str(error).splitlines()[0]}); "
+            f"{file}: the workbook is damaged or cut short ({reason_of(error)}); "
             "copy or export it again."
         ) from error
     header = headers[chosen[0]]
     for name in chosen:
         if headers[name] != header:
             raise InputError(
-                f"{file}: sheets {chosen[0]} and {name} have different columns and cannot be "
-                "joined; give them the same first row."
+                f"{file}: sheets {listed([chosen[0]])} and {listed([name])} have different columns "
+                "and cannot be joined; give them the same first row."
             )
     return _joined(bodies, header, ignored=[name for name in headers if name not in chosen])
-
-
-def _header(workbook: fastexcel.ExcelReader, name: str) -> tuple[str, ...]:
-    first = workbook.load_sheet(name, header_row=None, n_rows=1, dtypes="string").to_polars()
-    return tuple(str(cell) for cell in first.row(0)) if first.height else ()
 
 
 def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
@@ -62,7 +76,7 @@ def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
     channels = {match["channel"] for name in arbin if (match := _CHANNEL.match(name))}
     if len(channels) > 1:
         raise InputError(
-            f"{file}: the workbook holds {len(channels)} channels (sheets {', '.join(arbin)}), "
+            f"{file}: the workbook holds {len(channels)} channels (sheets {listed(arbin)}), "
             "and a record is of one cell; save each channel as a workbook of its own."
         )
     if arbin:
@@ -72,27 +86,18 @@ def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
         return whole
     if whole:
         raise InputError(
-            f"{file}: several sheets could be the record ({', '.join(whole)}); keep one of them."
+            f"{file}: several sheets could be the record ({listed(whole)}); keep one of them."
         )
     partial = [name for name, cells in headers.items() if find_columns(cells).keys() & NEEDED]
     if len(partial) == 1:
         # Which of its columns is missing is for the reader of columns to say.
         return partial
-    listed = "; ".join(f"{name}: {', '.join(cells) or 'empty'}" for name, cells in headers.items())
+    found = "; ".join(f"{name}: {listed(cells) or 'empty'}" for name, cells in headers.items())
     raise InputError(
         f"{file}: no sheet has columns for time, current and voltage in its first row. "
-        f"Sheets found: {listed}. Name the columns, for example, 'Test Time / s', 'Current / A' "
-        "and 'Voltage / V'."
+        f"Sheets found: {cut(found, 1000)}. Name the columns, for example, 'Test Time / s', "
+        "'Current / A' and 'Voltage / V'."
     )
-
-
-def _body(workbook: fastexcel.ExcelReader, name: str) -> pl.DataFrame:
-    """A sheet's lines below its header."""
-    if workbook.load_sheet(name, header_row=None).height < 2:
-        return pl.DataFrame()
-    return workbook.load_sheet(
-        name, header_row=None, skip_rows=1, schema_sample_rows=None
-    ).to_polars()
 
 
 def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: list[str]) -> Table:
@@ -105,7 +110,7 @@ def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: l
     if len(names) > 1:
         clock = find_columns(header)["time"].index
         names.sort(key=lambda name: _first_number(filled[name].to_series(clock)))
-    notes = (f"ignored the sheets {', '.join(ignored)}",) if ignored else ()
+    notes = (f"ignored the sheets {listed(ignored)}",) if ignored else ()
     return Table(
         header=header,
         columns=tuple(

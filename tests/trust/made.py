@@ -9,6 +9,7 @@ from barnax.cell import CircuitParameters
 from barnax.identification import Identification, SeedAnswer
 from barnax.optimizers import make_optimizer
 from barnax.problem import Problem, make_problem
+from barnax.records.record import Decision, Hold
 from barnax.refinement import CrossCheck, refine
 from barnax.window import Window
 from reference import drop_v, filtered_response
@@ -34,14 +35,16 @@ def made_problem(
     noise_v,
     truth: CircuitParameters = TRUTH,
     circuit: str = "so-rc",
+    hold: Hold = "forward",
     **options,
 ) -> Problem:
     """The problem of finding `truth` on the current of `like`, its voltage simulated by SciPy."""
     course = like.course
-    drop = drop_v(filtered_response, 1.0, course.current_a, (truth.r0, truth.r, truth.tau_s))
+    values = (truth.r0, truth.r, truth.tau_s)
+    drop = drop_v(filtered_response, 1.0, course.current_a, values, hold)
     voltage_v = course.record.voltage_v.copy()
     voltage_v[course.stretch] = like.cell.average_ocv_v(course.soc) - drop + noise_v
-    record = replace(course.record, voltage_v=voltage_v)
+    record = replace(course.record, voltage_v=voltage_v, hold=Decision(hold, "given", "made so"))
     window = Window(initial_soc=course.initial_soc, score_to_s=like.window.score_to_s)
     return make_problem(record, like.cell, circuit, window=window, **options)
 

@@ -7,10 +7,14 @@ from barnax.cell import CircuitParameters
 from barnax.trust.assessment import assess
 from barnax.trust.identifiability import collinearity
 
+from reference import filtered_response
+
 from .made import TRUTH, colored_noise, cross_check, made_problem
 
 # Li et al. (2023), Table 3, BMO-SO: its first pair has 0.0996 s.
 BMO_SO = CircuitParameters(0.0334, (0.0023, 0.0503), (43.31, 488.57))
+HALF_A_SECOND = CircuitParameters(0.05, (0.01, 0.03), (0.5 / 0.01, 120 / 0.03))
+WIDE = {"tau1 [s]": (0.05, 1500.0), "tau2 [s]": (0.05, 1500.0)}
 
 
 def white(seed=20, sd_v=1e-3):
@@ -36,25 +40,53 @@ def test_what_the_data_determine_is_said_to_be_determined(short_problem):
     assert assessment.identifiability.words == "The data determine every free parameter."
 
 
+def relative_error_of_r1(problem, circuit, sd_v):
+    """Its standard error by least squares with known time constants, in shares of its value."""
+    current_a, hold = problem.course.current_a, problem.course.record.hold.value
+    answers = [filtered_response(1.0, current_a, tau, hold) for tau in circuit.tau_s]
+    columns = np.stack([current_a, *answers], axis=1)
+    return sd_v * np.sqrt(np.linalg.inv(columns.T @ columns)[1, 1]) / circuit.r[0]
+
+
 def test_the_paper_s_pair_of_a_tenth_of_a_second_is_a_resistance_at_1_s(short_problem):
-    wide = {"tau1 [s]": (0.05, 1500.0), "tau2 [s]": (0.05, 1500.0)}
-    problem = made_problem(short_problem, white(), BMO_SO, bounds=wide)
+    problem = made_problem(short_problem, white(), BMO_SO, bounds=WIDE, hold="backward")
+    assert relative_error_of_r1(problem, BMO_SO, 1e-3) > 10
     assessment, findings = findings_of(problem, BMO_SO)
     fast = findings["too fast"]
     tau1_s = assessment.uncertainty["tau1 [s]"].value
     assert fast.text.startswith(
         f"tau1 = {tau1_s:.2f} s cannot be told from a resistance at 1 s sampling: "
-        "only R0 + R1 is determined (35.7 mOhm, "
+        "only R0 + R1 is determined (35.6 mOhm, between 35.5 mOhm and 35.7 mOhm)"
     )
     assert "tau1 [s]" in fast.parameters
 
 
-def test_the_same_pair_at_the_bound_of_the_default_box_is_told_so_too(short_problem):
-    _, findings = findings_of(made_problem(short_problem, white(), BMO_SO), BMO_SO)
-    assert findings["too fast"].text.startswith(
-        "tau1 = 0.50 s cannot be told from a resistance at 1 s sampling: only R0 + R1 is determined"
-    )
+@pytest.mark.parametrize("bounds", [{}, WIDE], ids=["default box", "wide box"])
+def test_where_it_answers_one_sample_late_its_resistance_is_told_and_its_time_is_not(
+    short_problem, bounds
+):
+    problem = made_problem(short_problem, white(), BMO_SO, bounds=bounds)
+    assert relative_error_of_r1(problem, BMO_SO, 1e-3) < 0.1
+    assessment, findings = findings_of(problem, BMO_SO)
+    told = assessment.uncertainty["R1 [Ohm]"]
+    assert told.low <= BMO_SO.r[0] <= told.high
+    text = findings["too fast"].text
+    assert "s is shorter than 1 s sampling can show: R1 is determined (2." in text
+    assert "tau1 is not" in text
+    assert ("at its lower bound" in text) == (bounds == {})
     assert "at bound" not in findings
+    assert findings["too fast"].parameters == ("tau1 [s]",)
+
+
+def test_a_pair_of_half_a_second_that_the_data_determine_is_not_spoken_of(short_problem):
+    noise_v = white(seed=20, sd_v=5e-3)
+    problem = made_problem(short_problem, noise_v, HALF_A_SECOND, bounds=WIDE)
+    assert relative_error_of_r1(problem, HALF_A_SECOND, 5e-3) < 0.1
+    assessment, findings = findings_of(problem, HALF_A_SECOND)
+    assert findings == {}
+    for name, value in {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.01, "tau1 [s]": 0.5}.items():
+        told = assessment.uncertainty[name]
+        assert told.value / 2 < told.low <= value <= told.high
 
 
 # R2 t / tau2: all that the first 1,500 s show of such a pair.

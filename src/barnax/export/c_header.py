@@ -15,9 +15,10 @@ TEMPLATE = """\
  *
  * v = OCV(soc) - R0 i - v_1 - v_2 - ... + h W(soc) / 2, i > 0 while discharging.
  * Each pair: dv_k/dt = (R_k i - v_k) / tau_k. SOC: d(soc)/dt = -i / (3600 capacity).
- * h starts as barnax_initial_direction. While |i| < barnax_rest_current_a, and at i = 0, it stays
- * as it is; else with BARNAX_HYSTERESIS 1: h = sign(-i), 1 while charging; with 2, over an interval
- * that passes the share dz of the capacity: h = exp(-gamma |dz|) h + (1 - exp(-gamma |dz|)) sign(-i).
+ * h starts as barnax_initial_direction, 1 after charging, -1 after discharging. It stays as it is
+ * while |i| < barnax_rest_current_a or i = 0. Else with BARNAX_HYSTERESIS 1: h = sign(-i); with 2,
+ * over an interval that passes the share dz of the capacity:
+ * h = exp(-gamma |dz|) h + (1 - exp(-gamma |dz|)) sign(-i).
  * Tables are read linearly and are constant beyond their ends.
  */
 #ifndef BARNAX_CELL_H

@@ -21,6 +21,8 @@ COLLINEAR = 15.0
 LOOSE_FACTOR = 2.0
 # A combination is worth telling where its interval is this much narrower than its members'.
 SHARPER = 1 / 3
+# A time constant at its bound, 0.1 % of the box's log width, is this close to it.
+NEAR_LIMIT = 0.01
 # Singular values under this share of the largest are rounding.
 LEAST_SHARE = 1e-12
 # What changes by less than this in a direction is not part of it.
@@ -118,16 +120,33 @@ def _singular(scaled: np.ndarray) -> np.ndarray:
 
 
 def _too_fast(pair, values, near, sure, interval_s) -> list[Finding]:
-    """A pair that is over within a sampling interval: below half of it, as the default box."""
+    """A pair that is over within a sampling interval: below half of it, as the default box.
+
+    Where a current is held from its sample on, such a pair still answers one sample after R0, and
+    a lively current tells the two apart; only its time constant is then hidden.
+    """
     tau, resistance = f"tau{pair} [s]", f"R{pair} [Ohm]"
-    if not values[tau] <= 0.5 * interval_s * (1 + 1e-3):
+    if not values[tau] <= 0.5 * interval_s * (1 + NEAR_LIMIT):
         return []
-    total = _sum_of(("R0 [Ohm]", resistance), values, near, sure)
+    if not _is_tight(sure[resistance]):
+        members = ("R0 [Ohm]", resistance)
+        total = _sum_of(members, values, near, sure)
+        if not _is_sharper(total, [sure[name] for name in members]):
+            return []
+        text = (
+            f"tau{pair} = {values[tau]:.2f} s cannot be told from a resistance at "
+            f"{interval_s:.3g} s sampling: only R0 + R{pair} is determined"
+        )
+        return [Finding("too fast", (tau, *members[::-1]), f"{text}{_known(total)}.")]
+    if _is_tight(sure[tau]) or near.held.get(tau) == "fixed":
+        return []
     text = (
-        f"tau{pair} = {values[tau]:.2f} s cannot be told from a resistance at "
-        f"{interval_s:.3g} s sampling: only R0 + R{pair} is determined"
+        f"tau{pair} = {values[tau]:.2f} s is shorter than {interval_s:.3g} s sampling can show: "
+        f"R{pair} is determined{_known(sure[resistance])}, tau{pair} is not"
     )
-    return [Finding("too fast", (tau, resistance, "R0 [Ohm]"), f"{text}{_known(total)}.")]
+    if tau in near.held:
+        text += f" (it is {near.held[tau]}; a wider box would tell how short it may be)"
+    return [Finding("too fast", (tau,), f"{text}.")]
 
 
 def _too_slow(pair, values, near, sure, duration_s) -> list[Finding]:
@@ -194,7 +213,7 @@ def _loose(
             continue
         if each.low is None or each.high is None:
             text = f"{symbol(each.name)} is not determined at all"
-        elif each.value / each.low > LOOSE_FACTOR:
+        elif not _is_tight(each):
             text = (
                 f"{symbol(each.name)} is only known to lie between "
                 f"{with_unit(each.name, each.low)} and {with_unit(each.name, each.high)}"
@@ -259,6 +278,11 @@ def _is_sharper(total: Estimate, members: list[Estimate]) -> bool:
     if total.low is None or total.relative_error is None or len(errors) < len(members):
         return False
     return total.relative_error < SHARPER * min(errors)
+
+
+def _is_tight(estimate: Estimate) -> bool:
+    """Whether its interval ends within `LOOSE_FACTOR` of the value; not, where it has none."""
+    return estimate.low is not None and estimate.value / estimate.low <= LOOSE_FACTOR
 
 
 def _sum_of(

@@ -332,9 +332,7 @@ def test_a_seed_that_failed_at_first_or_altogether_is_stored(checked, result, tm
     lost = replace(second, rmse_v=math.inf, history_v=np.full(len(second.history_v), math.inf))
     found = replace(checked.found, seeds=(late, lost))
     course = checked.found.problem.course
-    made = make_result(
-        replace(checked, found=found), [evaluate_course(course, checked.parameters)]
-    )
+    made = make_result(replace(checked, found=found), [evaluate_course(course, checked.parameters)])
     path = tmp_path / "result.json"
     path.write_text(made.to_json())
     assert json.loads(path.read_text())["search"]["seeds"][0]["history"][0] is None
@@ -372,3 +370,12 @@ def test_a_cell_of_absurd_values_is_refused(result, tmp_path, key, value):
     path.write_text(json.dumps(stored))
     with pytest.raises(InputError, match="is not a barnax result"):
         Result.from_json(path)
+
+
+def test_a_circuit_worse_than_a_constant_is_warned_of(checked):
+    course = checked.found.problem.course
+    wrong = replace(checked.parameters, r0=50.0)
+    made = make_result(checked, [evaluate_course(course, wrong)])
+    assert any("worse than a constant" in text for text in made.warnings)
+    right = make_result(checked, [evaluate_course(course, checked.parameters)])
+    assert not any("worse than a constant" in text for text in right.warnings)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .evaluate import validate as validate
     from .identification import Identification as Identification
     from .identification import identify as identify
+    from .identification import identify_many as identify_many
     from .methods import METHODS as METHODS
     from .methods import Budget as Budget
     from .optimizers import OPTIMIZERS as OPTIMIZERS
@@ -79,6 +80,7 @@ _HOME = {
     "examine": "trust",
     "global_optimum": "optimum",
     "identify": "identification",
+    "identify_many": "identification",
     "make_comparison_result": "comparison",
     "make_optimizer": "optimizers",
     "make_problem": "problem",
@@ -121,6 +123,7 @@ __all__ = [
     "export",
     "global_optimum",
     "identify",
+    "identify_many",
     "make_comparison_result",
     "make_optimizer",
     "make_problem",

@@ -173,7 +173,8 @@ def _check_soc(
             f"{record.name}: row {record.row[far[0]]} is scored at a state of charge of "
             f"{soc[far[0]]:.3f}, but the OCV points span only {low:.3f} to {high:.3f}; check "
             f"--capacity ({cell.capacity_ah:.4g} Ah) and --initial-soc, give an OCV test that "
-            "reaches there, or leave those samples out with --score-steps or --score-to"
+            "reaches there, or leave those samples out: barnax check proposes where to start "
+            "(--start-after-step) and what to score (--score-steps, --score-to)"
         )
     return (
         f"{record.name}: {np.count_nonzero(outside)} of {np.count_nonzero(scored)} scored samples "

@@ -227,7 +227,7 @@ def make_result(
             if len(identification) > 1
         ),
         inputs=tuple(input_part(role, record) for role, record in records),
-        warnings=all_warnings(checked, optimum, validation, ocv),
+        warnings=all_warnings(checked, optimum, identification, validation, ocv),
         command=tuple(command),
         versions=all_versions(),
     )
@@ -287,19 +287,28 @@ def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any
 def all_warnings(
     checked: CrossCheck,
     optimum: GlobalOptimum | None,
+    identification: Sequence[Evaluation],
     validation: Sequence[Evaluation],
     ocv: Sequence[Record],
 ) -> tuple[str, ...]:
     """Every warning of a run once, in the order of the flow."""
     problem = checked.found.problem
     texts = [*(text for record in ocv for text in record.warnings), *problem.warnings]
+    texts += [
+        f"{each.course.record.name}: the circuit does worse than a constant voltage would (R2 "
+        f"{each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and at what "
+        "--fix and --bounds hold"
+        for each in identification
+        if each.metrics.r2 < 0
+    ]
     for each in validation:
         texts += [*each.course.record.warnings, *each.course.warnings]
     excess = 0.0 if optimum is None else regret(checked.rmse_v, optimum.rmse_v)
     if excess > REGRETTABLE:
+        other = "another --method" if problem.scale == "log" else "--coordinates log"
         texts.append(
-            f"the answer's RMSE is {100 * excess:.2g} % above the global optimum's: no seed came "
-            "near it; search with more --seeds, --coordinates log or another --method"
+            f"the answer's RMSE is {100 * excess:.2g} % above the global optimum's; search with more "
+            f"--seeds or with {other}"
         )
     return tuple(dict.fromkeys(texts))
 

@@ -6,7 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
+import barnax.export.tables
 from barnax.cell import SegmentedHysteresis
+from barnax.cell.circuits import Circuit
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
 from barnax.window import Window
 
@@ -87,3 +89,20 @@ def test_the_hysteresis_starts_where_the_last_current_left_it(direction):
     tables = tables_of(make_result(initial_direction=direction))
     w_v = make_cell().hysteresis(np.array(0.9))
     assert tables.initial_hysteresis_v == pytest.approx(direction * w_v / 2, abs=1e-12)
+
+
+def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch):
+    own = Circuit("own", "the discharge branch", lambda cell, soc, direction: cell.discharge(soc))
+    monkeypatch.setattr(barnax.export.tables, "get_circuit", lambda name: own)
+    tables = tables_of(make_result())
+    assert np.abs(tables.ocv(FINE) - make_cell().discharge(FINE)).max() < 1.1 * TOLERANCE_V
+    assert tables.hysteresis is None
+
+
+def test_a_hysteresis_of_ones_own_is_exported_too(monkeypatch):
+    own = Circuit("own", "", lambda cell, soc, direction: 3.5 + direction * 0.01 * soc**2)
+    monkeypatch.setattr(barnax.export.tables, "get_circuit", lambda name: own)
+    tables = tables_of(make_result())
+    assert tables.kind == "instant"
+    assert np.abs(tables.ocv(FINE) - 3.5).max() < 1.1 * TOLERANCE_V
+    assert np.abs(tables.hysteresis(FINE) - 0.02 * FINE**2).max() < 1.1 * TOLERANCE_V

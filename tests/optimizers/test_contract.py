@@ -237,3 +237,19 @@ def test_a_missing_option_is_named(missing):
     del options[missing]
     with pytest.raises(ValueError, match=missing):
         optx.minimise(sphere, make_optimizer("bmo", 4, 1), jnp.zeros(2), 0.0, options=options)
+
+
+def test_bounds_in_the_wrong_order_are_refused():
+    options = {"key": jr.key(0), "lower": 5.0, "upper": -5.0}
+    with pytest.raises(ValueError, match="above the upper"):
+        optx.minimise(sphere, make_optimizer("bmo", 4, 1), jnp.zeros(2), 0.0, options=options)
+
+
+def test_a_start_that_is_no_array_is_refused():
+    options = {"key": jr.key(0), "lower": LOWER, "upper": UPPER}
+    start = {"x": jnp.zeros(2)}
+    with pytest.raises(ValueError, match="one array"):
+        optx.minimise(
+            lambda y, args: sphere(y["x"], args), make_optimizer("bmo", 4, 1), start, 0.0,
+            options=options,
+        )  # fmt: skip

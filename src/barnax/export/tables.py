@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import CellModel, CircuitParameters, get_circuit
+from ..cell.circuits import Circuit
 from ..cell.hysteresis import KNOTS, SegmentedHysteresis
 from ..result import Result
 
@@ -17,6 +18,7 @@ MOST_HALVINGS = 20
 DIGITS_SOC, DIGITS_V = 9, 7
 # An independent hysteresis fit steps at its knots; the lower side stands this far before them.
 STEP_SOC = 10.0**-DIGITS_SOC
+EVERYWHERE = np.linspace(0.0, 1.0, 101)
 
 Hysteresis = Literal["none", "instant", "dynamic"]
 Values = Float[np.ndarray, "points"]
@@ -71,7 +73,9 @@ class Tables:
 def tables_of(result: Result) -> Tables:
     """A result's constants and tables."""
     cell = result.cell_model
-    kind = _kind_of(result, cell)
+    circuit = get_circuit(result.model)
+    kind = _kind_of(circuit, cell)
+    breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])
     rmse_mv = 1e3 * result.metrics.identification.rmse_v
     return Tables(
         model=result.model,
@@ -86,8 +90,8 @@ def tables_of(result: Result) -> Tables:
         initial_direction=result.start_direction,
         rest_current_a=result.start_rest_current_a,
         kind=kind,
-        ocv=linear_table(cell.average_ocv_v, np.concatenate([cell.charge.soc, cell.discharge.soc])),
-        hysteresis=None if kind == "none" else segment_table(cell.hysteresis),
+        ocv=linear_table(lambda soc: np.mean(_sources_v(circuit, cell, soc), axis=0), breakpoints),
+        hysteresis=None if kind == "none" else _hysteresis(circuit, cell, breakpoints),
     )
 
 
@@ -131,11 +135,30 @@ def segment_table(hysteresis: SegmentedHysteresis) -> Table:
     return Table(np.round(soc, DIGITS_SOC), np.array(voltage_v))
 
 
-def _kind_of(result: Result, cell: CellModel) -> Hysteresis:
-    circuit = get_circuit(result.model)
+def _sources_v(circuit: Circuit, cell: CellModel, soc: Values) -> tuple[Values, Values]:
+    """The source after charging and after discharging."""
+    after_charge_v, after_discharge_v = (
+        circuit.source_voltage(cell, soc, direction * np.ones_like(soc)) for direction in (1, -1)
+    )
+    return after_charge_v, after_discharge_v
+
+
+def _kind_of(circuit: Circuit, cell: CellModel) -> Hysteresis:
     if circuit.has_rate:
         return "dynamic"
-    soc = np.linspace(0.0, 1.0, 101)
-    after_charge_v = circuit.source_voltage(cell, soc, np.ones_like(soc))
-    after_discharge_v = circuit.source_voltage(cell, soc, -np.ones_like(soc))
+    after_charge_v, after_discharge_v = _sources_v(circuit, cell, EVERYWHERE)
     return "none" if np.array_equal(after_charge_v, after_discharge_v) else "instant"
+
+
+def _hysteresis(circuit: Circuit, cell: CellModel, breakpoints: Values) -> Table:
+    """W(soc): the cell's segments, or what a circuit makes of its own."""
+
+    def between_v(soc: Values) -> Values:
+        after_charge_v, after_discharge_v = _sources_v(circuit, cell, soc)
+        return after_charge_v - after_discharge_v
+
+    if circuit.has_rate or np.allclose(
+        between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V
+    ):
+        return segment_table(cell.hysteresis)
+    return linear_table(between_v, breakpoints)

@@ -53,7 +53,7 @@ def require_package(exporter: Exporter) -> None:
     if importlib.util.find_spec(exporter.package) is None:
         raise InputError(
             f"--verify needs the package {exporter.package}, which is not installed; get it with "
-            'pip install "barnax[verify]", or leave --verify out'
+            'pip install ".[verify]" in a clone of barnax, or leave --verify out'
         )
 
 

@@ -16,9 +16,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
+import numpy as np
 import optimistix as optx
 from equinox import AbstractVar
 from jax import lax
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
 
 from .swarm import Box, Swarm
@@ -218,11 +220,21 @@ def _key(options: dict[str, Any]) -> Key[Array, ""]:
 
 
 def _box(y: Array, options: dict[str, Any]) -> Box:
+    if not isinstance(y, jax.Array | np.ndarray):
+        raise ValueError(
+            f"a population minimiser needs one array to start from, not a {type(y).__name__}; "
+            "jax.flatten_util.ravel_pytree makes one"
+        )
     missing = [name for name in ("lower", "upper") if name not in options]
     if missing:
         raise ValueError(
             f"a population minimiser searches inside a box; options lack {' and '.join(missing)}"
         )
+    ends = options["lower"], options["upper"]
+    # Bounds that are traced have no value yet.
+    is_known = not any(isinstance(end, Tracer) for end in ends)
+    if is_known and np.any(np.asarray(ends[0]) > np.asarray(ends[1])):
+        raise ValueError(f"the lower bound {ends[0]} is above the upper bound {ends[1]}")
     lower, upper = (
         jnp.broadcast_to(jnp.asarray(options[name], y.dtype), y.shape).ravel()
         for name in ("lower", "upper")

@@ -307,8 +307,8 @@ def all_warnings(
     if excess > REGRETTABLE:
         other = "another --method" if problem.scale == "log" else "--coordinates log"
         texts.append(
-            f"the answer's RMSE is {100 * excess:.2g} % above the global optimum's; search with more "
-            f"--seeds or with {other}"
+            f"the answer's RMSE is {100 * excess:.2g} % above the global optimum's; search with "
+            f"more --seeds or with {other}"
         )
     return tuple(dict.fromkeys(texts))
 

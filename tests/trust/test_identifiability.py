@@ -1,12 +1,13 @@
 """What the data leave open, said in words, on circuits made to leave it open."""
 
+import math
+
 import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.trust.assessment import assess
-from barnax.trust.identifiability import collinearity
-
+from barnax.trust.identifiability import _times, collinearity
 from reference import filtered_response
 
 from .made import TRUTH, colored_noise, cross_check, made_problem
@@ -137,3 +138,12 @@ def test_the_stored_findings_are_plain(short_problem):
     stored = assess(cross_check(made_problem(short_problem, white()))).to_dict()
     assert stored["identifiability"]["findings"] == []
     assert stored["identifiability"]["condition_number"] > 1
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [(math.log(3), "times 3"), (99.0, "100 times higher and beyond"),
+     (-99.0, "100 times lower and beyond")],
+)  # fmt: skip
+def test_a_change_beyond_all_measure_is_said_to_be_one(step, said):
+    assert _times(step) == said

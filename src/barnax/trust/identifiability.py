@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..refinement import CrossCheck
-from .covariance import Estimate, Uncertainty, direction_of, named_values
+from .covariance import WIDEST_FACTOR, Estimate, Uncertainty, direction_of, named_values
 from .linearization import Linearization
 from .wording import joined, symbol, with_unit
 
@@ -244,13 +244,18 @@ def _weak_directions(
         if len(moving) < 2:
             continue
         step = step * np.sign(step[moving[0]])
-        moves = [
-            f"{symbol(near.names[k])} times {math.exp(min(step[k], 99.0)):.3g}" for k in moving
-        ]
+        moves = [f"{symbol(near.names[k])} {_times(step[k])}" for k in moving]
         text = f"{joined(moves)} at once is within one standard error"
         text += _sharper(tuple(near.names[k] for k in moving), near, sure, values)
         findings.append(Finding("direction", tuple(near.names[k] for k in moving), f"{text}."))
     return findings
+
+
+def _times(step: float) -> str:
+    """A change of a logarithm, in words; beyond `WIDEST_FACTOR` nothing is known of its size."""
+    if abs(step) > math.log(WIDEST_FACTOR):
+        return f"{WIDEST_FACTOR:g} times {'higher' if step > 0 else 'lower'} and beyond"
+    return f"times {math.exp(step):.3g}"
 
 
 def _sharper(names, near, sure, values) -> str:

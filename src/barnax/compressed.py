@@ -9,7 +9,7 @@ the sum over all samples, without the samples.
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial, reduce
+from functools import partial, reduce
 from typing import Any
 
 import equinox as eqx
@@ -18,12 +18,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Scalar
 from scipy.linalg import get_lapack_funcs, qr
-from threadpoolctl import ThreadpoolController
 
 from .coordinates import Coordinates
 from .evaluator import AbstractEvaluator, Impedance
 from .exponentials import Lagrange, Span, span_of
 from .simulate import Drive, Intervals, respond
+from .threads import one_blas_thread
 
 # Bound on the error of a pair's answer, relative to the largest current.
 TOLERANCE = 1e-12
@@ -100,7 +100,7 @@ def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
         slowest, fastest = box.gamma_limits
         in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
     # One thread each: what a library does with several would change the last bits.
-    with _blas().limit(limits=1, user_api="blas"):
+    with one_blas_thread():
         factor = reduce(_extend, [_factor(drive, in_tau, in_rate) for drive in drives])
         count = len(in_tau.skeleton)
         columns = [factor[:, :count] @ in_tau.from_skeleton]
@@ -115,12 +115,6 @@ def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
         in_tau=Lagrange.of(in_tau),
         in_rate=None if in_rate is None else Lagrange.of(in_rate),
     )
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    """The linear algebra libraries of this process; looking for them takes a millisecond."""
-    return ThreadpoolController()
 
 
 def _factor(

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Scalar
 from scipy.linalg import qr, solve_triangular
-from threadpoolctl import threadpool_limits
 
 from .errors import InputError
+from .threads import one_blas_thread
 
 # Spans are rounded up to quarter decades, so that most records share one table and one program.
 _SPAN_STEP = math.log(10) / 4
@@ -70,7 +70,7 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
                 "--objective scan"
             )
     # One thread: what a library does with several would change the last bits.
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         return _table(count, half_width, tolerance / 2)._replace(center=center)
 
 

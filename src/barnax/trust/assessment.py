@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from ..refinement import CrossCheck
+from ..threads import one_blas_thread
 from .covariance import Uncertainty, uncertainty
 from .diagnostics import Diagnostics, diagnostics
 from .identifiability import Identifiability, identifiability
@@ -39,7 +38,7 @@ def assess(checked: CrossCheck) -> Assessment:
     """The assessment of a cross-checked answer; it costs one Jacobian and some transforms."""
     near = linearize(checked.found.problem, checked.parameters)
     # One thread: what a library does with several would change the last bits.
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         sure = uncertainty(checked.parameters, near)
         return Assessment(
             near=near,

@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from threadpoolctl import threadpool_limits
 
 from ..compressed import Compressed
 from ..coordinates import Coordinates
@@ -22,6 +21,7 @@ from ..exponentials import Lagrange, span_of
 from ..precision import in_float64
 from ..problem import Problem
 from ..simulate import Intervals, unit_response
+from ..threads import one_blas_thread
 
 # Of an answer, relative to the largest current: far below the noise, with half the columns of the
 # compressed objective.
@@ -60,7 +60,7 @@ class Voltages:
             parts.append(np.asarray(jnp.concatenate(columns)).T[course.scored])
             own.append(np.asarray(drive.base_error_v)[course.scored])
         # One thread: what a library does with several would change the last bits.
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread():
             basis, factor = np.linalg.qr(np.concatenate(parts))
         count = len(in_tau.skeleton)
         columns = [factor[:, :count] @ in_tau.from_skeleton]
@@ -86,7 +86,7 @@ class Voltages:
 
 
 def _project(basis: np.ndarray, voltages_v: np.ndarray) -> np.ndarray:
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         inside = voltages_v @ basis
         squares = np.einsum("fs,fs->f", voltages_v, voltages_v)
     rest = np.sqrt(np.maximum(squares - np.einsum("fr,fr->f", inside, inside), 0.0))

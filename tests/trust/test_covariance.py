@@ -1,9 +1,12 @@
 """Standard errors and intervals against SciPy's curve_fit, closed forms and known truths."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
+from barnax.problem import make_problem
 from barnax.trust.assessment import assess
 from reference import drop_v, filtered_response
 
@@ -95,3 +98,26 @@ def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
     assert all(each.relative_error is None for each in assessment.uncertainty.estimates)
     assert assessment.identifiability.condition_number == 1
     assert assessment.diagnostics.samples == 1501
+
+
+def test_the_noise_of_several_records_remembers_no_longer_than_one_of_them_lasts(short_problem):
+    rng = np.random.default_rng(6)
+    one, other = (made_problem(short_problem, rng.normal(0, 1e-3, 1501)) for _ in range(2))
+    records = [problem.course.record for problem in (one, other)]
+    window = replace(one.window, initial_soc=one.course.initial_soc)
+    together = make_problem(records, one.cell, "so-rc", window=window)
+    assessment = assess(cross_check(together))
+    noise, near = assessment.uncertainty.noise, assessment.near
+    assert near.samples == 2 * 1501
+    assert near.longest_s == pytest.approx(1500.0)
+    assert noise.correlation_s.max() == pytest.approx(1501 / 4)
+    assert noise.lags_s.max() < 750.0
+    # The first of the second record is further from the last of the first than either lasts.
+    assert near.time_s[1501] - near.time_s[1500] > near.longest_s
+    # Twice the data, independent: intervals are narrower by the square root of two.
+    alone = assess(cross_check(one)).uncertainty
+    for name in near.names:
+        narrower = (
+            alone[name].plain_relative_error / assessment.uncertainty[name].plain_relative_error
+        )
+        assert narrower == pytest.approx(np.sqrt(2), rel=0.1)

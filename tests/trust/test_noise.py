@@ -90,6 +90,58 @@ def test_the_degrees_of_freedom_tell_how_much_the_fitted_variance_scatters(simul
     np.testing.assert_allclose(np.median(freedom, axis=0) * scatter / 2, 1.0, atol=0.5)
 
 
+LENGTHS = (400, 250, 300)
+
+
+def joined_clock():
+    """Three records on one clock, each further from the next than the longest lasts."""
+    starts = np.cumsum([0, *(length - 1 + 401 for length in LENGTHS[:-1])])
+    return np.concatenate(
+        [start + np.arange(float(length)) for start, length in zip(starts, LENGTHS, strict=True)]
+    )
+
+
+def test_records_on_one_clock_are_not_joined_by_their_noise():
+    rng = np.random.default_rng(4)
+    samples = sum(LENGTHS)
+    columns = orthonormal(np.cumsum(rng.normal(size=(samples, 3)), axis=0))
+    noise = fit_noise(rng.normal(size=samples), columns, joined_clock(), longest_s=399.0)
+    assert noise.correlation_s.max() == pytest.approx(100.0)
+    assert noise.lags_s.max() < 200.0
+    of_record = np.repeat(np.arange(len(LENGTHS)), LENGTHS)
+    lag = np.abs(joined_clock()[:, None] - joined_clock())
+    is_one = of_record[:, None] == of_record
+    for correlation_s, spread in zip(noise.correlation_s[1:], noise.parts_spread[1:], strict=True):
+        dense = np.where(is_one, np.exp(-lag / correlation_s), 0.0)
+        np.testing.assert_allclose(spread, columns.T @ dense @ columns, rtol=1e-9, atol=1e-9)
+
+
+def test_opposite_offsets_of_records_are_no_correlation_between_them():
+    # Each record has its own offset: only the lags within records tell of it.
+    rng = np.random.default_rng(5)
+    offsets = np.repeat([1.0, -1.0, 1.0], LENGTHS)
+    error_v = offsets + 0.1 * rng.normal(size=len(offsets))
+    constant = np.full((len(offsets), 1), 1 / np.sqrt(len(offsets)))
+    noise = fit_noise(error_v, constant, joined_clock(), longest_s=399.0)
+    assert noise.autocorrelation[1:].min() > 0.9
+
+
+def test_empty_time_between_records_adds_no_degrees_of_freedom():
+    rng = np.random.default_rng(6)
+    noise_v = np.concatenate(
+        [colored_noise(rng, length, 5.0, 1.0, records=400) for length in LENGTHS], axis=1
+    )
+    wave = orthonormal(np.sin(joined_clock() / 10)[:, None])
+    fits = [
+        fit_noise(each - wave[:, 0] * (each @ wave), wave, joined_clock(), longest_s=399.0)
+        for each in noise_v
+    ]
+    fitted = np.array([fit.spread_v2[0, 0] for fit in fits])
+    freedom = np.median([fit.degrees_of_freedom(np.ones(1)) for fit in fits])
+    # 400 variances tell their own scatter to 7 %; counting the empty time would add 84 %.
+    assert freedom * np.var(fitted) / np.mean(fitted) ** 2 / 2 == pytest.approx(1.0, abs=0.35)
+
+
 def test_a_perfect_fit_leaves_no_noise(waves):
     noise = fit_noise(np.zeros(400), waves, np.arange(400.0))
     assert noise.sd_v == 0

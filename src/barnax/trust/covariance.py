@@ -149,7 +149,7 @@ class Uncertainty:
 def uncertainty(parameters: CircuitParameters, near: Linearization) -> Uncertainty:
     """Standard errors, intervals and correlations of a refined circuit."""
     values, vectors = _basis(near.slope_v)
-    noise = fit_noise(near.error_v, vectors, near.time_s)
+    noise = fit_noise(near.error_v, vectors, near.time_s, near.longest_s)
     to_noise = np.linalg.inv(values).T
     spread = to_noise.T @ noise.spread_v2 @ to_noise
     variance_v2 = float(near.error_v @ near.error_v) / max(near.samples - len(near.names), 1)

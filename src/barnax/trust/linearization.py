@@ -24,7 +24,8 @@ class Linearization:
     `names` are the free parameters in `log` coordinates: resistances, time constants (or
     capacitances, where those are bounded) and gamma; `slope_v` holds dU by d ln of each, over the
     scored samples, measured minus simulated like `error_v`. `held` says for every parameter that
-    is not free why not.
+    is not free why not. `time_s` joins the clocks of all records, further apart than `longest_s`,
+    the duration of the longest of them.
     """
 
     point: Float[np.ndarray, "coordinates"]
@@ -32,6 +33,7 @@ class Linearization:
     names: tuple[str, ...]
     held: dict[str, str]
     time_s: Float[np.ndarray, "scored"]
+    longest_s: float
     error_v: Float[np.ndarray, "scored"]
     slope_v: Float[np.ndarray, "scored free"]
 
@@ -77,6 +79,7 @@ def linearize(
         names=tuple(box.names[index] for index in free),
         held=held,
         time_s=_one_clock(problem.courses),
+        longest_s=max(course.scored_duration_s for course in problem.courses),
         error_v=error_v,
         slope_v=slope_v[:, list(free)],
     )
@@ -105,8 +108,8 @@ def _at_bound(box: Coordinates, point: Float[np.ndarray, "coordinates"]) -> dict
 
 
 def _one_clock(courses: tuple[Course, ...]) -> Float[np.ndarray, "scored"]:
-    """Times of all scored samples, records so far apart that no correlation joins them."""
-    gap_s = max(course.scored_duration_s for course in courses)
+    """Times of all scored samples, no lag within a record being one between records."""
+    gap_s = max(course.scored_duration_s + 2 * course.median_interval_s for course in courses)
     times, start_s = [], 0.0
     for course in courses:
         time_s = course.time_s[course.scored]

@@ -3,7 +3,8 @@
 Voltage errors of a battery model are alike over hundreds of seconds, so that 20,000 samples say
 no more than a few dozen would. Here they are taken for a stationary noise: a white part and parts
 whose correlation decays exponentially, with times from one sampling interval to a quarter of the
-record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative.
+record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative, up to
+lags of half the record. Of several records the longest counts, and none is correlated with another.
 
 A fit follows slow noise and so leaves too little of it in its residuals. This is undone: what is
 fitted is not each part's autocovariance but what is expected of it after the projection
@@ -46,7 +47,7 @@ class Noise:
     _from_lags: Float[np.ndarray, "parts lags"]
     _edges: Int[np.ndarray, "edges"]
     _power_v2: Float[np.ndarray, "frequencies"]
-    _slots: int
+    _filled: int
     _padded: int
 
     @property
@@ -85,8 +86,8 @@ class Noise:
         by_lag = np.zeros(self._padded)
         by_lag[: self._edges[-1]] = np.repeat(by_bin, np.diff(self._edges))
         by_frequency = _both_sides(rfft(by_lag).real) / self._padded
-        # Padding repeats each independent value of the periodogram this often.
-        repeats = self._padded / self._slots
+        # Padding and empty slots repeat each independent value of the periodogram this often.
+        repeats = self._padded / self._filled
         uncertainty = repeats * float(np.sum((by_frequency * self._power_v2) ** 2))
         return 2 * variance**2 / uncertainty
 
@@ -95,11 +96,14 @@ def fit_noise(
     error_v: Float[np.ndarray, "samples"],
     columns: Float[np.ndarray, "samples columns"],
     time_s: Float[np.ndarray, "samples"],
+    longest_s: float | None = None,
 ) -> Noise:
     """The noise that left `error_v` behind after a least-squares fit.
 
     `columns` are orthonormal and span what the fit could follow. Samples may be uneven and have
     gaps: time is read in slots of the median interval, empty where there was no sample.
+    `longest_s` is the duration of the longest of several records on one clock, further apart than
+    that; without it all is one record.
     """
     interval_s = float(np.median(np.diff(time_s)))
     slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (MOST_SLOTS - 1))
@@ -114,10 +118,11 @@ def fit_noise(
     gathered_columns = np.zeros((slots, columns.shape[1]))
     np.add.at(gathered_columns, slot, columns)
     lag = np.arange(slots)
-    edges = _lag_edges(slots)
-    count = max(1, math.ceil(TIMES_PER_DECADE * math.log10(max(slots * LONGEST_TIME, 2))))
-    times = np.geomspace(1, max(slots * LONGEST_TIME, 2), count + 1)
-    decays = [np.exp(-lag / time) for time in times]
+    reach = slots if longest_s is None else min(math.floor(longest_s / slot_s + 0.5) + 1, slots)
+    edges = _lag_edges(reach)
+    count = max(1, math.ceil(TIMES_PER_DECADE * math.log10(max(reach * LONGEST_TIME, 2))))
+    times = np.geomspace(1, max(reach * LONGEST_TIME, 2), count + 1)
+    decays = [np.where(lag < reach, np.exp(-lag / time), 0.0) for time in times]
 
     spectra = rfft(gathered_columns, padded, axis=0)
     pairs = irfft(np.abs(rfft(counts, padded)) ** 2, padded)[:slots]
@@ -160,14 +165,14 @@ def fit_noise(
         _from_lags=from_lags,
         _edges=edges,
         _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
-        _slots=slots,
+        _filled=np.count_nonzero(counts),
         _padded=padded,
     )
 
 
-def _lag_edges(slots: int) -> Int[np.ndarray, "edges"]:
+def _lag_edges(reach: int) -> Int[np.ndarray, "edges"]:
     """First lag of every bin and the end of the last: 0, 1, 2, then ever wider."""
-    last = max(int(slots * LONGEST_LAG), 2)
+    last = max(int(reach * LONGEST_LAG), 2)
     edges = [0, 1]
     while edges[-1] < last:
         edges.append(math.ceil(edges[-1] * 2 ** (1 / LAGS_PER_OCTAVE) + 0.1))

@@ -47,15 +47,21 @@ def play(
     pythons: dict[str, Path], experiment: dict, workers: int
 ) -> tuple[dict, dict[tuple[str, str], Any], dict[str, str]]:
     """What ours find, what every task of theirs printed, and why where it failed."""
-    tasks = [(comparison.library, comparison.task) for comparison in reversed(COMPARISONS)]
-    tasks += [("coco", task) for task in COCO_TASKS] + [(library, "values") for library in VALUED]
+    runs = {(other.library, other.task): other.runs for other in reversed(COMPARISONS)}
+    tasks = [*runs, *(("coco", task) for task in COCO_TASKS)]
+    tasks += [(library, "values") for library in VALUED]
     found, missing = {}, {}
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
         path = Path(folder) / "experiment.json"
         path.write_text(json.dumps(experiment))
         running = {
             (library, task): pool.submit(
-                run_worker, pythons[library], HERE / f"{library}_worker.py", path, task
+                run_worker,
+                pythons[library],
+                HERE / f"{library}_worker.py",
+                path,
+                task,
+                str(runs.get((library, task), "")),
             )
             for library, task in tasks
             if library in pythons
@@ -94,6 +100,12 @@ def main() -> None:
         for library in VALUED
         if (library, "values") in found
     }
+    facts = provenance("python -m benchmarks.rule_check", KEY, "cmaes") | {
+        "against": ", ".join([*REQUIREMENTS.values(), COCO_REQUIREMENTS[0]])
+        + ", in environments that this command makes",
+        "time": f"{time.perf_counter() - begin:.0f} s, beside making the environments; processes "
+        f"at once: {options.workers}",
+    }
     page = markdown_page(
         outcomes(ours, theirs),
         our_values(experiment["points"]),
@@ -104,9 +116,7 @@ def main() -> None:
             if ("coco", task) in found
         ],
         missing | failed,
-        provenance("python -m benchmarks.rule_check", KEY, "cmaes"),
-        f"{time.perf_counter() - begin:.0f} s with {options.workers} processes at once, beside "
-        "making the environments",
+        facts,
     )
     (options.out / "rule_check.md").write_text(page)
     print(page)

@@ -61,7 +61,7 @@ def coco_verdict(found: list[RunningTimes]) -> str:
     ]
     return (
         f"CMA-ES and DE on COCO's shifted functions: {sum(inside)} of {len(inside)} published "
-        f"running times lie where chance alone would put them; all are {min(ratios):.2f} to "
+        f"running times lie where chance puts 95 % of them; all are {min(ratios):.2f} to "
         f"{max(ratios):.2f} times ours."
     )
 

@@ -10,7 +10,7 @@ from barnax.optimizers import (
     WhaleSearch,
 )
 
-from .sizes import ITERATIONS, POPULATION
+from .sizes import ITERATIONS, PARTICLE_RUNS, POPULATION, RUNS
 
 REQUIREMENTS = {
     "evolopy": "EvoloPy==4.0.6",
@@ -26,16 +26,18 @@ class Comparison(NamedTuple):
 
     The control is what the comparison ought to tell apart. `evaluates_last_move` says whether
     the library evaluates where the last generation moved to; ours always does, so else our
-    generation before it counts. `differs` is empty where the rules are the same.
+    generation before it counts. `differs` is empty where the rules are the same. `runs` are the library's.
     """
 
     library: str
     task: str
     ours: AbstractPopulationMinimiser
     control: AbstractPopulationMinimiser
+    control_option: str
     evaluates_last_move: bool
     same: str
     differs: str = ""
+    runs: int = RUNS
 
     @property
     def name(self) -> str:
@@ -77,37 +79,44 @@ COMPARISONS = (
         "pso",
         particles(0.2, velocity_limit=6.0),
         particles(0.2, velocity_limit=6.0, bounded=False),
+        "bounded=False",
         False,
         SWARM.format(end=0.2)
         + "a velocity is at most 6 whatever the function; positions are clipped to the box "
         "(`velocity_limit=6`).",
+        runs=PARTICLE_RUNS,
     ),
     Comparison(
         "pyswarms",
         "pso",
         particles(0.4),
         particles(0.4, velocity_limit=6.0),
+        "velocity_limit=6",
         False,
         SWARM.format(end=0.4)
         + "a velocity is at most 0.06 of the box's width; positions are clipped to the box (our "
         "defaults but for the inertia, whose end PySwarms fixes at 0.4; its first velocities, "
         "random else, are set to zero through its `swarm.velocity`).",
+        runs=PARTICLE_RUNS,
     ),
     Comparison(
         "pyswarms",
         "pso-unbounded",
         particles(0.4, velocity_limit=6.0, bounded=False),
         particles(0.4, velocity_limit=6.0),
+        "bounded=True",
         False,
         SWARM.format(end=0.4)
         + "a velocity is at most 6 whatever the function; positions are never clipped "
         "(`velocity_limit=6, bounded=False`, as in Table 2).",
+        runs=PARTICLE_RUNS,
     ),
     Comparison(
         "evolopy",
         "gwo",
         GreyWolf(POPULATION, ITERATIONS, demote_leaders=True),
         GreyWolf(POPULATION, ITERATIONS),
+        "demote_leaders=False",
         False,
         PACK + "a leader that is beaten moves down a rank (`demote_leaders`).",
     ),
@@ -116,6 +125,7 @@ COMPARISONS = (
         "gwo",
         GreyWolf(POPULATION, ITERATIONS),
         GreyWolf(POPULATION, ITERATIONS, demote_leaders=True),
+        "demote_leaders=True",
         True,
         PACK + "a leader that is beaten is forgotten (our default, the authors' code). NiaPy's a "
         "falls by evaluations, so the first pack is evaluated beside its count; its first leaders "
@@ -126,6 +136,7 @@ COMPARISONS = (
         "soa",
         SeagullSearch(POPULATION, ITERATIONS, spiral_attack=True),
         SeagullSearch(POPULATION, ITERATIONS),
+        "spiral_attack=False",
         True,
         "the paper's Eq. 5 to 14 with u = v = 1: B one number and the spiral one angle a gull, "
         "shared by the dimensions; every gull moves, better or not; positions are clipped to the "
@@ -137,6 +148,7 @@ COMPARISONS = (
         "woa",
         WhaleSearch(POPULATION, ITERATIONS),
         WhaleSearch(POPULATION, ITERATIONS, one_random_whale=True),
+        "one_random_whale=True",
         False,
         "A, C, l and the choice are one number a whale; a random whale is drawn anew for every "
         "dimension; a falls from 2 to 0 and a2 from -1 to -2, one step a generation; every whale "

@@ -22,7 +22,7 @@ from barnax.optimizers.test_functions import (
 )
 
 from .comparisons import COMPARISONS, Comparison
-from .sizes import OUR_RUNS, POINTS, RUNS, SHIFTED
+from .sizes import OUR_RUNS, POINTS, SHIFTED
 
 
 class Sample(NamedTuple):
@@ -33,7 +33,7 @@ class Sample(NamedTuple):
 
 
 def make_experiment(key: int) -> dict:
-    """What every worker is told: problems, runs, key and points. It can be written as JSON."""
+    """What every worker is told: problems, key and points. It can be written as JSON."""
     generator = np.random.default_rng(key)
     offset = generator.uniform(-0.6, 0.6, DIMS)
     problems = [
@@ -50,7 +50,7 @@ def make_experiment(key: int) -> dict:
         name: (generator.uniform(-1, 1, (POINTS, DIMS)) * function.half_width).tolist()
         for name, function in FUNCTIONS.items()
     }
-    return {"key": key, "runs": RUNS, "problems": problems, "points": points}
+    return {"key": key, "problems": problems, "points": points}
 
 
 def our_values(points: dict[str, list]) -> dict[str, NDArray]:

@@ -1,7 +1,7 @@
 """What the workers of all libraries do alike: read the experiment, do one task, print JSON.
 
-Called as `python <library>_worker.py EXPERIMENT TASK`, where the task is the name of a search or
-`values`.
+Called as `python <library>_worker.py EXPERIMENT TASK RUNS`, where the task is the name of a search
+or `values`.
 """
 
 import json
@@ -24,7 +24,7 @@ def work(searches, values):
     answer = (
         values_of(values, experiment["points"])
         if task == "values"
-        else losses_of(searches[task], experiment)
+        else losses_of(searches[task], experiment, runs=int(sys.argv[3]))
     )
     print()
     print(json.dumps(answer))
@@ -37,7 +37,7 @@ def values_of(values, points):
     }
 
 
-def losses_of(search, experiment):
+def losses_of(search, experiment, runs):
     """Final losses of all runs on every problem, and the evaluations of one run."""
     final, evaluations = {}, set()
     for place, problem in enumerate(experiment["problems"]):
@@ -51,7 +51,7 @@ def losses_of(search, experiment):
             return float(function(x - offset))
 
         losses = []
-        for run in range(experiment["runs"]):
+        for run in range(runs):
             calls = 0
             # Equal seeds would tie the runs on one function to those on the next.
             seed = experiment["key"] + 1000 * place + run

@@ -26,7 +26,8 @@ class Comparison(NamedTuple):
 
     The control is what the comparison ought to tell apart. `evaluates_last_move` says whether
     the library evaluates where the last generation moved to; ours always does, so else our
-    generation before it counts. `differs` is empty where the rules are the same. `runs` are the library's.
+    generation before it counts. `differs` is empty where the rules are the same. `runs` are
+    the library's.
     """
 
     library: str

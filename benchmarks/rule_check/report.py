@@ -146,7 +146,8 @@ def _searches(found: list[Outcome]) -> list[str]:
     for place, (outcome, p) in enumerate(zip(found, joint, strict=True)):
         lines.append(
             f"| {outcome.comparison.name} | {'differs' if outcome.comparison.differs else 'same'} "
-            f"| {outcome.comparison.runs} | {_evaluations(outcome.ours)} | {_evaluations(outcome.theirs)} "
+            f"| {outcome.comparison.runs} "
+            f"| {_evaluations(outcome.ours)} | {_evaluations(outcome.theirs)} "
             f"| {outcome.joint.larger_share:.3f} | {outcome.joint.p:.2g} | {p:.2g} "
             f"| {min(by_problem[place].values()):.2g} "
             f"| `{outcome.comparison.control_option}` | {outcome.control.larger_share:.3f} "

@@ -1,9 +1,12 @@
 """`barnax compare` as a user runs it."""
 
 import json
+import os
+import signal
 
 import pytest
 
+from barnax.cli import compare as command
 from barnax.cli.compare import chosen_rows
 from barnax.comparison import PAPER_ROWS, ComparisonResult
 
@@ -95,3 +98,39 @@ def test_a_choice_of_models_keeps_the_papers_methods():
     assert chosen_rows("esc", None, PAPER_ROWS) == [
         ("esc", method) for method in ("ls", "pso", "bmo", "ibmo")
     ]
+
+
+def test_the_seconds_of_a_resumed_row_are_unknown(run, tmp_path, monkeypatch):
+    words = ("compare", "--models", "so-rc", "--methods", "ls,bmo", *BUDGET, "--out", "out")
+    written = {}
+
+    def interrupted(folder, files, *_):
+        written.update(files)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(command, "_report", lambda *_: {})
+    with monkeypatch.context() as patch:
+        patch.setattr(command, "write_folder", interrupted)
+        assert run(*words).status == 130
+    outcome = run(*words)
+    assert outcome.status == 0
+    seconds = json.loads((tmp_path / "out" / "timings.json").read_text())
+    assert seconds["bmo so-rc [s]"] is None
+    # Least squares takes no time worth keeping it for, and was run again.
+    assert seconds["ls so-rc [s]"] > 0
+    assert json.loads(written["timings.json"])["bmo so-rc [s]"] > 0
+    assert written["comparison.json"] == (tmp_path / "out" / "comparison.json").read_bytes()
+    searches = outcome.out[outcome.out.index("Searches") :]
+    row = next(line for line in searches.splitlines() if "bmo so-rc" in line)
+    assert row.split()[-1] == "–", searches
+
+
+@pytest.mark.parametrize("command_name", ["compare", "identify"])
+def test_what_is_refused_leaves_no_journal_and_no_other_runs_pieces_lost(
+    refuse, tmp_path, command_name
+):
+    # `refuse` compares what is there before and after.
+    refuse(command_name, *BUDGET, "--start-time", "1e9", "--out", "a")
+    (tmp_path / ".a.journal").write_bytes(b"of another run, interrupted")
+    refuse(command_name, *BUDGET, "--start-time", "1e9", "--out", "a")

@@ -149,3 +149,21 @@ def test_a_file_has_the_permissions_any_new_file_has(tmp_path):
     (tmp_path / "plain").write_text("")
     write_file(tmp_path / "ours", b"")
     assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_a_file_that_appears_in_the_meantime_stays(tmp_path, monkeypatch, has_links):
+    if not has_links:
+
+        def impossible(*_):
+            raise PermissionError(1, "Operation not permitted")
+
+        monkeypatch.setattr(os, "link", impossible)
+    path = tmp_path / "cell.h"
+    write_file(path, b"ours", is_forced=False)
+    assert path.read_bytes() == b"ours"
+    path.write_bytes(b"theirs")
+    with pytest.raises(InputError, match="has appeared in the meantime"):
+        write_file(path, b"ours", is_forced=False)
+    assert path.read_bytes() == b"theirs"
+    assert list(contents(tmp_path)) == ["cell.h"]

@@ -3,17 +3,21 @@
 import json
 import os
 import re
+import time
 from pathlib import Path
 
 import pytest
 
+from barnax import problem
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
 from barnax.cli.output import write_folder
+from barnax.cli.session import Session
 from barnax.result import Result
 
 from .conftest import BUDGET, OCV, contents, run_command
 
+SESSION = Session(is_quiet=True)
 FIGURES = {
     "ocv",
     "hysteresis",
@@ -118,7 +122,9 @@ def test_quiet_prints_warnings_alone_and_writes_to_the_default_folder(run, finis
 
 @pytest.mark.usefixtures("without_figures")
 def test_force_replaces_a_result(run, tmp_path):
-    write_folder(tmp_path / "out", {"result.json": b"old", "figures/old.png": b"old"})
+    write_folder(
+        tmp_path / "out", {"result.json": b"old", "figures/old.png": b"old"}, True, SESSION
+    )
     assert run("identify", *BUDGET, "--out", "out", "--force", "-q").status == 0
     assert Result.from_json("out/result.json").model == "iso-rc"
     assert not Path("out/figures/old.png").exists()
@@ -126,7 +132,7 @@ def test_force_replaces_a_result(run, tmp_path):
 
 @pytest.mark.usefixtures("without_figures")
 def test_a_write_that_fails_leaves_the_old_result(run, tmp_path, monkeypatch):
-    write_folder(tmp_path / "out", {"result.json": b"old"})
+    write_folder(tmp_path / "out", {"result.json": b"old"}, True, SESSION)
     before = contents(tmp_path)
 
     def full(_):
@@ -172,3 +178,18 @@ def test_another_key_gives_another_search():
     )
     assert (first["key"], second["key"]) == (0, 1)
     assert first["seeds"][0]["history"] != second["seeds"][0]["history"]
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_records_are_compressed_once_though_two_threads_need_it(run, monkeypatch):
+    compress, calls = problem.compress, []
+
+    def slowly(*arguments):
+        calls.append(arguments)
+        # Long enough for the other thread to ask as well.
+        time.sleep(0.5)
+        return compress(*arguments)
+
+    monkeypatch.setattr(problem, "compress", slowly)
+    assert run("identify", *BUDGET, "--quiet").status == 0
+    assert len(calls) == 1

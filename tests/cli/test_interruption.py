@@ -1,5 +1,6 @@
 """Real processes, killed at random moments: nothing is lost, nothing is half."""
 
+import json
 import os
 import random
 import signal
@@ -73,21 +74,28 @@ def test_a_run_goes_on_from_its_journal(whole, tmp_path, monkeypatch):
     folder = tmp_path / "out"
     with monkeypatch.context() as patch:
         patch.setattr(command, "write_folder", lambda *_: os.kill(os.getpid(), signal.SIGINT))
-        assert run_command(*WORDS, "--out", folder).status == 130
+        interrupted = run_command(*WORDS, "--out", folder)
+    assert interrupted.status == 130
+    assert "the same command goes on where this one stopped" in interrupted.err
     assert not folder.exists()
     assert journal_of(folder).stat().st_size > 10_000
     loud = [word for word in WORDS if word != "--quiet"]
     outcome = run_command(*loud, "--out", folder)
     assert "Going on where an interrupted run stopped" in outcome.err
     assert reproducible(folder) == reproducible(whole)
+    timings = json.loads((folder / "timings.json").read_text())
+    assert timings["Searching [s]"] is None
+    assert timings["Cross-checking [s]"] > 0
 
 
-def test_an_interrupted_process_says_that_it_can_be_resumed(tmp_path):
+def test_an_interrupted_process_says_whether_it_can_be_resumed(tmp_path):
     process = start(tmp_path / "out", subprocess.PIPE)
     time.sleep(3)
     process.send_signal(signal.SIGTERM)
     _, err = process.communicate(timeout=60)
     assert process.returncode in (0, 130)
     if process.returncode:
-        assert b"the same command goes on" in err
+        assert b"earlier results are as they were" in err
+        is_kept = journal_of(tmp_path / "out").exists()
+        assert (b"the same command goes on" in err) == is_kept
         assert not (tmp_path / "out").exists()

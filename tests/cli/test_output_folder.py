@@ -10,10 +10,12 @@ import pytest
 from barnax.cli import identify as command
 from barnax.cli import output
 from barnax.cli.output import write_folder
+from barnax.cli.session import Session
 from barnax.errors import InputError
 
 from .conftest import BUDGET, contents
 
+SESSION = Session(is_quiet=True)
 IDENTIFY = ("identify", *BUDGET)
 OLD = {"result.json": b"old", "timings.json": b"old", "figures/ocv.png": b"old"}
 NEW = {"result.json": b"new", "figures/ocv.png": b"new", "figures/more/deep.png": b"new"}
@@ -22,7 +24,7 @@ NEW = {"result.json": b"new", "figures/ocv.png": b"new", "figures/more/deep.png"
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
     folder = tmp_path / "out"
-    write_folder(folder, OLD)
+    write_folder(folder, OLD, True, SESSION)
     return folder
 
 
@@ -35,12 +37,12 @@ def written(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_fresh_folder_is_made_with_its_parents(tmp_path):
-    write_folder(tmp_path / "a" / "b", NEW)
+    write_folder(tmp_path / "a" / "b", NEW, True, SESSION)
     assert written(tmp_path) == {f"a/b/{name}": content for name, content in NEW.items()}
 
 
 def test_a_new_result_leaves_nothing_of_the_old_one(old):
-    write_folder(old, NEW)
+    write_folder(old, NEW, True, SESSION)
     assert written(old.parent) == {f"out/{name}": content for name, content in NEW.items()}
 
 
@@ -58,14 +60,14 @@ def test_a_stop_while_folders_are_moved_leaves_the_old_result(old, monkeypatch, 
     monkeypatch.setattr(output, "_exchange", lambda first, second: False)
     monkeypatch.setattr(os, "replace", stopped)
     with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
-        write_folder(old, NEW)
+        write_folder(old, NEW, True, SESSION)
     assert contents(old.parent) == before
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="renameat2 is Linux's")
 def test_where_the_system_can_old_and_new_change_places_in_one_step(old, monkeypatch):
     monkeypatch.setattr(os, "replace", lambda *_: pytest.fail("the folder was away for a moment"))
-    write_folder(old, NEW)
+    write_folder(old, NEW, True, SESSION)
     assert written(old.parent) == {f"out/{name}": content for name, content in NEW.items()}
 
 
@@ -77,7 +79,7 @@ def test_a_full_disk_while_files_are_written_leaves_the_old_result(old, monkeypa
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(InputError, match=r"No space left on device.*nothing was changed"):
-        write_folder(old, NEW)
+        write_folder(old, NEW, True, SESSION)
     assert contents(old.parent) == before
 
 
@@ -87,20 +89,20 @@ def test_a_place_that_refuses_a_folder_is_a_message(tmp_path, monkeypatch):
 
     monkeypatch.setattr(tempfile, "TemporaryDirectory", forbidden)
     with pytest.raises(InputError, match=r"Permission denied.*give --out another folder"):
-        write_folder(tmp_path / "out", NEW)
+        write_folder(tmp_path / "out", NEW, True, SESSION)
     assert contents(tmp_path) == {}
 
 
 def test_results_go_to_where_a_link_points(tmp_path, old):
     link = tmp_path / "link"
     link.symlink_to(old, target_is_directory=True)
-    write_folder(link, NEW)
+    write_folder(link, NEW, True, SESSION)
     assert link.is_symlink()
     assert written(old) == NEW
 
 
 def test_a_name_that_is_just_not_too_long_is_written(tmp_path):
-    write_folder(tmp_path / (255 * "x"), NEW)
+    write_folder(tmp_path / (255 * "x"), NEW, True, SESSION)
     assert written(tmp_path / (255 * "x")) == NEW
 
 
@@ -123,14 +125,14 @@ def test_another_result_is_refused_and_force_is_named(refuse, old):
 
 
 def test_the_default_folder_is_guarded_too(refuse, tmp_path):
-    write_folder(tmp_path / "barnax-out", OLD)
+    write_folder(tmp_path / "barnax-out", OLD, True, SESSION)
     assert "barnax-out: holds another result" in refuse(*IDENTIFY)
 
 
 @pytest.mark.parametrize("force", [(), ("--force",)], ids=["", "force"])
 @pytest.mark.parametrize("name", ["thesis.tex", "figures/mine.png"])
 def test_a_folder_of_somebody_elses_is_refused_even_with_force(refuse, tmp_path, name, force):
-    write_folder(tmp_path / "out", {name: b"mine"})
+    write_folder(tmp_path / "out", {name: b"mine"}, True, SESSION)
     message = refuse(*IDENTIFY, "--out", "out", *force)
     assert f"out: holds {name.split('/')[0]!r}, which barnax did not write" in message
 
@@ -161,4 +163,68 @@ def test_an_interruption_exits_130_and_writes_nothing(run, tmp_path, monkeypatch
     outcome = run(*IDENTIFY, "--out", "out")
     assert outcome.status == 130
     assert "earlier results are as they were" in outcome.err
+    # Nothing is kept yet that it could go on from.
+    assert "goes on" not in outcome.err
     assert contents(tmp_path) == {}
+
+
+def appear(folder: Path, files: dict[str, bytes]) -> None:
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+
+
+FOREIGN = {"thesis.tex": b"mine"}
+
+
+@pytest.mark.parametrize(
+    ("files", "is_forced"), [(OLD, False), (FOREIGN, False), (FOREIGN, True), (FOREIGN | OLD, True)]
+)
+def test_what_appears_during_a_run_stays_and_the_results_go_beside_it(
+    tmp_path, capsys, files, is_forced
+):
+    appear(tmp_path / "out", files)
+    place = write_folder(tmp_path / "out", NEW, is_forced, SESSION)
+    assert place == tmp_path / "out-2"
+    assert written(tmp_path / "out") == files
+    assert written(place) == NEW
+    assert "out-2" in capsys.readouterr().err.replace("\n", "")
+
+
+def test_the_first_free_name_beside_it_is_taken(tmp_path):
+    appear(tmp_path / "out", OLD)
+    appear(tmp_path / "out-2", FOREIGN)
+    (tmp_path / "out-3").write_bytes(b"a file")
+    assert write_folder(tmp_path / "out", NEW, False, SESSION) == tmp_path / "out-4"
+    assert written(tmp_path / "out-2") == FOREIGN
+    assert (tmp_path / "out-3").read_bytes() == b"a file"
+
+
+def test_a_file_that_appears_in_the_folders_place_stays(tmp_path):
+    (tmp_path / "out").write_bytes(b"mine")
+    assert write_folder(tmp_path / "out", NEW, True, SESSION) == tmp_path / "out-2"
+    assert (tmp_path / "out").read_bytes() == b"mine"
+
+
+def test_an_empty_folder_is_used(tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    assert write_folder(tmp_path / "out", NEW, False, SESSION) == tmp_path / "out"
+    assert written(tmp_path) == {f"out/{name}": content for name, content in NEW.items()}
+    assert capsys.readouterr().err == ""
+
+
+def test_a_command_loses_nothing_that_appears_while_it_runs(run, tmp_path, monkeypatch):
+    real = command.read_inputs
+
+    def meanwhile(*arguments, **options):
+        appear(tmp_path / "out", OLD)
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(command, "read_inputs", meanwhile)
+    monkeypatch.setattr(command, "_cell_figures", lambda _: {})
+    monkeypatch.setattr(command, "_figures", lambda *_: {})
+    outcome = run(*IDENTIFY, "--out", "out", "--quiet")
+    assert outcome.status == 0
+    assert written(tmp_path / "out") == OLD
+    assert (tmp_path / "out-2" / "result.json").is_file()
+    assert "something else has appeared there" in outcome.err

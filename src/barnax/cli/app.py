@@ -71,8 +71,5 @@ def main() -> None:
     except SystemExit as end:
         # Typer turns Ctrl-C into this status, and says nothing.
         if end.code == INTERRUPTED:
-            Console(stderr=True).print(
-                "interrupted; earlier results are as they were, and the same command goes on where "
-                "this one stopped"
-            )
+            Console(stderr=True).print("interrupted; earlier results are as they were")
         raise

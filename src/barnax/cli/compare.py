@@ -110,44 +110,47 @@ def compare(
         hysteresis_fit=hysteresis_fit,
         rest_current=rest_current,
     )
-    journal = open_journal(folder, command, inputs.hashes, box.ranges, box.fixed, repr(window))
-    if journal:
-        session.note(f"Going on where an interrupted run stopped ({journal.path}).")
     total = sum(1 if METHODS[method].is_deterministic else seeds for _, method in rows)
-    with session.bar("Comparing", total) as advance:
+    facts = (command, inputs.hashes, box.ranges, box.fixed, repr(window))
+    with open_journal(session, folder, *facts) as journal:
+        # How long they took is not known any more.
+        resumed = frozenset(journal or ())
+        with session.bar("Comparing", total) as advance:
 
-        @contextmanager
-        def watch(name: str) -> Iterator[Callable[[int], None]]:
-            with session.timed(name):
-                yield advance
+            @contextmanager
+            def watch(name: str) -> Iterator[Callable[[int], None]]:
+                with session.timed(name):
+                    yield advance
 
-        comparison = compare(
-            inputs.records[0],
-            inputs.cell,
-            rows,
-            validation=inputs.validation,
-            window=window,
-            bounds=box.ranges,
-            fixed=box.fixed,
-            coordinates=coordinates,
-            objective=objective,
-            budget=Budget(population, iterations, seeds, key),
-            source=box.source,
-            watch=watch,
-            finished=journal,
+            comparison = compare(
+                inputs.records[0],
+                inputs.cell,
+                rows,
+                validation=inputs.validation,
+                window=window,
+                bounds=box.ranges,
+                fixed=box.fixed,
+                coordinates=coordinates,
+                objective=objective,
+                budget=Budget(population, iterations, seeds, key),
+                source=box.source,
+                watch=watch,
+                finished=journal,
+            )
+        result = make_comparison_result(
+            comparison, inputs.validation, ocv=inputs.tests, command=command
         )
-    result = make_comparison_result(
-        comparison, inputs.validation, ocv=inputs.tests, command=command
-    )
-    seconds = {row.name: session.seconds[row.name] for row in result.rows}
-    if folder is not None:
-        written = {"comparison.json": result.to_json().encode()}
-        with session.stage("Drawing figures"):
-            written |= _report(result, comparison, seconds)
-        written["timings.json"] = session.timings_json()
-        write_folder(folder, written)
-    if journal is not None:
-        journal.remove()
+        seconds = {
+            row.name: session.seconds[row.name] for row in result.rows if row.name not in resumed
+        }
+        if folder is not None:
+            written = {"comparison.json": result.to_json().encode()}
+            with session.stage("Drawing figures"):
+                written |= _report(result, comparison, seconds)
+            written["timings.json"] = session.timings_json(resumed)
+            folder = write_folder(folder, written, force, session)
+        if journal is not None:
+            journal.remove()
     if as_json:
         typer.echo(result.to_json(), nl=False)
     session.show(comparison_report(result, seconds))

@@ -78,7 +78,7 @@ def export(
     if verify:
         with session.stage(f"Simulating in {exporter.package}"):
             found = simulate_both(stored, exporter, content)
-    write_file(path, content)
+    write_file(path, content, force)
     session.warn(caveats)
     session.show([f"{exporter.description}: [bold]{escape(str(path))}[/bold]"])
     if found is not None:

@@ -1,6 +1,7 @@
 """`barnax identify`: from a cycler's files to checked circuit parameters."""
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -159,58 +160,64 @@ def identify(
         )
         # A validation record that does not fit the window is refused before the search, not after.
         courses = [make_course(other, inputs.cell, model, window) for other in inputs.validation]
-    journal = open_journal(folder, command, inputs.hashes, box.ranges, box.fixed, repr(window))
-    if journal:
-        session.note(f"Going on where an interrupted run stopped ({journal.path}).")
-    # What does not wait for the search is done beside it.
-    with ThreadPoolExecutor(max_workers=2) as beside:
-        compiling = beside.submit(Descent, problem)
-        drawing = beside.submit(_cell_figures, None if folder is None or report else inputs.cell)
-        looking = beside.submit(_best_there_is, problem)
-        beside.submit(compile_linearization, problem)
-        with session.bar("Searching", seeds) as advance:
-            found = search(
-                problem,
-                optimizer,
-                key=jax.random.key(key),
-                seeds=seeds,
-                progress=advance,
-                finished=journal,
+    facts = (command, inputs.hashes, box.ranges, box.fixed, repr(window))
+    with open_journal(session, folder, *facts) as journal:
+        # How long it took is not known any more.
+        resumed = ("Searching",) if journal else ()
+        # Once, and not by two threads at the same time; who needs it says why there is none.
+        with suppress(InputError):
+            _ = problem.compressed
+        # What does not wait for the search is done beside it.
+        with ThreadPoolExecutor(max_workers=2) as beside:
+            compiling = beside.submit(Descent, problem)
+            drawing = beside.submit(
+                _cell_figures, None if folder is None or report else inputs.cell
             )
-        with session.bar("Cross-checking", seeds) as advance:
-            checked = refine(found, descent=compiling.result(), progress=advance)
-        with session.stage("Looking for the global optimum"):
-            optimum = looking.result()
-    with session.stage("Assessing"):
-        assessment = assess(checked)
-    examination = None
-    if trust == "full":
-        with session.stage("Fitting again"):
-            examination = examine(checked, assessment, key=jax.random.key(key))
-    with session.stage("Validating"):
-        identified = [evaluate_course(course, checked.parameters) for course in problem.courses]
-        validated = [evaluate_course(course, checked.parameters) for course in courses]
-    result = make_result(
-        checked,
-        identified,
-        validated,
-        optimum=optimum,
-        assessment=assessment,
-        examination=examination,
-        ocv=inputs.tests,
-        command=command,
-    )
-    if folder is not None:
-        written = {"result.json": result.to_json().encode()}
-        with session.stage("Drawing figures"):
-            if report:
-                written |= _report(result, checked, identified, validated, optimum)
-            else:
-                written |= drawing.result() | _figures(checked, identified, validated)
-        written["timings.json"] = session.timings_json()
-        write_folder(folder, written)
-    if journal is not None:
-        journal.remove()
+            looking = beside.submit(_best_there_is, problem)
+            beside.submit(compile_linearization, problem)
+            with session.bar("Searching", seeds) as advance:
+                found = search(
+                    problem,
+                    optimizer,
+                    key=jax.random.key(key),
+                    seeds=seeds,
+                    progress=advance,
+                    finished=journal,
+                )
+            with session.bar("Cross-checking", seeds) as advance:
+                checked = refine(found, descent=compiling.result(), progress=advance)
+            with session.stage("Looking for the global optimum"):
+                optimum = looking.result()
+        with session.stage("Assessing"):
+            assessment = assess(checked)
+        examination = None
+        if trust == "full":
+            with session.stage("Fitting again"):
+                examination = examine(checked, assessment, key=jax.random.key(key))
+        with session.stage("Validating"):
+            identified = [evaluate_course(course, checked.parameters) for course in problem.courses]
+            validated = [evaluate_course(course, checked.parameters) for course in courses]
+        result = make_result(
+            checked,
+            identified,
+            validated,
+            optimum=optimum,
+            assessment=assessment,
+            examination=examination,
+            ocv=inputs.tests,
+            command=command,
+        )
+        if folder is not None:
+            written = {"result.json": result.to_json().encode()}
+            with session.stage("Drawing figures"):
+                if report:
+                    written |= _report(result, checked, identified, validated, optimum)
+                else:
+                    written |= drawing.result() | _figures(checked, identified, validated)
+            written["timings.json"] = session.timings_json(resumed)
+            folder = write_folder(folder, written, force, session)
+        if journal is not None:
+            journal.remove()
     if as_json:
         typer.echo(result.to_json(), nl=False)
     told = [*trust_report(assessment, examination)]

@@ -1,6 +1,7 @@
 """A folder of results, or a single file, written whole or not at all."""
 
 import ctypes
+import itertools
 import os
 import sys
 import tempfile
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from .session import Session
 
 if TYPE_CHECKING:
     from ..plots.illustration import Illustration
@@ -46,9 +48,7 @@ def require_free(folder: Path, is_forced: bool) -> None:
     except (OSError, RuntimeError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"{folder}: cannot be used ({reason}); {another}") from problem
-    # Without a result beside it, a folder of figures is somebody else's.
-    has_result = any(name in names for name in RESULTS)
-    foreign = [name for name in names if name not in OURS or not has_result]
+    foreign = _foreign(names)
     if foreign:
         raise InputError(f"{folder}: holds {foreign[0]!r}, which barnax did not write; {another}")
     if names and not is_forced:
@@ -63,8 +63,23 @@ def _entries(folder: Path) -> list[str]:
         return []
 
 
-def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Put all files into `folder`, or leave what was there. Keys are paths below the folder."""
+def _foreign(names: list[str]) -> list[str]:
+    """Which of a folder's names are not ours."""
+    # Without a result beside it, a folder of figures is somebody else's.
+    has_result = any(name in names for name in RESULTS)
+    return [name for name in names if name not in OURS or not has_result]
+
+
+def write_folder(
+    folder: Path, files: Mapping[str, bytes], is_forced: bool, session: Session
+) -> Path:
+    """Put all files into `folder`, or leave what was there. Keys are paths below the folder.
+
+    What `require_free` would refuse may have appeared there since it was asked. That stays too, and
+    the files go to a new folder beside it, `folder-2` or the next one that is free: a long search
+    is not lost. Gives the folder they went to; `session` warns where that is another one.
+    """
+    wanted = folder
     try:
         folder = folder.resolve()
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -74,12 +89,46 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
             fresh, old = Path(workshop, "new"), Path(workshop, "old")
             for name, content in files.items():
                 _write(fresh / name, content)
-            _put_in_place(fresh, folder, old)
+            if is_forced and not _is_foreign(folder):
+                _put_in_place(fresh, folder, old)
+                return wanted
+            place = _put_beside(fresh, folder)
     except OSError as problem:
         raise InputError(
             f"{folder}: results could not be written ({problem.strerror or problem}); "
             "nothing was changed; free the place or give --out another folder"
         ) from problem
+    if place == folder:
+        return wanted
+    session.warn(
+        [f"{wanted}: something else has appeared there and stays; the results are in {place}"]
+    )
+    return place
+
+
+def _is_foreign(place: Path) -> bool:
+    """Whether something is there that not even --force replaces."""
+    try:
+        return bool(_foreign(_entries(place)))
+    except NotADirectoryError:
+        return True
+
+
+def _put_beside(fresh: Path, folder: Path) -> Path:
+    """Move `fresh` to `folder` or the first free name after it, over nothing but empty folders."""
+    for number in itertools.count(1):
+        place = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+        with suppress(OSError):
+            # Not every system moves a folder over an empty one; none removes one that is not.
+            place.rmdir()
+        try:
+            os.rename(fresh, place)
+        except OSError:
+            if not os.path.lexists(place):
+                raise
+        else:
+            return place
+    raise AssertionError("there is always another number")
 
 
 def require_free_file(path: Path, is_forced: bool) -> None:
@@ -100,8 +149,11 @@ def require_free_file(path: Path, is_forced: bool) -> None:
         raise InputError(f"{path}: cannot be used ({reason}); {another}") from problem
 
 
-def write_file(path: Path, content: bytes) -> None:
-    """Put `content` into the file `path`, or leave what was there."""
+def write_file(path: Path, content: bytes, is_forced: bool = True) -> None:
+    """Put `content` into the file `path`, or leave what was there.
+
+    Raises `InputError` where that fails, or where it would replace something and is not forced to.
+    """
     try:
         place = path.resolve()
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -110,12 +162,33 @@ def write_file(path: Path, content: bytes) -> None:
         ) as workshop:
             fresh = Path(workshop, "new")
             _write(fresh, content)
-            os.replace(fresh, place)
+            if is_forced:
+                os.replace(fresh, place)
+            else:
+                _put_where_nothing_is(fresh, place)
+    except FileExistsError as problem:
+        raise InputError(
+            f"{path}: has appeared in the meantime and is left as it is; replace it with --force "
+            "or give --out another file"
+        ) from problem
     except OSError as problem:
         raise InputError(
             f"{path}: could not be written ({problem.strerror or problem}); nothing was changed; "
             "free the place or give --out another file"
         ) from problem
+
+
+def _put_where_nothing_is(fresh: Path, place: Path) -> None:
+    """Move a file. Raises `FileExistsError` where `place` exists."""
+    try:
+        os.link(fresh, place)
+    except FileExistsError:
+        raise
+    except OSError:
+        # No hard links here; then another file can still appear between these two lines.
+        if os.path.lexists(place):
+            raise FileExistsError(place) from None
+        os.replace(fresh, place)
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -1,6 +1,7 @@
 """`barnax rerun`: repeat a result from its own record of the command."""
 
 import hashlib
+import itertools
 import subprocess
 import sys
 import tempfile
@@ -15,6 +16,7 @@ from . import options
 from .session import Session
 
 if TYPE_CHECKING:
+    from ..bounds import Range
     from ..result import Result
 
 # Across machines and versions the refined error agrees this closely, relative.
@@ -67,28 +69,67 @@ def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str
         )
     hashes = {each.name: each.sha256 for each in stored.inputs}
     words = []
-    for word in stored.command[1:]:
-        option, equals, name = word.rpartition("=") if word.startswith("--") else ("", "", word)
-        is_file = name in hashes or (name.endswith(".toml") and bool(name))
-        place = _find(result, name, hashes.get(name), folders) if is_file else name
-        words.append(f"{option}{equals}{place}")
+    for before, word in itertools.pairwise(stored.command):
+        option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
+        if (option if equals else before) == "--bounds":
+            name = _find_bounds(result, name, stored, folders)
+        elif name in hashes:
+            name = _find(result, name, hashes[name], folders)
+        words.append(f"{option}{equals}{name}")
     return words
 
 
-def _find(result: Path, name: str, sha256: str | None, folders: list[Path]) -> Path:
-    """The file of that name and content in one of the folders."""
-    places = [folder / name for folder in folders if (folder / name).is_file()]
+def _find_bounds(result: Path, name: str, stored: "Result", folders: list[Path]) -> Path:
+    """The file of that name, in one of the folders, that sets the bounds the result has.
+
+    Its hash is not stored, but what it sets is. Where it leaves out a parameter that the former one
+    bounded shows in the bounds of the repeated result alone.
+    """
+    from ..bounds import read_bounds
+
+    places = _places(name, folders)
     for place in places:
-        if sha256 in (None, hashlib.sha256(place.read_bytes()).hexdigest()):
+        if all(_agrees(stored, *each) for each in read_bounds(place).items()):
             return place
-    if places:
-        raise InputError(
-            f"{places[0]}: is not the file that {result} was made from (its SHA-256 differs); give "
-            "the folder of the right one with --data"
-        )
     raise InputError(
-        f"{name}: is in none of {', '.join(str(folder) for folder in folders)}; give its folder "
-        "with --data"
+        f"{places[0]}: is not the file that {result} was made with (it sets other bounds); give "
+        "the folder of the right one with --data"
+    )
+
+
+def _agrees(stored: "Result", name: str, wanted: "Range") -> bool:
+    """Whether a result's bounds can come from a range in a file."""
+    if name not in stored.bounds:
+        return False
+    (low, high), (stored_low, stored_high) = wanted, stored.bounds[name]
+    # Where a pair is bounded or fixed in C, the search narrows the bounds of its resistance.
+    searched = {*stored.bounds, *stored.fixed}
+    is_narrowed = name.startswith("R") and f"C{name[1:].replace('[Ohm]', '[F]')}" in searched
+    if is_narrowed:
+        return low <= stored_low <= stored_high <= high
+    return (low, high) == (stored_low, stored_high)
+
+
+def _places(name: str, folders: list[Path]) -> list[Path]:
+    """Where in the folders there is a file of that name, at least one."""
+    places = [folder / name for folder in folders if (folder / name).is_file()]
+    if not places:
+        raise InputError(
+            f"{name}: is in none of {', '.join(str(folder) for folder in folders)}; give its "
+            "folder with --data"
+        )
+    return places
+
+
+def _find(result: Path, name: str, sha256: str, folders: list[Path]) -> Path:
+    """The file of that name and content in one of the folders."""
+    places = _places(name, folders)
+    for place in places:
+        if sha256 == hashlib.sha256(place.read_bytes()).hexdigest():
+            return place
+    raise InputError(
+        f"{places[0]}: is not the file that {result} was made from (its SHA-256 differs); give "
+        "the folder of the right one with --data"
     )
 
 
@@ -116,6 +157,12 @@ def _differences(stored: "Result", repeated: "Result") -> list[str]:
         f"{escape(name)} was {old:.6g}, is {repeated.parameters[name]:.6g}."
         for name, old in stored.parameters.items()
         if repeated.parameters.get(name, old) != old
+    ]
+    lines += [
+        f"The bounds of {escape(name)} were {old[0]:.6g} to {old[1]:.6g}, are "
+        + (f"{new[0]:.6g} to {new[1]:.6g}." if (new := repeated.bounds.get(name)) else "none.")
+        for name, old in stored.bounds.items()
+        if repeated.bounds.get(name) != old
     ]
     moved = sum(
         old.rmse_v != new.rmse_v

@@ -3,11 +3,15 @@
 import importlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from .made import TRUTH
-
 REPOSITORY = Path(__file__).parents[2]
+SHORTFALL = pytest.mark.xfail(
+    strict=True,
+    reason="under two noises at once, one of 600 s beside tau2 = 87 s, intervals of R1 and tau1 "
+    "hold the truth in 87 and 88 % of 200 records: benchmarks/results/coverage.md",
+)
 
 
 @pytest.fixture
@@ -16,24 +20,62 @@ def benchmark(monkeypatch):
     return importlib.import_module("benchmarks.coverage")
 
 
+@pytest.mark.parametrize("circuit", [0, 1])
 def test_intervals_hold_the_truth_under_correlated_noise_where_plain_ones_do_not(
+    benchmark, short_problem, circuit
+):
+    noise = benchmark.Noise("12 s", ((12.0, 2e-3),))
+    truth = benchmark.CIRCUITS[circuit]
+    found = benchmark.coverage(short_problem, truth, noise, records=60, seed=11)
+    # Of 60 records 57 are expected to hold one parameter; so few do less than once in 1,000 times.
+    low, _ = benchmark.chance_band(60)
+    assert low == 50 / 60
+    assert min(found.trusted.values()) >= low
+    assert max(found.plain.values()) < low
+    assert min(found.inflation.values()) > 1.5
+    assert set(found.open.values()) == {0}
+
+
+def test_an_open_interval_counts_as_open_and_not_as_one_that_holds_the_truth(
     benchmark, short_problem
 ):
-    # Of 60 records 57 are expected to hold one parameter; fewer than 50 do once in 3,000 times.
-    noise = benchmark.Noise("12 s", ((12.0, 2e-3),))
-    found = benchmark.coverage(short_problem, TRUTH, noise, records=60, seed=11)
-    assert min(found.trusted.values()) >= 50 / 60
-    assert max(found.plain.values()) < 0.8
-    assert min(found.inflation.values()) > 1.5
+    # Under noise of 1 V nothing of a circuit of some 10 mV shows.
+    noise = benchmark.Noise("1 V", ((12.0, 1.0),))
+    found = benchmark.coverage(short_problem, benchmark.CIRCUITS[1], noise, records=10, seed=3)
+    assert sum(found.open.values()) > 0
+    for name, opened in found.open.items():
+        assert found.trusted[name] <= 1 - opened / 10
+
+
+def test_the_band_is_that_of_the_binomial_distribution(benchmark):
+    low, high = benchmark.chance_band(200)
+    hits = np.random.default_rng(0).binomial(200, 0.95, 1_000_000) / 200
+    assert np.mean((hits < low) | (hits > high)) < 1.1e-3
+    assert np.mean((hits <= low) | (hits >= high)) > 0.9e-3
+    # Which is how closely 200 records can tell 95 % from the 90 and 98 % that are allowed.
+    assert (low, high) == (0.895, 0.99)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", range(4))
-def test_intervals_of_200_long_records_hold_90_to_98_percent(benchmark, noise):
-    problem = benchmark.bundled("so-rc")
+@pytest.mark.parametrize(
+    ("circuit", "noise"),
+    [
+        pytest.param(circuit, noise, marks=SHORTFALL if (circuit, noise) == (1, 3) else ())
+        for circuit in range(2)
+        for noise in range(4)
+    ],
+)
+def test_intervals_of_200_long_records_hold_95_percent_of_truths_but_for_chance(
+    benchmark, circuit, noise
+):
     found = benchmark.coverage(
-        problem, benchmark.CIRCUITS[0], benchmark.NOISES[noise], records=200, seed=20
+        benchmark.bundled("so-rc"),
+        benchmark.CIRCUITS[circuit],
+        benchmark.NOISES[noise],
+        records=200,
+        seed=20,
     )
-    # The shares themselves are to lie between 90 and 98 %; 200 records show them to 1 or 2 %.
-    assert min(found.trusted.values()) >= 0.90 - 0.01
-    assert max(found.trusted.values()) <= 0.98 + 0.01
+    # 89.5 to 99 %: of 7 parameters in 8 cases each, chance alone leaves the band once in 18 runs.
+    low, high = benchmark.chance_band(200)
+    assert min(found.trusted.values()) >= low
+    assert max(found.trusted.values()) <= high

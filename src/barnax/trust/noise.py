@@ -165,7 +165,7 @@ def fit_noise(
         _from_lags=from_lags,
         _edges=edges,
         _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
-        _filled=np.count_nonzero(counts),
+        _filled=int(np.count_nonzero(counts)),
         _padded=padded,
     )
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from benchmarks.pages import save_page
 from scipy.signal import lfilter
 from scipy.stats import binom
 from scipy.stats import t as student
@@ -308,8 +309,7 @@ def main(arguments: Sequence[str]) -> None:
         problem = measured(Path(arguments[0]))
         lines += cell_page("CALCE INR18650-20R, DST at 25 degC, so-rc", problem)
     text = "\n".join(lines)
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(text)
+    save_page(RESULTS, text)
     print(text)
 
 

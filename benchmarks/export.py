@@ -156,6 +156,7 @@ def ramp_difference_v(result) -> float:
 
 def write_page() -> None:
     """Simulate all, print the page and write it."""
+    from benchmarks.pages import save_page
     from benchmarks.table2.provenance import as_markdown, provenance
 
     table, loop_v, ramp_v = [], 0.0, 0.0
@@ -189,8 +190,7 @@ def write_page() -> None:
             "",
         ]
     )
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(page)
+    save_page(RESULTS, page)
     print(page)
 
 

@@ -11,6 +11,7 @@ from datetime import date
 from pathlib import Path
 
 import jax
+from benchmarks.pages import save_page
 
 import barnax
 from barnax.reporting.model_verdict import conclusion
@@ -135,8 +136,7 @@ def main() -> None:
         page += report(case)
         print(case.name, "done", file=sys.stderr)
     text = "\n".join(page)
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(text)
+    save_page(RESULTS, text)
     print(text)
 
 

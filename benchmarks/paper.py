@@ -10,6 +10,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks.pages import save_page
+
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
 
@@ -301,8 +303,7 @@ def main() -> None:
         "",
     ]
     page = "\n".join(lines)
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(page)
+    save_page(RESULTS, page)
     print(page)
 
 

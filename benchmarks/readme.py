@@ -5,12 +5,13 @@ voltage figure in benchmarks/results/.
 """
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
 from datetime import date
 from pathlib import Path
+
+from benchmarks.pages import save_file, save_page
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -28,14 +29,13 @@ def main() -> None:
             text=True,
         )
         figure = Path(folder) / "barnax-out" / "figures" / "identification-voltage.png"
-        RESULTS.mkdir(exist_ok=True)
-        shutil.copyfile(figure, RESULTS / "readme.png")
+        save_file(RESULTS / "readme.png", figure.read_bytes())
     page = (
         "# What the README shows\n\n"
         f"Printed by `python -m benchmarks.readme` on {date.today()}: the output of "
         f"`{' '.join(command)}`.\n\n```\n{ran.stdout}```\n"
     )
-    (RESULTS / "readme.md").write_text(page)
+    save_page(RESULTS / "readme.md", page)
     print(page)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from benchmarks.pages import save_page
 
 import barnax
 from barnax.coordinates import SCALES
@@ -59,8 +60,7 @@ def main() -> None:
         there = f"{np.count_nonzero(excess < REACHED)} of {SEEDS}"
         lines.append(f"| {' | '.join([scale, name, there, *figures])} |")
     page = "\n".join([*lines, ""])
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(page)
+    save_page(RESULTS, page)
     print(page)
 
 

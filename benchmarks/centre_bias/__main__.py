@@ -4,6 +4,7 @@ import argparse
 import time
 from pathlib import Path
 
+from benchmarks.pages import save_figure, save_page
 from benchmarks.table2.provenance import provenance
 from benchmarks.table2.report import write_csv
 
@@ -44,10 +45,10 @@ def main() -> None:
         results |= play_baselines(("shifted", "rotated"), REPORTING_KEY, options.workers)
         page = markdown_page(results, time.perf_counter() - begin, facts)
         name = "centre_bias"
-        critical_difference_figure(results).savefig(options.out / f"{name}.png", dpi=110)
+        save_figure(options.out / f"{name}.png", critical_difference_figure(results), dpi=110)
     conditions = tuple(dict.fromkeys(condition for condition, _, _ in results))
     write_csv(options.out / f"{name}.csv", summary_rows(results, conditions))
-    (options.out / f"{name}.md").write_text(page)
+    save_page(options.out / f"{name}.md", page)
     print(page)
 
 

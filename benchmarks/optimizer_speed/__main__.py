@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 from benchmarks.environments import make_environment, run_worker
+from benchmarks.pages import save_page
 from benchmarks.table2.provenance import as_markdown, provenance
 from benchmarks.table2.report import write_csv
 from benchmarks.table2.runs import run_optimizer
@@ -122,7 +123,7 @@ def main() -> None:
     rows = rows_of(time_ours(), theirs)
     page = markdown_page(rows, provenance("python -m benchmarks.optimizer_speed", KEY))
     write_csv(options.out / "optimizer_speed.csv", rows)
-    (options.out / "optimizer_speed.md").write_text(page)
+    save_page(options.out / "optimizer_speed.md", page)
     print(page)
 
 

@@ -7,6 +7,8 @@ import sys
 from datetime import date
 from pathlib import Path
 
+from benchmarks.pages import save_page
+
 from .cases import BUDGET, EXACT, Ran, cases, data_folder, run
 from .tables import (
     conditions_table,
@@ -79,8 +81,7 @@ def main() -> None:
         print(case.name, "done", file=sys.stderr)
     text = page(runs)
     if folder is not None:
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(text)
+        save_page(RESULTS, text)
     print(text)
 
 

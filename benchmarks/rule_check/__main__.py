@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from benchmarks.environments import WorkerError, make_environment, run_worker
+from benchmarks.pages import save_page
 from benchmarks.table2.provenance import provenance
 
 from .coco_report import running_times
@@ -118,7 +119,7 @@ def main() -> None:
         missing | failed,
         facts,
     )
-    (options.out / "rule_check.md").write_text(page)
+    save_page(options.out / "rule_check.md", page)
     print(page)
 
 

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import jax
+from benchmarks.pages import save_figure, save_page
 from benchmarks.table2.provenance import as_markdown, provenance
 from benchmarks.table2.report import write_csv
 
@@ -121,9 +122,9 @@ def main() -> None:
         write_csv(
             RESULTS / "speed.csv", [{key: row.get(key, "") for key in columns} for row in table]
         )
-        figure.savefig(RESULTS / "speed.png", dpi=130)
+        save_figure(RESULTS / "speed.png", figure, dpi=130)
         text = "\n".join([*page.lines, "![growth](speed.png)", ""])
-        (RESULTS / "speed.md").write_text(text)
+        save_page(RESULTS / "speed.md", text)
 
 
 if __name__ == "__main__":

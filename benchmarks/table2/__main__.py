@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from benchmarks.pages import save_figure, save_page
+
 from .figures import convergence_figure
 from .provenance import provenance
 from .report import markdown_page, table_rows, write_csv
@@ -35,9 +37,9 @@ def main() -> None:
         rows = table_rows(results)
         page = markdown_page(rows, seconds, facts)
         name = "table2"
-        convergence_figure(results).savefig(options.out / "table2.png", dpi=110)
+        save_figure(options.out / "table2.png", convergence_figure(results), dpi=110)
     write_csv(options.out / f"{name}.csv", rows)
-    (options.out / f"{name}.md").write_text(page)
+    save_page(options.out / f"{name}.md", page)
     print(page)
 
 

@@ -1,11 +1,13 @@
 """The table as CSV rows and as a Markdown page."""
 
 import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.pages import save_page
 
 from barnax.optimizers.test_functions import FUNCTIONS
 
@@ -127,16 +129,14 @@ def markdown_page(
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
     """The rows under a header of their keys."""
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(
-            {
-                key: f"{value:.6g}" if isinstance(value, float) else value
-                for key, value in row.items()
-            }
-            for row in rows
-        )
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {key: f"{value:.6g}" if isinstance(value, float) else value for key, value in row.items()}
+        for row in rows
+    )
+    save_page(path, text.getvalue())
 
 
 def _show(row: dict[str, Any], prefix: str) -> str:

@@ -1,5 +1,6 @@
 """The parts of `result.json`: what each holds, and under which keys."""
 
+import json
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -9,18 +10,24 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     PlainSerializer,
     ValidationError,
 )
+from pydantic_core import CoreSchema
 
 from .errors import InputError
 from .problem import Kind
+from .records.limits import cut
 
 Stored = TypeVar("Stored", bound=BaseModel)
 
 # A smaller regret is rounding.
 NO_REGRET = 1e-7
 LARGEST_FILE = 200_000_000
+# No part has so many; each one unknown would be an error of its own.
+MOST_KEYS = 1000
+LONGEST_REASON = 500
 
 Volts = Annotated[float, Field(ge=0)]
 # An error that may be infinite, where nothing could be simulated; JSON has null for that.
@@ -30,6 +37,9 @@ Loss = Annotated[
     BeforeValidator(lambda value: math.inf if value is None else value),
     PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
 ]
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Key = Annotated[int, Field(ge=0, lt=2**64)]
+Setting = bool | int | float | str
 Parameters = dict[str, float]
 
 # Keys with units, by the field's name.
@@ -51,6 +61,17 @@ KEYS = {
 }
 
 
+def _fail_fast(schema: Any) -> None:
+    if isinstance(schema, dict):
+        if schema.get("type") == "tuple":
+            schema["fail_fast"] = True
+        for each in schema.values():
+            _fail_fast(each)
+    elif isinstance(schema, list | tuple):
+        for each in schema:
+            _fail_fast(each)
+
+
 class Part(BaseModel):
     """A part of the file: immutable, nothing unknown, nothing infinite."""
 
@@ -62,14 +83,26 @@ class Part(BaseModel):
         populate_by_name=True,
     )
 
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: type[BaseModel], handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """The type's schema, but that the first bad item of a list is the last looked at.
+
+        A million bad ones would otherwise be a million errors of half a kilobyte.
+        """
+        schema = handler(source)
+        _fail_fast(schema)
+        return schema
+
 
 class SeedPart(Part):
     """One seed of the search, before refinement."""
 
     rmse_v: Loss
     parameters: Parameters
-    evaluations: int
-    failures: int
+    evaluations: Count
+    failures: Count
     history_v: tuple[Loss, ...]
 
 
@@ -77,13 +110,13 @@ class SearchPart(Part):
     """The search as it was set up, and what each seed found."""
 
     method: str
-    settings: dict[str, Any]
+    settings: dict[str, Setting]
     coordinates: Literal["rc", "log"]
     objective: Kind
-    population: int
-    iterations: int
-    key: int
-    evaluations: int
+    population: Count
+    iterations: Count
+    key: Key
+    evaluations: Count
     seeds: tuple[SeedPart, ...] = Field(min_length=1)
 
 
@@ -92,7 +125,7 @@ class OptimumPart(Part):
 
     rmse_v: Volts
     parameters: Parameters
-    seeds: int
+    seeds: Count
     is_family: bool
 
 
@@ -106,7 +139,7 @@ class RefinedPart(Part):
 
     rmse_v: Volts
     objective: Kind
-    evaluations: int
+    evaluations: Count
     at_bound: tuple[str, ...]
     optima: tuple[OptimumPart, ...] = Field(min_length=1)
     moved: tuple[float, ...]
@@ -124,7 +157,7 @@ class MetricsPart(Part):
     mape_percent: float
     ce_v: Volts
     max_v: Volts
-    samples: int
+    samples: Count
 
 
 class GlobalPart(Part):
@@ -196,19 +229,38 @@ class InputPart(Part):
 def read_stored(kind: type[Stored], path: Path, remedy: str) -> Stored:
     """What was stored in a file. Raises `InputError` that names what is wrong with it."""
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: too large for a result ({path.stat().st_size} bytes)")
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        text = content.decode("utf-8")
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or cut(str(problem), LONGEST_REASON)
         raise InputError(f"{path}: cannot be read ({reason}); {remedy}") from problem
+    if len(content) > LARGEST_FILE:
+        raise InputError(f"{path}: too large for a result (over {LARGEST_FILE} bytes); {remedy}")
     try:
+        _require_few_keys(text)
         return kind.model_validate_json(text)
     except ValidationError as problem:
-        first = problem.errors()[0]
+        first = problem.errors(include_url=False, include_input=False)[0]
         place = ".".join(str(step) for step in first["loc"]) or "the file"
-        raise InputError(
-            f"{path}: is not a barnax result: {place}: {first['msg']}; {remedy}"
-        ) from problem
+        reason = f"{cut(place, 200)}: {cut(first['msg'], LONGEST_REASON)}"
+        raise InputError(f"{path}: is not a barnax result: {reason}; {remedy}") from problem
     except InputError as problem:
-        raise InputError(f"{path}: is not a barnax result: {problem}; {remedy}") from problem
+        reason = cut(str(problem), LONGEST_REASON)
+        raise InputError(f"{path}: is not a barnax result: {reason}; {remedy}") from problem
+
+
+def _require_few_keys(text: str) -> None:
+    """Raise `InputError` where an object has more keys than any part. What is no JSON passes."""
+
+    def look(pairs: list[tuple[str, Any]]) -> None:
+        if len(pairs) > MOST_KEYS:
+            raise InputError(f"a part has {len(pairs)} keys, and none has over {MOST_KEYS}")
+
+    try:
+        # Nothing is kept, and numbers are not worked out.
+        json.loads(text, object_pairs_hook=look, parse_int=len, parse_float=len, parse_constant=len)
+    except InputError:
+        raise
+    except (ValueError, RecursionError):
+        return

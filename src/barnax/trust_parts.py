@@ -1,6 +1,6 @@
 """The parts of `result.json` that say how far the answer can be trusted."""
 
-from .result_parts import Part, Volts
+from .result_parts import Count, Part, Volts
 from .trust import Assessment, Examination
 
 
@@ -62,7 +62,7 @@ class BandPart(Part):
     """Errors of the samples in one band; `share` is of the summed squared error."""
 
     label: str
-    samples: int
+    samples: Count
     rmse_v: Volts
     mean_v: float
     share: float
@@ -105,8 +105,8 @@ class BootstrapPart(Part):
 
     block_s: float
     is_cut: bool
-    replicates: int
-    converged: int
+    replicates: Count
+    converged: Count
     parameters: dict[str, ResampledPart]
 
 
@@ -116,7 +116,7 @@ class SuggestionPart(Part):
     name: str
     text: str
     rmse_v: Volts
-    added: int
+    added: Count
 
 
 class ExaminationPart(Part):

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import ConfigDict
 
-from ..result_parts import KEYS, Loss, MetricsPart, Parameters, Part, Volts
+from ..result_parts import KEYS, Count, Key, Loss, MetricsPart, Parameters, Part, Volts
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -37,7 +37,7 @@ class SeedAnswerPart(ComparisonPart):
 
     rmse_v: Loss
     parameters: Parameters
-    evaluations: int
+    evaluations: Count
     history_v: tuple[Loss, ...] | None
 
 
@@ -54,7 +54,7 @@ class BandPart(ComparisonPart):
 
     low_soc: float
     high_soc: float
-    samples: int
+    samples: Count
     rmse_v: Volts | None
     mean_v: float | None
     max_v: Volts | None
@@ -84,7 +84,7 @@ class RowPart(ComparisonPart):
     notes: tuple[str, ...] = ()
     parameters: Parameters | None = None
     time_constants: Parameters | None = None
-    evaluations: int | None = None
+    evaluations: Count | None = None
     at_bound: tuple[str, ...] = ()
     spread: SpreadPart | None = None
     identification: RecordErrorsPart | None = None
@@ -110,7 +110,7 @@ class OverTimePart(ComparisonPart):
     interval_v2: tuple[float, float]
     difference_v: float
     interval_v: tuple[float, float]
-    block_samples: int
+    block_samples: Count
     is_block_capped: bool
     is_real: bool
 
@@ -119,8 +119,8 @@ class OverSeedsPart(ComparisonPart):
     """The rows' seeds in pairs; `p_value` is of Wilcoxon's signed-rank test."""
 
     median_v: float
-    wins: int
-    losses: int
+    wins: Count
+    losses: Count
     p_value: float
 
 
@@ -153,10 +153,10 @@ class ModelPart(ComparisonPart):
 class BudgetPart(ComparisonPart):
     """What every method could spend: `evaluations` a seed."""
 
-    population: int
-    iterations: int
-    seeds: int
-    key: int
-    evaluations: int
+    population: Count
+    iterations: Count
+    seeds: Count
+    key: Key
+    evaluations: Count
     coordinates: Literal["rc", "log"]
     objective: Literal["scan", "compressed"]

@@ -9,6 +9,7 @@ import typer
 from rich.markup import escape
 
 from . import options
+from .doubts import warn_of_doubts
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
 from .journal import open_journal
 from .options import SEARCH, require_choice
@@ -110,6 +111,8 @@ def compare(
         hysteresis_fit=hysteresis_fit,
         rest_current=rest_current,
     )
+    given = (start_time, start_after_step, initial_soc, score_steps, score_from, score_to)
+    warn_of_doubts(session, files, capacity, has_window=any(each is not None for each in given))
     total = sum(1 if METHODS[method].is_deterministic else seeds for _, method in rows)
     facts = (command, inputs.hashes, box.ranges, box.fixed, repr(window))
     with open_journal(session, folder, *facts) as journal:

@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from ..errors import InputError
 from . import options
+from .doubts import warn_of_doubts
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
 from .journal import open_journal
 from .options import SEARCH, require_choice
@@ -146,6 +147,8 @@ def identify(
         hysteresis_fit=hysteresis_fit,
         rest_current=rest_current,
     )
+    given = (start_time, start_after_step, initial_soc, score_steps, score_from, score_to)
+    warn_of_doubts(session, files, capacity, has_window=any(each is not None for each in given))
     with session.stage("Setting up the problem"):
         problem = make_problem(
             inputs.records,

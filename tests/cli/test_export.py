@@ -101,7 +101,7 @@ def test_a_place_that_takes_no_file_is_refused_before_any_work(refuse, stored, t
 def test_verify_without_the_package_says_how_to_get_it(refuse, stored, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     message = refuse("export", stored, "--to", "thevenin", "--verify")
-    assert 'pip install "barnax[verify]"' in message
+    assert 'pip install ".[verify]"' in message
 
 
 def test_verify_of_what_nothing_simulates_is_refused(refuse, stored):

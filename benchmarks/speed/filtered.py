@@ -42,7 +42,8 @@ class Filtered:
             popsize=population // len(self.lower),
             maxiter=generations - 1,
             tol=0,
-            atol=0,
+            # At zero it would end once all its candidates are one, bit for bit.
+            atol=-1,
             polish=False,
             rng=np.random.default_rng(KEY),
         )

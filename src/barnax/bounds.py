@@ -8,12 +8,15 @@ from pathlib import Path
 
 from .cell.circuit import MOST_PAIRS, RATE
 from .errors import InputError
+from .records.limits import LONGEST_NAME, cut
 
 RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
 # Each pair is bounded in its time constant or in its capacitance.
 PAIRS = tuple((f"tau{pair} [s]", f"C{pair} [F]") for pair in range(1, MOST_PAIRS + 1))
 # From a hysteresis that a whole discharge hardly turns to one that turns within a sample.
 RATE_RANGE = (1.0, 1e4)
+# The time that dotted names take to read grows with the square of their length.
+LARGEST_FILE = 16_000
 Range = tuple[float, float]
 
 
@@ -146,8 +149,8 @@ class Bounds:
     def _require_known(self, name: str, source: str) -> None:
         if name not in self.names:
             raise InputError(
-                f"{source}: {name!r} is not a parameter of this circuit; there are "
-                f"{', '.join(self.names)}"
+                f"{source}: {cut(name, LONGEST_NAME)!r} is not a parameter of this circuit; there "
+                f"are {', '.join(self.names)}"
             )
 
     def _pair(self, index: int) -> tuple[Range, str, Range]:
@@ -162,33 +165,45 @@ def read_bounds(path: Path) -> dict[str, Range]:
     Raises `InputError` where the file cannot be read or says something else.
     """
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise InputError(f"{path}: is larger than any file of bounds ({LARGEST_FILE} bytes)")
+        document = tomllib.loads(content.decode("utf-8"))
     except OSError as problem:
         raise InputError(
             f"{path}: cannot be read ({problem.strerror or problem}); give --bounds a TOML file"
         ) from problem
+    except InputError:
+        raise
     except (ValueError, RecursionError) as problem:
         # No TOML, no text, or an integer of more digits than Python turns into one.
-        raise InputError(f"{path}: is not a TOML file ({problem})") from problem
+        reason = cut(str(problem), LONGEST_NAME)
+        raise InputError(f"{path}: is not a TOML file ({reason})") from problem
     table = document.get("bounds")
     if not isinstance(table, dict) or len(document) != 1:
         raise InputError(
             f'{path}: must hold one table, [bounds], with lines like "R0 [Ohm]" = [0.001, 0.1]'
         )
-    ranges = {}
-    for name, value in table.items():
-        is_pair = isinstance(value, list) and len(value) == 2
-        if not is_pair or not all(
-            isinstance(end, int | float) and not isinstance(end, bool) for end in value
-        ):
-            raise InputError(
-                f"{path}: {name!r} must be two numbers, [lower, upper]; it is {value!r}"
-            )
-        try:
-            ranges[name] = (float(value[0]), float(value[1]))
-        except OverflowError as problem:
-            raise InputError(f"{path}: {name!r} holds a number beyond all bounds") from problem
-    return ranges
+    return {
+        name: _range_of(value, f"{path}: {cut(name, LONGEST_NAME)!r}")
+        for name, value in table.items()
+    }
+
+
+def _range_of(value: object, place: str) -> Range:
+    ends = value if isinstance(value, list) else []
+    is_pair = len(ends) == 2 and all(type(end) in (int, float) for end in ends)
+    try:
+        if is_pair:
+            return float(ends[0]), float(ends[1])
+        shown = cut(repr(value), LONGEST_NAME)
+    except OverflowError as problem:
+        raise InputError(f"{place} holds a number beyond all bounds") from problem
+    # Tables in tables are as deep as their names are long; digits may be too many to show.
+    except (ValueError, RecursionError):
+        shown = f"a {type(value).__name__}"
+    raise InputError(f"{place} must be two numbers, [lower, upper]; it is {shown}")
 
 
 def parse_fixed(texts: list[str]) -> dict[str, float]:

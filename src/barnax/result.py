@@ -30,6 +30,7 @@ from .result_parts import (
     RefinedPart,
     SearchPart,
     SeedPart,
+    Soc,
     read_stored,
 )
 from .trust import Assessment, Examination
@@ -70,7 +71,7 @@ class Result(Part):
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
     window: Window
-    initial_soc: float
+    initial_soc: Soc
     initial_soc_reason: str
     initial_direction: Literal[-1, 1] | None = None
     rest_current_a: Annotated[float, Field(ge=0)] | None = None

@@ -37,6 +37,8 @@ Loss = Annotated[
     BeforeValidator(lambda value: math.inf if value is None else value),
     PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
 ]
+# A state of charge; a record may run beyond full and empty, but not far.
+Soc = Annotated[float, Field(ge=-10, le=10)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 Setting = bool | int | float | str
@@ -196,7 +198,7 @@ def _share(regret: float) -> str:
 class JointPart(Part):
     """One of several records that were identified together."""
 
-    initial_soc: float
+    initial_soc: Soc
     initial_soc_reason: str
     metrics: MetricsPart
 

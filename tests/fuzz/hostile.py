@@ -1,5 +1,6 @@
 """Files that nobody meant well: random, damaged, and well formed with absurd contents."""
 
+import copy
 import io
 import json
 import math
@@ -160,6 +161,8 @@ STRINGS = [
     "nan", "--out=/", "é", "\\", "\\u0000",
 ]  # fmt: skip
 
+OTHERS = [[], {}, [[]], {"": 0}, [0.5], None, True]
+
 
 def places_of(document: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """The path to every value in a JSON document, the document's own being empty."""
@@ -178,7 +181,7 @@ def places_of(document: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]
 @st.composite
 def absurd_documents(draw: st.DrawFn, good: dict[str, Any]) -> str:
     """A JSON document with some values replaced, removed or moved, as text."""
-    document = json.loads(json.dumps(good))
+    document = copy.deepcopy(good)
     marks: dict[str, str] = {}
     for number in range(draw(st.integers(1, 3))):
         *path, last = draw(st.sampled_from(places_of(document)[1:]))
@@ -194,13 +197,13 @@ def absurd_documents(draw: st.DrawFn, good: dict[str, Any]) -> str:
         elif kind == "string":
             parent[last] = draw(st.sampled_from(STRINGS))
         elif kind == "move":
-            parent[last] = draw(st.sampled_from([good["cell"], good["window"], []]))
+            parent[last] = copy.deepcopy(good[draw(st.sampled_from(["cell", "window", "inputs"]))])
         elif kind == "deep":
             parent[last] = mark = f"@mark {number}@"
             levels = draw(st.sampled_from([50, 300, 5000]))
             marks[f'"{mark}"'] = "[" * levels + "]" * levels
         else:
-            parent[last] = draw(st.sampled_from([[], {}, [[]], {"": 0}, [0.5], None, True]))
+            parent[last] = copy.deepcopy(draw(st.sampled_from(OTHERS)))
     text = json.dumps(document)
     for mark, value in marks.items():
         text = text.replace(mark, value)

@@ -49,6 +49,9 @@ class CircuitParameters:
         for name, value in self.to_dict().items():
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite; {value} was given")
+        for pair, tau_s in enumerate(self.tau_s, 1):
+            if not (math.isfinite(tau_s) and tau_s > 0):
+                raise ValueError(f"R{pair} C{pair} must be positive and finite; it is {tau_s} s")
 
     @property
     def pairs(self) -> int:

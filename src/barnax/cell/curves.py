@@ -12,7 +12,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
-from .stored import stored_numbers, stored_value
+from .stored import LARGEST_SOC, LARGEST_V, stored_numbers, stored_value
 
 OcvFit = Literal["polynomial", "interpolated"]
 
@@ -21,6 +21,7 @@ FALL_TOLERANCE_V = 0.5e-3
 OVERSHOOT_TOLERANCE_V = 3e-3
 MISS_TOLERANCE_V = 10e-3
 CHECKS_PER_GAP = 50
+STORED_CHECKS = 1001
 
 
 @dataclass(frozen=True)
@@ -153,8 +154,8 @@ def fit_curve(
 def curve_from_dict(stored: Mapping[str, Any]) -> AbstractCurve:
     """The curve that `to_dict` wrote. Raises `InputError` for what it did not write."""
     fit = stored_value(stored, "fit", "OCV curve")
-    soc = stored_numbers(stored, "soc", "OCV curve")
-    voltage_v = stored_numbers(stored, "voltage [V]", "OCV curve")
+    soc = stored_numbers(stored, "soc", "OCV curve", LARGEST_SOC)
+    voltage_v = stored_numbers(stored, "voltage [V]", "OCV curve", LARGEST_V)
     if len(soc) != len(voltage_v):
         raise InputError(
             f"the stored OCV curve has {len(soc)} SOC values but {len(voltage_v)} voltages"
@@ -170,7 +171,14 @@ def curve_from_dict(stored: Mapping[str, Any]) -> AbstractCurve:
             f"the stored OCV polynomial has {len(coefficients)} coefficients; "
             f"degree {POLYNOMIAL_DEGREE} has {POLYNOMIAL_DEGREE + 1}"
         )
-    return PolynomialCurve(points, coefficients)
+    curve = PolynomialCurve(points, coefficients)
+    with np.errstate(over="ignore", invalid="ignore"):
+        reached_v = np.abs(curve(np.linspace(curve.soc[0], curve.soc[-1], STORED_CHECKS)))
+    if not reached_v.max() <= LARGEST_V:
+        raise InputError(
+            f"the stored OCV polynomial reaches {reached_v.max():g} V, beyond {LARGEST_V:g} V"
+        )
+    return curve
 
 
 def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .stored import stored_numbers, stored_value
+from .stored import LARGEST_V, stored_numbers, stored_value
 
 HysteresisFit = Literal["continuous", "independent"]
 Values = Float[np.ndarray, "points"]
@@ -109,7 +109,7 @@ class SegmentedHysteresis:
         if kind not in ("continuous", "independent"):
             raise InputError(f"the stored hysteresis is of the unknown fit {kind!r}")
         knots, left, right, soc, voltage = (
-            stored_numbers(stored, key, what)
+            stored_numbers(stored, key, what, LARGEST_V)
             for key in ("knots", "left [V]", "right [V]", "soc", "voltage [V]")
         )
         if knots != tuple(KNOTS.tolist()) or not len(left) == len(right) == len(KNOTS) - 1:

@@ -11,7 +11,7 @@ from ..errors import InputError
 from .curves import AbstractCurve, PolynomialCurve, curve_from_dict
 from .hysteresis import SegmentedHysteresis
 from .soc_axis import OcvPoint
-from .stored import stored_number, stored_texts, stored_value
+from .stored import LARGEST_AH, stored_number, stored_texts, stored_value
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
@@ -107,8 +107,8 @@ class CellModel:
         """The cell that `to_dict` wrote. Raises `InputError` for what it did not write."""
         what = "cell"
         capacity_ah = stored_number(stored, "capacity [A.h]", what)
-        if capacity_ah <= 0:
-            raise InputError(f"the stored capacity must be positive; it is {capacity_ah}")
+        if not 1 / LARGEST_AH <= capacity_ah <= LARGEST_AH:
+            raise InputError(f"the stored capacity of {capacity_ah:g} Ah is no cell's")
         charge_points = _points_from(stored_value(stored, "charge points", what))
         discharge_points = _points_from(stored_value(stored, "discharge points", what))
         if not charge_points + discharge_points:

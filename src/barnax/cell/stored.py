@@ -7,6 +7,9 @@ from typing import Any
 
 from ..errors import InputError
 
+# No cell has more, between full and empty or beyond.
+LARGEST_V, LARGEST_SOC, LARGEST_AH = 100.0, 10.0, 1e12
+
 
 def stored_value(stored: Mapping[str, Any], key: str, what: str) -> Any:
     """`stored[key]`. Raises `InputError` that names `what` where it is absent."""
@@ -20,12 +23,18 @@ def stored_number(stored: Mapping[str, Any], key: str, what: str) -> float:
     return _number(stored_value(stored, key, what), f"{key!r} of the stored {what}")
 
 
-def stored_numbers(stored: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
-    """A list of finite numbers. Raises `InputError` for anything else."""
+def stored_numbers(
+    stored: Mapping[str, Any], key: str, what: str, largest: float = math.inf
+) -> tuple[float, ...]:
+    """A list of finite numbers, none beyond `largest`. Raises `InputError` for anything else."""
     values = stored_value(stored, key, what)
     if not isinstance(values, Iterable) or isinstance(values, str | Mapping):
         raise InputError(f"{key!r} of the stored {what} must be a list of numbers, not {values!r}")
-    return tuple(_number(value, f"{key!r} of the stored {what}") for value in values)
+    numbers = tuple(_number(value, f"{key!r} of the stored {what}") for value in values)
+    worst = max(map(abs, numbers), default=0.0)
+    if worst > largest:
+        raise InputError(f"{key!r} of the stored {what} reaches {worst:g}, beyond {largest:g}")
+    return numbers
 
 
 def stored_texts(stored: Mapping[str, Any], key: str, what: str) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from ..optimum import GlobalOptimum
 from ..problem import Problem
 from ..records import Record
 from ..result import all_versions, input_part, metrics_part
-from ..result_parts import InputPart, read_stored
+from ..result_parts import InputPart, Soc, read_stored
 from ..window import Window
 from .parts import (
     BandPart,
@@ -49,7 +49,7 @@ class ComparisonResult(ComparisonPart):
     budget: BudgetPart
     cell: dict[str, Any]
     window: Window
-    initial_soc: float
+    initial_soc: Soc
     initial_soc_reason: str
     inputs: tuple[InputPart, ...]
     warnings: tuple[str, ...]

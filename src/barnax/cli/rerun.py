@@ -137,7 +137,8 @@ def _run(command: list[str], folder: Path) -> "Result":
     from ..result import Result
 
     done = subprocess.run(
-        [sys.executable, "-m", "barnax", *command, "--out", str(folder), "--quiet"],
+        # Without -P a file in the working folder could pass for one of our libraries.
+        [sys.executable, "-P", "-m", "barnax", *command, "--out", str(folder), "--quiet"],
         stderr=subprocess.PIPE,
         text=True,
     )

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from cli.conftest import contents, run_command
 
 from barnax.export import EXPORTERS
 from barnax.result import Result
+from cli.conftest import contents, run_command
 
 from .hostile import FRAME
 from .stored import good_result

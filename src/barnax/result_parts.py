@@ -14,7 +14,6 @@ from pydantic import (
     PlainSerializer,
     ValidationError,
 )
-from pydantic_core import CoreSchema
 
 from .errors import InputError
 from .problem import Kind
@@ -88,7 +87,7 @@ class Part(BaseModel):
     @classmethod
     def __get_pydantic_core_schema__(
         cls, source: type[BaseModel], handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
+    ) -> Any:
         """The type's schema, but that the first bad item of a list is the last looked at.
 
         A million bad ones would otherwise be a million errors of half a kilobyte.

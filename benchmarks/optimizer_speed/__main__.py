@@ -102,7 +102,8 @@ def markdown_page(rows: list[dict], facts: dict[str, str]) -> str:
         "mealpy's PSO has constant inertia and redraws what leaves the box, its WOA and GWO let a "
         "candidate move only to a better place, its BMO takes a uniform p and keeps no parents; "
         "evosax's PSO has constant inertia, one random number for all dimensions and no bounds. "
-        "That ours follow the published rules, Table 2 shows.",
+        "mealpy's IGWO is another algorithm of that name (Kaveh and Zakian, 2018). Which rules are "
+        "the same, and that they then give the same losses, is in rule_check.md.",
         "",
     ]
     return "\n".join(lines)

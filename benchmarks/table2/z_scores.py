@@ -40,7 +40,8 @@ def z_score_page(rows: list[dict[str, Any]], seconds: float, facts: dict[str, st
         "groups of 30 runs; in log10 for F2 and F4. In each cell: best, mean, standard deviation, "
         "and, where all are positive, the mean in log10. A cell reproduces when both scores of its "
         "mean are at most three. Where a group's losses scatter over decades the linear score is "
-        "never large; there only the last one says something.",
+        "never large; there only the last one says something. A dash: over two groups of ten count "
+        "as 0 and have no logarithm.",
         "",
         as_markdown(facts),
         f"- time: {seconds:.0f} s",
@@ -73,6 +74,8 @@ def _show(row: dict[str, Any]) -> str:
 
 
 def _number(score: float) -> str:
+    if np.isnan(score):
+        return "-"
     if not np.isfinite(score):
         return "inf" if score > 0 else "-inf"
     return f"{score:.1f}" if abs(score) < 100 else f"{score:.0e}".replace("e+0", "e")

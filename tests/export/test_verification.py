@@ -104,7 +104,7 @@ def test_what_nothing_here_can_simulate_is_refused(name):
 
 def test_a_missing_package_is_named_with_how_to_get_it():
     missing = replace(EXPORTERS["pybamm"], package="no_such_package")
-    with pytest.raises(InputError, match=r'no_such_package.*pip install "barnax\[verify\]"'):
+    with pytest.raises(InputError, match=r'no_such_package.*pip install "\.\[verify\]"'):
         require_package(missing)
 
 

@@ -47,6 +47,14 @@ def test_everyone_stands_at_their_time_constants_the_shorter_first():
     assert line(axes, "refined by Levenberg-Marquardt").get_zorder() > 2
 
 
+def test_what_was_found_beyond_the_box_stands_at_its_edge_and_is_said_to():
+    answers = {"ls so-rc": [make_circuit(0.2, 5000.0)], "ibmo so-rc": [make_circuit(9.0, 90.0)]}
+    axes = plot_landscape(make_landscape(), answers=answers).axes[0]
+    beyond = line(axes, "ls so-rc (beyond the box)")
+    np.testing.assert_allclose(beyond.get_xydata(), [[1.0, 1000.0]])
+    np.testing.assert_allclose(line(axes, "ibmo so-rc").get_xydata(), [[9.0, 90.0]])
+
+
 def test_the_steps_count_from_the_lowest_value_and_the_bar_names_it():
     figure = plot_landscape(make_landscape())
     figure.savefig(io.BytesIO())

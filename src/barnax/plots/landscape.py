@@ -51,7 +51,8 @@ def plot_landscape(
     Where the circuit has a rate gamma too, the best one counts. Steps of color are the excess
     over the lowest value, in percent: a problem with two basins shows two dark patches. `answers`
     are each row's circuits, one a seed; `refined` what Levenberg-Marquardt made of some;
-    `optimum` the global optimum and `others` the local ones. Raises `ValueError` for what has not
+    `optimum` the global optimum and `others` the local ones. Circuits beyond the box are drawn at
+    its edge. Raises `ValueError` for what has not
     two time constants to choose.
 
     >>> from barnax.optimum import Landscape
@@ -71,9 +72,11 @@ def plot_landscape(
     axes = figure.subplots()
     _draw_excess(figure, axes, tau1_s, tau2_s, rmse_v)
 
+    box = ((tau1_s[0], tau2_s[0]), (tau1_s[-1], tau2_s[-1]))
+
     def mark(circuits, label, layer, style):
         taus = [sorted(each.tau_s) if is_ordered else each.tau_s for each in circuits]
-        _mark(axes, taus, label, layer, style)
+        _mark(axes, taus, box, label, layer, style)
 
     rows = answers or {}
     for label, look in row_looks(rows).items():
@@ -142,6 +145,7 @@ def _draw_excess(
 def _mark(
     axes: Axes,
     taus_s: Sequence[Sequence[float]],
+    box: tuple[tuple[float, float], tuple[float, float]],
     label: str,
     layer: float,
     style: dict[str, Any],
@@ -150,6 +154,10 @@ def _mark(
         return
     if any(len(each) != 2 for each in taus_s):
         raise ValueError(f"{label}: a landscape over two time constants needs two RC pairs")
-    tau1_s, tau2_s = np.array(taus_s).T
+    # What a method found beyond the box stands at its edge, and is said to.
+    shown_s = np.clip(taus_s, *box)
+    if not np.allclose(shown_s, taus_s):
+        label += " (partly beyond the box)" if len(taus_s) > 1 else " (beyond the box)"
+    tau1_s, tau2_s = shown_s.T
     # At the limits of the box a mark would be cut in half.
     axes.plot(tau1_s, tau2_s, linestyle="none", label=label, zorder=layer, clip_on=False, **style)

@@ -79,7 +79,7 @@ def test_the_steps_in_a_row_are_the_fewest(problem):
         return folded.shape[0] + 2 * folded.shape[1]
 
     # Two runs over a stretch and one over all their ends.
-    assert steps(None) <= 1.05 * min(steps(stretches) for stretches in range(1, SAMPLES))
+    assert steps(None) <= 1.05 * min(steps(stretches) for stretches in (4, 10, 20, 25, 30, 50, 150))
 
 
 def test_where_there_is_no_cpu_a_search_runs_in_stretches(bundled_cell, monkeypatch):

@@ -121,7 +121,7 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(bu
     with pytest.raises(
         InputError,
         match=rf"made.csv: row {row} is scored at a state of charge of -0.05\d, but .*"
-        r"--capacity \(2.* Ah\) and --initial-soc, give an OCV test .* barnax check proposes .*--score-steps, --score-to",
+        r"--capacity \(2.* Ah\) and --initial-soc, give an OCV test .*--score-steps, --score-to",
     ):
         course_of(bundled_cell, Window(initial_soc=0.01))
 

@@ -62,8 +62,9 @@ def ablation_page(results: Losses, seconds: float, facts: dict[str, str]) -> str
     lines = [
         "# What each part of `ibmo-centered` is worth",
         "",
-        f"Shifted and rotated F1 to F9, {RUNS} runs, {EVALUATIONS:,} evaluations, on the "
-        "development set: these numbers chose the default and say nothing about it elsewhere. "
+        f"Shifted and rotated F1 to F9, {RUNS} runs, {EVALUATIONS:,} evaluations, on the offsets "
+        "and rotations of the development set, with other search keys than those the default was "
+        "chosen with. "
         "Medians of the final losses; the average rank among the variants below; on how many "
         "functions a variant is significantly better or worse than the default (Wilcoxon, Holm). "
         "The starting point casts one mother's sperm about the plain centroid with a Levy step "

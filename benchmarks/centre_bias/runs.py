@@ -31,6 +31,8 @@ POPULATION, EVALUATIONS, RUNS = 30, 15_000, 30
 # Offsets, rotations and keys on which variants were chosen, and those reported on. Nothing may
 # be chosen by the second.
 DEVELOPMENT_KEY, REPORTING_KEY = 1, 20_261_121
+# Folded into a key it gives none of the displacements' keys, whose number is that of their run.
+_SEARCHES = 1_000_000
 CONDITIONS = ("centered", "shifted", "rotated")
 
 # Final losses of all runs by (condition, function, method).
@@ -69,7 +71,7 @@ def play(
     def play_one(name: str) -> Losses:
         # The setting of precision is the thread's own.
         with jax.enable_x64(True):
-            keys = jr.split(jr.fold_in(jr.key(key), 1), runs)
+            keys = jr.split(jr.fold_in(jr.key(key), _SEARCHES), runs)
             losses = {}
             for condition in conditions:
                 displaced = displacements(condition, key, runs)

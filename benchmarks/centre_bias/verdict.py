@@ -60,8 +60,11 @@ def verdict_on_the_aims(results: Losses) -> list[str]:
             "was the aim",
         ),
     ]
+    others = [other for other in ranks if other != "ibmo-centered"]
     against_pso = {
-        duel.function: duel for duel in duels(results, "rotated", "ibmo-centered", ["pso"])
+        duel.function: duel
+        for duel in duels(results, "rotated", "ibmo-centered", others)
+        if duel.other == "pso"
     }
     for function in ("F4", "F8", "F9"):
         medians = [

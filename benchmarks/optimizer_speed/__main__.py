@@ -98,9 +98,10 @@ def markdown_page(rows: list[dict], facts: dict[str, str]) -> str:
         lines.append(f"| {row['optimizer']} | " + " | ".join(cells) + " |")
     lines += [
         "",
-        "None of the others follows the same rule as ours, so the losses are not to agree: "
+        "None of the others follows the rule of our defaults, so the losses are not to agree: "
         "mealpy's PSO has constant inertia and redraws what leaves the box, its WOA and GWO let a "
-        "candidate move only to a better place, its BMO takes a uniform p and keeps no parents; "
+        "candidate move only to a better place, its BMO takes a uniform p and keeps no parents, "
+        "its SOA is the paper's where ours is the authors' code; "
         "evosax's PSO has constant inertia, one random number for all dimensions and no bounds. "
         "mealpy's IGWO is another algorithm of that name (Kaveh and Zakian, 2018). Which rules are "
         "the same, and that they then give the same losses, is in rule_check.md.",

@@ -4,7 +4,7 @@ import json
 import time
 
 import numpy as np
-from mealpy import BMO, GWO, PSO, SFO, WOA, FloatVar
+from mealpy import BMO, GWO, PSO, SFO, SOA, WOA, FloatVar
 from sizes import DIMS, HALF_WIDTH, ITERATIONS, POPULATION, REPEATS
 
 MODELS = {
@@ -14,6 +14,7 @@ MODELS = {
     "gwo": GWO.OriginalGWO,
     "igwo": GWO.IGWO,
     "sfo": SFO.OriginalSFO,
+    "soa": SOA.OriginalSOA,
 }
 
 

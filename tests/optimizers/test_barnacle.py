@@ -46,8 +46,8 @@ def test_the_three_readings_of_ibmo_differ_from_bmo_and_each_other():
 
 
 def test_mating_without_any_factor_is_refused():
-    with pytest.raises(ValueError, match="cosine_factor or gaussian_factor"):
-        BarnacleMating(gaussian_factor=False)
+    with pytest.raises(ValueError, match="needs cosine_factor"):
+        BarnacleMating(mating_factor="one")
 
 
 def test_moving_the_origin_moves_the_whole_run_of_ibmo_centered():
@@ -80,7 +80,7 @@ def test_every_cast_of_bmo_contracts_toward_the_origin():
 def test_every_barnacle_is_mother_once_and_father_once():
     """Where all mate by p alone, offspring and mothers tell who the fathers were."""
     solver = BarnacleMating(
-        population=8, pl=8, gaussian_factor=False, cosine_factor=True, iterations=1
+        population=8, pl=8, mating_factor="one", cosine_factor=True, iterations=1
     )
     swarm = Swarm(jnp.arange(8.0)[:, None], jnp.arange(8.0))
     p = 0.5 * np.cos(1) + 0.5
@@ -90,6 +90,16 @@ def test_every_barnacle_is_mother_once_and_father_once():
         np.testing.assert_allclose(jnp.sort(fathers), jnp.arange(8.0), atol=1e-4)
         orders.add(tuple(np.round(np.asarray(fathers))))
     assert len(orders) == 20
+
+
+def test_a_uniform_factor_keeps_offspring_between_their_parents():
+    solver = BarnacleMating(population=8, pl=8, mating_factor="uniform", shared_factor=False)
+    swarm = Swarm(jnp.arange(8.0)[:, None] * jnp.ones(3), jnp.arange(8.0))
+    offspring = jnp.concatenate([proposed(solver, swarm, jr.key(seed)) for seed in range(30)])
+    assert offspring.min() >= 0 and offspring.max() <= 7
+    # Halfway between two random places on the line, on average.
+    np.testing.assert_allclose(offspring.mean(axis=0), 3.5, atol=0.4)
+    assert np.std(offspring - offspring[:, :1]) > 0.5
 
 
 def test_reevaluating_the_parents_doubles_the_cost():

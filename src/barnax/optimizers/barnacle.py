@@ -43,10 +43,10 @@ class BarnacleMating(AbstractPopulationMinimiser):
 
     And what the paper leaves open:
 
-    - `gaussian_factor`: p holds standard normal numbers, one a dimension; off, p is the cosine
-      factor alone (Eq. 16 as printed). `shared_factor`: one such vector a generation for all
-      matings, or one each.
-    - `factor_mean`, `factor_spread`: mean and standard deviation of those numbers.
+    - `mating_factor`: what p holds, one number a dimension. "normal": normal numbers of
+      `factor_mean` and `factor_spread`; "uniform": numbers of [0, 1), as both papers say but
+      Table 2 does not show; "one": nothing but the cosine factor (Eq. 16 as printed).
+      `shared_factor`: one such vector a generation for all matings, or one each.
     - `cast_per_dimension`: a step for every dimension, or one for the whole offspring.
     - `cast_center`: "origin" contracts toward coordinate zero whatever the objective is;
       "centroid" casts about the mean of the population, "elite" about the mean of its better
@@ -66,7 +66,7 @@ class BarnacleMating(AbstractPopulationMinimiser):
     tent_start: bool = False
     tent_branch: TentBranch = "state"
     cosine_factor: bool = False
-    gaussian_factor: bool = True
+    mating_factor: Literal["normal", "uniform", "one"] = "normal"
     shared_factor: bool = True
     factor_mean: float = 0.0
     factor_spread: float = 1.0
@@ -84,8 +84,8 @@ class BarnacleMating(AbstractPopulationMinimiser):
     norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def __check_init__(self):
-        if not (self.cosine_factor or self.gaussian_factor):
-            raise ValueError("mating needs cosine_factor or gaussian_factor, or both")
+        if self.mating_factor == "one" and not self.cosine_factor:
+            raise ValueError('a mating_factor of "one" needs cosine_factor: all would be fathers')
         if self.reevaluate_parents and self.brood_share > 0:
             raise ValueError("reevaluate_parents asks for a brood_share of zero")
 
@@ -147,10 +147,13 @@ class BarnacleMating(AbstractPopulationMinimiser):
     def _mating_factor(
         self, key: Key[Array, ""], generation: Int[Array, ""], dims: int, dtype: Any
     ) -> Array:
-        factor = jnp.ones((1, dims), dtype)
-        if self.gaussian_factor:
-            rows = 1 if self.shared_factor else self.population
-            factor = self.factor_mean + self.factor_spread * normal(key, (rows, dims), dtype)
+        shape = (1 if self.shared_factor else self.population, dims)
+        if self.mating_factor == "normal":
+            factor = self.factor_mean + self.factor_spread * normal(key, shape, dtype)
+        elif self.mating_factor == "uniform":
+            factor = jr.uniform(key, shape, dtype)
+        else:
+            factor = jnp.ones((1, dims), dtype)
         if self.cosine_factor:
             factor = factor * (0.5 * jnp.cos(generation.astype(dtype) / self.iterations) + 0.5)
         return factor

@@ -22,14 +22,18 @@ def ibmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMa
 
 
 def ibmo_printed(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMating:
-    """Eq. 13 to 19 of Li et al. (2023) as they stand: the cosine factor alone, Levy scale 1."""
+    """Eq. 15 to 19 of Li et al. (2023) as they stand: the cosine factor alone, Levy scale 1.
+
+    The tent map (Eq. 13, 14) branches on its state, as in the cited source and as its range
+    requires; `tent_branch="random"` is the printed form.
+    """
     return BarnacleMating(
         population=population,
         iterations=iterations,
         pl=pl,
         tent_start=True,
         cosine_factor=True,
-        gaussian_factor=False,
+        mating_factor="one",
         cast_step="levy",
     )
 

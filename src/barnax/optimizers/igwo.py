@@ -21,7 +21,7 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
     evaluations a wolf and generation. The leaders are the three best wolves.
 
     Li et al. (2023) cite this algorithm, but their Table 2 column of the same name is not its
-    work: only the Griewank cells come out alike. No option here gives that column.
+    work: `benchmarks/results/table2_z_scores.md`. No option here gives that column.
     """
 
     population: int = 30

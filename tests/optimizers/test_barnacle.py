@@ -96,7 +96,8 @@ def test_a_uniform_factor_keeps_offspring_between_their_parents():
     solver = BarnacleMating(population=8, pl=8, mating_factor="uniform", shared_factor=False)
     swarm = Swarm(jnp.arange(8.0)[:, None] * jnp.ones(3), jnp.arange(8.0))
     offspring = jnp.concatenate([proposed(solver, swarm, jr.key(seed)) for seed in range(30)])
-    assert offspring.min() >= 0 and offspring.max() <= 7
+    assert offspring.min() >= 0
+    assert offspring.max() <= 7
     # Halfway between two random places on the line, on average.
     np.testing.assert_allclose(offspring.mean(axis=0), 3.5, atol=0.4)
     assert np.std(offspring - offspring[:, :1]) > 0.5

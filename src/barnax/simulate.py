@@ -12,18 +12,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int, Scalar
+from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from .evaluator import AbstractEvaluator, Impedance
 
-# Measured on two CPU cores for 8 to 900 candidates: these are fastest or near it, twice as many
-# can be three times slower.
-UNROLL = 5
+# Samples to a turn of the loop, measured on two CPU cores for 8 to 900 candidates: these are
+# fastest or near it, twice as many can be three times slower.
+BLOCK = 5
 UNROLL_STACKED = 4
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
 # Smaller offsets are rounding of the stored time, not jitter of the clock.
 _CLOCK_S = 1e-10
+
+# The voltage over every RC pair, and what a dynamic hysteresis has moved.
+State = tuple[tuple[Scalar, ...], Scalar]
 
 
 class Intervals(eqx.Module):
@@ -194,49 +197,43 @@ def terminal_voltage(impedance: Impedance, drive: Drive) -> Float[Array, "sample
     return drive.source_v - overpotential(impedance, drive)
 
 
-def squared_error(
-    impedance: Impedance, drive: Drive, start: tuple[tuple[Scalar, ...], Scalar] | None = None
-) -> Scalar:
+def squared_error(impedance: Impedance, drive: Drive, start: State | None = None) -> Scalar:
     """Sum of squared errors over the scored samples, in V^2.
 
-    `start` holds the voltage over every pair and what the hysteresis has moved, at the first
-    sample; without it all is at rest. The error is summed in the scan's carry: stacking the
-    voltages first costs 4 to 40 times more.
+    `start` is the state at the first sample; without it all is at rest. The error is summed in
+    the scan's carry: stacking the voltages first costs 4 to 40 times more.
     """
-    pairs = [
-        _Pair(r, tau, drive.intervals) for r, tau in zip(impedance.r, impedance.tau, strict=True)
-    ]
-    zero = jnp.zeros_like(impedance.r0)
-    moved, hysteresis, turning = drive.hysteresis, None, None
-    if moved is not None and impedance.gamma is not None:
-        hysteresis = _Pair(jnp.ones_like(zero), 1 / impedance.gamma, moved.intervals)
-        turning = (moved.amplitude_v, _clocked(moved.push, moved.intervals))
-
-    def step(carry, sample):
-        states, turned, total = carry
-        current_a, base_error_v, weight, clocked, turning = sample
-        error_v = base_error_v + impedance.r0 * current_a + sum(states)
-        if hysteresis is not None:
-            amplitude_v, turn = turning
-            error_v = error_v - amplitude_v * turned
-            turned = hysteresis.advance(turned, *turn)
-        states = tuple(
-            pair.advance(state, *clocked) for pair, state in zip(pairs, states, strict=True)
-        )
-        # Weighted before it is squared: a weight of one then leaves every bit as it is.
-        counted_v = error_v if weight is None else weight * error_v
-        return (states, turned, total + counted_v * counted_v), None
-
-    samples = (
-        drive.current_a,
-        drive.base_error_v,
-        drive.weight,
-        _clocked(drive.held_a, drive.intervals),
-        turning,
+    circuit = _Circuit(impedance, drive)
+    samples = circuit.moving, circuit.counting
+    blocks, left = divmod(len(drive.current_a), BLOCK)
+    moving, counting = jax.tree.map(
+        lambda array: array[: blocks * BLOCK].reshape(blocks, BLOCK), samples
     )
-    states, turned = start or ((zero,) * len(pairs), zero)
-    (_, _, total), _ = lax.scan(step, (states, turned, zero), samples, unroll=UNROLL)
-    return total
+    # A turn moves the states over the block before its own, then sums its own errors, so that
+    # the sum only reads what has already moved and nothing is copied. Before the first is none.
+    before = jax.tree.map(
+        lambda array: jnp.concatenate([jnp.zeros_like(array[:1]), array[:-1]]), moving
+    )
+
+    def turn(carry, block):
+        state, total = carry
+        is_first, before, moving, counting = block
+        moved = circuit.advance(state, before, BLOCK)
+        if start is not None:
+            moved = jax.tree.map(lambda new, old: jnp.where(is_first, old, new), moved, state)
+        # Without it the compiler would move them once more where the errors are summed.
+        state = lax.optimization_barrier(moved)
+        return (state, circuit.add_errors(total, state, moving, counting, BLOCK)), None
+
+    total = jnp.zeros_like(impedance.r0)
+    state = ((total,) * len(impedance.r), total) if start is None else start
+    if blocks:
+        is_first = jnp.arange(blocks) == 0
+        turns = is_first, before, moving, counting
+        (state, total), _ = lax.scan(turn, (state, total), turns)
+        state = circuit.advance(state, jax.tree.map(lambda array: array[-1], moving), BLOCK)
+    moving, counting = jax.tree.map(lambda array: array[blocks * BLOCK :], samples)
+    return circuit.add_errors(total, state, moving, counting, left)
 
 
 def last_state(tau: Scalar, held: Float[Array, "samples"], intervals: Intervals) -> Scalar:
@@ -246,13 +243,68 @@ def last_state(tau: Scalar, held: Float[Array, "samples"], intervals: Intervals)
     def step(state, sample):
         return pair.advance(state, *sample), None
 
-    state, _ = lax.scan(step, jnp.zeros_like(tau), _clocked(held, intervals), unroll=UNROLL)
+    state, _ = lax.scan(step, jnp.zeros_like(tau), _clocked(held, intervals), unroll=BLOCK)
     return state
 
 
 def _clocked(held: Float[Array, "samples"], intervals: Intervals):
     """What moves a pair, sample by sample."""
     return held, intervals.node, intervals.offset_s
+
+
+class _Circuit:
+    """One candidate's RC pairs and hysteresis, and the error they make at a sample."""
+
+    def __init__(self, impedance: Impedance, drive: Drive):
+        clock, moved = drive.intervals, drive.hysteresis
+        self._r0 = impedance.r0
+        self._pairs = [
+            _Pair(r, tau, clock) for r, tau in zip(impedance.r, impedance.tau, strict=True)
+        ]
+        self._hysteresis, turning, amplitude_v = None, None, None
+        if moved is not None and impedance.gamma is not None:
+            one = jnp.ones_like(impedance.r0)
+            self._hysteresis = _Pair(one, 1 / impedance.gamma, moved.intervals)
+            turning = _clocked(moved.push, moved.intervals)
+            amplitude_v = moved.amplitude_v
+        # What moves the state from sample to sample, and what an error depends on beside it.
+        self.moving = _clocked(drive.held_a, clock), turning
+        self.counting = drive.current_a, drive.base_error_v, drive.weight, amplitude_v
+
+    def advance(self, state: State, moving: PyTree, samples: int) -> State:
+        """The state so many samples later."""
+        for sample in range(samples):
+            state = self._step(state, jax.tree.map(lambda array, at=sample: array[at], moving))
+        return state
+
+    def add_errors(
+        self, total: Scalar, state: State, moving: PyTree, counting: PyTree, samples: int
+    ) -> Scalar:
+        """The total with the squared errors of so many samples, the first in this state."""
+        for sample in range(samples):
+            clocked, (current_a, base_error_v, weight, amplitude_v) = jax.tree.map(
+                lambda array, at=sample: array[at], (moving, counting)
+            )
+            states, turned = state
+            error_v = base_error_v + self._r0 * current_a + sum(states)
+            if amplitude_v is not None:
+                error_v = error_v - amplitude_v * turned
+            # Weighted before it is squared: a weight of one then leaves every bit as it is.
+            counted_v = error_v if weight is None else weight * error_v
+            total = total + counted_v * counted_v
+            if sample + 1 < samples:
+                state = self._step(state, clocked)
+        return total
+
+    def _step(self, state: State, moving: PyTree) -> State:
+        (states, turned), (clocked, turning) = state, moving
+        states = tuple(
+            pair.advance(state_v, *clocked)
+            for pair, state_v in zip(self._pairs, states, strict=True)
+        )
+        if self._hysteresis is not None:
+            turned = self._hysteresis.advance(turned, *turning)
+        return states, turned
 
 
 class _Pair:

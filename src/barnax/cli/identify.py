@@ -189,17 +189,24 @@ def identify(
                 )
             with session.bar("Cross-checking", seeds) as advance:
                 checked = refine(found, descent=compiling.result(), progress=advance)
+            assessing = beside.submit(assess, checked)
             with session.stage("Looking for the global optimum"):
                 optimum = looking.result()
-        with session.stage("Assessing"):
-            assessment = assess(checked)
+            with session.stage("Validating"):
+                identified, validated = (
+                    [evaluate_course(course, checked.parameters) for course in each]
+                    for each in (problem.courses, courses)
+                )
+            written = {}
+            if folder is not None and not report:
+                with session.stage("Drawing figures"):
+                    written = drawing.result() | _figures(checked, identified, validated)
+            with session.stage("Assessing"):
+                assessment = assessing.result()
         examination = None
         if trust == "full":
             with session.stage("Fitting again"):
                 examination = examine(checked, assessment, key=jax.random.key(key))
-        with session.stage("Validating"):
-            identified = [evaluate_course(course, checked.parameters) for course in problem.courses]
-            validated = [evaluate_course(course, checked.parameters) for course in courses]
         result = make_result(
             checked,
             identified,
@@ -211,12 +218,10 @@ def identify(
             command=command,
         )
         if folder is not None:
-            written = {"result.json": result.to_json().encode()}
-            with session.stage("Drawing figures"):
-                if report:
+            written["result.json"] = result.to_json().encode()
+            if report:
+                with session.stage("Drawing figures"):
                     written |= _report(result, checked, identified, validated, optimum)
-                else:
-                    written |= drawing.result() | _figures(checked, identified, validated)
             written["timings.json"] = session.timings_json(resumed)
             folder = write_folder(folder, written, force, session)
         if journal is not None:

@@ -61,7 +61,6 @@ def assert_both_agree(problem, scale, seed=0, count=20):
     np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
 
 
-# The linear scale is one decoding for all circuits, so two stand for them in the default suite.
 @pytest.mark.parametrize(
     ("circuit", "scale"),
     [
@@ -75,6 +74,7 @@ def assert_both_agree(problem, scale, seed=0, count=20):
     ],
 )
 def test_every_circuit_in_the_box_has_the_scans_error(short_problem, circuit, scale):
+    """Slow are more circuits on the linear scale, one decoding for all: two stand for them."""
     problem = make_problem(
         short_problem.course.record, short_problem.cell, circuit, window=short_problem.window
     )

@@ -83,11 +83,20 @@ def test_the_console_command_is_the_cli():
     assert command.value == PROJECT["scripts"]["barnax"] == "barnax.cli:main"
 
 
-def test_all_names_resolve_to_the_same_kinds_in_any_order():
+@pytest.fixture(scope="module")
+def everything():
+    """What one fresh interpreter tells that imports every name, and again in other orders."""
     code = """
 import importlib, json, random, sys
+import jax
+before = dict(jax.config.values)
 import barnax
-names, kinds = list(barnax.__all__), []
+for name in barnax.__all__:
+    getattr(barnax, name)
+changed = [name for name, value in jax.config.values.items() if before.get(name) != value]
+from jax._src import xla_bridge
+told = {"changed": changed, "has devices": xla_bridge.backends_are_initialized(), "kinds": []}
+names = list(barnax.__all__)
 for order in range(4):
     # JAX stays loaded, so that each order costs barnax's own import only.
     for module in [name for name in sys.modules if name.split(".")[0] == "barnax"]:
@@ -96,10 +105,14 @@ for order in range(4):
     shuffled = random.Random(order).sample(names, len(names))
     for name in shuffled:
         getattr(barnax, name)
-    kinds.append({name: type(getattr(barnax, name)).__name__ for name in names})
-print(json.dumps(kinds))
+    told["kinds"].append({name: type(getattr(barnax, name)).__name__ for name in names})
+print(json.dumps(told))
 """
-    first, *others = json.loads(python("-c", code))
+    return json.loads(python("-c", code))
+
+
+def test_all_names_resolve_to_the_same_kinds_in_any_order(everything):
+    first, *others = everything["kinds"]
     assert all(kinds == first for kinds in others)
     assert set(first) == set(barnax.__all__) == set(dir(barnax))
     for name in ("identify", "refine", "validate", "characterize", "make_problem", "read_record"):
@@ -111,18 +124,9 @@ def test_an_unknown_name_is_an_attribute_error():
         _ = barnax.barnacle_goose
 
 
-def test_importing_everything_changes_no_jax_setting_and_starts_no_device():
-    code = """
-import jax
-before = dict(jax.config.values)
-import barnax
-for name in barnax.__all__:
-    getattr(barnax, name)
-changed = {name for name, value in jax.config.values.items() if before.get(name) != value}
-from jax._src import xla_bridge
-print(changed, xla_bridge.backends_are_initialized())
-"""
-    assert python("-c", code) == "set() False\n"
+def test_importing_everything_changes_no_jax_setting_and_starts_no_device(everything):
+    assert everything["changed"] == []
+    assert everything["has devices"] is False
 
 
 def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():

@@ -139,7 +139,7 @@ def test_the_direction_and_rest_current_the_simulation_starts_with_are_stored(
     # An export starts where the simulation does.
     away_v = tables_of(stored).initial_hysteresis_v
     assert problem.course.source_v[0] == pytest.approx(
-        bundled_cell.average_ocv_v(problem.course.soc[0]) + away_v, abs=1e-6
+        bundled_cell.average_ocv_v(problem.course.soc[:1])[0] + away_v, abs=1e-6
     )
     assert away_v < -1e-3
 

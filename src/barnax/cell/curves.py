@@ -56,11 +56,12 @@ class AbstractCurve(ABC):
 
     def __call__(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Voltage in V at `soc`."""
-        return self._inside(np.clip(soc, self.soc[0], self.soc[-1]))
+        inside = np.atleast_1d(np.clip(soc, self.soc[0], self.soc[-1]))
+        return self._inside(inside).reshape(np.shape(soc))
 
     @abstractmethod
     def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-        """Voltage between the end points."""
+        """Voltage between the end points, for an array of at least one axis."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:

@@ -70,7 +70,7 @@ class SegmentedHysteresis:
         """W in V at `soc`."""
         segment, fraction = _locate(np.asarray(soc))
         left_v, right_v = np.array(self.ends_v).T
-        return left_v[segment] * (1 - fraction) + right_v[segment] * fraction
+        return np.asarray(left_v[segment] * (1 - fraction) + right_v[segment] * fraction)
 
     @property
     def errors_v(self) -> Values:

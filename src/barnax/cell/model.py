@@ -48,7 +48,7 @@ class CellModel:
 
     def average_ocv_v(self, soc: Soc) -> Soc:
         """The mean of both branches in V, each constant beyond its end points."""
-        return (self.charge(soc) + self.discharge(soc)) / 2
+        return np.asarray((self.charge(soc) + self.discharge(soc)) / 2)
 
     def hysteresis_v(self, soc: Soc) -> Soc:
         """Charge minus discharge OCV in V, from the fitted segments."""

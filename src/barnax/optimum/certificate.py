@@ -105,7 +105,9 @@ def _first_cells(reduced: Reduced) -> Cells:
     return _in_order(np.array(list(itertools.product(*axes)), np.int64), reduced)
 
 
-def _halves(cells: Cells, split: Int[np.ndarray, "cells"], reduced: Reduced) -> Cells:
+def _halves(
+    cells: Cells, split: Int[np.ndarray, "cells"], reduced: Reduced
+) -> Int[np.ndarray, "halves axes ends"]:
     rows = np.arange(len(cells))
     middle = np.sum(cells[rows, split], axis=1) // 2
     lower, upper = cells.copy(), cells.copy()
@@ -114,7 +116,7 @@ def _halves(cells: Cells, split: Int[np.ndarray, "cells"], reduced: Reduced) -> 
     return _in_order(np.concatenate([lower, upper]), reduced)
 
 
-def _in_order(cells: Cells, reduced: Reduced) -> Cells:
+def _in_order(cells: Cells, reduced: Reduced) -> Int[np.ndarray, "ordered axes ends"]:
     """Those cells that hold a circuit whose alike pairs are in order."""
     if not reduced.is_ordered:
         return cells

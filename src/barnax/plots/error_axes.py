@@ -23,7 +23,7 @@ OUTLINE = (Stroke(linewidth=2.8, foreground="white"), Normal())
 
 def broken_line(
     time: Samples, error_mv: Samples, chosen: Bool[np.ndarray, "samples"]
-) -> tuple[Samples, Samples]:
+) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
     """The chosen samples as a line, broken where others lie between, as wide as can be seen."""
     indices = np.flatnonzero(chosen)
     kept = indices[decimate(time[indices], error_mv[indices])]

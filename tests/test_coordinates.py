@@ -1,4 +1,5 @@
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -37,7 +38,7 @@ def _float64():
 
 def place(coordinates, parts):
     lower, upper = np.asarray(coordinates.lower), np.asarray(coordinates.upper)
-    return lower + np.array(parts[: len(lower)]) * (upper - lower)
+    return jnp.asarray(lower + np.array(parts[: len(lower)]) * (upper - lower))
 
 
 def physical(impedance):
@@ -93,7 +94,7 @@ def test_a_point_in_log_coordinates_survives_decoding(box, parts):
 def test_a_raw_point_survives_decoding_unless_its_time_constant_is_clipped(parts):
     coordinates = Coordinates.of(DEFAULT, "rc")
     point = place(coordinates, parts)
-    expected = point.copy()
+    expected = np.array(point)
     for r, c in ((1, 2), (3, 4)):
         expected[c] = np.clip(point[r] * point[c], 1 / 2, 1000.0) / point[r]
     again = coordinates.encode(coordinates.decode(point))
@@ -112,7 +113,7 @@ def test_the_raw_box_of_capacitance_holds_every_allowed_time_constant():
 def test_a_capacitance_beyond_the_time_constants_is_clipped(resistance, tau_s):
     # 0.2 ohm and 1e5 F would be 20,000 s, 0.1 mohm and 10 F a millisecond.
     capacitance = 1e5 if tau_s == 1000.0 else 10.0
-    point = np.array([0.05, resistance, capacitance, 0.01, 1e4])
+    point = jnp.array([0.05, resistance, capacitance, 0.01, 1e4])
     circuit = physical(Coordinates.of(DEFAULT, "rc").decode(point))
     assert circuit["tau1 [s]"] == tau_s
     assert circuit["C1 [F]"] == pytest.approx(tau_s / resistance)
@@ -122,7 +123,7 @@ def test_a_capacitance_beyond_the_time_constants_is_clipped(resistance, tau_s):
 def test_the_log_coordinates_are_logarithms_of_resistances_and_time_constants():
     coordinates = Coordinates.of(DEFAULT, "log")
     assert coordinates.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
-    circuit = coordinates.decode(np.log([0.05, 0.01, 5.0, 0.02, 80.0]))
+    circuit = coordinates.decode(jnp.log(jnp.array([0.05, 0.01, 5.0, 0.02, 80.0])))
     expected = [0.05, 0.01, 0.02, 5.0, 80.0, 500.0, 4000.0]
     assert list(physical(circuit).values()) == pytest.approx(expected)
 
@@ -145,7 +146,7 @@ def test_a_fixed_parameter_is_no_coordinate(scale):
 @every_scale
 def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
     coordinates = Coordinates.of(DEFAULT, scale)
-    outside = jax.tree.map(np.asarray, Impedance(9.0, (9.0, 1e-9), (1e6, 1e-6)))
+    outside = jax.tree.map(jnp.asarray, Impedance(9.0, (9.0, 1e-9), (1e6, 1e-6)))
     circuit = physical(coordinates.decode(coordinates.encode(outside)))
     assert circuit["R0 [Ohm]"] == pytest.approx(0.2)
     assert circuit["R1 [Ohm]"] == pytest.approx(0.2)

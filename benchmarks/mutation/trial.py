@@ -70,9 +70,11 @@ class Trial:
     def _test(self, code: CodeType | None) -> int:
         if code is not None:
             sys.meta_path.insert(0, _Finder(f"barnax.{self.module}", self.source, code))
+        # The options of the suite are left out, for one of them imports the module in its own way.
         return pytest.main(
             [
-                "-x", "-q", "-n0", "-p", "no:cacheprovider", "--hypothesis-seed=0", "--no-header",
+                "-o", "addopts=", "-m", "not slow", "-x", "-q", "-n0", "-p", "no:cacheprovider",
+                "--hypothesis-seed=0", "--no-header",
                 "-W", "ignore::pytest.PytestAssertRewriteWarning", *self.tests,
             ]
         )  # fmt: skip

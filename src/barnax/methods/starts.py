@@ -1,6 +1,5 @@
 """Random numbers of methods that are not population optimizers, and their starting circuits."""
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
@@ -30,4 +29,4 @@ def random_circuits(
     box = problem.objective_in("log").coordinates
     low, high = np.asarray(box.lower), np.asarray(box.upper)
     fractions = latin_hypercube(generator, count, len(low))
-    return problem.parameters_at(list(jnp.asarray(low + fractions * (high - low))), box)
+    return problem.parameters_at(list(low + fractions * (high - low)), box)

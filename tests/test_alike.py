@@ -42,8 +42,8 @@ def uneven(samples, seed):
 
 CASES = {
     "even": ("pso", "iso-rc", [[even(333)], [even(512)]]),
-    "uneven": ("ibmo", "so-rc", [[uneven(300, 1)], [uneven(500, 2)]]),
-    "turning": ("pso", "esc", [[uneven(220, 2)], [uneven(300, 1)]]),
+    "uneven": ("ibmo", "so-rc", [[uneven(303, 1)], [uneven(502, 2)]]),
+    "turning": ("pso", "esc", [[uneven(221, 2)], [uneven(304, 1)]]),
     "joint": ("pso", "so-rc", [[even(300), even(200)], [even(250), even(450)]]),
 }
 

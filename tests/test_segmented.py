@@ -47,7 +47,8 @@ def computed(evaluator, coordinates, points):
     return jax.vmap(one)(points)
 
 
-@pytest.mark.parametrize("stretches", [7, SAMPLES])
+# Of 45 samples, of 13, and of one: whole blocks of the loop, some left over, and none.
+@pytest.mark.parametrize("stretches", [7, 25, SAMPLES])
 @in_float64
 def test_any_number_of_stretches_gives_the_errors_of_one_scan(problem, stretches):
     box, (drive,) = problem.coordinates, problem.drives

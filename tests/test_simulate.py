@@ -21,9 +21,10 @@ from reference import drop_v, filtered_response, looped_response
 
 CIRCUIT = (0.05, (0.01, 0.02), (3.0, 80.0))
 SHORTEST_TAU_S = 0.5
-SAMPLES = 400
+# No multiple of the samples that one turn of the loop takes.
+SAMPLES = 403
 RNG = np.random.default_rng(1)
-CURRENT_A = np.repeat(RNG.choice([0.0, 4.0, 1.0, -2.0], SAMPLES // 8), 8)
+CURRENT_A = np.repeat(RNG.choice([0.0, 4.0, 1.0, -2.0], SAMPLES // 8 + 1), 8)[:SAMPLES]
 SOURCE_V = 3.7 + 0.1 * np.sin(np.arange(SAMPLES) / 40)
 MEASURED_V = SOURCE_V - 0.05 * CURRENT_A + RNG.normal(0, 1e-3, SAMPLES)
 WEIGHT = (np.arange(SAMPLES) % 3 > 0) * 1.0

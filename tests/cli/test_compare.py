@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 
 import pytest
@@ -57,8 +58,10 @@ def test_the_command_is_stored_without_folders(compared):
     assert str(folder) not in " ".join(command)
 
 
-def test_a_second_run_needs_force_and_gives_the_same_bytes(compared, monkeypatch):
-    _, folder = compared
+def test_a_second_run_needs_force_and_gives_the_same_bytes(compared, tmp_path, monkeypatch):
+    _, first = compared
+    folder = tmp_path / "again"
+    shutil.copytree(first, folder)
     monkeypatch.setattr(command, "_report", lambda *_: {})
     before = contents(folder)
     assert run_command("compare", *ROWS, *BUDGET, "--out", folder).status == 2

@@ -49,6 +49,8 @@ def test_the_three_readings_of_ibmo_differ_from_bmo_and_each_other():
 def test_mating_without_any_factor_is_refused():
     with pytest.raises(ValueError, match="needs cosine_factor"):
         BarnacleMating(mating_factor="one")
+    with pytest.raises(ValueError, match="no mating_factor is called 'gaussian'"):
+        BarnacleMating(mating_factor="gaussian")
 
 
 def test_moving_the_origin_moves_the_whole_run_of_ibmo_centered():

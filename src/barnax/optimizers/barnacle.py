@@ -1,7 +1,7 @@
 """The barnacle mating optimizer and its improvements, each a switchable field."""
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import jax.random as jr
@@ -13,6 +13,8 @@ from jaxtyping import Array, Float, Int, Key, PyTree, Scalar, UInt32
 from .chaos import TentBranch, levy_step, normal, tent_map
 from .population import AbstractPopulationMinimiser
 from .swarm import Box, Swarm, keep_best, ranks, sort_by_loss
+
+MatingFactor = Literal["normal", "uniform", "one"]
 
 
 class Chances(NamedTuple):
@@ -66,7 +68,7 @@ class BarnacleMating(AbstractPopulationMinimiser):
     tent_start: bool = False
     tent_branch: TentBranch = "state"
     cosine_factor: bool = False
-    mating_factor: Literal["normal", "uniform", "one"] = "normal"
+    mating_factor: MatingFactor = "normal"
     shared_factor: bool = True
     factor_mean: float = 0.0
     factor_spread: float = 1.0
@@ -84,6 +86,8 @@ class BarnacleMating(AbstractPopulationMinimiser):
     norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def __check_init__(self):
+        if self.mating_factor not in get_args(MatingFactor):
+            raise ValueError(f"no mating_factor is called {self.mating_factor!r}")
         if self.mating_factor == "one" and not self.cosine_factor:
             raise ValueError('a mating_factor of "one" needs cosine_factor: all would be fathers')
         if self.reevaluate_parents and self.brood_share > 0:

@@ -48,7 +48,7 @@ def ibmo_centered(population: int = 30, iterations: int = 500, pl: int = 4) -> B
 
     What each part is worth `benchmarks/results/centre_bias_ablation.md` shows. The tent start and
     one factor a mating rather than a generation change nothing measurable; a Levy step in place
-    of the normal one does harm on F2, F4 and F9 and is left out.
+    of the normal one does harm on four functions, most on F4 and F9, and is left out.
     """
     return BarnacleMating(
         population=population,

@@ -21,11 +21,11 @@ class SailfishSearch(AbstractPopulationMinimiser):
     A share of the population are sailfish, which swim about the best sailfish so far and the
     best sardine; the rest are sardines, which flee. A sailfish takes the place of a sardine
     fitter than itself, and a new sardine appears at random: the paper removes the eaten one and
-    does not say what follows when all are gone. One newcomer for every sailfish is evaluated, so
-    a generation costs the population and the sailfish once more (39 evaluations for 30 fish).
+    does not say what follows when all are gone. As many newcomers are evaluated as there are
+    sailfish, or sardines where those are fewer (39 evaluations a generation for 30 fish).
 
-    Which form made Li et al. (2023), Table 2, is not known; this one reaches the orders of
-    magnitude of most of its cells, not those of F1 and F3.
+    Which form made Li et al. (2023), Table 2, is not known; this one reproduces three of its nine
+    cells: `benchmarks/results/table2_z_scores.md`.
     """
 
     population: int = 30
@@ -36,6 +36,12 @@ class SailfishSearch(AbstractPopulationMinimiser):
     rtol: float = 0.0
     atol: float = 0.0
     norm: Callable[[PyTree], Scalar] = optx.max_norm
+
+    def __check_init__(self):
+        if not 0 < self.sailfish_share < 1:
+            raise ValueError(f"a sailfish_share of {self.sailfish_share} leaves one of both out")
+        if self.population < 2:
+            raise ValueError("a sailfish and a sardine are two: the population is too small")
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))

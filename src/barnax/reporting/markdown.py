@@ -9,7 +9,7 @@ from .document import Table
 # the edge of a word, for units and names of files are full of them.
 SPECIAL = re.compile(r"[\\`*<|~$]|\](?=[(\[:])|(?<![^\W_])_|_(?![^\W_])")
 # What begins a list, a heading, a quotation or a rule at the start of a line.
-LEADING = re.compile(r"^(\d*)([-+.)=#>])(?=[\s=#>-]|$)")
+LEADING = re.compile(r"^(\d*)(>|[-+.)=#](?=[\s=#>-]|$))")
 FENCE = "```"
 
 

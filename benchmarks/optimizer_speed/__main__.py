@@ -4,7 +4,10 @@ import argparse
 import time
 from pathlib import Path
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import jax.random as jr
 import numpy as np
 from benchmarks.environments import make_environment, run_worker
 from benchmarks.pages import save_page
@@ -12,9 +15,10 @@ from benchmarks.table2.provenance import as_markdown, provenance
 from benchmarks.table2.report import write_csv
 from benchmarks.table2.runs import run_optimizer
 
-from barnax.optimizers import OPTIMIZERS
+from barnax.optimizers import OPTIMIZERS, AbstractPopulationMinimiser, Box
+from barnax.optimizers.threefry import written_out
 
-from .sizes import ITERATIONS, POPULATION, REPEATS, RUNS
+from .sizes import DIMS, HALF_WIDTH, ITERATIONS, POPULATION, REPEATS, RUNS
 
 HERE = Path(__file__).parent
 RESULTS = HERE.parent / "results"
@@ -36,10 +40,41 @@ def time_ours() -> dict[str, dict]:
             found[name] = {
                 "first_seconds": seconds[0],
                 "seconds": min(seconds[1:]),
+                "draw_seconds": time_draws(optimizer),
                 "evaluations": RUNS * runs.evaluations,
                 "final": runs.final,
             }
     return found
+
+
+def time_draws(optimizer: AbstractPopulationMinimiser) -> float:
+    """Seconds that the random numbers of all runs take alone, as many generations at once as do."""
+    box = Box(jnp.full(DIMS, -HALF_WIDTH), jnp.full(DIMS, HALF_WIDTH))
+    keys = jr.split(jr.key(KEY), RUNS)
+    seconds = []
+    for _ in range(1 + REPEATS):
+        begin = time.perf_counter()
+        jax.block_until_ready(_draws(optimizer, box, keys))
+        seconds.append(time.perf_counter() - begin)
+    return min(seconds[1:])
+
+
+@eqx.filter_jit
+def _draws(optimizer: AbstractPopulationMinimiser, box: Box, keys: jax.Array) -> jax.Array:
+    at_once = optimizer._generations_at_once(box)
+
+    def one(key):
+        key = written_out(key)
+
+        def some(total, first):
+            generations = first + jnp.arange(at_once)
+            drawn = jax.vmap(lambda g: optimizer.draw(jr.fold_in(key, g), g, box))(generations)
+            return total + sum(jnp.sum(leaf * 1.0) for leaf in jax.tree.leaves(drawn)), None
+
+        total, _ = jax.lax.scan(some, 0.0, jnp.arange(1, ITERATIONS + 1, at_once))
+        return total
+
+    return jax.vmap(one)(keys)
 
 
 def rows_of(ours: dict[str, dict], theirs: dict[str, dict[str, dict]]) -> list[dict]:
@@ -51,6 +86,7 @@ def rows_of(ours: dict[str, dict], theirs: dict[str, dict[str, dict]]) -> list[d
             "first_call_s": run["first_seconds"],
             "later_call_s": run["seconds"],
             "ours_us": 1e6 * run["seconds"] / run["evaluations"],
+            "draws_us": 1e6 * run["draw_seconds"] / run["evaluations"],
             "ours_median": float(np.median(run["final"])),
         }
         for library in REQUIREMENTS:
@@ -72,19 +108,21 @@ def markdown_page(rows: list[dict], facts: dict[str, str]) -> str:
         f"float64. Ours and evosax: {RUNS} runs in one compiled call, without compilation (the "
         "first call, which includes it, is beside it); mealpy: one run, since there runs follow "
         f"one another. The fastest of {REPEATS} each, for the machine is shared. A ratio above 1 "
-        "says ours is faster. Each library runs in an environment that this command makes.",
+        "says ours is faster. Draws: our random numbers alone, which can be that much of our time. "
+        "Each library runs in an environment that this command makes.",
         "",
         as_markdown(facts),
         f"- against: {', '.join(REQUIREMENTS.values())}",
         "",
-        "| optimizer | first call [s] | later [s] | ours [us] | mealpy [us] | ratio "
+        "| optimizer | first call [s] | later [s] | ours [us] | draws [us] | mealpy [us] | ratio "
         "| evosax [us] | ratio | median loss: ours | mealpy | evosax |",
-        "|---" * 11 + "|",
+        "|---" * 12 + "|",
     ]
     columns = [
         ("first_call_s", ".2f"),
         ("later_call_s", ".2f"),
         ("ours_us", ".2f"),
+        ("draws_us", ".2f"),
         ("mealpy_us", ".1f"),
         ("mealpy_ratio", ".0f"),
         ("evosax_us", ".2f"),

@@ -138,6 +138,9 @@ def render(found: dict[str, Any], judged: dict[tuple[str, str], tuple[str, str]]
         of = [sum(kinds[module, name][0] == kind for name in each["survivors"]) for kind in used]
         cells = [f"`{module}`", sum(counts), *counts, *of, each["minutes"]]
         lines.append(f"| {' | '.join(map(str, cells))} |")
+    not_run = [f"`{module}`" for module in TRIALS if module not in found]
+    if not_run:
+        lines += ["", f"Not run: {', '.join(not_run)}."]
     lines += ["", *(f"- {kind}: {KINDS[kind]}" for kind in used)]
     for module, each in found.items():
         if each["survivors"]:

@@ -108,7 +108,7 @@ def markdown_page(rows: list[dict], facts: dict[str, str]) -> str:
         f"float64. Ours and evosax: {RUNS} runs in one compiled call, without compilation (the "
         "first call, which includes it, is beside it); mealpy: one run, since there runs follow "
         f"one another. The fastest of {REPEATS} each, for the machine is shared. A ratio above 1 "
-        "says ours is faster. Draws: our random numbers alone, which can be that much of our time. "
+        "says ours is faster. Draws: our random numbers alone, in a program of their own. "
         "Each library runs in an environment that this command makes.",
         "",
         as_markdown(facts),

@@ -7,7 +7,8 @@ from rich.console import Console
 
 from barnax.evaluate import evaluate_course
 from barnax.refinement import CrossCheck
-from barnax.result import Result, make_result
+from barnax.result import Result
+from barnax.result_making import make_result
 from barnax.trust import Assessment, Examination, assess, examine
 from barnax.trust_parts import trust_part
 from barnax.trust_report import trust_report

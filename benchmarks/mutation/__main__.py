@@ -36,18 +36,17 @@ def of_cell(module: str, *tests: str) -> Trial:
     return Trial(f"cell.{module}", (*own, "tests/cell"))
 
 
+OF_SIMULATE = (
+    "tests/test_simulate.py",
+    "tests/test_dynamic_hysteresis.py",
+    "tests/test_evaluate.py",
+)
 TRIALS = {
     trial.module: trial
     for trial in (
         Trial("metrics", ("tests/test_metrics.py",)),
-        Trial(
-            "simulate",
-            (
-                "tests/test_simulate.py",
-                "tests/test_dynamic_hysteresis.py",
-                "tests/test_evaluate.py",
-            ),
-        ),
+        Trial("intervals", OF_SIMULATE),
+        Trial("simulate", OF_SIMULATE),
         of_cell("curves", "curves", "model"),
         of_cell("hysteresis", "hysteresis", "model"),
         of_cell("rest_points", "characterize"),

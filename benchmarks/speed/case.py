@@ -9,8 +9,9 @@ from jaxtyping import Array, Float
 
 import barnax
 from barnax.coordinates import Coordinates
+from barnax.intervals import Intervals
 from barnax.problem import Kind
-from barnax.simulate import Drive, Intervals
+from barnax.simulate import Drive
 
 
 @cache

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from .refinement import CrossCheck as CrossCheck
     from .refinement import refine as refine
     from .result import Result as Result
-    from .result import make_result as make_result
+    from .result_making import make_result as make_result
     from .trust import Assessment as Assessment
     from .trust import Examination as Examination
     from .trust import assess as assess
@@ -84,7 +84,7 @@ _HOME = {
     "make_comparison_result": "comparison",
     "make_optimizer": "optimizers",
     "make_problem": "problem",
-    "make_result": "result",
+    "make_result": "result_making",
     "read_record": "records",
     "refine": "refinement",
     "regret": "optimum",

@@ -22,7 +22,8 @@ from scipy.linalg import get_lapack_funcs, qr
 from .coordinates import Coordinates
 from .evaluator import AbstractEvaluator, Impedance
 from .exponentials import Lagrange, Span, span_of
-from .simulate import Drive, Intervals, respond
+from .intervals import Intervals
+from .simulate import Drive, respond
 from .threads import one_blas_thread
 
 # Bound on the error of a pair's answer, relative to the largest current.

@@ -9,9 +9,10 @@ from jaxtyping import Bool, Float
 from .cell import CellModel
 from .cell.circuits import get_circuit
 from .errors import InputError
+from .intervals import Intervals
 from .records import Record
 from .records.rests import current_direction, rest_current_a
-from .simulate import Drive, HysteresisDrive, Intervals
+from .simulate import Drive, HysteresisDrive
 from .window import Window, first_sample, initial_soc, scored_samples, soc_along
 
 # Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.

@@ -11,7 +11,7 @@ from .cell import CellModel, CircuitParameters
 from .evaluate import Evaluation
 from .optimum import GlobalOptimum
 from .refinement import CrossCheck
-from .result import describe, global_part
+from .result_making import describe, global_part
 from .table_layout import LAYOUT
 
 # Scored samples from which reducing a record costs less than simulating it for every candidate.

@@ -15,7 +15,8 @@ from jax import lax
 from jaxtyping import Array, Float, PyTree, Scalar
 
 from .evaluator import AbstractEvaluator, Impedance
-from .simulate import Drive, Intervals, last_state, respond, squared_error
+from .intervals import Intervals
+from .simulate import Drive, last_state, respond, squared_error
 
 
 class Clock(eqx.Module):

@@ -8,7 +8,7 @@ from sample_results import make_cross_check, make_identification
 
 from barnax.evaluate import evaluate_course
 from barnax.plots import plot_convergence
-from barnax.result import make_result
+from barnax.result_making import make_result
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 

@@ -9,7 +9,8 @@ from barnax.plots import plot_error, plot_hysteresis, plot_ocv
 from barnax.plots.encode import encode
 from barnax.plots.illustration import Illustration
 from barnax.plots.sources import cell_of
-from barnax.result import Result, make_result
+from barnax.result import Result
+from barnax.result_making import make_result
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 

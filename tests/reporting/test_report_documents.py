@@ -23,7 +23,8 @@ from barnax.reporting import (
 from barnax.reporting.cell_illustrations import record_roles
 from barnax.reporting.document import Bullets, Picture
 from barnax.reporting.identification_report import validation_sentences
-from barnax.result import Result, make_result
+from barnax.result import Result
+from barnax.result_making import make_result
 from barnax.result_parts import JointPart, MetricsPart
 from sample_comparisons import CITY, DRIVE, make_comparison, make_failure, make_row
 

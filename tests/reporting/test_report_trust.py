@@ -7,7 +7,7 @@ from barnax.evaluate import evaluate_course
 from barnax.reporting import identification_document
 from barnax.reporting.document import Bullets, Table
 from barnax.reporting.trust_section import trust_section
-from barnax.result import make_result
+from barnax.result_making import make_result
 from barnax.trust import assess, examine
 
 

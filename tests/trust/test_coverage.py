@@ -17,7 +17,7 @@ SHORTFALL = pytest.mark.xfail(
 @pytest.fixture
 def benchmark(monkeypatch):
     monkeypatch.syspath_prepend(str(REPOSITORY))
-    return importlib.import_module("benchmarks.coverage")
+    return importlib.import_module("benchmarks.coverage.simulated")
 
 
 @pytest.mark.parametrize("circuit", [0, 1])
@@ -69,7 +69,7 @@ def test_intervals_of_200_long_records_hold_95_percent_of_truths_but_for_chance(
     benchmark, circuit, noise
 ):
     found = benchmark.coverage(
-        benchmark.bundled("so-rc"),
+        importlib.import_module("benchmarks.coverage.cells").bundled("so-rc"),
         benchmark.CIRCUITS[circuit],
         benchmark.NOISES[noise],
         records=200,

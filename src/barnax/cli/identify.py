@@ -121,7 +121,7 @@ def identify(
         from ..problem import make_problem
         from ..refinement import refine
         from ..report import identification_report
-        from ..result import make_result
+        from ..result_making import make_result
         from ..trust import assess, compile_linearization, examine
         from ..trust_report import trust_report
 

@@ -235,7 +235,7 @@ def open_journal(session: Session, folder: Path | None, *facts: Any) -> Iterator
     if folder is None:
         yield None
         return
-    from ..result import all_versions
+    from ..result_making import all_versions
 
     run = fingerprint(all_versions(), platform.machine(), platform.processor(), *facts)
     folder.resolve().parent.mkdir(parents=True, exist_ok=True)

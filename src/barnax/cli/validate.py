@@ -57,7 +57,8 @@ def validate(
         from ..evaluate import validate as validate_on
         from ..records import read_record
         from ..report import metrics_table
-        from ..result import Result, metrics_part
+        from ..result import Result
+        from ..result_making import metrics_part
 
     stored = Result.from_json(result)
     chosen = {

@@ -14,7 +14,7 @@ from ..methods import METHODS
 from ..optimum import GlobalOptimum
 from ..problem import Problem
 from ..records import Record
-from ..result import all_versions, input_part, metrics_part
+from ..result_making import all_versions, input_part, metrics_part
 from ..result_parts import InputPart, Soc, read_stored
 from ..window import Window
 from .parts import (

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from ..plots import plot_convergence, plot_error, plot_voltage
 from ..plots.illustration import Illustration
-from ..result import describe
+from ..result_making import describe
 from .cell_illustrations import cell_illustrations, condition_illustrations, record_roles
 from .landscape_illustration import landscape_illustration
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from ..refinement import CrossCheck
 from .covariance import WIDEST_FACTOR, Estimate, Uncertainty, direction_of, named_values
 from .linearization import Linearization
+from .sums import is_sharper, known, sharper, sum_of
 from .wording import joined, symbol, with_unit
 
 # Brun, Reichert, Kuensch, Water Resources Research 37 (2001) 1015: above 10 to 15 parameters can
@@ -19,8 +20,6 @@ from .wording import joined, symbol, with_unit
 COLLINEAR = 15.0
 # A parameter whose interval ends more than this factor away from its value is hardly determined.
 LOOSE_FACTOR = 2.0
-# A combination is worth telling where its interval is this much narrower than its members'.
-SHARPER = 1 / 3
 # A time constant at its bound, 0.1 % of the box's log width, is this close to it.
 NEAR_LIMIT = 0.01
 # Singular values under this share of the largest are rounding.
@@ -130,19 +129,19 @@ def _too_fast(pair, values, near, sure, interval_s) -> list[Finding]:
         return []
     if not _is_tight(sure[resistance]):
         members = ("R0 [Ohm]", resistance)
-        total = _sum_of(members, values, near, sure)
-        if not _is_sharper(total, [sure[name] for name in members]):
+        total = sum_of(members, values, near, sure)
+        if not is_sharper(total, [sure[name] for name in members]):
             return []
         text = (
             f"tau{pair} = {values[tau]:.2f} s cannot be told from a resistance at "
             f"{interval_s:.3g} s sampling: only R0 + R{pair} is determined"
         )
-        return [Finding("too fast", (tau, *members[::-1]), f"{text}{_known(total)}.")]
+        return [Finding("too fast", (tau, *members[::-1]), f"{text}{known(total)}.")]
     if _is_tight(sure[tau]) or near.held.get(tau) == "fixed":
         return []
     text = (
         f"tau{pair} = {values[tau]:.2f} s is shorter than {interval_s:.3g} s sampling can show: "
-        f"R{pair} is determined{_known(sure[resistance])}, tau{pair} is not"
+        f"R{pair} is determined{known(sure[resistance])}, tau{pair} is not"
     )
     if tau in near.held:
         text += f" (it is {near.held[tau]}; a wider box would tell how short it may be)"
@@ -165,7 +164,7 @@ def _too_slow(pair, values, near, sure, duration_s) -> list[Finding]:
             "box would tell it better)"
         )
     else:
-        text += _known(sure[capacitance])
+        text += known(sure[capacitance])
     return [Finding("too slow", (tau, resistance), f"{text}.")]
 
 
@@ -180,15 +179,15 @@ def _alike(pair, values, near, sure, told) -> list[Finding]:
     if ratio.low is not None and ratio.high is not None and not ratio.low <= 1 <= ratio.high:
         return []
     resistances = (f"R{pair} [Ohm]", f"R{pair + 1} [Ohm]")
-    total = _sum_of(resistances, values, near, sure)
-    if not _is_sharper(total, [sure[name] for name in resistances]):
+    total = sum_of(resistances, values, near, sure)
+    if not is_sharper(total, [sure[name] for name in resistances]):
         return []
     text = (
         f"tau{pair} = {with_unit(first, values[first])} and tau{pair + 1} = "
         f"{with_unit(second, values[second])} cannot be told apart: of R{pair} and R{pair + 1} "
         "only the sum is determined"
     )
-    return [Finding("alike", (first, second, *resistances), f"{text}{_known(total)}.")]
+    return [Finding("alike", (first, second, *resistances), f"{text}{known(total)}.")]
 
 
 def _at_bounds(near: Linearization, values: dict[str, float], told: set[str]) -> list[Finding]:
@@ -246,7 +245,7 @@ def _weak_directions(
         step = step * np.sign(step[moving[0]])
         moves = [f"{symbol(near.names[k])} {_times(step[k])}" for k in moving]
         text = f"{joined(moves)} at once is within one standard error"
-        text += _sharper(tuple(near.names[k] for k in moving), near, sure, values)
+        text += sharper(tuple(near.names[k] for k in moving), near, sure, values)
         findings.append(Finding("direction", tuple(near.names[k] for k in moving), f"{text}."))
     return findings
 
@@ -258,55 +257,10 @@ def _times(step: float) -> str:
     return f"times {math.exp(step):.3g}"
 
 
-def _sharper(names, near, sure, values) -> str:
-    """The sum of resistances or the capacitance among `names` that is far better known."""
-    found = []
-    resistances = [name for name in names if name.startswith("R")]
-    for size in range(2, len(resistances) + 1):
-        for members in combinations(sorted(resistances), size):
-            total = _sum_of(members, values, near, sure)
-            if _is_sharper(total, [sure[name] for name in members]):
-                found.append(total)
-    for name in resistances:
-        pair = name[1]
-        members = [name, f"tau{pair} [s]"]
-        if members[1] in names and _is_sharper(sure[f"C{pair} [F]"], [sure[m] for m in members]):
-            found.append(sure[f"C{pair} [F]"])
-    if not found:
-        return ""
-    best = min(found, key=lambda each: each.relative_error)
-    return f"; what they have in common, {symbol(best.name)}, is determined{_known(best)}"
-
-
-def _is_sharper(total: Estimate, members: list[Estimate]) -> bool:
-    errors = [each.relative_error for each in members if each.relative_error is not None]
-    if total.low is None or total.relative_error is None or len(errors) < len(members):
-        return False
-    return total.relative_error < SHARPER * min(errors)
-
-
 def _is_tight(estimate: Estimate) -> bool:
     """Whether its interval ends within `LOOSE_FACTOR` of the value; not, where it has none."""
     return estimate.low is not None and estimate.value / estimate.low <= LOOSE_FACTOR
 
 
-def _sum_of(
-    names: Sequence[str], values: dict[str, float], near: Linearization, sure: Uncertainty
-) -> Estimate:
-    total = sum(values[name] for name in names)
-    direction = sum(values[name] / total * _direction(name, near) for name in names)
-    label = " + ".join(symbol(name) for name in names)
-    return sure.of(f"{label} [Ohm]", total, np.asarray(direction))
-
-
 def _direction(name: str, near: Linearization) -> Float[np.ndarray, "free"]:
     return direction_of(name, near)[0]
-
-
-def _known(estimate: Estimate) -> str:
-    """The value with its interval, to append to a sentence."""
-    value = with_unit(estimate.name, estimate.value)
-    if estimate.low is None or estimate.high is None:
-        return f" ({value})"
-    low, high = (with_unit(estimate.name, end) for end in (estimate.low, estimate.high))
-    return f" ({value}, between {low} and {high})"

@@ -18,9 +18,10 @@ from jaxtyping import Array, Float
 from ..compressed import Compressed
 from ..coordinates import Coordinates
 from ..exponentials import Lagrange, span_of
+from ..intervals import Intervals
 from ..precision import in_float64
 from ..problem import Problem
-from ..simulate import Intervals, unit_response
+from ..simulate import unit_response
 from ..threads import one_blas_thread
 
 # Of an answer, relative to the largest current: far below the noise, with half the columns of the

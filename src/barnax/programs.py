@@ -10,6 +10,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .traces import arrays_in, traced
+
 Given = TypeVar("Given")
 Outcome = TypeVar("Outcome")
 # Blocks that are done, by their number; a mapping that keeps them on disk lets a run be resumed.
@@ -37,8 +39,11 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         lock = _making.setdefault(wanted, threading.Lock())
     with lock:
         if wanted not in _programs:
-            jitted: Any = eqx.filter_jit(function)
-            program = jitted.lower(*arguments).compile()
+            compiled = jax.jit(traced(function, arguments)).lower(*arrays_in(arguments)).compile()
+
+            def program(*given: Any) -> Any:
+                return compiled(*arrays_in(given))
+
             with _guard:
                 _programs[wanted] = program
                 while len(_programs) > PROGRAMS_KEPT:

@@ -12,7 +12,6 @@ import dataclasses
 import enum
 import hashlib
 import importlib.metadata
-import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -31,7 +30,7 @@ SUFFIX = ".trace"
 # Of these the code is known: ours by its text, the others' by their version.
 KNOWN = ("barnax", "equinox", "jax", "jaxlib", "lineax", "numpy", "optimistix")
 # Settings that say where and how much is stored do not change a program.
-UNRELATED = ("cache", "dump", "log", "profil", "dir", "path")
+UNRELATED = ("cache", "dump", "log")
 DIGEST_BYTES = 32
 
 
@@ -56,9 +55,14 @@ def traced(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Callable
     path = Path(folder, FOLDER, name.hex() + SUFFIX)
     exported = _read(path)
     if exported is None:
-        exported = jax.export.export(jax.jit(plain))(*arrays_in(arguments))
+        try:
+            exported = jax.export.export(jax.jit(plain))(*arrays_in(arguments))
+            trace = bytes(exported.serialize())
+        except (ValueError, NotImplementedError):
+            # Not everything that runs may be kept: on some devices, routines of their own may not.
+            return plain
         with suppress(OSError):
-            _write(path, exported)
+            _write(path, trace)
     return exported.call
 
 
@@ -91,13 +95,13 @@ def _read(path: Path) -> jax.export.Exported | None:
     return jax.export.deserialize(bytearray(trace))
 
 
-def _write(path: Path, exported: jax.export.Exported) -> None:
-    trace = bytes(exported.serialize())
+def _write(path: Path, trace: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     # Another process may write the same; a reader must find one of them whole.
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-        file.write(_digest([trace]) + trace)
-    os.replace(file.name, path)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        part = Path(folder, path.name)
+        part.write_bytes(_digest([trace]) + trace)
+        part.replace(path)
 
 
 def _digest(parts: Iterable[bytes]) -> bytes:
@@ -117,11 +121,9 @@ def _description(function: Callable[..., Any], arguments: tuple[Any, ...]) -> It
 
 def _settings() -> list[tuple[str, Any]]:
     """What JAX is told, by this process and by this thread."""
-    settings: Any = jax.config
-    values = {**settings.values, "jax_enable_x64": settings.jax_enable_x64}
     return [
-        (name, value)
-        for name, value in sorted(values.items())
+        (name, getattr(jax.config, name, value))
+        for name, value in sorted(jax.config.values.items())
         if not any(word in name for word in UNRELATED)
     ]
 

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from .log_axis import label_plainly
 from .sources import result_of
 from .style import BLACK, SKY_BLUE, VERMILLION, figure_style, finish_axes, legend_above, make_figure
 
@@ -50,8 +50,9 @@ def plot_convergence(
     for axes in panels:
         axes.set_xlabel("Evaluations of one seed [-]")
         axes.set_xscale("log")
+        label_plainly(axes.xaxis)
         if axes.get_yscale() == "log":
-            _place_ticks(axes)
+            label_plainly(axes.yaxis)
     finish_axes(*panels)
     legend_above(figure, panels[0], columns=3)
     return figure
@@ -141,14 +142,3 @@ def _draw_seeds(axes: Axes, evaluations: Histories, values: Histories) -> None:
 
 def _count(seeds: int) -> str:
     return "one seed" if seeds == 1 else f"each of {seeds} seeds"
-
-
-def _place_ticks(axes: Axes) -> None:
-    """Plain numbers on a logarithmic axis, also where it spans less than a decade."""
-    low, high = axes.get_ylim()
-    if high / low > 1e4:
-        return
-    is_short = high / low < 10
-    axes.yaxis.set_major_locator(MaxNLocator(6) if is_short else LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())

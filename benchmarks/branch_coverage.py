@@ -5,6 +5,7 @@ pyproject.toml. Writes benchmarks/results/branch_coverage.md: branches and lines
 every place that nothing reaches. Words after the command go to pytest.
 """
 
+import importlib.util
 import json
 import os
 import subprocess
@@ -25,6 +26,8 @@ PACKAGE = "src/barnax/"
 
 def main() -> None:
     """Run the suite, print the page and write it."""
+    if importlib.util.find_spec("coverage") is None:
+        sys.exit('this needs coverage.py: pip install -e ".[test,develop]"')
     start = time.monotonic()
     measured = measure(sys.argv[1:])
     page = render(measured, (time.monotonic() - start) / 60)

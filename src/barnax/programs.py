@@ -42,6 +42,8 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
             compiled = jax.jit(traced(function, arguments)).lower(*arrays_in(arguments)).compile()
 
             def program(*given: Any) -> Any:
+                if jax.tree.structure(given) != structure:
+                    raise TypeError(f"compiled for {structure}, not {jax.tree.structure(given)}")
                 return compiled(*arrays_in(given))
 
             with _guard:

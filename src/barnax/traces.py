@@ -1,18 +1,23 @@
 """Traced programs kept on disk: what one process has traced no later one needs to.
 
-Tracing and lowering a search takes longer than running it. Beside the programs that JAX keeps in
-its compilation cache, their traces are kept too, in a folder `barnax-traces` of it, as
-`jax.export` writes them. A trace is found by all that it depends on: the function, everything
-about its arguments but the numbers in their arrays, this package's sources, the versions of what
-they are built on, and JAX's settings. What cannot be described so, such as an optimizer of the
-user's own, is traced every time.
+Tracing and lowering takes longer than a compressed search, and a second or two of every start.
+Beside the programs that JAX keeps in its compilation cache, their traces are kept too, in a folder
+`barnax-traces` of it, as `jax.export` writes them. A trace is found by all that it depends on: the
+function, everything about its arguments but the numbers in JAX's arrays, this package's sources,
+the versions of what they are built on, and JAX's settings. What cannot be described so, such as an
+optimizer of the user's own, is traced every time. Whoever may write in the cache may say what runs
+here, as with the programs that JAX keeps there.
 """
 
 import dataclasses
 import enum
 import hashlib
 import importlib.metadata
+import os
+import struct
+import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cache, partial
@@ -27,11 +32,17 @@ import numpy as np
 
 FOLDER = "barnax-traces"
 SUFFIX = ".trace"
-# Of these the code is known: ours by its text, the others' by their version.
-KNOWN = ("barnax", "equinox", "jax", "jaxlib", "lineax", "numpy", "optimistix")
-# Settings that say where and how much is stored do not change a program.
-UNRELATED = ("cache", "dump", "log")
+# Older than this, unread, they are of code or of records that nobody has any more.
+KEPT_S = 90 * 24 * 3600.0
+PACKAGE = Path(__file__).parent
+# Of these the code is known by its version, and this package's by its text.
+BUILT_ON = ("equinox", "jax", "jaxlib", "lineax", "numpy", "optimistix")
+KNOWN = ("barnax", "builtins", *BUILT_ON)
+# Settings about what is stored or told do not change a program.
+UNRELATED = {"cache", "dump", "log", "logging"}
 DIGEST_BYTES = 32
+# Sources changed after this are not those that run here.
+IMPORTED_S = time.time()
 
 
 class NotDescribedError(Exception):
@@ -46,23 +57,27 @@ def traced(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Callable
     plain = partial(_of_arrays, function, *_taken_apart(arguments))
     settings: Any = jax.config
     folder = settings.jax_compilation_cache_dir
-    if folder is None or not settings.jax_enable_compilation_cache:
+    # JAX's may also be in a cloud.
+    if not folder or "://" in folder or not settings.jax_enable_compilation_cache:
         return plain
+    arrays = arrays_in(arguments)
     try:
-        name = _digest(_description(function, arguments))
+        platform = _platform(arrays)
+        name = _digest(_description(function, arguments)).hex()
     except NotDescribedError:
         return plain
-    path = Path(folder, FOLDER, name.hex() + SUFFIX)
+    path = Path(folder, FOLDER, name + SUFFIX)
     exported = _read(path)
     if exported is None:
         try:
-            exported = jax.export.export(jax.jit(plain))(*arrays_in(arguments))
-            trace = bytes(exported.serialize())
-        except (ValueError, NotImplementedError):
+            trace = jax.export.export(jax.jit(plain), platforms=[platform])(*arrays).serialize()
+        except (KeyError, NotImplementedError, ValueError):
             # Not everything that runs may be kept: on some devices, routines of their own may not.
             return plain
         with suppress(OSError):
-            _write(path, trace)
+            _write(path, bytes(trace))
+        # As a later process will read it, so that this one runs the same.
+        exported = jax.export.deserialize(trace)
     return exported.call
 
 
@@ -83,24 +98,44 @@ def _of_arrays(function: Callable[..., Any], structure: Any, others: list[Any], 
     return function(*jax.tree.unflatten(structure, leaves))
 
 
+def _platform(arrays: Iterable[Any]) -> str:
+    """Where the program will run: a trace is for one device, JAX's first choice."""
+    settings: Any = jax.config
+    first = jax.devices()[0]
+    places = {
+        place for array in arrays if isinstance(array, jax.Array) for place in array.devices()
+    }
+    if places - {first} or settings.jax_default_device is not None:
+        raise NotDescribedError("arrays on other devices")
+    return first.platform
+
+
 def _read(path: Path) -> jax.export.Exported | None:
-    """A trace that was written whole, None without one."""
+    """A trace that was written whole under this name, None without one."""
     try:
         content = path.read_bytes()
     except OSError:
         return None
     digest, trace = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
-    if _digest([trace]) != digest:
+    if _digest([path.name.encode(), trace]) != digest:
         return None
-    return jax.export.deserialize(bytearray(trace))
+    with suppress(OSError):
+        os.utime(path)
+    try:
+        return jax.export.deserialize(bytearray(trace))
+    except (AttributeError, TypeError, ValueError, struct.error):
+        return None
 
 
 def _write(path: Path, trace: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
+    for old in path.parent.glob("*" + SUFFIX):
+        if old.stat().st_mtime < time.time() - KEPT_S:
+            old.unlink(missing_ok=True)
     # Another process may write the same; a reader must find one of them whole.
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         part = Path(folder, path.name)
-        part.write_bytes(_digest([trace]) + trace)
+        part.write_bytes(_digest([path.name.encode(), trace]) + trace)
         part.replace(path)
 
 
@@ -112,7 +147,8 @@ def _digest(parts: Iterable[bytes]) -> bytes:
 
 
 def _description(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Iterator[bytes]:
-    yield _code()
+    yield _sources(PACKAGE, IMPORTED_S)
+    yield _versions(BUILT_ON)
     yield jax.default_backend().encode()
     yield repr(_settings()).encode()
     for part in _parts((function, *arguments)):
@@ -120,40 +156,58 @@ def _description(function: Callable[..., Any], arguments: tuple[Any, ...]) -> It
 
 
 def _settings() -> list[tuple[str, Any]]:
-    """What JAX is told, by this process and by this thread."""
-    return [
-        (name, getattr(jax.config, name, value))
-        for name, value in sorted(jax.config.values.items())
-        if not any(word in name for word in UNRELATED)
-    ]
+    """What JAX is told, by this process and by this thread, and Equinox by the environment."""
+    values = jax.config.values.items()
+    told = [(name, value) for name, value in sorted(values) if not UNRELATED & {*name.split("_")}]
+    return [*told, ("EQX_ON_ERROR", os.environ.get("EQX_ON_ERROR"))]
+
+
+def _sources(package: Path, imported_s: float) -> bytes:
+    """The text of a package as one digest, if it is still the one that was imported."""
+    try:
+        paths = sorted(package.rglob("*.py"))
+        if not paths or max(path.stat().st_mtime for path in paths) > imported_s:
+            raise NotDescribedError(f"{package} has changed")
+        return _texts(tuple(paths))
+    except OSError as problem:
+        raise NotDescribedError(f"{package} cannot be read") from problem
 
 
 @cache
-def _code() -> bytes:
-    """What the code of `KNOWN` is, as one digest."""
-    here = Path(__file__).parent
-    ours = [path.read_bytes() for path in sorted(here.rglob("*.py"))]
-    versions = [f"{name} {importlib.metadata.version(name)}".encode() for name in KNOWN]
-    return _digest([*ours, *versions])
+def _texts(paths: tuple[Path, ...]) -> bytes:
+    return _digest(part for path in paths for part in (str(path).encode(), path.read_bytes()))
+
+
+@cache
+def _versions(names: Iterable[str]) -> bytes:
+    try:
+        return _digest(f"{name} {importlib.metadata.version(name)}".encode() for name in names)
+    except importlib.metadata.PackageNotFoundError as problem:
+        raise NotDescribedError(f"{problem}") from problem
 
 
 def _parts(value: Any) -> Iterator[str]:
     """A value in words that no other has, but for the numbers in JAX's arrays."""
-    if isinstance(value, jax.Array):
+    if value is None:
+        yield "nothing"
+    elif isinstance(value, jax.Array):
         kind = jax.typeof(value)
         yield f"array {kind} {getattr(kind, 'weak_type', False)}"
+    elif isinstance(value, np.ndarray | np.generic):
+        if value.dtype.hasobject:
+            raise NotDescribedError("an array of objects")
+        # These may be constants of the trace, so the numbers count.
+        yield f"numbers {value.dtype} {value.shape} {_digest([value.tobytes()]).hex()}"
+    elif isinstance(value, FunctionType | type):
+        yield _known(value)
     elif isinstance(value, enum.Enum):
         yield f"{_known(type(value))}.{value.name}"
-    elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.dtype):
-        yield f"{type(value).__name__} {value!r}"
-    elif isinstance(value, np.ndarray | np.generic):
-        yield f"numbers {value.dtype} {value.shape} {_digest([value.tobytes()]).hex()}"
+    elif isinstance(value, bool | int | float | complex | str | bytes | np.dtype):
+        yield f"{_known(type(value))} {value!r}"
     elif isinstance(value, tuple | list | dict):
         yield f"{_known(type(value))} of {len(value)}"
         for part in value.items() if isinstance(value, dict) else value:
             yield from _parts(part)
-    elif isinstance(value, FunctionType | type):
-        yield _known(value)
     elif dataclasses.is_dataclass(value):
         yield _known(type(value))
         for field in dataclasses.fields(value):
@@ -164,8 +218,12 @@ def _parts(value: Any) -> Iterator[str]:
 
 
 def _known(named: Any) -> str:
-    """A function or class by its name, where that says what it does."""
+    """A function or class by its name, if that name leads to it and its code is known."""
     home, name = named.__module__, named.__qualname__
-    if home.partition(".")[0] not in (*KNOWN, "builtins") or "<" in name:
+    found: Any = sys.modules.get(home)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    # A wrapper bears the name of what it wraps, and does something else.
+    if found is not named or home.partition(".")[0] not in KNOWN:
         raise NotDescribedError(f"{home}.{name}")
     return f"{home}.{name}"

@@ -127,8 +127,9 @@ def use_compilation_cache() -> None:
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         folder = platformdirs.user_cache_path("barnax") / "jax"
         jax.config.update("jax_compilation_cache_dir", str(folder))
-    # Some fifty small ones are made too, and compiling them takes longer than reading them.
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
+        # Some fifty small ones are made too, and compiling them takes longer than reading them.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def complete_methods(incomplete: str) -> list[str]:

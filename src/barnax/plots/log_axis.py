@@ -14,8 +14,8 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def label_plainly(axis: Axis) -> None:
     """Ticks with plain numbers on a logarithmic axis, also where it spans less than a decade.
 
-    Call it when the limits stand. An axis of more than four decades shows powers of ten, in
-    letters: setting them as formulas takes as long as the rest of a figure's text.
+    Call it when the limits stand. An axis of more than four decades shows powers of ten, in plain
+    characters: setting them as formulas takes as long as the rest of a figure's text.
     """
     low, high = sorted(axis.get_view_interval())
     within = (1, 3) if high / low < MIDDLE else (1,)

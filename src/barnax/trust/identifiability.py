@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..refinement import CrossCheck
 from .covariance import WIDEST_FACTOR, Estimate, Uncertainty, direction_of, named_values
 from .linearization import Linearization
-from .sums import is_sharper, known, sharper, sum_of
+from .sums import is_sharper, sharper_words, sum_of, value_words
 from .wording import joined, symbol, with_unit
 
 # Brun, Reichert, Kuensch, Water Resources Research 37 (2001) 1015: above 10 to 15 parameters can
@@ -136,12 +136,12 @@ def _too_fast(pair, values, near, sure, interval_s) -> list[Finding]:
             f"tau{pair} = {values[tau]:.2f} s cannot be told from a resistance at "
             f"{interval_s:.3g} s sampling: only R0 + R{pair} is determined"
         )
-        return [Finding("too fast", (tau, *members[::-1]), f"{text}{known(total)}.")]
+        return [Finding("too fast", (tau, *members[::-1]), f"{text}{value_words(total)}.")]
     if _is_tight(sure[tau]) or near.held.get(tau) == "fixed":
         return []
     text = (
         f"tau{pair} = {values[tau]:.2f} s is shorter than {interval_s:.3g} s sampling can show: "
-        f"R{pair} is determined{known(sure[resistance])}, tau{pair} is not"
+        f"R{pair} is determined{value_words(sure[resistance])}, tau{pair} is not"
     )
     if tau in near.held:
         text += f" (it is {near.held[tau]}; a wider box would tell how short it may be)"
@@ -164,7 +164,7 @@ def _too_slow(pair, values, near, sure, duration_s) -> list[Finding]:
             "box would tell it better)"
         )
     else:
-        text += known(sure[capacitance])
+        text += value_words(sure[capacitance])
     return [Finding("too slow", (tau, resistance), f"{text}.")]
 
 
@@ -187,7 +187,7 @@ def _alike(pair, values, near, sure, told) -> list[Finding]:
         f"{with_unit(second, values[second])} cannot be told apart: of R{pair} and R{pair + 1} "
         "only the sum is determined"
     )
-    return [Finding("alike", (first, second, *resistances), f"{text}{known(total)}.")]
+    return [Finding("alike", (first, second, *resistances), f"{text}{value_words(total)}.")]
 
 
 def _at_bounds(near: Linearization, values: dict[str, float], told: set[str]) -> list[Finding]:
@@ -245,7 +245,7 @@ def _weak_directions(
         step = step * np.sign(step[moving[0]])
         moves = [f"{symbol(near.names[k])} {_times(step[k])}" for k in moving]
         text = f"{joined(moves)} at once is within one standard error"
-        text += sharper(tuple(near.names[k] for k in moving), near, sure, values)
+        text += sharper_words([near.names[k] for k in moving], values, near, sure)
         findings.append(Finding("direction", tuple(near.names[k] for k in moving), f"{text}."))
     return findings
 

@@ -31,8 +31,10 @@ def is_sharper(total: Estimate, members: list[Estimate]) -> bool:
     return total.relative_error < SHARPER * min(errors)
 
 
-def sharper(names, near, sure, values) -> str:
-    """The sum of resistances or the capacitance among `names` that is far better known."""
+def sharper_words(
+    names: Sequence[str], values: dict[str, float], near: Linearization, sure: Uncertainty
+) -> str:
+    """What to append on a sum of resistances or a capacitance among `names` known far better."""
     found = []
     resistances = [name for name in names if name.startswith("R")]
     for size in range(2, len(resistances) + 1):
@@ -48,10 +50,10 @@ def sharper(names, near, sure, values) -> str:
     if not found:
         return ""
     best = min(found, key=lambda each: each.relative_error)
-    return f"; what they have in common, {symbol(best.name)}, is determined{known(best)}"
+    return f"; what they have in common, {symbol(best.name)}, is determined{value_words(best)}"
 
 
-def known(estimate: Estimate) -> str:
+def value_words(estimate: Estimate) -> str:
     """The value with its interval, to append to a sentence."""
     value = with_unit(estimate.name, estimate.value)
     if estimate.low is None or estimate.high is None:

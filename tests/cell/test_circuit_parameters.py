@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.cell import CircuitParameters
+from barnax.cell import CircuitParameters, parameter_names
 from barnax.errors import InputError
 
 positive = st.floats(1e-6, 1e6)
@@ -48,6 +48,7 @@ def test_the_dictionary_uses_pybamm_names():
         "R2 [Ohm]": 0.03,
         "C2 [F]": 2000.0,
     }
+    assert tuple(circuit.to_dict()) == parameter_names(2)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])

@@ -84,6 +84,11 @@ def test_a_missing_parameter_is_named():
         CircuitParameters.from_dict({"R0 [Ohm]": 1, "R1 [Ohm]": 1, "C1 [F]": 1, "C2 [F]": 1})
 
 
+def test_a_circuit_without_any_pair_lacks_the_first():
+    with pytest.raises(InputError, match=r"missing: R1 \[Ohm\], C1 \[F\]$"):
+        CircuitParameters.from_dict({"R0 [Ohm]": 0.05})
+
+
 def test_a_parameter_that_is_no_number_is_refused():
     values = CircuitParameters(0.05, (0.02, 0.03), (500.0, 2000.0)).to_dict() | {"C2 [F]": "much"}
     with pytest.raises(InputError, match="much"):

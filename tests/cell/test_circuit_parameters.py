@@ -59,7 +59,7 @@ def test_a_value_that_is_not_positive_and_finite_is_refused_by_name(value):
         CircuitParameters(value, (0.02, 0.03), (500.0, 2000.0))
     with pytest.raises(ValueError, match=r"^C1 \[F\] must be"):
         CircuitParameters(0.05, (0.02, 0.03), (value, 2000.0))
-    with pytest.raises(ValueError, match="^gamma must be"):
+    with pytest.raises(ValueError, match=r"^gamma must be"):
         CircuitParameters(0.05, (0.02, 0.03), (500.0, 2000.0), value)
 
 

@@ -131,14 +131,14 @@ def test_a_curve_that_misses_its_points_is_warned_about(side):
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_curve_that_leaves_the_range_of_neighboring_points_is_warned_about(side):
-    # A parabola through all three points: its bow in the second gap ends at 3 and 3.008 V and,
-    # by its vertex, goes 36.1 mV beyond the nearer one. The first gap is far steeper.
+    # A parabola through all points: its bow in the middle gap ends at 3 and 3.008 V and, by its
+    # vertex, goes 36.1 mV beyond the nearer one. The other gaps are far steeper.
     rise_v, bow_v = 0.008, side * 0.04
     in_gap = Polynomial([3.0, rise_v + 4 * bow_v, -4 * bow_v])
-    whole = in_gap(Polynomial([-1.0, 2.0]))
-    points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.5, 1.0))
+    whole = in_gap(Polynomial([-1.0, 4.0]))
+    points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.25, 0.5, 0.75))
     found = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
-    assert any("leaves its points by 36.1 mV between SOC 0.500 and 1.000" in text for text in found)
+    assert any("leaves its points by 36.1 mV between SOC 0.250 and 0.500" in text for text in found)
 
 
 @pytest.mark.parametrize(

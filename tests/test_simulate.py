@@ -183,6 +183,14 @@ def test_an_even_clock_needs_one_exponential(samples):
     assert not intervals.has_offsets
 
 
+def test_a_single_odd_interval_of_a_long_record_keeps_its_offset():
+    time_s = np.arange(300_000.0)
+    time_s[150_000:] -= 2e-5
+    intervals = Intervals.measure(time_s, SHORTEST_TAU_S)
+    assert intervals.is_even
+    assert intervals.has_offsets
+
+
 def test_a_measured_clock_needs_few_exponentials():
     # 399 intervals that all differ fall into a handful of nodes.
     intervals = Intervals.measure(CLOCKS["measured"], SHORTEST_TAU_S)

@@ -49,14 +49,14 @@ TRIALS = {
         Trial("simulate", OF_SIMULATE),
         of_cell("curves", "curves", "model"),
         of_cell("hysteresis", "hysteresis", "model"),
-        of_cell("rest_points", "characterize"),
+        of_cell("rest_points", "rest_points", "characterize"),
         of_cell("slow_sweep", "slow_sweep"),
         of_cell("soc_axis", "soc_axis", "characterize"),
-        of_cell("sweep", "characterize", "slow_sweep"),
+        of_cell("sweep", "sweep", "characterize", "slow_sweep"),
         of_cell("record_sweeps", "record_sweeps"),
         of_cell("characterize", "characterize"),
         of_cell("model", "model"),
-        of_cell("stored", "model"),
+        of_cell("stored", "stored", "model"),
         of_cell("circuit", "circuit_parameters"),
     )
 }

@@ -70,6 +70,35 @@ def pulses(direction: int, count: int = 20, *, share: float = 1.0, rest: int = 6
     return np.tile(np.concatenate([np.full(minutes, pulse_a), np.zeros(rest)]), count)
 
 
+def stepwise(
+    moves: Sequence[Sequence[float]],
+    *,
+    start_soc: float,
+    hold: Hold = "forward",
+    size: float = 1.0,
+    first_rest_s: float = 3600.0,
+    rest_s: float = 3600.0,
+) -> Record:
+    """One sample a step, as sparing loggers store it, of a cell of `size` times the capacity.
+
+    After a first rest each entry of `moves` charges by these shares of the capacity, one after
+    the other, then rests.
+    """
+    capacity_ah, move_s = size * CAPACITY_AH, 360.0
+    current_a, seconds = [0.0], [first_rest_s]
+    for shares in moves:
+        current_a += [-share * capacity_ah * 3600 / move_s for share in shares] + [0.0]
+        seconds += [move_s] * len(shares) + [rest_s]
+    return record_of(
+        current_a,
+        start_soc=start_soc,
+        direction=1,
+        interval_s=np.array(seconds),
+        capacity_ah=capacity_ah,
+        hold=hold,
+    )
+
+
 def both_ways(hold: Hold = "forward", count: int = 20, *, returned: float = 1.0) -> Record:
     """A discharge from full to empty and a charge back, in one record that begins at rest."""
     rest = np.zeros(60)

@@ -182,6 +182,26 @@ def test_both_hysteresis_fits_stay_near_the_known_gap(kind):
     assert cell.errors["hysteresis"].max_v < 1e-3
 
 
+def test_the_errors_of_the_branches_cancel_in_the_average():
+    # The average is a cubic, which its polynomial meets; the kinks of the hysteresis it misses.
+    errors = characterize([both_ways()]).errors
+    assert set(errors) == {"charge", "discharge", "average", "hysteresis"}
+    assert errors["average"].max_v < 1e-9
+    assert errors["charge"].max_v > 1e-4
+
+
+def test_the_average_of_one_direction_has_its_errors():
+    errors = characterize([discharge_only()]).errors
+    assert set(errors) == {"discharge", "average"}
+    assert errors["average"] == errors["discharge"]
+
+
+@pytest.mark.parametrize("test", [discharge_only, charge_only])
+def test_a_curve_that_falls_is_among_the_warnings_of_the_cell(test):
+    cell = characterize([test(voltage=lambda soc, _: 3.2 + np.tanh(30 * soc) + 0.01 * soc)])
+    assert any("OCV curve falls by" in text for text in cell.warnings)
+
+
 def test_one_direction_alone_warns_that_hysteresis_is_unknown():
     cell = characterize([discharge_only()])
     assert (cell.hysteresis_v(GRID) == 0).all()

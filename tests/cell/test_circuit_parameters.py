@@ -1,8 +1,10 @@
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.cell import CircuitParameters
+from barnax.cell import CircuitParameters, parameter_names
 from barnax.errors import InputError
 
 positive = st.floats(1e-6, 1e6)
@@ -48,12 +50,29 @@ def test_the_dictionary_uses_pybamm_names():
         "R2 [Ohm]": 0.03,
         "C2 [F]": 2000.0,
     }
+    assert tuple(circuit.to_dict()) == parameter_names(2)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_value_that_is_not_positive_and_finite_is_refused(value):
-    with pytest.raises(ValueError, match="C1"):
+def test_a_value_that_is_not_positive_and_finite_is_refused_by_name(value):
+    with pytest.raises(ValueError, match=r"^R0 \[Ohm\] must be"):
+        CircuitParameters(value, (0.02, 0.03), (500.0, 2000.0))
+    with pytest.raises(ValueError, match=r"^C1 \[F\] must be"):
         CircuitParameters(0.05, (0.02, 0.03), (value, 2000.0))
+    with pytest.raises(ValueError, match=r"^gamma must be"):
+        CircuitParameters(0.05, (0.02, 0.03), (500.0, 2000.0), value)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_a_time_constant_beyond_all_floats_is_refused_by_its_pair(size):
+    with pytest.raises(ValueError, match="R2 C2 must be positive and finite"):
+        CircuitParameters(0.05, (0.02, size), (500.0, size))
+
+
+def test_a_time_constant_is_resistance_times_capacitance():
+    circuit = CircuitParameters(0.05, (0.5, 0.25), (8.0, 4.0))
+    assert circuit.tau_s == (4.0, 1.0)
+    assert circuit.ordered() == CircuitParameters(0.05, (0.25, 0.5), (4.0, 8.0))
 
 
 def test_the_rate_of_a_dynamic_hysteresis_stands_last():
@@ -72,15 +91,21 @@ def test_resistances_without_capacitances_are_refused():
         CircuitParameters(0.05, (0.02, 0.03), (500.0,))
 
 
-def test_an_unknown_parameter_is_named():
-    values = CircuitParameters(0.05, (0.02,), (500.0,)).to_dict() | {"R9 [Ohm]": 1.0}
-    with pytest.raises(InputError, match="R9"):
+@pytest.mark.parametrize("name", ["R5 [Ohm]", "R9 [Ohm]", "x"])
+def test_an_unknown_parameter_is_named(name):
+    values = CircuitParameters(0.05, (0.02,), (500.0,)).to_dict() | {name: 1.0}
+    with pytest.raises(InputError, match=re.escape(f"no circuit parameters: {name}")):
         CircuitParameters.from_dict(values)
 
 
 def test_a_missing_parameter_is_named():
     with pytest.raises(InputError, match=r"R2 \[Ohm\]"):
         CircuitParameters.from_dict({"R0 [Ohm]": 1, "R1 [Ohm]": 1, "C1 [F]": 1, "C2 [F]": 1})
+
+
+def test_a_circuit_without_any_pair_lacks_the_first():
+    with pytest.raises(InputError, match=r"missing: R1 \[Ohm\], C1 \[F\]$"):
+        CircuitParameters.from_dict({"R0 [Ohm]": 0.05})
 
 
 def test_a_parameter_that_is_no_number_is_refused():

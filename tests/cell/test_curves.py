@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
 from barnax.cell.curves import (
@@ -60,18 +61,57 @@ def test_a_polynomial_through_too_few_points_suggests_interpolation():
         PolynomialCurve.fit(SOC[:7], VOLTAGE_V[:7])
 
 
+def test_a_polynomial_passes_through_eight_points():
+    curve = PolynomialCurve.fit(SOC[:8], VOLTAGE_V[:8])
+    np.testing.assert_allclose(curve.errors_v, 0, atol=1e-10)
+
+
+def test_no_voltage_at_all_is_the_polynomial_of_eight_zeros():
+    assert PolynomialCurve.fit(SOC, 0 * SOC).coefficients == (0.0,) * 8
+
+
+def test_two_points_make_a_straight_line():
+    curve = InterpolatedCurve.fit(np.array([0.2, 0.6]), np.array([3.0, 3.4]))
+    np.testing.assert_allclose(curve(np.array([0.3, 0.5])), [3.1, 3.3])
+
+
 def test_an_unknown_fit_is_refused_with_the_known_ones():
     with pytest.raises(ValueError, match="polynomial, interpolated"):
         fit_curve(SOC, VOLTAGE_V, "spline")  # pyright: ignore[reportArgumentType]
 
 
-def test_points_out_of_order_are_refused():
+@pytest.mark.parametrize("at", [[2, 1, 0], [0, 2, 1], [0, 1, 1, 2]])
+def test_points_out_of_order_are_refused(at):
     with pytest.raises(InputError, match="increase in SOC"):
-        InterpolatedCurve.fit(SOC[::-1], VOLTAGE_V)
+        InterpolatedCurve.fit(SOC[at], VOLTAGE_V[at])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_points_that_are_not_finite_are_refused(value):
+    with pytest.raises(InputError, match="finite"):
+        InterpolatedCurve(((0.0, 3.0), (0.5, value), (1.0, 4.0)))
+
+
+@pytest.mark.parametrize("points", [(), ((0.5, 3.0),), (0.0, 1.0), ((0.0, 3.0, 1), (1.0, 4.0, 2))])
+def test_what_is_no_two_pairs_of_soc_and_voltage_is_refused(points):
+    with pytest.raises(InputError, match="at least two points"):
+        InterpolatedCurve(points)
+
+
+@pytest.mark.parametrize("slope_v", [0.0, 1e-4, 1.0])
+def test_a_curve_through_points_that_do_not_fall_gives_no_warning(slope_v):
+    assert curve_warnings(InterpolatedCurve.fit(SOC, 3.2 + slope_v * SOC), "charge") == ()
 
 
 def test_a_smooth_rising_curve_gives_no_warning():
     assert curve_warnings(PolynomialCurve.fit(SOC, VOLTAGE_V), "charge") == ()
+
+
+def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
+    curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.31), (1.0, 3.6)))
+    (text,) = curve_warnings(curve, "charge")
+    assert "falls by 40.0 mV from SOC 0.400 to 0.600" in text
+    assert "look at the points there" in text
 
 
 def test_a_falling_polynomial_is_warned_about_where_it_falls():
@@ -82,17 +122,23 @@ def test_a_falling_polynomial_is_warned_about_where_it_falls():
     assert "--ocv-fit interpolated" in first
 
 
-def test_a_polynomial_that_misses_its_points_is_warned_about():
-    soc = np.linspace(0, 1, 30)
-    found = curve_warnings(PolynomialCurve.fit(soc, 3.0 + np.tanh(30 * soc)), "charge")
-    assert any("misses its points" in text for text in found)
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_curve_that_misses_its_points_is_warned_about(side):
+    points = ((0.0, 3.0), (0.5, 3.5 + side * 0.02), (1.0, 4.0))
+    (text,) = curve_warnings(PolynomialCurve(points, (3.0, 1.0)), "charge")
+    assert "misses its points by up to 20.0 mV, at SOC 0.500" in text
 
 
-def test_a_polynomial_that_leaves_the_range_of_neighboring_points_is_warned_about():
-    soc = np.array([0.0, 0.05, 0.1, 0.15, 0.8, 0.85, 0.9, 0.95, 1.0])
-    voltage_v = 3.0 + np.where(soc > 0.5, soc - 0.649, soc)
-    found = curve_warnings(PolynomialCurve.fit(soc, voltage_v), "discharge")
-    assert any("leaves its points" in text and "0.150 and 0.800" in text for text in found)
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_curve_that_leaves_the_range_of_neighboring_points_is_warned_about(side):
+    # A parabola through all points: its bow in the middle gap ends at 3 and 3.008 V and, by its
+    # vertex, goes 36.1 mV beyond the nearer one. The other gaps are far steeper.
+    rise_v, bow_v = 0.008, side * 0.04
+    in_gap = Polynomial([3.0, rise_v + 4 * bow_v, -4 * bow_v])
+    whole = in_gap(Polynomial([-1.0, 4.0]))
+    points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.25, 0.5, 0.75))
+    found = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
+    assert any("leaves its points by 36.1 mV between SOC 0.250 and 0.500" in text for text in found)
 
 
 @pytest.mark.parametrize(
@@ -109,6 +155,21 @@ def test_a_stored_curve_that_was_tampered_with_is_refused(change, message):
     stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict() | change
     with pytest.raises(InputError, match=message):
         curve_from_dict(stored)
+
+
+@pytest.mark.parametrize("tip", [Polynomial([1, -1]) ** 7, Polynomial([0, 1]) ** 7])
+@pytest.mark.parametrize("height_v", [-150.0, 150.0])
+def test_a_stored_polynomial_of_more_than_a_hundred_volt_at_an_end_is_refused(tip, height_v):
+    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict()
+    with pytest.raises(InputError, match="reaches 150 V"):
+        curve_from_dict(stored | {"coefficients [V]": (height_v * tip).coef.tolist()})
+
+
+def test_a_stored_polynomial_of_a_hundred_volt_is_believed():
+    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict()
+    coefficients = [100.0, *7 * [0.0]]
+    curve = curve_from_dict(stored | {"coefficients [V]": coefficients})
+    assert curve(np.array(0.5)) == 100.0
 
 
 @given(

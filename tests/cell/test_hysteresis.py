@@ -121,7 +121,29 @@ def test_an_unknown_fit_is_refused():
         SegmentedHysteresis.fit(SOC, SOC, "cubic")  # pyright: ignore[reportArgumentType]
 
 
-def test_other_knots_in_a_file_are_refused():
-    stored = SegmentedHysteresis.zero().to_dict() | {"knots": [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]}
-    with pytest.raises(InputError, match="knots"):
+def test_no_point_at_all_is_refused():
+    with pytest.raises(InputError, match="at least one SOC on both branches"):
+        SegmentedHysteresis.fit(np.zeros(0), np.zeros(0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"knots": [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]}, "knots"),
+        ({"left [V]": [0.0] * 4}, "five segments"),
+        ({"right [V]": [0.0] * 6}, "five segments"),
+        ({"fit": "cubic"}, "unknown fit 'cubic'"),
+        ({"soc": [0.5]}, "number of SOC and voltage"),
+    ],
+)
+def test_stored_segments_that_were_tampered_with_are_refused(change, message):
+    stored = SegmentedHysteresis.zero().to_dict() | change
+    with pytest.raises(InputError, match=message):
+        SegmentedHysteresis.from_dict(stored)
+
+
+def test_what_stored_segments_lack_is_named():
+    stored = SegmentedHysteresis.zero().to_dict()
+    del stored["left [V]"]
+    with pytest.raises(InputError, match=r"stored hysteresis has no 'left \[V\]'"):
         SegmentedHysteresis.from_dict(stored)

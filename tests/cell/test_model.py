@@ -1,9 +1,18 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from barnax.cell import CIRCUITS, CellModel, characterize, get_circuit
+from barnax.cell import (
+    CIRCUITS,
+    CellModel,
+    FitError,
+    PolynomialCurve,
+    characterize,
+    get_circuit,
+)
+from barnax.cell.model import fit_error
 from barnax.errors import InputError
 
 from .pulse_rest import average_v, both_ways, branch_v, discharge_only, hysteresis_v
@@ -27,8 +36,23 @@ def test_a_cell_survives_json_bit_for_bit(make, ocv_fit, hysteresis_fit):
 def test_a_stored_cell_without_capacity_is_refused(cell):
     stored = cell.to_dict()
     del stored["capacity [A.h]"]
-    with pytest.raises(InputError, match=r"capacity \[A.h\]"):
+    with pytest.raises(InputError, match=r"stored cell has no 'capacity \[A.h\]'"):
         CellModel.from_dict(stored)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"capacity [A.h]": 0.0}, "capacity of 0 Ah"),
+        ({"capacity [A.h]": -2.0}, "capacity of -2 Ah"),
+        ({"capacity [A.h]": 1e13}, r"capacity of 1e\+13 Ah"),
+        ({"fit errors": []}, "fit errors"),
+        ({"charge points": {}}, "OCV points"),
+    ],
+)
+def test_a_stored_cell_that_was_tampered_with_is_refused(cell, change, message):
+    with pytest.raises(InputError, match=message):
+        CellModel.from_dict(cell.to_dict() | change)
 
 
 def test_a_stored_cell_without_points_is_refused(cell):
@@ -44,6 +68,12 @@ def test_the_average_coefficients_are_the_average_inside_both_branches():
     np.testing.assert_allclose(cell.average_ocv_v(GRID), expected, atol=1e-9)
 
 
+def test_branches_of_different_kinds_have_no_average_coefficients(cell):
+    mixed = replace(cell, charge=PolynomialCurve.fit(cell.charge.soc, cell.charge.voltage_v))
+    assert "average coefficients [V]" not in mixed.to_dict()
+    assert CellModel.from_dict(mixed.to_dict()) == mixed
+
+
 @pytest.mark.parametrize("soc", [0.0, 0.03, 0.42, 0.77, 1.0])
 def test_a_rested_voltage_tells_the_state_of_charge(cell, soc):
     voltage_v = float(cell.average_ocv_v(np.array(soc)))
@@ -56,13 +86,23 @@ def test_a_rested_voltage_can_be_read_on_one_branch(cell, direction):
     assert cell.soc_from_rest_voltage(voltage_v, direction) == pytest.approx(0.55, abs=1e-5)
 
 
-def test_a_rested_voltage_just_outside_is_the_nearest_end(cell):
-    assert cell.soc_from_rest_voltage(float(average_v(np.array(1.0))) + 0.01) == 1.0
-
-
-def test_a_rested_voltage_far_outside_asks_for_the_state_of_charge(cell):
+@pytest.mark.parametrize(("end", "outward"), [(0.0, -1), (1.0, 1)])
+def test_a_rested_voltage_is_the_nearest_end_up_to_50_mv_outside(cell, end, outward):
+    end_v = float(average_v(np.array(end)))
+    assert cell.soc_from_rest_voltage(end_v + outward * 49.9e-3) == end
     with pytest.raises(InputError, match="--initial-soc"):
-        cell.soc_from_rest_voltage(4.6)
+        cell.soc_from_rest_voltage(end_v + outward * 50.1e-3)
+
+
+def test_a_rested_voltage_where_a_branch_is_constant_is_its_lowest_soc():
+    cell = characterize([both_ways(returned=0.98)], ocv_fit="interpolated")
+    assert cell.soc_range[1] == 1.0
+    highest_v = float(cell.charge.voltage_v[-1])
+    assert cell.soc_from_rest_voltage(highest_v, +1) == pytest.approx(0.98, abs=1e-3)
+
+
+def test_the_fit_error_is_root_mean_square_and_largest_of_either_sign():
+    assert fit_error(np.array([3e-3, -4e-3])) == FitError(pytest.approx(12.5e-6**0.5), 4e-3)
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])

@@ -8,7 +8,15 @@ import pytest
 from barnax.cell import characterize
 from barnax.errors import InputError
 
-from .pulse_rest import CAPACITY_AH, both_ways, branch_v, discharge_only, pulses, record_of
+from .pulse_rest import (
+    CAPACITY_AH,
+    both_ways,
+    branch_v,
+    charge_only,
+    discharge_only,
+    pulses,
+    record_of,
+)
 
 GRID = np.linspace(0.0, 1.0, 21)
 REST = np.zeros(60)
@@ -38,7 +46,10 @@ def test_a_slow_conditioning_discharge_does_not_hide_the_pulses(minutes):
 def test_the_slow_discharge_left_out_is_named_with_its_rows():
     cell = characterize([conditioned()])
     (text,) = [text for text in cell.warnings if "is ignored" in text]
-    assert "long.csv holds two OCV tests: the discharge by a slow sweep in rows 62 to 12" in text
+    assert (
+        "long.csv holds two OCV tests: the discharge by a slow sweep in rows 62 to 1261, 2 Ah"
+        in text
+    )
     assert not any("was measured" in text for text in cell.warnings)
 
 
@@ -50,8 +61,18 @@ def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
     assert any("the discharge by rests between pulses" in text for text in cell.warnings)
 
 
+@pytest.mark.parametrize("slow", [steady(-1, 20), [*steady(-1, 20), *steady(+1, 20), *REST]])
+def test_rests_of_both_directions_come_before_slow_sweeps(slow):
+    full = [] if len(slow) > 1200 else steady(+1, 2)
+    down, up = pulses(-1, 16, share=0.8), pulses(+1, 16, share=0.8)
+    parts = [REST, slow, full, REST, down, up]
+    record = record_of(np.concatenate(parts), start_soc=1.0, direction=1)
+    cell = characterize([record], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (17, 17)
+
+
 def test_a_few_pulses_after_a_slow_discharge_are_not_the_test():
-    parts = [REST, steady(-1, 20), REST, pulses(+1, 5, share=0.2), pulses(-1, 5, share=0.2)]
+    parts = [REST, steady(-1, 20), REST, pulses(+1, 5, share=0.3), pulses(-1, 5, share=0.3)]
     cell = characterize([record_of(np.concatenate(parts), start_soc=1.0, direction=1)])
     assert len(cell.discharge_points) == 101
 
@@ -73,6 +94,13 @@ def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
 def test_a_rest_current_that_is_not_positive_is_refused(rest_current_a):
     with pytest.raises(InputError, match="rest current must be positive"):
         characterize([discharge_only()], rest_current_a=rest_current_a)
+
+
+@pytest.mark.parametrize("test", [discharge_only, charge_only])
+@pytest.mark.parametrize("rest_current_a", [0.02, 1.0])
+def test_a_rest_current_up_to_that_of_the_pulses_serves(test, rest_current_a):
+    assert np.abs(test().current_a).max() == 1.0
+    assert characterize([test()], rest_current_a=rest_current_a) == characterize([test()])
 
 
 def test_a_rest_current_above_every_current_is_refused():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import characterize
+from barnax.cell.slow_sweep import find_slow_sweeps
 from barnax.errors import InputError
 
 from .pulse_rest import (
@@ -35,6 +36,11 @@ def under_load_v(soc: np.ndarray, direction: int) -> np.ndarray:
     return branch_v(soc, direction) + direction * RESISTANCE_OHM * CURRENT_A
 
 
+def slow_sweeps(record):
+    span_ah = float(np.ptp(record.discharged_ah))
+    return find_slow_sweeps(record, rest_current_a=span_ah / 100, minimum_rest_s=1800.0)
+
+
 @pytest.mark.parametrize("hold", ["forward", "backward"])
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_a_slow_sweep_gives_its_branch(direction, hold):
@@ -52,6 +58,7 @@ def test_a_slow_sweep_measures_the_capacity(hold):
 def test_a_slow_sweep_is_thinned_to_101_points_from_empty_to_full():
     points = characterize([sweep(-1)]).discharge_points
     assert len(points) == 101
+    assert {point.rest_s for point in points} == {0.0}
     np.testing.assert_allclose([p.soc for p in points], np.linspace(0, 1, 101), atol=2e-4)
 
 
@@ -82,13 +89,82 @@ def test_a_short_pause_does_not_end_a_slow_sweep():
     assert len(cell.discharge_points) == 101
 
 
-def test_noise_is_averaged():
-    record = sweep(-1)
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_noise_is_averaged(direction):
+    # From half the way a fast current brings the cell to where the sweep begins.
+    there = np.full(360, direction * CAPACITY_AH / 2)
+    current_a = np.concatenate([there, REST, -direction * CURRENT_A * SWEEP, REST])
+    record = record_of(current_a, interval_s=10.0, start_soc=0.5, direction=-direction)
     rng = np.random.default_rng(0)
     noisy = replace(record, voltage_v=record.voltage_v + 1e-3 * rng.standard_normal(record.samples))
     cell = characterize([noisy], ocv_fit="interpolated")
-    errors_v = cell.discharge(INNER) - under_load_v(INNER, -1)
+    curve = cell.charge if direction > 0 else cell.discharge
+    errors_v = curve(INNER) - under_load_v(INNER, direction)
+    # Fourteen samples to a point.
     assert np.sqrt(np.mean(errors_v**2)) < 0.5e-3
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_a_record_of_few_samples_gives_a_point_a_sample(hold):
+    samples, interval_s = 3 * HOURS, 1200.0
+    current_a = np.concatenate([np.zeros(3), np.full(samples, CURRENT_A), np.zeros(3)])
+    record = record_of(current_a, interval_s=interval_s, start_soc=1.0, direction=1, hold=hold)
+    points = characterize([record], ocv_fit="interpolated").discharge_points
+    assert len(points) == samples
+    soc = np.array([point.soc for point in points])
+    np.testing.assert_allclose(np.diff(soc), 1 / samples)
+    np.testing.assert_allclose([p.voltage_v for p in points], under_load_v(soc, -1), atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [0.01, 100.0])
+def test_a_slow_sweep_takes_ten_hours_or_more_whatever_the_cell(size):
+    def found(hours):
+        current_a = np.full(hours * 60, size * CAPACITY_AH / hours)
+        record = record_of(current_a, start_soc=1.0, direction=1, capacity_ah=size * CAPACITY_AH)
+        return slow_sweeps(record)
+
+    assert (len(found(10)), len(found(9))) == (1, 0)
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+@pytest.mark.parametrize("between", [REST[:0], REST])
+def test_each_sweep_of_a_file_passes_all_of_its_charge(between, hold):
+    # Loaded from its first to its last sample.
+    current_a = np.concatenate([CURRENT_A * SWEEP, between, -CURRENT_A * SWEEP])
+    record = record_of(current_a, interval_s=10.0, start_soc=1.0, direction=1, hold=hold)
+    out, back = slow_sweeps(record)
+    assert (out.direction, back.direction) == (-1, 1)
+    assert (out.passed_ah, back.passed_ah) == pytest.approx((CAPACITY_AH, CAPACITY_AH), rel=1e-9)
+
+
+def test_a_fast_discharge_beside_a_slow_charge_is_not_counted_into_it():
+    fast = np.full(720, CAPACITY_AH / 2)
+    current_a = np.concatenate([fast, REST, -CURRENT_A * SWEEP])
+    (found,) = slow_sweeps(record_of(current_a, interval_s=10.0, start_soc=1.0, direction=1))
+    assert found.direction == 1
+
+
+def test_a_current_that_pauses_every_ten_minutes_is_no_sweep():
+    minutes = np.tile([1.0] * 9 + [0.0], 100)
+    record = record_of(CAPACITY_AH / 15 * minutes, start_soc=1.0, direction=1)
+    assert slow_sweeps(record) == []
+
+
+def test_an_hour_that_the_logger_missed_does_not_end_a_sweep():
+    interval_s = np.full(HOURS * 360 - 359, 10.0)
+    interval_s[1000] = 3600.0
+    current_a = np.full(len(interval_s), CURRENT_A)
+    (found,) = slow_sweeps(record_of(current_a, interval_s=interval_s, start_soc=1.0, direction=1))
+    assert found.passed_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
+
+
+@pytest.mark.parametrize("samples", [1, 360])
+def test_an_hour_of_rest_ends_a_sweep_however_few_its_samples(samples):
+    half = CURRENT_A * SWEEP[: len(SWEEP) // 2]
+    current_a = np.concatenate([half, np.zeros(samples), half])
+    interval_s = np.where(current_a == 0, 3600 / samples, 10.0)
+    found = slow_sweeps(record_of(current_a, interval_s=interval_s, start_soc=1.0, direction=1))
+    assert [each.passed_ah for each in found] == pytest.approx([CAPACITY_AH / 2] * 2, rel=1e-9)
 
 
 def test_a_discharge_at_one_c_is_no_slow_sweep():

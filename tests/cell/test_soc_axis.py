@@ -7,6 +7,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
+from barnax.errors import InputError
 from barnax.records import read_record
 
 from .pulse_rest import CAPACITY_AH, both_ways, charge_only, discharge_only, pulses, record_of
@@ -16,6 +17,12 @@ REST = np.zeros(60)
 
 def half_discharge():
     return np.concatenate([REST, pulses(-1, 10, share=0.5)])
+
+
+def slow_discharge():
+    hours = 20
+    slow = np.full(hours * 60, CAPACITY_AH / hours)
+    return record_of(np.concatenate([REST, slow, REST]), start_soc=1.0, direction=1)
 
 
 def assumptions(cell):
@@ -66,8 +73,52 @@ def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
     assert len(assumptions(cell)) == 1
 
 
-def test_a_given_capacity_is_no_assumption():
-    assert assumptions(characterize([both_ways()], capacity_ah=CAPACITY_AH)) == []
+def test_a_given_capacity_that_the_test_passes_is_taken_without_a_word():
+    cell = characterize([both_ways()], capacity_ah=CAPACITY_AH)
+    assert (cell.capacity_origin, cell.warnings) == ("given", ())
+
+
+@pytest.mark.parametrize("test", [both_ways, slow_discharge])
+@pytest.mark.parametrize("ratio", [0.79, 1.21])
+def test_a_given_capacity_off_by_more_than_a_fifth_is_refused(test, ratio):
+    with pytest.raises(InputError, match="check the capacity"):
+        characterize([test()], capacity_ah=CAPACITY_AH / ratio)
+
+
+@pytest.mark.parametrize("test", [both_ways, slow_discharge])
+@pytest.mark.parametrize(
+    ("ratio", "warned"), [(0.81, 1), (0.94, 1), (0.96, 0), (1.04, 0), (1.06, 1), (1.19, 1)]
+)
+def test_a_given_capacity_off_by_more_than_a_twentieth_is_a_warning(test, ratio, warned):
+    cell = characterize([test()], capacity_ah=CAPACITY_AH / ratio)
+    assert sum("was given, but the discharge" in text for text in cell.warnings) == warned
+
+
+def test_a_lone_discharge_may_stop_early_but_not_pass_a_fifth_more_than_the_capacity():
+    assert characterize([discharge_only()], capacity_ah=CAPACITY_AH / 0.6).soc_range[1] == 1.0
+    with pytest.raises(InputError, match="passed 2 Ah"):
+        characterize([discharge_only()], capacity_ah=CAPACITY_AH / 1.21)
+
+
+def test_directions_within_a_tenth_tell_the_capacity_and_others_do_not():
+    assert characterize([both_ways(returned=0.91)]).capacity_ah == pytest.approx(CAPACITY_AH)
+    with pytest.raises(InputError, match="--capacity"):
+        characterize([both_ways(returned=0.89)])
+
+
+@pytest.mark.parametrize(("returned", "warned"), [(0.97, 1), (0.985, 0), (1.0, 0)])
+def test_a_charge_balance_that_misses_by_more_than_two_percent_is_a_warning(returned, warned):
+    cell = characterize([both_ways(returned=returned)])
+    assert sum("does not close" in text for text in cell.warnings) == warned
+
+
+def test_a_slow_sweep_measures_its_capacity_and_scales_itself():
+    measured = characterize([slow_discharge()])
+    assert measured.capacity_origin.startswith("measured")
+    given = characterize([slow_discharge()], capacity_ah=CAPACITY_AH / 0.96)
+    # The last loaded sample is one minute of twenty hours short of empty.
+    assert given.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)
+    assert not any("scaled" in text for text in given.warnings)
 
 
 def test_the_bundled_test_measures_its_capacity():

@@ -199,14 +199,14 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     fall_v = np.maximum.accumulate(voltage_v) - voltage_v
     worst = int(np.argmax(fall_v))
     if fall_v[worst] > FALL_TOLERANCE_V:
-        top = int(np.argmax(voltage_v[: worst + 1]))
+        top = int(np.argmax(voltage_v[:worst]))
         found.append(
             f"the {name} OCV curve falls by {1e3 * fall_v[worst]:.1f} mV from SOC "
             f"{grid[top]:.3f} to {grid[worst]:.3f}"
         )
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
     margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
-    between_v = voltage_v[:-1].reshape(-1, CHECKS_PER_GAP)
+    between_v = voltage_v[:-1].reshape(len(left_v), CHECKS_PER_GAP)
     above_v = between_v.max(axis=1) - np.maximum(left_v, right_v)
     below_v = np.minimum(left_v, right_v) - between_v.min(axis=1)
     beyond_v = np.maximum(above_v, below_v)

@@ -82,11 +82,12 @@ class SegmentedHysteresis:
     def parameters(self) -> dict[str, float]:
         """A to H and P of Eq. 4: slope and intercept of each sloping segment, and the constant."""
         values = {}
-        for names, segment in zip(("AB", "CD", "EF", "GH"), (0, 1, 3, 4), strict=True):
+        sloping = zip(("AB", "CD", "EF", "GH"), (0, 1, 3, 4), strict=True)
+        for (slope, intercept), segment in sloping:
             left_v, right_v = self.ends_v[segment]
             slope_v = (right_v - left_v) / float(KNOTS[segment + 1] - KNOTS[segment])
-            values[names[0]] = slope_v
-            values[names[1]] = left_v - slope_v * float(KNOTS[segment])
+            values[slope] = slope_v
+            values[intercept] = left_v - slope_v * float(KNOTS[segment])
         return values | {"P": self.ends_v[FLAT][0]}
 
     def to_dict(self) -> dict[str, Any]:

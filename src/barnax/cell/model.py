@@ -137,8 +137,6 @@ class CellModel:
 
 def fit_error(errors_v: Float[np.ndarray, "points"]) -> FitError:
     """Root mean square and largest error."""
-    if len(errors_v) == 0:
-        return FitError(0.0, 0.0)
     return FitError(float(np.sqrt(np.mean(errors_v**2))), float(np.abs(errors_v).max()))
 
 

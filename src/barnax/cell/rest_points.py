@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ..errors import InputError
 from ..records.record import Record
 from ..records.rests import rest_blocks
-from .sweep import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
+from .sweep import CHARGE, DISCHARGE, Sweep, SweepPoint
 
 MINIMUM_REST_S = 1800.0
 MINIMUM_POINTS = 4
@@ -92,13 +92,13 @@ def _point_samples(
             swing_ah = np.ptp(discharged_ah[samples[-1] : last + 1])
             if net_ah <= SAME_SOC * span_ah and swing_ah <= CYCLE * span_ah:
                 samples.pop()
-        samples.append(int(last))
-    first, last = blocks[0] if blocks else (0, 0)
-    if samples and first == 0 and last < samples[0]:
+        samples.append(last)
+    if samples and blocks[0][0] == 0:
+        last = blocks[0][1]
         apart_ah = abs(discharged_ah[samples[0]] - discharged_ah[last])
         is_apart = apart_ah > SAME_SOC * span_ah
         if is_apart and _is_plausible_start(record, last, samples[0]):
-            samples.insert(0, int(last))
+            samples.insert(0, last)
     return samples
 
 
@@ -116,7 +116,7 @@ def _directions(discharged_ah: Charge, lasts: list[int]) -> list[int]:
     directions = []
     for start, end in pairwise(lasts):
         low_ah, high_ah = sorted((discharged_ah[start], discharged_ah[end]))
-        between_ah = discharged_ah[start : end + 1]
+        between_ah = discharged_ah[start:end]
         beyond_ah = max(low_ah - between_ah.min(), between_ah.max() - high_ah)
         if beyond_ah > CYCLE * span_ah:
             directions.append(0)
@@ -169,11 +169,9 @@ def _nothing_found(record: Record, rests_s: list[float], directions: list[int]) 
             f"{record.name} is not an OCV test: its longest rest is {max(rests_s) / 60:.1f} min. "
             f"{needed}"
         )
-    most = {
-        WORD[direction]: max((b - a + 1 for a, b in _runs(directions, direction)), default=0)
-        for direction in (DISCHARGE, CHARGE)
-    }
+    runs = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)
+    most = max((last - first + 1 for first, last in runs), default=1)
     return (
         f"{record.name} is not an OCV test: of its {long} rests of at least 30 min the longest "
-        f"run in one direction has {max(max(most.values()), 1)}. {needed}"
+        f"run in one direction has {most}. {needed}"
     )

@@ -65,14 +65,21 @@ def _one_way_stretches(
 
 
 def _thin(record: Record, first: int, last: int, begin: int, end: int) -> Sweep:
-    """The sweep with its voltage averaged at points evenly spaced in charge."""
+    """The sweep with its voltage averaged at points evenly spaced in charge.
+
+    Fewer than `POINTS` where neighbors of them would be the same sample.
+    """
     axis_ah = record.discharged_ah
     direction = CHARGE if axis_ah[end] < axis_ah[begin] else DISCHARGE
     charge_ah, voltage_v = axis_ah[first : last + 1], record.voltage_v[first : last + 1]
     half_ah = HALF_WINDOW * abs(axis_ah[end] - axis_ah[begin])
     points = []
+    before = None
     for target_ah in np.linspace(charge_ah[0], charge_ah[-1], POINTS):
         nearest = int(np.argmin(np.abs(charge_ah - target_ah)))
+        if nearest == before:
+            continue
+        before = nearest
         is_near = np.abs(charge_ah - target_ah) <= half_ah
         # The end points are the cut-offs; an average there would pull the curve inward.
         if target_ah in (charge_ah[0], charge_ah[-1]) or not is_near.any():

@@ -1,0 +1,158 @@
+"""Which rests are OCV points, and from where to where their sweeps reach."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.cell.rest_points import find_rest_sweeps
+from barnax.errors import InputError
+
+from .pulse_rest import CAPACITY_AH, pulses, record_of, stepwise
+
+DOWN, UP = [[-0.05]] * 20, [[0.05]] * 20
+# What a sweep in the other direction begins with; the SOC it begins at.
+START = {-1: 1.0, +1: 0.0}
+
+
+@pytest.fixture(params=["forward", "backward"])
+def hold(request):
+    return request.param
+
+
+@pytest.fixture(params=[0.01, 100.0])
+def size(request):
+    """The size of the cell: what is small is small against its capacity."""
+    return request.param
+
+
+def sweeps_of(moves, *, size=1.0, **options):
+    record = stepwise(moves, size=size, **options)
+    return find_rest_sweeps(record, rest_current_a=size * CAPACITY_AH / 1000)
+
+
+def extent(sweep, size=1.0):
+    """Begin and end of a sweep as discharged shares of the capacity."""
+    return np.array([sweep.start_ah, sweep.end_ah]) / (size * CAPACITY_AH)
+
+
+def turned(direction, moves):
+    """The moves, made for a discharge, in `direction`."""
+    return [[-direction * share for share in shares] for shares in moves]
+
+
+def test_each_rest_is_a_point_at_the_charge_moved_until_then(hold, size):
+    out, back = sweeps_of(DOWN + UP, start_soc=1.0, hold=hold, size=size)
+    assert (out.direction, back.direction) == (-1, 1)
+    expected = np.linspace(0, 1, 21) * size * CAPACITY_AH
+    np.testing.assert_allclose([p.discharged_ah for p in out.points], expected, atol=1e-12 * size)
+    np.testing.assert_allclose(
+        [p.discharged_ah for p in back.points], expected[::-1], atol=1e-12 * size
+    )
+    assert {point.rest_s for point in out.points + back.points} == {3600.0}
+
+
+def test_a_rest_programmed_as_30_minutes_may_end_early_by_the_clock(hold):
+    (sweep,) = sweeps_of(DOWN, start_soc=1.0, hold=hold, rest_s=1799.95)
+    assert len(sweep.points) == 21
+    with pytest.raises(InputError, match=r"longest rest is 29\.8 min"):
+        sweeps_of(DOWN, start_soc=1.0, hold=hold, first_rest_s=60.0, rest_s=1790.0)
+
+
+def test_four_points_are_a_sweep_and_three_are_none(hold):
+    (sweep,) = sweeps_of([[-0.1]] * 3, start_soc=1.0, hold=hold)
+    assert len(sweep.points) == 4
+    (sweep,) = sweeps_of([*DOWN, [0.05], [0.05]], start_soc=1.0, hold=hold)
+    assert sweep.direction == -1
+
+
+def test_too_short_runs_are_refused_with_the_longest():
+    cycle = [-0.05, 0.05]
+    with pytest.raises(InputError, match=r"of its 4 rests .* has 3\."):
+        sweeps_of([cycle, [-0.1], [-0.1]], start_soc=1.0)
+    with pytest.raises(InputError, match=r"of its 1 rests .* has 1\."):
+        sweeps_of([[-1.0]], start_soc=1.0, rest_s=60.0)
+
+
+def test_of_several_sweeps_of_a_direction_the_one_with_the_most_points_counts():
+    out, _ = sweeps_of(DOWN + UP + DOWN[:4], start_soc=1.0)
+    assert len(out.points) == 21
+
+
+@pytest.mark.parametrize("share", [-5e-4, 5e-4])
+def test_rests_with_next_to_no_charge_between_are_one(hold, size, share):
+    moves = [*DOWN[:8], [share], *DOWN[8:]]
+    (sweep,) = sweeps_of(moves, start_soc=1.0, hold=hold, size=size)
+    assert len(sweep.points) == 21
+    # The later rest counts: it is the one that the next pulse ends.
+    assert sweep.points[8].discharged_ah == pytest.approx((0.4 - share) * size * CAPACITY_AH)
+
+
+def test_pulses_below_a_hundredth_of_the_capacity_are_points_of_their_own(size):
+    moves = [[-1 / 150]] * 150 + [[1 / 150]] * 150
+    sweeps = sweeps_of(moves, start_soc=1.0, size=size)
+    assert [len(sweep.points) for sweep in sweeps] == [151, 151]
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_pulses_against_the_sweep_neither_end_nor_extend_it(hold, size, direction):
+    moves = turned(direction, [[0.005, -0.055]] * 20)
+    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold, size=size)
+    assert len(sweep.points) == 21
+    np.testing.assert_allclose(extent(sweep, size), [0, -direction], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+@pytest.mark.parametrize(("cycle", "reached"), [([-0.02, 0.02], 0.62), ([0.02, -0.02], 0.6)])
+def test_a_cycle_between_two_rests_ends_a_sweep(hold, size, direction, cycle, reached):
+    moves = turned(direction, [*DOWN[:12], cycle, *DOWN[:8]])
+    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold, size=size)
+    assert len(sweep.points) == 13
+    np.testing.assert_allclose(extent(sweep, size), [0, -direction * reached], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_sweep_that_begins_without_a_rest_begins_where_the_charge_turned(hold, direction):
+    moves = turned(direction, [[0.4, -0.05], *DOWN[1:]])
+    (sweep,) = sweeps_of(moves, start_soc=0.5 - 0.1 * direction, hold=hold)
+    assert len(sweep.points) == 20
+    np.testing.assert_allclose(extent(sweep), [0.4 * direction, -0.6 * direction], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_sweep_that_ends_without_a_rest_ends_where_the_charge_turned(hold, direction):
+    moves = turned(direction, [*DOWN[1:], [-0.05, 0.4]])
+    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold)
+    assert len(sweep.points) == 20
+    np.testing.assert_allclose(extent(sweep), [0, -direction], atol=1e-12)
+
+
+def test_neighboring_sweeps_end_and_begin_at_the_rest_between_them(hold):
+    # The last discharge goes a little too far and comes back before the rest.
+    moves = [*DOWN[1:], [-0.055, 0.005], *UP]
+    out, back = sweeps_of(moves, start_soc=1.0, hold=hold)
+    np.testing.assert_allclose([extent(out), extent(back)], [[0, 1], [1, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_short_first_rest_counts_in_either_direction(hold, size, direction):
+    moves, start_soc = turned(direction, DOWN), START[direction]
+    (sweep,) = sweeps_of(moves, start_soc=start_soc, hold=hold, size=size, first_rest_s=60.0)
+    assert len(sweep.points) == 21
+    assert sweep.points[0].rest_s == 60.0
+
+
+def test_a_short_first_rest_that_is_no_pulse_away_is_the_same_rest():
+    (sweep,) = sweeps_of([[-5e-4], *DOWN[1:]], start_soc=1.0, first_rest_s=60.0)
+    assert len(sweep.points) == 20
+
+
+@pytest.mark.parametrize("first_v", [(0.02, 0.0), (-0.02, 0.0), (-0.12, -0.12)])
+def test_a_short_first_rest_that_drifts_or_lies_below_the_next_is_left_out(first_v):
+    # As made, the first rests stand at 4.150, 4.071 and 4.001 V.
+    current_a = np.concatenate([np.zeros(2), pulses(-1)])
+    record = record_of(current_a, start_soc=1.0, direction=1)
+    voltage_v = record.voltage_v.copy()
+    voltage_v[:2] += first_v
+    (sweep,) = find_rest_sweeps(replace(record, voltage_v=voltage_v), CAPACITY_AH / 100)
+    assert len(sweep.points) == 20

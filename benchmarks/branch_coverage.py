@@ -26,8 +26,8 @@ PACKAGE = "src/barnax/"
 
 def main() -> None:
     """Run the suite, print the page and write it."""
-    if importlib.util.find_spec("coverage") is None:
-        sys.exit('this needs coverage.py: pip install -e ".[test,develop]"')
+    if importlib.util.find_spec("pytest_cov") is None:
+        sys.exit('this needs pytest-cov: pip install -e ".[test,develop]"')
     start = time.monotonic()
     measured = measure(sys.argv[1:])
     page = render(measured, (time.monotonic() - start) / 60)
@@ -40,18 +40,15 @@ def measure(words: list[str]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         data = {"COVERAGE_FILE": str(Path(folder, "data")), "COVERAGE_CORE": "ctrace"}
 
-        def coverage(*command: str) -> int:
-            return subprocess.run(
-                [sys.executable, "-m", "coverage", *command],
-                cwd=REPOSITORY,
-                env=os.environ | data,
-            ).returncode
-
-        failed = coverage("run", "-m", "pytest", "-p", "no:cacheprovider", *words)
-        coverage("combine", "--quiet")
         report = Path(folder, "report.json")
-        coverage("json", "--quiet", "-o", str(report))
-        if failed:
+        # What the workers of pytest-xdist reach is lost to coverage.py without its plugin.
+        options = ["--cov", f"--cov-report=json:{report}", "-p", "no:cacheprovider"]
+        ran = subprocess.run(
+            [sys.executable, "-m", "pytest", *options, *words],
+            cwd=REPOSITORY,
+            env=os.environ | data,
+        )
+        if ran.returncode:
             print("some tests failed; what they would have reached is missing", file=sys.stderr)
         return json.loads(report.read_text())
 

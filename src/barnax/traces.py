@@ -26,6 +26,7 @@ from types import FunctionType
 from typing import Any
 
 import equinox as eqx
+import flatbuffers  # noqa: F401  jax.export writes with it, and does not ask for it
 import jax
 import jax.export
 import numpy as np

@@ -12,7 +12,7 @@ SOURCE = Path(barnax.__file__).parent
 # The generator of the bundled data travels with it in a wheel, and is never imported.
 MODULES = sorted(set(SOURCE.rglob("*.py")) - set((SOURCE / "data").rglob("*.py")))
 # Written files go through one module; a journal and a repeated run's folder are their own.
-WRITERS = {"cli/output.py", "cli/journal.py", "cli/rerun.py"}
+WRITERS = {"cli/output.py", "cli/journal.py", "cli/rerun.py", "traces.py"}
 # `barnax export --verify` runs the module it has just written; a rerun and an old workbook have
 # processes of their own.
 RUNNERS = {"export/pybamm_module.py", "export/thevenin_module.py"}

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from barnax.evaluator import Impedance
 from barnax.simulate import (
     Drive,
+    HysteresisDrive,
     Intervals,
+    last_state,
     overpotential,
     squared_error,
     terminal_voltage,
@@ -213,3 +215,74 @@ def test_single_precision_stays_single():
     with jax.enable_x64(False):
         simulated_v = terminal_voltage_jit(impedance_of(CIRCUIT), drive_of(CLOCKS["even"]))
     assert simulated_v.dtype == np.float32
+
+
+def moved_drive_of(clock: str) -> Drive:
+    """With a dynamic hysteresis, whose clock counts SOC."""
+    drive = drive_of(CLOCKS[clock])
+    soc = np.cumsum(np.append(0.0, 1e-4 * (1 + np.abs(CURRENT_A[:-1]))))
+    moved = HysteresisDrive(
+        amplitude_v=jnp.asarray(0.02 + 0.01 * np.sin(np.arange(SAMPLES) / 60)),
+        push=jnp.asarray(np.sign(CURRENT_A)),
+        intervals=Intervals.measure(soc, 1e-3),
+    )
+    return eqx.tree_at(
+        lambda each: each.hysteresis, drive, moved, is_leaf=lambda leaf: leaf is None
+    )
+
+
+def unweighted(drive: Drive) -> Drive:
+    return eqx.tree_at(lambda each: each.weight, drive, None)
+
+
+MOVED = eqx.tree_at(
+    lambda each: each.gamma, Impedance(*CIRCUIT), 40.0, is_leaf=lambda leaf: leaf is None
+)
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_errors_are_measured_minus_simulated_where_samples_count(clock):
+    drive, impedance = moved_drive_of(clock), jax.tree.map(jnp.asarray, MOVED)
+    expected_v = MEASURED_V - np.asarray(terminal_voltage_jit(impedance, drive))
+    np.testing.assert_allclose(unweighted(drive).errors(impedance), expected_v, atol=1e-14)
+    found_v = drive.errors(impedance)
+    np.testing.assert_allclose(found_v, np.where(WEIGHT > 0, expected_v, 0), atol=1e-14)
+    np.testing.assert_allclose(squared_error_jit(impedance, drive), np.sum(found_v**2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("is_weighted", [True, False])
+def test_a_drive_filled_up_is_longer_and_has_the_same_error(is_weighted):
+    impedance = jax.tree.map(jnp.asarray, MOVED)
+    drive = moved_drive_of("measured")
+    drive = drive if is_weighted else unweighted(drive)
+    longer = drive.filled_up(SAMPLES + 41)
+    assert longer.weight is not None
+    assert not longer.weight[SAMPLES:].any()
+    lengths = []
+    longer.map_samples(lambda array: lengths.append(len(array)) or array)
+    # Five of its own, two of the hysteresis, node and offset of both clocks.
+    assert lengths == [SAMPLES + 41] * 11
+    np.testing.assert_array_equal(
+        terminal_voltage_jit(impedance, longer)[:SAMPLES], terminal_voltage_jit(impedance, drive)
+    )
+    assert squared_error_jit(impedance, longer) == squared_error_jit(impedance, drive)
+    np.testing.assert_array_equal(longer.source_v[SAMPLES:], longer.source_v[SAMPLES - 1])
+
+
+@pytest.mark.parametrize("first", [3, 200])
+def test_what_goes_on_from_where_a_beginning_ended_adds_up_to_the_whole(first):
+    impedance = jax.tree.map(jnp.asarray, MOVED)
+    drive = moved_drive_of("measured")
+    begun = drive.map_samples(lambda array: array[:first])
+    rest = drive.map_samples(lambda array: array[first:])
+    pairs = zip(impedance.r, impedance.tau, strict=True)
+    states = tuple(r * last_state(tau, begun.held_a, begun.intervals) for r, tau in pairs)
+    moved = begun.hysteresis
+    turned = last_state(1 / impedance.gamma, moved.push, moved.intervals)
+    np.testing.assert_allclose(
+        states[1],
+        impedance.r[1] * unit_response(impedance.tau[1], drive.held_a, drive.intervals)[first],
+        rtol=1e-12,
+    )
+    parts = squared_error(impedance, begun) + squared_error(impedance, rest, (states, turned))
+    np.testing.assert_allclose(parts, squared_error(impedance, drive), rtol=1e-12)

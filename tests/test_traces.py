@@ -199,7 +199,11 @@ class float(float):
         doubled, jax.vmap(sphere), jax.grad(sphere), functools.partial(sphere), lambda: 0,
         object(), Mine.ONE, Path("x"), {1, 2}, float(2.0), np.array([{}]),
     ],
-    ids=repr,
+    # Addresses in names would differ from process to process.
+    ids=[
+        "wrapper", "vmap", "grad", "partial", "lambda", "object", "enum", "path", "set", "float",
+        "objects",
+    ],
 )  # fmt: skip
 def test_what_is_not_known_is_not_described(value):
     with pytest.raises(NotDescribedError):

@@ -1,5 +1,6 @@
 """Programs are compiled once, and run in blocks whose rows come back in order."""
 
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -86,3 +87,23 @@ def test_an_interruption_leaves_the_waiting_blocks_unstarted():
     with pytest.raises(KeyboardInterrupt):
         run_blocks(run, list(range(200)), [1] * 200, interrupt)
     assert len(started) < 100
+
+
+def test_what_runs_at_an_interruption_is_kept():
+    running = threading.Event()
+
+    def run(block):
+        if block:
+            running.set()
+            time.sleep(0.2)
+        return (np.full(1, block),)
+
+    def interrupt(_):
+        assert running.wait(5)
+        raise KeyboardInterrupt
+
+    finished = {}
+    with pytest.raises(KeyboardInterrupt):
+        run_blocks(run, [0, 1], [1, 1], interrupt, finished)
+    assert finished == {"0": (np.zeros(1),), "1": (np.ones(1),)}
+    assert run_blocks(lambda _: 1 / 0, [0, 1], [1, 1], None, finished) == [(0.0,), (1.0,)]

@@ -77,7 +77,7 @@ def run_blocks(
     """Run a compiled function on every block, on all cores; the wanted rows of each, in order.
 
     Blocks whose number is in `finished` are taken from there; the others are put there as they
-    finish.
+    finish, those too that run when it is interrupted.
     """
     finished = {} if finished is None else finished
     missing = [index for index in range(len(blocks)) if str(index) not in finished]
@@ -91,8 +91,12 @@ def run_blocks(
                 if progress is not None:
                     progress(wanted[waiting[done]])
         except BaseException:
-            # An interruption waits for the blocks that run, not for those still in the queue.
-            pool.shutdown(wait=False, cancel_futures=True)
+            # An interruption waits for the blocks that run, for nothing can stop them, and keeps
+            # what they find; those still in the queue never start.
+            pool.shutdown(cancel_futures=True)
+            for future, index in waiting.items():
+                if not future.cancelled() and future.exception() is None:
+                    finished[str(index)] = future.result()
             raise
     return [
         row

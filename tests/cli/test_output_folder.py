@@ -120,13 +120,13 @@ def test_a_link_that_leads_to_itself_is_refused(refuse, tmp_path):
 
 def test_another_result_is_refused_and_force_is_named(refuse, old):
     message = refuse(*IDENTIFY, "--out", old)
-    assert f"{old}: holds another result" in message
+    assert f"{old}: holds a result" in message
     assert "--force" in message
 
 
 def test_the_default_folder_is_guarded_too(refuse, tmp_path):
     write_folder(tmp_path / "barnax-out", OLD, True, SESSION)
-    assert "barnax-out: holds another result" in refuse(*IDENTIFY)
+    assert "barnax-out: holds a result" in refuse(*IDENTIFY)
 
 
 @pytest.mark.parametrize("force", [(), ("--force",)], ids=["", "force"])

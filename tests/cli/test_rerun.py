@@ -47,6 +47,10 @@ def test_a_result_that_cannot_be_reached_any_more_is_a_finding(run, finished, tm
     assert outcome.status == 1
     assert "The refined error differs by" in outcome.out
     assert "R0" in outcome.out
+    assert (
+        "The bytes differ: 2 entries are not what is stored, such as parameters.R0 [Ohm], "
+        "refined.rmse [V]." in " ".join(outcome.out.split())
+    )
 
 
 def test_other_versions_with_the_same_error_agree(run, finished, tmp_path, repeats):

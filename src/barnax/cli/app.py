@@ -59,6 +59,12 @@ def common(
     """
 
 
+def _stop(*_: object) -> None:
+    """Say at once that the signal was heard: a compiled search ends only by itself."""
+    sys.stderr.write("\nstopping, as soon as what is being computed is done and kept\n")
+    raise KeyboardInterrupt
+
+
 def main() -> None:
     """Run the command line; bad input is one message and exit status 2, never a traceback."""
     # Modules and traces are many objects and no garbage: looking through them for some, at Python's
@@ -66,7 +72,8 @@ def main() -> None:
     gc.set_threshold(50_000, 20, 20)
     atexit.register(gc.freeze)
     # A polite end from outside is the same as Ctrl-C: what is being written is finished or undone.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
     try:
         app()
     except InputError as problem:

@@ -52,7 +52,7 @@ def require_free(folder: Path, is_forced: bool) -> None:
     if foreign:
         raise InputError(f"{folder}: holds {foreign[0]!r}, which barnax did not write; {another}")
     if names and not is_forced:
-        raise InputError(f"{folder}: holds another result; replace it with --force or {another}")
+        raise InputError(f"{folder}: holds a result; replace it with --force or {another}")
 
 
 def _entries(folder: Path) -> list[str]:

@@ -2,11 +2,13 @@
 
 import hashlib
 import itertools
+import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -170,4 +172,23 @@ def _differences(stored: "Result", repeated: "Result") -> list[str]:
         for old, new in zip(stored.search.seeds, repeated.search.seeds, strict=False)
     )
     lines.append(f"{moved} of {len(stored.search.seeds)} seeds ended elsewhere before refinement.")
-    return lines
+    places = sorted(
+        set(_entries(json.loads(stored.to_json()))) ^ set(_entries(json.loads(repeated.to_json())))
+    )
+    names = list(dict.fromkeys(place for place, _ in places))
+    return [
+        *lines,
+        f"The bytes differ: {len(names)} entries are not what is stored, such as "
+        f"{escape(', '.join(names[:3]))}.",
+    ]
+
+
+def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    """Every number and text of a file with the path that leads to it."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value)
+    for name, part in parts:
+        path = f"{place}.{name}" if place else str(name)
+        if isinstance(part, dict | list):
+            yield from _entries(part, path)
+        else:
+            yield path, repr(part)

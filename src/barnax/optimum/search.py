@@ -25,6 +25,8 @@ from .reduced import Reduced
 # them than this.
 FACTOR = 1.5
 MOST_MINIMA = 4 * SEEDS_PER_BLOCK
+# Another optimum so little above the best one is worth a word.
+HARDLY_ABOVE = 0.01
 # Cells of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
 MOST_CELLS = 50_000
 # A circuit that a proof comes upon and that is better than all polished ones; seldom more than one.
@@ -162,7 +164,9 @@ def _other_optima(found: GlobalOptimum) -> str:
     nearest = f"{100 * regret(others[0].rmse_v, found.rmse_v):.2g} %"
     tau = " and ".join(f"{tau_s:.4g}" for tau_s in others[0].parameters.tau_s)
     count = "One other local optimum lies" if len(others) == 1 else f"{len(others)} others lie"
-    return f"{count} up to {reach} above it, the nearest {nearest} above at tau of {tau} s."
+    where = f"{count} up to {reach} above it, the nearest {nearest} above at tau of {tau} s"
+    is_close = others[0].rmse_v < (1 + HARDLY_ABOVE) * found.rmse_v
+    return f"{where}: another circuit with nearly the same error." if is_close else f"{where}."
 
 
 def _at_bound(found: GlobalOptimum) -> str:

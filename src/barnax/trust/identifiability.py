@@ -153,9 +153,11 @@ def _too_slow(pair, values, near, sure, duration_s) -> list[Finding]:
     tau, resistance, capacitance = f"tau{pair} [s]", f"R{pair} [Ohm]", f"C{pair} [F]"
     if not values[tau] >= duration_s * (1 - 1e-3):
         return []
+    is_open = sure[capacitance].low is None
+    certainty = "shows, itself with an open interval" if is_open else "is determined"
     text = (
         f"tau{pair} = {with_unit(tau, values[tau])} is as long as the record, "
-        f"{with_unit(tau, duration_s)}, or longer: only R{pair}/tau{pair} is determined, which is "
+        f"{with_unit(tau, duration_s)}, or longer: only R{pair}/tau{pair} {certainty}, which is "
         f"the capacitance C{pair}"
     )
     if tau in near.held:

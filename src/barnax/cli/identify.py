@@ -11,10 +11,11 @@ from rich.markup import escape
 from ..errors import InputError
 from . import options
 from .doubts import warn_of_doubts
+from .figures import cell_figures, found_figures, report_with_figures
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
 from .journal import open_journal
 from .options import SEARCH, require_choice
-from .output import DEFAULT_FOLDER, report_files, require_free, write_folder
+from .output import DEFAULT_FOLDER, require_free, write_folder
 from .session import (
     Session,
     command_line,
@@ -24,14 +25,10 @@ from .session import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from ..cell import CellModel
-    from ..evaluate import Evaluation
     from ..optimum import GlobalOptimum
     from ..problem import Problem
     from ..refinement import CrossCheck
-    from ..result import Result
+    from ..trust.assessment import Assessment
 
 
 def identify(
@@ -122,7 +119,7 @@ def identify(
         from ..refinement import refine
         from ..report import identification_report
         from ..result_making import make_result
-        from ..trust import assess, compile_linearization, examine
+        from ..trust import compile_linearization, examine
         from ..trust_report import trust_report
 
     require_choice("--model", model, CIRCUITS)
@@ -173,10 +170,8 @@ def identify(
         # What does not wait for the search is done beside it.
         with ThreadPoolExecutor(max_workers=2) as beside:
             compiling = beside.submit(Descent, problem)
-            drawing = beside.submit(
-                _cell_figures, None if folder is None or report else inputs.cell
-            )
-            looking = beside.submit(_best_there_is, problem)
+            drawing = beside.submit(cell_figures, None if folder is None or report else inputs.cell)
+            looking = beside.submit(_best_there_is, problem, session)
             beside.submit(compile_linearization, problem)
             with session.bar("Searching", seeds) as advance:
                 found = search(
@@ -189,8 +184,8 @@ def identify(
                 )
             with session.bar("Cross-checking", seeds) as advance:
                 checked = refine(found, descent=compiling.result(), progress=advance)
-            assessing = beside.submit(assess, checked)
-            with session.stage("Looking for the global optimum"):
+            assessing = beside.submit(_assessed, checked, session)
+            with session.stage("Waiting for the global optimum"):
                 optimum = looking.result()
             with session.stage("Validating"):
                 identified, validated = (
@@ -200,8 +195,8 @@ def identify(
             written = {}
             if folder is not None and not report:
                 with session.stage("Drawing figures"):
-                    written = drawing.result() | _figures(checked, identified, validated)
-            with session.stage("Assessing"):
+                    written = drawing.result() | found_figures(checked, identified, validated)
+            with session.stage("Waiting for the assessment"):
                 assessment = assessing.result()
         examination = None
         if trust == "full":
@@ -221,7 +216,7 @@ def identify(
             written["result.json"] = result.to_json().encode()
             if report:
                 with session.stage("Drawing figures"):
-                    written |= _report(result, checked, identified, validated, optimum)
+                    written |= report_with_figures(result, checked, identified, validated, optimum)
             written["timings.json"] = session.timings_json(resumed)
             folder = write_folder(folder, written, force, session)
         if journal is not None:
@@ -234,65 +229,19 @@ def identify(
     session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
 
 
-def _best_there_is(problem: "Problem") -> "GlobalOptimum | None":
+def _best_there_is(problem: "Problem", session: Session) -> "GlobalOptimum | None":
     """The global optimum, None where the box is too wide to look for it."""
     from ..optimum import global_optimum
 
     try:
-        return global_optimum(problem)
+        with session.timed("Looking for the global optimum"):
+            return global_optimum(problem)
     except InputError:
         return None
 
 
-def _cell_figures(cell: "CellModel | None") -> dict[str, bytes]:
-    """PNG figures of the cell by their path; none without a cell."""
-    if cell is None:
-        return {}
-    from ..plots import plot_hysteresis, plot_ocv
+def _assessed(checked: "CrossCheck", session: Session) -> "Assessment":
+    from ..trust import assess
 
-    return _pngs({"ocv": plot_ocv(cell), "hysteresis": plot_hysteresis(cell)})
-
-
-def _figures(
-    checked: "CrossCheck",
-    identified: "list[Evaluation]",
-    validated: "list[Evaluation]",
-) -> dict[str, bytes]:
-    """PNG figures of the search and the errors by their path below the results folder."""
-    from ..plots import plot_convergence, plot_error, plot_voltage
-
-    figures = {"convergence": plot_convergence(checked.found, checked)}
-    roles = [("identification", each) for each in _numbered(identified)]
-    roles += [("validation", each) for each in enumerate(validated, 1)]
-    for name, (number, evaluation) in roles:
-        role = name if number is None else f"{name}-{number}"
-        figures[f"{role}-voltage"] = plot_voltage(evaluation)
-        figures[f"{role}-error"] = plot_error(evaluation)
-    return _pngs(figures)
-
-
-def _report(
-    result: "Result",
-    checked: "CrossCheck",
-    identified: "list[Evaluation]",
-    validated: "list[Evaluation]",
-    optimum: "GlobalOptimum | None",
-) -> dict[str, bytes]:
-    """The report in both forms and its figures, by their path below the results folder."""
-    from ..reporting import identification_document, identification_illustrations
-
-    drawn = identification_illustrations(checked, identified, validated, optimum)
-    return report_files(identification_document(result, drawn), drawn)
-
-
-def _pngs(figures: "dict[str, Figure]") -> dict[str, bytes]:
-    from ..plots.encode import encode
-
-    return {f"figures/{name}.png": encode(figure) for name, figure in figures.items()}
-
-
-def _numbered(evaluations: "list[Evaluation]") -> "list[tuple[int | None, Evaluation]]":
-    """Each with its number, or the only one without."""
-    if len(evaluations) == 1:
-        return [(None, evaluations[0])]
-    return [*enumerate(evaluations, 1)]
+    with session.timed("Assessing"):
+        return assess(checked)

@@ -1,0 +1,68 @@
+"""The figures of `barnax identify`, and its report: files by their path in the results folder."""
+
+from typing import TYPE_CHECKING
+
+from .output import report_files
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..cell import CellModel
+    from ..evaluate import Evaluation
+    from ..optimum import GlobalOptimum
+    from ..refinement import CrossCheck
+    from ..result import Result
+
+
+def cell_figures(cell: "CellModel | None") -> dict[str, bytes]:
+    """PNG figures of the cell by their path; none without a cell."""
+    if cell is None:
+        return {}
+    from ..plots import plot_hysteresis, plot_ocv
+
+    return _pngs({"ocv": plot_ocv(cell), "hysteresis": plot_hysteresis(cell)})
+
+
+def found_figures(
+    checked: "CrossCheck",
+    identified: "list[Evaluation]",
+    validated: "list[Evaluation]",
+) -> dict[str, bytes]:
+    """PNG figures of the search and the errors by their path below the results folder."""
+    from ..plots import plot_convergence, plot_error, plot_voltage
+
+    figures = {"convergence": plot_convergence(checked.found, checked)}
+    roles = [("identification", each) for each in _numbered(identified)]
+    roles += [("validation", each) for each in enumerate(validated, 1)]
+    for name, (number, evaluation) in roles:
+        role = name if number is None else f"{name}-{number}"
+        figures[f"{role}-voltage"] = plot_voltage(evaluation)
+        figures[f"{role}-error"] = plot_error(evaluation)
+    return _pngs(figures)
+
+
+def report_with_figures(
+    result: "Result",
+    checked: "CrossCheck",
+    identified: "list[Evaluation]",
+    validated: "list[Evaluation]",
+    optimum: "GlobalOptimum | None",
+) -> dict[str, bytes]:
+    """The report in both forms and its figures, by their path below the results folder."""
+    from ..reporting import identification_document, identification_illustrations
+
+    drawn = identification_illustrations(checked, identified, validated, optimum)
+    return report_files(identification_document(result, drawn), drawn)
+
+
+def _pngs(figures: "dict[str, Figure]") -> dict[str, bytes]:
+    from ..plots.encode import encode
+
+    return {f"figures/{name}.png": encode(figure) for name, figure in figures.items()}
+
+
+def _numbered(evaluations: "list[Evaluation]") -> "list[tuple[int | None, Evaluation]]":
+    """Each with its number, or the only one without."""
+    if len(evaluations) == 1:
+        return [(None, evaluations[0])]
+    return [*enumerate(evaluations, 1)]

@@ -32,7 +32,7 @@ FIGURES = {
 @pytest.fixture
 def without_figures(monkeypatch):
     """Drawing takes most of a small run's time."""
-    monkeypatch.setattr(command, "_figures", lambda *_: {})
+    monkeypatch.setattr(command, "found_figures", lambda *_: {})
 
 
 def test_a_run_writes_the_result_its_timings_and_the_figures(finished):

@@ -43,8 +43,8 @@ def test_the_stored_command_has_the_names_of_the_results(monkeypatch):
 
 def test_validation_records_of_one_name_stand_side_by_side(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(command, "_cell_figures", lambda _: {})
-    monkeypatch.setattr(command, "_figures", lambda *_: {})
+    monkeypatch.setattr(command, "cell_figures", lambda _: {})
+    monkeypatch.setattr(command, "found_figures", lambda *_: {})
     for folder, source in (("a", BUNDLED.validation), ("b", BUNDLED.record)):
         Path(folder).mkdir()
         Path(folder, "drive.parquet").write_bytes(source.read_bytes())

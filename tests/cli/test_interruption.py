@@ -80,8 +80,8 @@ def test_a_run_goes_on_from_its_journal(whole, tmp_path, monkeypatch):
 
     folder = tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr(command, "_cell_figures", lambda _: {})
-        patch.setattr(command, "_figures", lambda *_: {})
+        patch.setattr(command, "cell_figures", lambda _: {})
+        patch.setattr(command, "found_figures", lambda *_: {})
         patch.setattr(command, "write_folder", lambda *_: os.kill(os.getpid(), signal.SIGINT))
         interrupted = run_command(*WORDS, "--out", folder)
     assert interrupted.status == 130

@@ -221,8 +221,8 @@ def test_a_command_loses_nothing_that_appears_while_it_runs(run, tmp_path, monke
         return real(*arguments, **options)
 
     monkeypatch.setattr(command, "read_inputs", meanwhile)
-    monkeypatch.setattr(command, "_cell_figures", lambda _: {})
-    monkeypatch.setattr(command, "_figures", lambda *_: {})
+    monkeypatch.setattr(command, "cell_figures", lambda _: {})
+    monkeypatch.setattr(command, "found_figures", lambda *_: {})
     outcome = run(*IDENTIFY, "--out", "out", "--quiet")
     assert outcome.status == 0
     assert written(tmp_path / "out") == OLD

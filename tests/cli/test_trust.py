@@ -16,8 +16,8 @@ def test_a_run_tells_how_sure_its_parameters_are(finished):
 
 
 def test_trust_full_fits_again_and_says_what_would_lower_the_error(run, finished, monkeypatch):
-    monkeypatch.setattr(command, "_cell_figures", lambda _: {})
-    monkeypatch.setattr(command, "_figures", lambda *_: {})
+    monkeypatch.setattr(command, "cell_figures", lambda _: {})
+    monkeypatch.setattr(command, "found_figures", lambda *_: {})
     outcome = run("identify", *BUDGET, "--trust", "full", "--out", "full")
     assert outcome.status == 0
     assert "The same by fitting again" in outcome.out

@@ -2,7 +2,8 @@
 
 Every mutant of metrics, simulate and the code from an OCV test to a cell, each against the tests
 of its module. Writes benchmarks/results/mutation.json and .md; with modules named, only theirs are
-run again. What a survivor means is in judged.toml.
+run again, and with `--again` before them only those that survived: after tests were added. What a
+survivor means is in judged.toml.
 """
 
 import json
@@ -67,10 +68,12 @@ def main() -> None:
     os.chdir(Path(__file__).parents[2])
     store = RESULTS / "mutation.json"
     found = json.loads(store.read_text()) if store.exists() else {}
-    chosen = sys.argv[1:] or list(TRIALS)
+    words = sys.argv[1:]
+    is_again = words[:1] == ["--again"]
+    chosen = words[is_again:] or list(TRIALS)
     load_libraries()
     for module in chosen:
-        found[module] = run(TRIALS[module])
+        found[module] = run(TRIALS[module], found[module] if is_again else None)
         save_page(store, json.dumps(found, indent=1) + "\n")
     found = {module: found[module] for module in TRIALS if module in found}
     page = render(found, judgments())
@@ -78,8 +81,11 @@ def main() -> None:
     save_page(RESULTS / "mutation.md", page)
 
 
-def run(trial: Trial) -> dict[str, Any]:
-    """How a module's mutants fared; raises where its tests fail without any."""
+def run(trial: Trial, before: dict[str, Any] | None) -> dict[str, Any]:
+    """How a module's mutants fared; raises where its tests fail without any.
+
+    Those that were killed `before` count as killed by tests that have only become more.
+    """
     start = time.monotonic()
     outcome, spent_s = trial.run(None, 600)
     if outcome != "survived":
@@ -88,6 +94,9 @@ def run(trial: Trial) -> dict[str, Any]:
     counts = {"killed": 0, "timed out": 0, "survived": 0}
     survivors = []
     for mutant in mutants_of(trial.source.read_text()):
+        if before is not None and mutant.name not in before["survivors"]:
+            counts["killed"] += 1
+            continue
         outcome, _ = trial.run(mutant, limit_s)
         counts[outcome] += 1
         if outcome == "survived":
@@ -95,7 +104,10 @@ def run(trial: Trial) -> dict[str, Any]:
             print(f"{trial.module}:{mutant.line} {mutant.name}", file=sys.stderr, flush=True)
     minutes = round((time.monotonic() - start) / 60, 1)
     day = date.today().isoformat()
-    return counts | {"survivors": survivors, "minutes": minutes, "date": day}
+    if before is not None:
+        minutes = round(minutes + before["minutes"], 1)
+    again = {"again": before is not None}
+    return counts | {"survivors": survivors, "minutes": minutes, "date": day} | again
 
 
 def judgments() -> dict[tuple[str, str], tuple[str, str]]:
@@ -137,6 +149,13 @@ def render(found: dict[str, Any], judged: dict[tuple[str, str], tuple[str, str]]
         of = [sum(kinds[module, name][0] == kind for name in each["survivors"]) for kind in used]
         cells = [f"`{module}`", sum(counts), *counts, *of, each["minutes"]]
         lines.append(f"| {' | '.join(map(str, cells))} |")
+    again = [f"`{module}`" for module, each in found.items() if each.get("again")]
+    if again:
+        lines += [
+            "",
+            "After tests were added, only what had survived, or was new, was tried again of "
+            f"{', '.join(again)}.",
+        ]
     not_run = [f"`{module}`" for module in TRIALS if module not in found]
     if not_run:
         lines += ["", f"Not run: {', '.join(not_run)}."]

@@ -6,6 +6,7 @@ run again, and with `--again` before them only those that survived: after tests 
 survivor means is in judged.toml.
 """
 
+import hashlib
 import json
 import os
 import sys
@@ -84,8 +85,13 @@ def main() -> None:
 def run(trial: Trial, before: dict[str, Any] | None) -> dict[str, Any]:
     """How a module's mutants fared; raises where its tests fail without any.
 
-    Those that were killed `before` count as killed by tests that have only become more.
+    Those that were killed `before` count as killed by tests that have only become more; of a
+    module that has changed since they are not known, and it raises as well.
     """
+    text = trial.source.read_text()
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    if before is not None and before.get("source") != digest:
+        raise RuntimeError(f"{trial.module} is not what was run before: run it without --again")
     start = time.monotonic()
     outcome, spent_s = trial.run(None, 600)
     if outcome != "survived":
@@ -93,7 +99,7 @@ def run(trial: Trial, before: dict[str, Any] | None) -> dict[str, Any]:
     limit_s = round(20 + 5 * spent_s)
     counts = {"killed": 0, "timed out": 0, "survived": 0}
     survivors = []
-    for mutant in mutants_of(trial.source.read_text()):
+    for mutant in mutants_of(text):
         if before is not None and mutant.name not in before["survivors"]:
             counts["killed"] += 1
             continue
@@ -106,8 +112,8 @@ def run(trial: Trial, before: dict[str, Any] | None) -> dict[str, Any]:
     day = date.today().isoformat()
     if before is not None:
         minutes = round(minutes + before["minutes"], 1)
-    again = {"again": before is not None}
-    return counts | {"survivors": survivors, "minutes": minutes, "date": day} | again
+    facts = {"minutes": minutes, "date": day, "source": digest, "again": before is not None}
+    return counts | {"survivors": survivors} | facts
 
 
 def judgments() -> dict[tuple[str, str], tuple[str, str]]:

@@ -42,9 +42,10 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
             compiled = jax.jit(traced(function, arguments)).lower(*arrays_in(arguments)).compile()
 
             def program(*given: Any) -> Any:
-                if jax.tree.structure(given) != structure:
-                    raise TypeError(f"compiled for {structure}, not {jax.tree.structure(given)}")
-                return compiled(*arrays_in(given))
+                leaves, found = jax.tree.flatten(given)
+                if found != structure:
+                    raise TypeError(f"compiled for {structure}, not {found}")
+                return compiled(*filter(eqx.is_array, leaves))
 
             with _guard:
                 _programs[wanted] = program

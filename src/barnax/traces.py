@@ -180,7 +180,7 @@ def _texts(paths: tuple[Path, ...]) -> bytes:
 
 
 @cache
-def _versions(names: Iterable[str]) -> bytes:
+def _versions(names: tuple[str, ...]) -> bytes:
     try:
         return _digest(f"{name} {importlib.metadata.version(name)}".encode() for name in names)
     except importlib.metadata.PackageNotFoundError as problem:

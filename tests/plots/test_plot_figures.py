@@ -129,6 +129,7 @@ def test_importing_the_figures_loads_neither_jax_nor_pyplot():
         "condition",
         "decimation",
         "encode",
+        "illustration",
         "error",
         "error_axes",
         "hysteresis",

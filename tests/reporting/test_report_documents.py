@@ -11,6 +11,7 @@ from report_reader import ReportReader
 from barnax.cell import CircuitParameters
 from barnax.evaluate import Evaluation, evaluate_course
 from barnax.optimum import GlobalOptimum, Landscape, global_optimum
+from barnax.plots.illustration import record_roles
 from barnax.refinement import CrossCheck, Optimum
 from barnax.reporting import (
     comparison_document,
@@ -20,7 +21,6 @@ from barnax.reporting import (
     to_html,
     to_markdown,
 )
-from barnax.reporting.cell_illustrations import record_roles
 from barnax.reporting.document import Bullets, Picture
 from barnax.reporting.identification_report import validation_sentences
 from barnax.result import Result

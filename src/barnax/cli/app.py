@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import os
 import signal
 import sys
 from typing import Annotated
@@ -61,7 +62,8 @@ def common(
 
 def _stop(*_: object) -> None:
     """Say at once that the signal was heard: a compiled search ends only by itself."""
-    sys.stderr.write("\nstopping, as soon as what is being computed is done and kept\n")
+    # Not by sys.stderr: the signal may have come in the middle of a write to it.
+    os.write(2, b"\nstopping as soon as what is being computed is done\n")
     raise KeyboardInterrupt
 
 

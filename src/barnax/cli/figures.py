@@ -14,10 +14,8 @@ if TYPE_CHECKING:
     from ..result import Result
 
 
-def cell_figures(cell: "CellModel | None") -> dict[str, bytes]:
-    """PNG figures of the cell by their path; none without a cell."""
-    if cell is None:
-        return {}
+def cell_figures(cell: "CellModel") -> dict[str, bytes]:
+    """PNG figures of the cell by their path below the results folder."""
     from ..plots import plot_hysteresis, plot_ocv
 
     return _pngs({"ocv": plot_ocv(cell), "hysteresis": plot_hysteresis(cell)})
@@ -30,12 +28,11 @@ def found_figures(
 ) -> dict[str, bytes]:
     """PNG figures of the search and the errors by their path below the results folder."""
     from ..plots import plot_convergence, plot_error, plot_voltage
+    from ..plots.illustration import record_roles
 
     figures = {"convergence": plot_convergence(checked.found, checked)}
-    roles = [("identification", each) for each in _numbered(identified)]
-    roles += [("validation", each) for each in enumerate(validated, 1)]
-    for name, (number, evaluation) in roles:
-        role = name if number is None else f"{name}-{number}"
+    roles = record_roles(len(identified), len(validated))
+    for role, evaluation in zip(roles, [*identified, *validated], strict=True):
         figures[f"{role}-voltage"] = plot_voltage(evaluation)
         figures[f"{role}-error"] = plot_error(evaluation)
     return _pngs(figures)
@@ -59,10 +56,3 @@ def _pngs(figures: "dict[str, Figure]") -> dict[str, bytes]:
     from ..plots.encode import encode
 
     return {f"figures/{name}.png": encode(figure) for name, figure in figures.items()}
-
-
-def _numbered(evaluations: "list[Evaluation]") -> "list[tuple[int | None, Evaluation]]":
-    """Each with its number, or the only one without."""
-    if len(evaluations) == 1:
-        return [(None, evaluations[0])]
-    return [*enumerate(evaluations, 1)]

@@ -170,7 +170,8 @@ def identify(
         # What does not wait for the search is done beside it.
         with ThreadPoolExecutor(max_workers=2) as beside:
             compiling = beside.submit(Descent, problem)
-            drawing = beside.submit(cell_figures, None if folder is None or report else inputs.cell)
+            draws = folder is not None and not report
+            drawing = beside.submit(cell_figures, inputs.cell) if draws else None
             looking = beside.submit(_best_there_is, problem, session)
             beside.submit(compile_linearization, problem)
             with session.bar("Searching", seeds) as advance:
@@ -193,7 +194,7 @@ def identify(
                     for each in (problem.courses, courses)
                 )
             written = {}
-            if folder is not None and not report:
+            if drawing is not None:
                 with session.stage("Drawing figures"):
                     written = drawing.result() | found_figures(checked, identified, validated)
             with session.stage("Waiting for the assessment"):

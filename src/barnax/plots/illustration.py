@@ -36,3 +36,16 @@ class Illustration:
     @cached_property
     def pdf(self) -> bytes:
         return encode(self.figure, "pdf", DPI)
+
+
+def record_roles(identified: int, validated: int) -> list[str]:
+    """What the files of each record are called: those identified on, then those for validation.
+
+    >>> record_roles(1, 2)
+    ['identification', 'validation-1', 'validation-2']
+    """
+    first = [f"identification-{number}" for number in range(1, identified + 1)]
+    return [
+        *(first if identified > 1 else ["identification"]),
+        *(f"validation-{number}" for number in range(1, validated + 1)),
+    ]

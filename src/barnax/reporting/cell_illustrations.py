@@ -41,16 +41,3 @@ def condition_illustrations(courses: "Mapping[str, Course]") -> Iterator[Illustr
             "of charge.",
             "Current, voltage and state of charge over time",
         )
-
-
-def record_roles(identified: int, validated: int) -> list[str]:
-    """What the files of each record are called: those identified on, then those for validation.
-
-    >>> record_roles(1, 2)
-    ['identification', 'validation-1', 'validation-2']
-    """
-    first = [f"identification-{number}" for number in range(1, identified + 1)]
-    return [
-        *(first if identified > 1 else ["identification"]),
-        *(f"validation-{number}" for number in range(1, validated + 1)),
-    ]

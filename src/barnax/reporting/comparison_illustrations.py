@@ -10,8 +10,8 @@ from ..plots import (
     plot_compared_parameters,
     plot_compared_voltages,
 )
-from ..plots.illustration import Illustration
-from .cell_illustrations import cell_illustrations, condition_illustrations, record_roles
+from ..plots.illustration import Illustration, record_roles
+from .cell_illustrations import cell_illustrations, condition_illustrations
 from .landscape_illustration import landscape_illustration
 
 if TYPE_CHECKING:

@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from ..plots.illustration import Illustration
-from .cell_illustrations import record_roles
+from ..plots.illustration import Illustration, record_roles
 from .comparison_tables import (
     bands_table,
     differences_table,

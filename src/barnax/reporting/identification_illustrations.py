@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..plots import plot_convergence, plot_error, plot_voltage
-from ..plots.illustration import Illustration
+from ..plots.illustration import Illustration, record_roles
 from ..result_making import describe
-from .cell_illustrations import cell_illustrations, condition_illustrations, record_roles
+from .cell_illustrations import cell_illustrations, condition_illustrations
 from .landscape_illustration import landscape_illustration
 
 if TYPE_CHECKING:

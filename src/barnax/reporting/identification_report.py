@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..plots.illustration import Illustration
+from ..plots.illustration import Illustration, record_roles
 from ..plots.quantities import readable
-from .cell_illustrations import record_roles
 from .circuits_table import circuits_table
 from .decisions import Start, box_sentences, decision_sentences, files_table
 from .document import Bullets, Column, Document, Section, Table

@@ -14,7 +14,7 @@ import jax
 from benchmarks.pages import save_page
 
 import barnax
-from barnax.reporting.model_verdict import conclusion
+from barnax.reporting.comparison_sentences import conclusion
 
 RESULTS = Path(__file__).parent / "results" / "hysteresis.md"
 KEY, SEEDS, ITERATIONS = 0, 8, 200

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.pages import save_page
 
 import barnax
-from barnax.coordinates import SCALES
+from barnax.model.search_space import SCALES
 
 RESULTS = Path(__file__).parent / "results" / "seeds.md"
 KEY, SEEDS, POPULATION, EVALUATIONS = 1, 32, 30, 15_000

@@ -10,12 +10,12 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CellModel, characterize
-from barnax.identification import Identification, identify
+from barnax.model.inputs import Window
+from barnax.model.problem import Problem, make_problem
 from barnax.optimizers import make_optimizer
-from barnax.problem import Problem, make_problem
 from barnax.records import Record, read_record
-from barnax.refinement import CrossCheck, refine
-from barnax.window import Window
+from barnax.search.identify import Identification, identify
+from barnax.search.refine import CrossCheck, refine
 
 REPOSITORY = Path(__file__).parents[1]
 

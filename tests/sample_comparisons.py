@@ -6,7 +6,7 @@ from functools import cache
 from barnax import bundled_file, characterize, read_record
 from barnax.cell import CellModel
 from barnax.comparison import ComparisonResult
-from barnax.comparison.parts import (
+from barnax.comparison.result import (
     BandPart,
     BudgetPart,
     DifferencePart,
@@ -18,8 +18,8 @@ from barnax.comparison.parts import (
     SeedAnswerPart,
     SpreadPart,
 )
-from barnax.result_parts import DecisionPart, InputPart, MetricsPart
-from barnax.window import Window
+from barnax.model.inputs import Window
+from barnax.results import DecisionPart, InputPart, MetricsPart
 
 DRIVE, CITY = "drive.csv", "city.csv"
 PARAMETERS = {

@@ -6,13 +6,13 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-import barnax.identification
-from barnax.alike import filler
-from barnax.identification import identify, identify_many
+import barnax.search.identify
+from barnax.execution import in_float64
+from barnax.model.inputs import Window
+from barnax.model.padding import filler
+from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.optimizers import make_optimizer
-from barnax.precision import in_float64
-from barnax.problem import make_problem, rmse_by_scan
-from barnax.window import Window
+from barnax.search.identify import identify, identify_many
 from reference import make_record
 
 # One that compiles quickly; the default one searches in one of the cases.
@@ -72,13 +72,13 @@ def test_records_of_many_lengths_have_the_bits_each_has_alone(bundled_cell, case
 def test_one_search_is_compiled_for_all_lengths(bundled_cell, monkeypatch):
     problems = [problem_of(bundled_cell, "so-rc", [even(n)]) for n in (211, 307, 401)]
     traces = []
-    search = barnax.identification._search
+    search = barnax.search.identify._search
 
     def counted(optimizer, objective, keys):
         traces.append(objective)
         return search(optimizer, objective, keys)
 
-    monkeypatch.setattr(barnax.identification, "_search", counted)
+    monkeypatch.setattr(barnax.search.identify, "_search", counted)
     identify_many(problems, OPTIMIZER, key=jr.key(0), seeds=2)
     assert len(traces) == 1
 

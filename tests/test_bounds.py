@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from barnax.bounds import Bounds, parse_fixed, read_bounds
 from barnax.errors import InputError
+from barnax.model.search_space import Bounds, parse_fixed, read_bounds
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
 TAUS = ("tau1 [s]", "tau2 [s]")

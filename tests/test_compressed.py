@@ -13,13 +13,20 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
 from barnax.cell import CIRCUITS, CircuitParameters
-from barnax.compressed import BLOCK, ROW_STEP
 from barnax.errors import InputError
-from barnax.evaluate import evaluate_course
-from barnax.identification import identify, identify_many
+from barnax.model.compressed import BLOCK, ROW_STEP
+from barnax.model.inputs import Window
+from barnax.model.problem import (
+    Objective,
+    impedance_of,
+    make_problem,
+    residuals,
+    rmse,
+    rmse_by_scan,
+)
 from barnax.optimizers import make_optimizer
-from barnax.problem import Objective, impedance_of, make_problem, residuals, rmse, rmse_by_scan
-from barnax.window import Window
+from barnax.search.evaluate import evaluate_course
+from barnax.search.identify import identify, identify_many
 from reference import make_record
 
 # What is promised: the larger of these, over the whole box.

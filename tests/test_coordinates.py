@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barnax.bounds import Bounds
-from barnax.coordinates import SCALES, Coordinates
 from barnax.errors import InputError
-from barnax.evaluator import Impedance
+from barnax.model.search_space import SCALES, Bounds, Coordinates
+from barnax.model.simulate import Impedance
 
 DEFAULT = Bounds.default(2.0, 1.0, 1000.0)
 BOXES = {

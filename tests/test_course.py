@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from barnax.cell import CIRCUITS
-from barnax.course import make_course
 from barnax.errors import InputError
-from barnax.window import Window
+from barnax.model.inputs import Window, make_course
 from reference import make_record
 
 TIME_S = 50.0 + np.arange(100) * 10.0

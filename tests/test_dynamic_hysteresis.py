@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.cell import CircuitParameters, get_circuit
-from barnax.course import make_course
-from barnax.precision import in_float64
-from barnax.problem import impedance_of, make_problem, residuals, rmse
-from barnax.simulate import squared_error, terminal_voltage
-from barnax.window import Window
+from barnax.execution import in_float64
+from barnax.model.inputs import Window, make_course
+from barnax.model.problem import impedance_of, make_problem, residuals, rmse
+from barnax.model.simulate import squared_error, terminal_voltage
 from reference import drop_v, looped_response, make_record
 
 CIRCUIT = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)

@@ -4,11 +4,10 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters
-from barnax.course import make_course
 from barnax.errors import InputError
-from barnax.evaluate import evaluate_course, validate
+from barnax.model.inputs import Window, make_course
 from barnax.records import read_record
-from barnax.window import Window
+from barnax.search.evaluate import evaluate_course, validate
 from reference import drop_v, filtered_response
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BarycentricInterpolator
 
 from barnax.errors import InputError
-from barnax.exponentials import Lagrange, interpolation_error, span_of
+from barnax.model.exponentials import Lagrange, interpolation_error, span_of
 
 SPAN = span_of(0.5, 2000.0, 1e-12)
 INTERVAL_S = 0.5

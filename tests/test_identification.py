@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.evaluate import evaluate_course
-from barnax.identification import identify, key_integer
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem
 from barnax.optimizers import OPTIMIZERS, make_optimizer
-from barnax.problem import make_problem
-from barnax.window import Window
+from barnax.search.evaluate import evaluate_course
+from barnax.search.identify import identify, key_integer
 
 
 def bits(answer):

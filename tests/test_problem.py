@@ -5,13 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.bounds import Bounds
 from barnax.cell import CircuitParameters
-from barnax.coordinates import Coordinates
 from barnax.errors import InputError
-from barnax.evaluate import evaluate_course
-from barnax.problem import impedance_of, make_problem, residuals, rmse
-from barnax.window import Window
+from barnax.model.inputs import Window
+from barnax.model.problem import impedance_of, make_problem, residuals, rmse
+from barnax.model.search_space import Bounds, Coordinates
+from barnax.search.evaluate import evaluate_course
 from reference import drop_v, looped_response
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))

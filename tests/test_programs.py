@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.programs import compile_for, run_blocks, seed_blocks, wanted_rows
+from barnax.execution import compile_for, run_blocks, seed_blocks, wanted_rows
 
 
 def counted():

@@ -9,13 +9,13 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from barnax.cell import characterize
-from barnax.evaluate import evaluate_course, validate
-from barnax.identification import identify
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
-from barnax.problem import make_problem
 from barnax.records import read_record
-from barnax.refinement import refine
-from barnax.window import Window
+from barnax.search.evaluate import evaluate_course, validate
+from barnax.search.identify import identify
+from barnax.search.refine import refine
 from reference import banded_response, drop_v, fit_circuit
 
 SAMSUNG = "calce-inr18650-20r"

@@ -9,10 +9,10 @@ import jax
 import numpy as np
 import pytest
 
-from barnax.identification import identify
-from barnax.problem import make_problem
-from barnax.refinement import refine
-from barnax.window import Window
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem
+from barnax.search.identify import identify
+from barnax.search.refine import refine
 from reference import banded_response, drop_v, filtered_response, fit_circuit
 
 # Li et al. (2023), Table 3: R, Rpa, Rpb in ohm, Cpa, Cpb in farad, and the circuit it was for.

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.evaluate import evaluate_course
-from barnax.identification import identify
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
-from barnax.problem import make_problem
-from barnax.refinement import SAME_RMSE, RefinedSeed, distinct_optima, refine
-from barnax.window import Window
+from barnax.search.evaluate import evaluate_course
+from barnax.search.identify import identify
+from barnax.search.refine import SAME_RMSE, RefinedSeed, distinct_optima, refine
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 

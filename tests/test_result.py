@@ -13,16 +13,15 @@ from pydantic import ValidationError
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CellModel
-from barnax.evaluate import evaluate_course, validate
 from barnax.export.tables import tables_of
-from barnax.identification import identify
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
-from barnax.problem import make_problem
 from barnax.records import Record, read_record
-from barnax.refinement import CrossCheck, refine
-from barnax.result import Result
-from barnax.result_making import describe, make_result
-from barnax.window import Window
+from barnax.results import Result, describe, make_result
+from barnax.search.evaluate import evaluate_course, validate
+from barnax.search.identify import identify
+from barnax.search.refine import CrossCheck, refine
 
 PARAMETERS = {"R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R2 [Ohm]", "C2 [F]"}
 METRICS = {

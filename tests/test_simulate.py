@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barnax.evaluator import Impedance
-from barnax.simulate import (
+from barnax.model.simulate import (
     Drive,
     HysteresisDrive,
+    Impedance,
     Intervals,
     last_state,
     overpotential,

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 
 from barnax.errors import InputError
-from barnax.evaluate import evaluate_course
-from barnax.refinement import CrossCheck
-from barnax.result import Result
-from barnax.result_making import make_result
+from barnax.results import Result, make_result
+from barnax.search.evaluate import evaluate_course
+from barnax.search.refine import CrossCheck
 
 
 @pytest.fixture(scope="module")

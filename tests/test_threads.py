@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from barnax.threads import one_blas_thread
+from barnax.execution import one_blas_thread
 
 
 def threads() -> set[int]:

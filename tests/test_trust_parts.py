@@ -5,13 +5,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from barnax.evaluate import evaluate_course
-from barnax.refinement import CrossCheck
-from barnax.result import Result
-from barnax.result_making import make_result
-from barnax.trust import Assessment, Examination, assess, examine
-from barnax.trust_parts import trust_part
-from barnax.trust_report import trust_report
+from barnax.reporting.terminal import trust_report
+from barnax.results import Result, make_result, trust_part
+from barnax.search.evaluate import evaluate_course
+from barnax.search.refine import CrossCheck
+from barnax.uncertainty import Assessment, Examination, assess, examine
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.window import Window, first_sample, initial_soc, scored_samples, soc_along
+from barnax.model.inputs import Window, first_sample, initial_soc, scored_samples, soc_along
 from reference import make_record
 
 TIME_S = 100.0 + np.arange(20) * 10.0

@@ -17,9 +17,9 @@ import jax
 from benchmarks.pages import save_page
 
 import barnax
-from barnax.problem import Problem
-from barnax.trust.assessment import assess
-from barnax.trust.bootstrap import bootstrap
+from barnax.model.problem import Problem
+from barnax.uncertainty.assessment import assess
+from barnax.uncertainty.bootstrap import bootstrap
 
 from .cells import bundled, measured
 from .simulated import CIRCUITS, NOISES, chance_band, coverage, values_of

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import barnax
-from barnax.problem import Problem
+from barnax.model.problem import Problem
 
 
 def bundled(circuit: str) -> Problem:

@@ -11,10 +11,10 @@ from scipy.stats import binom
 from scipy.stats import t as student
 
 import barnax
-from barnax.problem import Problem
-from barnax.trust.covariance import CONFIDENCE, Estimate, Uncertainty, uncertainty
-from barnax.trust.linearization import linearize
-from barnax.trust.refit import Ends, Refit
+from barnax.model.problem import Problem
+from barnax.uncertainty.covariance import CONFIDENCE, Estimate, Uncertainty, uncertainty
+from barnax.uncertainty.linearization import linearize
+from barnax.uncertainty.refit import Ends, Refit
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _rises_at(
 
 
 def _is_below(sure: Uncertainty, name: str, rise: float) -> bool:
-    """Whether the profile has not risen to its threshold, as `barnax.trust.profile` has it."""
+    """Whether the profile has not risen to its threshold, as `barnax.uncertainty.profile` has it."""
     estimate = sure[name]
     if estimate.inflation is None or estimate.degrees_of_freedom is None:
         return False

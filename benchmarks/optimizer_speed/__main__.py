@@ -16,7 +16,7 @@ from benchmarks.table2.report import write_csv
 from benchmarks.table2.runs import run_optimizer
 
 from barnax.optimizers import OPTIMIZERS, AbstractPopulationMinimiser, Box
-from barnax.optimizers.threefry import written_out
+from barnax.optimizers.draws import written_out
 
 from .sizes import DIMS, HALF_WIDTH, ITERATIONS, POPULATION, REPEATS, RUNS
 

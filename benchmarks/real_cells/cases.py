@@ -9,8 +9,8 @@ from benchmarks.hysteresis import Case, bundled, measured
 
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Row
-from barnax.course import make_course
-from barnax.evaluate import Evaluation
+from barnax.model.inputs import make_course
+from barnax.search.evaluate import Evaluation
 
 from .conditions import Condition, condition_of
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barnax.cell import CellModel
-from barnax.course import Course
+from barnax.model.inputs import Course
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from barnax.comparison.statistics import Resampled, compare_over_time
-from barnax.evaluate import Evaluation
+from barnax.search.evaluate import Evaluation
 
 from .cases import EXACT, MODELS, Ran
 

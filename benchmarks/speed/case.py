@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import barnax
-from barnax.coordinates import Coordinates
-from barnax.intervals import Intervals
-from barnax.problem import Kind
-from barnax.simulate import Drive
+from barnax.model.problem import Kind
+from barnax.model.search_space import Coordinates
+from barnax.model.simulate import Drive, Intervals
 
 
 @cache

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 import barnax
-from barnax.course import Course
-from barnax.identification import identify_many
+from barnax.model.inputs import Course
+from barnax.search.identify import identify_many
 
 from .case import bundled_cell, bundled_problem, bundled_record
 from .growth import peak_mib

@@ -9,8 +9,8 @@ import tracemalloc
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from barnax.compressed import BLOCK, compress
-from barnax.problem import Objective
+from barnax.model.compressed import BLOCK, compress
+from barnax.model.problem import Objective
 
 from .case import bundled_problem, drive_of, points_of
 from .searches import generations, identify, one_search

@@ -10,10 +10,10 @@ import jax.random as jr
 import numpy as np
 import optimistix as optx
 
-from barnax.compressed import CHAINS, TOLERANCE, _blocks, _extend
-from barnax.exponentials import span_of
-from barnax.simulate import BLOCK as TURN
-from barnax.threads import one_blas_thread
+from barnax.execution import one_blas_thread
+from barnax.model.compressed import CHAINS, TOLERANCE, _blocks, _extend
+from barnax.model.exponentials import span_of
+from barnax.model.simulate import BLOCK as TURN
 
 from .case import bundled_problem, points_of
 from .searches import generations, one_search, optimizer_of, reduce_record

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import barnax
-from barnax.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate_course
 
 from .case import bundled_cell, bundled_record
 from .sizes import POPULATION, Sizes

@@ -9,11 +9,11 @@ import jax.random as jr
 from jaxtyping import Array, Float
 
 import barnax
-from barnax.compressed import Compressed, compress
-from barnax.identification import _search
+from barnax.execution import compile_for
+from barnax.model.compressed import Compressed, compress
+from barnax.model.problem import Objective, rmse
 from barnax.optimizers import make_optimizer
-from barnax.problem import Objective, rmse
-from barnax.programs import compile_for
+from barnax.search.identify import _search
 
 from .sizes import KEY, POPULATION, Sizes
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from barnax.problem import KINDS
+from barnax.model.problem import KINDS
 
 from .sizes import Sizes
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 import barnax
-from barnax.descent import Descent
-from barnax.refinement import SEED_TOLERANCE
+from barnax.search.refine import SEED_TOLERANCE, Descent
 
 from .case import bundled_problem, points_in, points_of
 from .filtered import Filtered

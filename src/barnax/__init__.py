@@ -10,44 +10,44 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import export as export
     from . import plots as plots
-    from . import trust as trust
+    from . import uncertainty as trust
+    from .baselines import METHODS as METHODS
+    from .baselines import Budget as Budget
     from .bundled import bundled_file as bundled_file
     from .cell import CellModel as CellModel
     from .cell import CircuitParameters as CircuitParameters
     from .cell import characterize as characterize
+    from .checks import Diagnosis as Diagnosis
+    from .checks import diagnose as diagnose
     from .comparison import Comparison as Comparison
     from .comparison import ComparisonResult as ComparisonResult
     from .comparison import compare as compare
     from .comparison import make_comparison_result as make_comparison_result
-    from .doctor import Diagnosis as Diagnosis
-    from .doctor import diagnose as diagnose
     from .errors import InputError as InputError
-    from .evaluate import Evaluation as Evaluation
-    from .evaluate import evaluate_course as evaluate_course
-    from .evaluate import validate as validate
-    from .identification import Identification as Identification
-    from .identification import identify as identify
-    from .identification import identify_many as identify_many
-    from .methods import METHODS as METHODS
-    from .methods import Budget as Budget
+    from .global_optimum import GlobalOptimum as GlobalOptimum
+    from .global_optimum import global_optimum as global_optimum
+    from .global_optimum import regret as regret
+    from .model.inputs import Window as Window
+    from .model.problem import Problem as Problem
+    from .model.problem import make_problem as make_problem
     from .optimizers import OPTIMIZERS as OPTIMIZERS
     from .optimizers import make_optimizer as make_optimizer
-    from .optimum import GlobalOptimum as GlobalOptimum
-    from .optimum import global_optimum as global_optimum
-    from .optimum import regret as regret
-    from .problem import Problem as Problem
-    from .problem import make_problem as make_problem
     from .records import Record as Record
     from .records import read_record as read_record
-    from .refinement import CrossCheck as CrossCheck
-    from .refinement import refine as refine
-    from .result import Result as Result
-    from .result_making import make_result as make_result
-    from .trust import Assessment as Assessment
-    from .trust import Examination as Examination
-    from .trust import assess as assess
-    from .trust import examine as examine
-    from .window import Window as Window
+    from .results import Result as Result
+    from .results import make_result as make_result
+    from .search.evaluate import Evaluation as Evaluation
+    from .search.evaluate import evaluate_course as evaluate_course
+    from .search.evaluate import validate as validate
+    from .search.identify import Identification as Identification
+    from .search.identify import identify as identify
+    from .search.identify import identify_many as identify_many
+    from .search.refine import CrossCheck as CrossCheck
+    from .search.refine import refine as refine
+    from .uncertainty import Assessment as Assessment
+    from .uncertainty import Examination as Examination
+    from .uncertainty import assess as assess
+    from .uncertainty import examine as examine
 
 __version__ = "0.1.0"
 

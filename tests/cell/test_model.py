@@ -4,14 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import (
-    CIRCUITS,
-    CellModel,
-    FitError,
-    PolynomialCurve,
-    characterize,
-    get_circuit,
-)
+from barnax.cell import CIRCUITS, CellModel, FitError, PolynomialCurve, characterize, get_circuit
 from barnax.cell.model import fit_error
 from barnax.errors import InputError
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell.rest_points import find_rest_sweeps
+from barnax.cell.ocv_points import find_rest_sweeps
 from barnax.errors import InputError
 
 from .pulse_rest import CAPACITY_AH, pulses, record_of, stepwise

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import characterize
-from barnax.cell.slow_sweep import find_slow_sweeps
+from barnax.cell.ocv_points import find_slow_sweeps
 from barnax.errors import InputError
 
 from .pulse_rest import (

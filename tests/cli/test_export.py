@@ -9,7 +9,7 @@ import pytest
 from barnax.cli.output import write_file
 from barnax.errors import InputError
 from barnax.export import EXPORTERS
-from barnax.result import Result
+from barnax.results import Result
 
 from .conftest import contents
 

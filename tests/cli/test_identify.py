@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from barnax import problem
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
-from barnax.cli.output import write_folder
 from barnax.cli.session import Session
-from barnax.result import Result
+from barnax.cli.output import write_folder
+from barnax.model import problem
+from barnax.results import Result
 
 from .conftest import BUDGET, OCV, contents, run_command
 

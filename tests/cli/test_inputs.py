@@ -6,9 +6,9 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
-from barnax.cli.inputs import Files
 from barnax.cli.session import command_line
-from barnax.result import Result
+from barnax.cli.inputs import Files
+from barnax.results import Result
 
 from .conftest import BUDGET, OCV, run_command
 

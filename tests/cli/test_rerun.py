@@ -7,7 +7,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cli import rerun
-from barnax.result import Result
+from barnax.results import Result
 
 
 def altered(finished, folder, change):

@@ -7,7 +7,7 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.result import Result
+from barnax.results import Result
 
 from .conftest import contents
 

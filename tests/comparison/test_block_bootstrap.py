@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from barnax.comparison.block_bootstrap import block_length, resampled_means
-from barnax.comparison.statistics import compare_over_seeds, compare_over_time
+from barnax.comparison.statistics import (
+    block_length,
+    compare_over_seeds,
+    compare_over_time,
+    resampled_means,
+)
 
 
 def autoregressive(correlation, samples, seed, rows=1):

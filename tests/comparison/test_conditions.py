@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from barnax.course import make_course
-from barnax.window import Window
+from barnax.model.inputs import Window, make_course
 from reference import make_record
 
 REPOSITORY = Path(__file__).parents[2]

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import barnax
+from barnax.baselines import METHODS, Budget
 from barnax.bundled import BUNDLED
 from barnax.comparison import PAPER_ROWS, ComparisonResult, compare, make_comparison_result
 from barnax.errors import InputError
-from barnax.evaluate import validate
-from barnax.methods import METHODS, Budget
+from barnax.model.inputs import Window
 from barnax.records import read_record
-from barnax.refinement import SAME_RMSE
-from barnax.window import Window
+from barnax.search.evaluate import validate
+from barnax.search.refine import SAME_RMSE
 
 WINDOW = Window(score_to_s=1500.5)
 ROWS = (("1rc", "ls"), ("so-rc", "varpro"), ("so-rc", "pso"), ("iso-rc", "pso"), ("esc", "rls"))

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 
 from barnax.bundled import bundled_file
-from barnax.doctor import diagnose
+from barnax.checks import diagnose
 
 TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
 CAPACITY_AH = 2.0

@@ -3,7 +3,7 @@
 import polars as pl
 import pytest
 
-from barnax.doctor import diagnose
+from barnax.checks import diagnose
 from barnax.errors import InputError
 from records.synthetic_records import workbook
 

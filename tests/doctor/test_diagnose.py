@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.bundled import BUNDLED_NAMES, bundled_file
-from barnax.doctor import CHECKS, diagnose
+from barnax.checks import CHECKS, diagnose
 from barnax.errors import InputError
 from barnax.records import read_record
 
@@ -109,7 +109,7 @@ def test_every_check_has_a_name_of_its_own():
 
 
 def test_the_example_runs():
-    assert doctest.testmod(importlib.import_module("barnax.doctor.diagnose")).failed == 0
+    assert doctest.testmod(importlib.import_module("barnax.checks.diagnose")).failed == 0
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import pytest
 
-from barnax.doctor import diagnose
+from barnax.checks import diagnose
 
 from .faulty_records import counting, found
 

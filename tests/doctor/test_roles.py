@@ -6,10 +6,9 @@ import pytest
 
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.cell import characterize
-from barnax.course import make_course
-from barnax.doctor import diagnose
+from barnax.checks import diagnose
+from barnax.model.inputs import Window, make_course
 from barnax.records import read_record
-from barnax.window import Window
 
 from .faulty_records import CURRENT, TIME, VOLTAGE, diagnosed, frame
 

@@ -3,9 +3,8 @@
 import numpy as np
 
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
-from barnax.result import Result
-from barnax.result_parts import MetricsBlock, MetricsPart
-from barnax.window import Window
+from barnax.model.inputs import Window
+from barnax.results import MetricsBlock, MetricsPart, Result
 
 CAPACITY_AH = 2.0
 PAIRS = ((0.0123, 812.5), (0.0211, 4321.0), (0.0075, 60000.0), (0.004, 1e6))

@@ -10,7 +10,7 @@ import barnax.export.tables
 from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
-from barnax.window import Window
+from barnax.model.inputs import Window
 
 from .sample_results import make_cell, make_result
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from pydantic import BaseModel
 
 from barnax.comparison import ComparisonResult
-from barnax.result import Result
+from barnax.results import Result
 from export.sample_results import make_cell
 from sample_comparisons import BOX, PARAMETERS
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from hypothesis import strategies as st
 
-from barnax.bounds import Bounds, read_bounds
 from barnax.errors import InputError
+from barnax.model.search_space import Bounds, read_bounds
 
 from .hostile import NUMBER_TEXTS, STRINGS, damaged
 from .repeated import EXAMPLES, repeated

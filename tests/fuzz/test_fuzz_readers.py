@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from barnax.doctor import diagnose
+from barnax.checks import diagnose
 from barnax.errors import InputError
 from barnax.records import Record, read_record
 

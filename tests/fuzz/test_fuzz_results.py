@@ -11,7 +11,7 @@ import pytest
 from barnax.comparison import ComparisonResult
 from barnax.errors import InputError
 from barnax.export import EXPORTERS
-from barnax.result import Result
+from barnax.results import Result
 
 from .hostile import absurd_documents, damaged
 from .repeated import EXAMPLES, repeated

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from barnax.export import EXPORTERS
-from barnax.result import Result
+from barnax.results import Result
 from cli.conftest import contents, run_command
 
 from .hostile import FRAME

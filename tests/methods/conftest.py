@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from barnax.course import make_course
-from barnax.problem import Problem, make_problem
-from barnax.window import Window
+from barnax.model.inputs import Window, make_course
+from barnax.model.problem import Problem, make_problem
 from reference import drop_v, filtered_response, make_record
 
 SAMPLES = 4000

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.course import make_course
-from barnax.methods import METHODS, Budget, MethodFailure
-from barnax.methods.even_samples import even_samples
-from barnax.problem import make_problem
-from barnax.window import Window
+from barnax.baselines import METHODS, Budget, MethodFailure
+from barnax.baselines.regression import even_samples
+from barnax.model.inputs import Window, make_course
+from barnax.model.problem import make_problem
 from reference import banded_response, drop_v, make_record
 
 TWO_PAIRS = (0.05, (0.02, 0.03), (8.0, 90.0))

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.evaluate import evaluate_course
-from barnax.methods import METHODS, Budget, MethodFailure
-from barnax.methods.starts import generator_of, random_circuits
+from barnax.baselines import METHODS, Budget, MethodFailure
+from barnax.baselines.method import generator_of, random_circuits
 from barnax.optimizers import OPTIMIZERS
+from barnax.search.evaluate import evaluate_course
 
 # One budget and one length of record, so that all tests share each method's compiled program.
 BUDGET = Budget(population=8, iterations=60, seeds=3, key=7)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from barnax.methods import METHODS, Budget
-from barnax.methods.separable import Separable, bounded_least_squares
+from barnax.baselines import METHODS, Budget
+from barnax.baselines.varpro import Separable, bounded_least_squares
 from reference import drop_v, filtered_response, fit_circuit
 
 NOISY = (0.05, (0.02, 0.03), (8.0, 90.0))
@@ -45,8 +45,8 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
     from dataclasses import replace
 
     from barnax.cell import CircuitParameters
-    from barnax.evaluate import evaluate_course
-    from barnax.problem import make_problem
+    from barnax.model.problem import make_problem
+    from barnax.search.evaluate import evaluate_course
 
     made = CircuitParameters(0.05, (0.02, 0.03), (400.0, 3000.0), 120.0)
     problem = make_problem(bundled_record, bundled_cell, "esc", window=short_problem.window)

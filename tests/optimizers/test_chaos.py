@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from barnax.optimizers.chaos import levy_step, tent_map
+from barnax.optimizers.draws import levy_step, tent_map
 
 
 def test_the_tent_map_branching_on_the_state_is_uniform():

@@ -19,10 +19,9 @@ from barnax.optimizers import (
     Swarm,
     WhaleSearch,
 )
-from barnax.optimizers.gwo import Leaders, replace_leaders, three_best
-from barnax.optimizers.igwo import learn_from_neighbors
-from barnax.optimizers.leader import best_of, better_leader
+from barnax.optimizers.gwo import Leaders, learn_from_neighbors, replace_leaders, three_best
 from barnax.optimizers.sfo import random_subset
+from barnax.optimizers.swarm import best_of, better_leader
 
 # An infinite loss stands for a wolf that is not there.
 losses = st.lists(st.one_of(st.integers(0, 9).map(float), st.just(np.inf)), min_size=9, max_size=9)

@@ -6,7 +6,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from barnax.optimizers.threefry import written_out
+from barnax.optimizers.draws import written_out
 
 DRAWS = {
     "uniform": lambda key: jr.uniform(key, (7, 3)),

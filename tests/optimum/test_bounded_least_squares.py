@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from barnax.optimum.bounded_least_squares import least_in_box
+from barnax.global_optimum.reduced import least_in_box
 
 ROWS = 12
 

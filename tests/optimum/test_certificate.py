@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import lsq_linear
 
-from barnax.bounds import Bounds
-from barnax.optimum.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, certify
-from barnax.optimum.landscape import landscape_of
-from barnax.optimum.reduced import Axis, Reduced
-from barnax.problem import make_problem, rmse_by_scan
-from barnax.split_box import SplitBox
-from barnax.window import Window
+from barnax.global_optimum.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, certify
+from barnax.global_optimum.reduced import Axis, Reduced
+from barnax.global_optimum.search import landscape_of
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.model.search_space import Bounds, SplitBox
 from reference import banded_response, make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)

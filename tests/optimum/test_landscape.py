@@ -6,10 +6,10 @@ from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
-from barnax.evaluate import evaluate_course
-from barnax.optimum import Landscape, make_landscape
-from barnax.problem import make_problem, rmse_by_scan
-from barnax.window import Window
+from barnax.global_optimum import Landscape, make_landscape
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.search.evaluate import evaluate_course
 from reference import make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)

@@ -10,10 +10,10 @@ import pytest
 import barnax
 from barnax.cell import characterize
 from barnax.errors import InputError
-from barnax.optimum import Landscape, global_optimum, regret
-from barnax.problem import make_problem, rmse_by_scan
+from barnax.global_optimum import Landscape, global_optimum, regret
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.records import read_record
-from barnax.window import Window
 from reference import drop_v, filtered_response, fit_circuit
 
 SAME = 1e-8

@@ -5,13 +5,13 @@ from typing import Any, cast
 import numpy as np
 
 from barnax.cell import CircuitParameters
-from barnax.course import Course
-from barnax.evaluate import Evaluation
-from barnax.identification import Identification, SeedAnswer
 from barnax.metrics import measure
+from barnax.model.inputs import Course
 from barnax.optimizers import make_optimizer
 from barnax.records.record import Decision, Record
-from barnax.refinement import CrossCheck, Optimum
+from barnax.search.evaluate import Evaluation
+from barnax.search.identify import Identification, SeedAnswer
+from barnax.search.refine import CrossCheck, Optimum
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
 

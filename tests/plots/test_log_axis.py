@@ -3,7 +3,7 @@
 import pytest
 from matplotlib.figure import Figure
 
-from barnax.plots.log_axis import label_plainly
+from barnax.plots.style import label_plainly
 
 
 def labels(low: float, high: float) -> list[str]:

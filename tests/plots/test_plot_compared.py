@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sample_results import make_evaluation, make_record
 
-from barnax.comparison.parts import SeedAnswerPart
+from barnax.comparison.result import SeedAnswerPart
 from barnax.plots import (
     plot_compared_convergence,
     plot_compared_errors,
@@ -14,8 +14,8 @@ from barnax.plots import (
     plot_compared_voltages,
     plot_condition,
 )
-from barnax.plots.quantities import readable
-from barnax.plots.rows import row_looks
+from barnax.plots.compared_records import row_looks
+from barnax.plots.style import readable
 from sample_comparisons import BOX, PARAMETERS, make_comparison, make_failure, make_row
 
 

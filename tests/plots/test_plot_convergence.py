@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from sample_results import make_cross_check, make_identification
 
-from barnax.evaluate import evaluate_course
 from barnax.plots import plot_convergence
-from barnax.result_making import make_result
+from barnax.results import make_result
+from barnax.search.evaluate import evaluate_course
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sample_results import make_evaluation, make_record
 
 from barnax.plots import plot_error, plot_voltage
-from barnax.plots.decimation import decimate
+from barnax.plots.style import decimate
 
 
 def test_a_short_record_keeps_every_sample():

@@ -4,13 +4,11 @@ import matplotlib
 import pytest
 from sample_results import make_evaluation, make_record
 
-from barnax.evaluate import evaluate_course
 from barnax.plots import plot_error, plot_hysteresis, plot_ocv
-from barnax.plots.encode import encode
-from barnax.plots.illustration import Illustration
-from barnax.plots.sources import cell_of
-from barnax.result import Result
-from barnax.result_making import make_result
+from barnax.plots.sources import Illustration, cell_of
+from barnax.plots.style import encode
+from barnax.results import Result, make_result
+from barnax.search.evaluate import evaluate_course
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 

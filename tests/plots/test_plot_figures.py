@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from sample_results import make_cross_check, make_evaluation, make_identification, make_record
 
 from barnax import bundled_file, characterize, plots, read_record
-from barnax.optimum import Landscape
+from barnax.global_optimum import Landscape
 from sample_comparisons import make_comparison, make_row
 
 

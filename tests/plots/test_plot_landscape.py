@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.optimum import Landscape
+from barnax.global_optimum import Landscape
 from barnax.plots import plot_landscape
 
 TAU_S = np.geomspace(1.0, 1000.0, 13)

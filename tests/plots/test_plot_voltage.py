@@ -7,7 +7,7 @@ import pytest
 from sample_results import make_evaluation, make_record
 
 from barnax.plots import plot_voltage
-from barnax.plots.time_axis import lively_stretch
+from barnax.plots.voltage import lively_stretch
 
 
 def test_the_lines_are_the_measured_and_the_simulated_voltage():

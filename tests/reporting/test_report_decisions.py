@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
+from barnax.model.inputs import Window
 from barnax.reporting.decisions import (
     box_sentences,
     decision_sentences,
@@ -13,8 +14,7 @@ from barnax.reporting.decisions import (
     ocv_sentences,
     window_sentences,
 )
-from barnax.result_parts import DecisionPart
-from barnax.window import Window
+from barnax.results import DecisionPart
 from sample_comparisons import bundled_cell, make_comparison, make_row
 
 SOC = np.linspace(0.0, 1.0, 11)

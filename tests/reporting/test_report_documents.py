@@ -9,10 +9,8 @@ import pytest
 from report_reader import ReportReader
 
 from barnax.cell import CircuitParameters
-from barnax.evaluate import Evaluation, evaluate_course
-from barnax.optimum import GlobalOptimum, Landscape, global_optimum
-from barnax.plots.illustration import record_roles
-from barnax.refinement import CrossCheck, Optimum
+from barnax.global_optimum import GlobalOptimum, Landscape, global_optimum
+from barnax.plots.sources import record_roles
 from barnax.reporting import (
     comparison_document,
     comparison_illustrations,
@@ -22,10 +20,10 @@ from barnax.reporting import (
     to_markdown,
 )
 from barnax.reporting.document import Bullets, Picture
-from barnax.reporting.identification_report import validation_sentences
-from barnax.result import Result
-from barnax.result_making import make_result
-from barnax.result_parts import JointPart, MetricsPart
+from barnax.reporting.identification import validation_sentences
+from barnax.results import JointPart, MetricsPart, Result, make_result
+from barnax.search.evaluate import Evaluation, evaluate_course
+from barnax.search.refine import CrossCheck, Optimum
 from sample_comparisons import CITY, DRIVE, make_comparison, make_failure, make_row
 
 LARGEST_REPORT = 4_000_000

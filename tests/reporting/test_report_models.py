@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from barnax.reporting.model_verdict import conclusion, model_sentences
+from barnax.reporting.comparison_sentences import conclusion, model_sentences
 from sample_comparisons import CITY, make_comparison, make_difference, make_row
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from barnax.reporting.ranking_verdict import ranking_sentences
+from barnax.reporting.comparison_sentences import ranking_sentences
 from sample_comparisons import DRIVE, make_comparison, make_difference, make_row
 
 

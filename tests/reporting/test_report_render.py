@@ -11,7 +11,7 @@ from report_reader import ReportReader
 
 from barnax.reporting import Document, Picture, to_html, to_markdown
 from barnax.reporting.document import Bullets, Column, Listing, Paragraph, Section, Table
-from barnax.reporting.markdown import escape_markdown, table_lines
+from barnax.reporting.render import escape_markdown, table_lines
 
 HOSTILE = (
     "<script>alert(1)</script>.csv",

@@ -1,6 +1,6 @@
 """How far rows stayed from the optimum, what failed, where the box decided, where errors lie."""
 
-from barnax.reporting.search_verdict import (
+from barnax.reporting.comparison_sentences import (
     bound_sentences,
     budget_sentence,
     failure_sentences,

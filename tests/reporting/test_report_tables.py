@@ -4,7 +4,8 @@ import itertools
 
 import pytest
 
-from barnax.reporting.comparison_tables import (
+from barnax.reporting.document import Column, Table
+from barnax.reporting.tables import (
     bands_table,
     differences_table,
     errors_table,
@@ -14,7 +15,6 @@ from barnax.reporting.comparison_tables import (
     refined_table,
     search_table,
 )
-from barnax.reporting.document import Column, Table
 from sample_comparisons import CITY, make_comparison, make_difference, make_failure, make_row
 
 

@@ -3,12 +3,12 @@
 import jax
 import pytest
 
-from barnax.evaluate import evaluate_course
 from barnax.reporting import identification_document
 from barnax.reporting.document import Bullets, Table
-from barnax.reporting.trust_section import trust_section
-from barnax.result_making import make_result
-from barnax.trust import assess, examine
+from barnax.reporting.identification import trust_section
+from barnax.results import make_result
+from barnax.search.evaluate import evaluate_course
+from barnax.uncertainty import assess, examine
 
 
 @pytest.fixture(scope="module")

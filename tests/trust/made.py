@@ -6,12 +6,12 @@ import numpy as np
 from scipy.signal import lfilter
 
 from barnax.cell import CircuitParameters
-from barnax.identification import Identification, SeedAnswer
+from barnax.model.inputs import Window
+from barnax.model.problem import Problem, make_problem
 from barnax.optimizers import make_optimizer
-from barnax.problem import Problem, make_problem
 from barnax.records.record import Decision, Hold
-from barnax.refinement import CrossCheck, refine
-from barnax.window import Window
+from barnax.search.identify import Identification, SeedAnswer
+from barnax.search.refine import CrossCheck, refine
 from reference import drop_v, filtered_response
 
 TRUTH = CircuitParameters(r0=0.05, r=(0.02, 0.03), c=(10 / 0.02, 120 / 0.03))

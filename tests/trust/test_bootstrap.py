@@ -4,9 +4,9 @@ import jax
 import numpy as np
 import pytest
 
-from barnax.trust.assessment import assess
-from barnax.trust.bootstrap import block_length, bootstrap
-from barnax.trust.refit import Refit
+from barnax.uncertainty.assessment import assess
+from barnax.uncertainty.bootstrap import block_length, bootstrap
+from barnax.uncertainty.refit import Refit
 
 from .made import colored_noise, cross_check, made_problem
 

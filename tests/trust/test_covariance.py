@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from barnax.problem import make_problem
-from barnax.trust.assessment import assess
+from barnax.model.problem import make_problem
+from barnax.uncertainty.assessment import assess
 from reference import drop_v, filtered_response
 
 from .made import TRUTH, cross_check, made_problem

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.trust.assessment import assess
-from barnax.trust.diagnostics import diagnostics
+from barnax.uncertainty.assessment import assess
+from barnax.uncertainty.diagnostics import diagnostics
 
 from .made import colored_noise, cross_check, made_problem
 

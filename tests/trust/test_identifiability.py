@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.trust.assessment import assess
-from barnax.trust.identifiability import _times, collinearity
+from barnax.uncertainty.assessment import assess
+from barnax.uncertainty.identifiability import _times, collinearity
 from reference import filtered_response
 
 from .made import TRUTH, colored_noise, cross_check, made_problem

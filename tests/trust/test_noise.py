@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from barnax.trust.noise import fit_noise
+from barnax.uncertainty.noise import fit_noise
 
 from .made import colored_noise
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from barnax.errors import InputError
-from barnax.trust.assessment import assess
-from barnax.trust.profile import profile
-from barnax.trust.refit import Refit
+from barnax.uncertainty.assessment import assess
+from barnax.uncertainty.profile import profile
+from barnax.uncertainty.refit import Refit
 from reference import drop_v, filtered_response
 
 from .made import TRUTH, cross_check, made_problem

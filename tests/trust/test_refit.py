@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.problem import make_problem, rmse_by_scan
-from barnax.trust.assessment import assess
-from barnax.trust.refit import Refit
-from barnax.window import Window
+from barnax.model.inputs import Window
+from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.uncertainty.assessment import assess
+from barnax.uncertainty.refit import Refit
 
 from .made import TRUTH, cross_check, made_problem
 

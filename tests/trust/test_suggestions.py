@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.problem import make_problem
-from barnax.trust.suggestions import in_words, suggestions
+from barnax.model.problem import make_problem
+from barnax.uncertainty.suggestions import in_words, suggestions
 
 from .made import TRUTH, cross_check, made_problem
 

@@ -1,11 +1,11 @@
 """One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
 
 from .characterize import characterize
-from .circuit import CircuitParameters, parameter_names
 from .circuits import CIRCUITS, Circuit, get_circuit
 from .curves import AbstractCurve, InterpolatedCurve, OcvFit, PolynomialCurve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError
+from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
 
 __all__ = [

@@ -8,10 +8,17 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .curves import AbstractCurve, PolynomialCurve, curve_from_dict
+from .curves import (
+    LARGEST_AH,
+    AbstractCurve,
+    PolynomialCurve,
+    curve_from_dict,
+    stored_number,
+    stored_texts,
+    stored_value,
+)
 from .hysteresis import SegmentedHysteresis
 from .soc_axis import OcvPoint
-from .stored import LARGEST_AH, stored_number, stored_texts, stored_value
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3

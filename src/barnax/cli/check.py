@@ -44,7 +44,7 @@ def check(
     """
     session = Session(is_quiet=quiet or as_json)
     with session.stage("Loading"):
-        from ..doctor import diagnose
+        from ..checks import diagnose
         from .check_report import diagnosis_report, finding_line, verdict_sentence
 
     if capacity is not None and not capacity > 0:

@@ -7,8 +7,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ..doctor import Diagnosis, Facts, Finding, Role
-from ..table_layout import LAYOUT
+from ..checks import Diagnosis, Facts, Finding, Role
+from ..reporting.terminal import LAYOUT
 
 STYLE = {"error": "bold red", "warning": "yellow", "note": "dim"}
 

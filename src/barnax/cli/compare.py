@@ -11,7 +11,6 @@ from rich.markup import escape
 from . import options
 from .doubts import warn_of_doubts
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
-from .journal import open_journal
 from .options import SEARCH, require_choice
 from .output import DEFAULT_FOLDER, report_files, require_free, write_folder
 from .session import Session, command_line, use_compilation_cache
@@ -83,10 +82,10 @@ def compare(
     command = command_line(files.names)
     with session.stage("Loading JAX"):
         use_compilation_cache()
+        from ..baselines import METHODS, Budget
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS, compare, make_comparison_result
-        from ..comparison_report import comparison_report
-        from ..methods import METHODS, Budget
+        from ..reporting.terminal import comparison_report
 
     rows = chosen_rows(models, methods, PAPER_ROWS)
     for model, method in rows:
@@ -114,46 +113,37 @@ def compare(
     given = (start_time, start_after_step, initial_soc, score_steps, score_from, score_to)
     warn_of_doubts(session, files, capacity, has_window=any(each is not None for each in given))
     total = sum(1 if METHODS[method].is_deterministic else seeds for _, method in rows)
-    facts = (command, inputs.hashes, box.ranges, box.fixed, repr(window))
-    with open_journal(session, folder, *facts) as journal:
-        # How long they took is not known any more.
-        resumed = frozenset(journal or ())
-        with session.bar("Comparing", total) as advance:
+    with session.bar("Comparing", total) as advance:
 
-            @contextmanager
-            def watch(name: str) -> Iterator[Callable[[int], None]]:
-                with session.timed(name):
-                    yield advance
+        @contextmanager
+        def watch(name: str) -> Iterator[Callable[[int], None]]:
+            with session.timed(name):
+                yield advance
 
-            comparison = compare(
-                inputs.records[0],
-                inputs.cell,
-                rows,
-                validation=inputs.validation,
-                window=window,
-                bounds=box.ranges,
-                fixed=box.fixed,
-                coordinates=coordinates,
-                objective=objective,
-                budget=Budget(population, iterations, seeds, key),
-                source=box.source,
-                watch=watch,
-                finished=journal,
-            )
-        result = make_comparison_result(
-            comparison, inputs.validation, ocv=inputs.tests, command=command
+        comparison = compare(
+            inputs.records[0],
+            inputs.cell,
+            rows,
+            validation=inputs.validation,
+            window=window,
+            bounds=box.ranges,
+            fixed=box.fixed,
+            coordinates=coordinates,
+            objective=objective,
+            budget=Budget(population, iterations, seeds, key),
+            source=box.source,
+            watch=watch,
         )
-        seconds = {
-            row.name: session.seconds[row.name] for row in result.rows if row.name not in resumed
-        }
-        if folder is not None:
-            written = {"comparison.json": result.to_json().encode()}
-            with session.stage("Drawing figures"):
-                written |= _report(result, comparison, seconds)
-            written["timings.json"] = session.timings_json(resumed)
-            folder = write_folder(folder, written, force, session)
-        if journal is not None:
-            journal.remove()
+    result = make_comparison_result(
+        comparison, inputs.validation, ocv=inputs.tests, command=command
+    )
+    seconds = {row.name: session.seconds[row.name] for row in result.rows}
+    if folder is not None:
+        written = {"comparison.json": result.to_json().encode()}
+        with session.stage("Drawing figures"):
+            written |= _report(result, comparison, seconds)
+        written["timings.json"] = session.timings_json()
+        folder = write_folder(folder, written, force, session)
     if as_json:
         typer.echo(result.to_json(), nl=False)
     session.show(comparison_report(result, seconds))

@@ -33,7 +33,7 @@ def warn_of_doubts(
 def _doubts_of(
     path: Path, name: str, wanted: str, capacity_ah: float | None, has_window: bool
 ) -> Iterator[str]:
-    from ..doctor import diagnose
+    from ..checks import diagnose
     from .check_report import finding_line
 
     try:

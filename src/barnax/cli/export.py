@@ -64,7 +64,7 @@ def export(
         use_compilation_cache()
         from ..export import get_exporter, require_package
         from ..export import verify as simulate_both
-        from ..result import Result
+        from ..results import Result
 
     exporter = get_exporter(to)
     if verify:

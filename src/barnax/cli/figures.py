@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..cell import CellModel
-    from ..evaluate import Evaluation
-    from ..optimum import GlobalOptimum
-    from ..refinement import CrossCheck
-    from ..result import Result
+    from ..global_optimum import GlobalOptimum
+    from ..results import Result
+    from ..search.evaluate import Evaluation
+    from ..search.refine import CrossCheck
 
 
 def cell_figures(cell: "CellModel") -> dict[str, bytes]:
@@ -28,7 +28,7 @@ def found_figures(
 ) -> dict[str, bytes]:
     """PNG figures of the search and the errors by their path below the results folder."""
     from ..plots import plot_convergence, plot_error, plot_voltage
-    from ..plots.illustration import record_roles
+    from ..plots.sources import record_roles
 
     figures = {"convergence": plot_convergence(checked.found, checked)}
     roles = record_roles(len(identified), len(validated))
@@ -53,6 +53,6 @@ def report_with_figures(
 
 
 def _pngs(figures: "dict[str, Figure]") -> dict[str, bytes]:
-    from ..plots.encode import encode
+    from ..plots.style import encode
 
     return {f"figures/{name}.png": encode(figure) for name, figure in figures.items()}

@@ -13,7 +13,6 @@ from . import options
 from .doubts import warn_of_doubts
 from .figures import cell_figures, found_figures, report_with_figures
 from .inputs import Files, choose_files, make_window, read_box, read_inputs
-from .journal import open_journal
 from .options import SEARCH, require_choice
 from .output import DEFAULT_FOLDER, require_free, write_folder
 from .session import (
@@ -25,10 +24,10 @@ from .session import (
 )
 
 if TYPE_CHECKING:
-    from ..optimum import GlobalOptimum
-    from ..problem import Problem
-    from ..refinement import CrossCheck
-    from ..trust.assessment import Assessment
+    from ..global_optimum import GlobalOptimum
+    from ..model.problem import Problem
+    from ..search.refine import CrossCheck
+    from ..uncertainty.assessment import Assessment
 
 
 def identify(
@@ -110,17 +109,15 @@ def identify(
         import jax
 
         from ..cell import CIRCUITS
-        from ..course import make_course
-        from ..descent import Descent
-        from ..evaluate import evaluate_course
-        from ..identification import identify as search
+        from ..model.inputs import make_course
+        from ..model.problem import make_problem
         from ..optimizers import OPTIMIZERS, make_optimizer
-        from ..problem import make_problem
-        from ..refinement import refine
-        from ..report import identification_report
-        from ..result_making import make_result
-        from ..trust import compile_linearization, examine
-        from ..trust_report import trust_report
+        from ..reporting.terminal import identification_report, trust_report
+        from ..results import make_result
+        from ..search.evaluate import evaluate_course
+        from ..search.identify import identify as search
+        from ..search.refine import Descent, refine
+        from ..uncertainty import compile_linearization, examine
 
     require_choice("--model", model, CIRCUITS)
     require_choice("--method", method, OPTIMIZERS)
@@ -160,68 +157,61 @@ def identify(
         )
         # A validation record that does not fit the window is refused before the search, not after.
         courses = [make_course(other, inputs.cell, model, window) for other in inputs.validation]
-    facts = (command, inputs.hashes, box.ranges, box.fixed, repr(window))
-    with open_journal(session, folder, *facts) as journal:
-        # How long it took is not known any more.
-        resumed = ("Searching",) if journal else ()
-        # Once, and not by two threads at the same time; who needs it says why there is none.
-        with suppress(InputError):
-            _ = problem.compressed
-        # What does not wait for the search is done beside it.
-        with ThreadPoolExecutor(max_workers=2) as beside:
-            compiling = beside.submit(Descent, problem)
-            draws = folder is not None and not report
-            drawing = beside.submit(cell_figures, inputs.cell) if draws else None
-            looking = beside.submit(_best_there_is, problem, session)
-            beside.submit(compile_linearization, problem)
-            with session.bar("Searching", seeds) as advance:
-                found = search(
-                    problem,
-                    optimizer,
-                    key=jax.random.key(key),
-                    seeds=seeds,
-                    progress=advance,
-                    finished=journal,
-                )
-            with session.bar("Cross-checking", seeds) as advance:
-                checked = refine(found, descent=compiling.result(), progress=advance)
-            assessing = beside.submit(_assessed, checked, session)
-            with session.stage("Waiting for the global optimum"):
-                optimum = looking.result()
-            with session.stage("Validating"):
-                identified, validated = (
-                    [evaluate_course(course, checked.parameters) for course in each]
-                    for each in (problem.courses, courses)
-                )
-            written = {}
-            if drawing is not None:
-                with session.stage("Drawing figures"):
-                    written = drawing.result() | found_figures(checked, identified, validated)
-            with session.stage("Waiting for the assessment"):
-                assessment = assessing.result()
-        examination = None
-        if trust == "full":
-            with session.stage("Fitting again"):
-                examination = examine(checked, assessment, key=jax.random.key(key))
-        result = make_result(
-            checked,
-            identified,
-            validated,
-            optimum=optimum,
-            assessment=assessment,
-            examination=examination,
-            ocv=inputs.tests,
-            command=command,
-        )
-        if folder is not None:
-            written["result.json"] = result.to_json().encode()
-            if report:
-                with session.stage("Drawing figures"):
-                    written |= report_with_figures(result, checked, identified, validated, optimum)
-            written["timings.json"] = session.timings_json(resumed)
-            folder = write_folder(folder, written, force, session)
-        if journal is not None:
-            journal.remove()
+    # Once, and not by two threads at the same time; who needs it says why there is none.
+    with suppress(InputError):
+        _ = problem.compressed
+    # What does not wait for the search is done beside it.
+    with ThreadPoolExecutor(max_workers=2) as beside:
+        compiling = beside.submit(Descent, problem)
+        draws = folder is not None and not report
+        drawing = beside.submit(cell_figures, inputs.cell) if draws else None
+        looking = beside.submit(_best_there_is, problem, session)
+        beside.submit(compile_linearization, problem)
+        with session.bar("Searching", seeds) as advance:
+            found = search(
+                problem,
+                optimizer,
+                key=jax.random.key(key),
+                seeds=seeds,
+                progress=advance,
+            )
+        with session.bar("Cross-checking", seeds) as advance:
+            checked = refine(found, descent=compiling.result(), progress=advance)
+        assessing = beside.submit(_assessed, checked, session)
+        with session.stage("Waiting for the global optimum"):
+            optimum = looking.result()
+        with session.stage("Validating"):
+            identified, validated = (
+                [evaluate_course(course, checked.parameters) for course in each]
+                for each in (problem.courses, courses)
+            )
+        written = {}
+        if drawing is not None:
+            with session.stage("Drawing figures"):
+                written = drawing.result() | found_figures(checked, identified, validated)
+        with session.stage("Waiting for the assessment"):
+            assessment = assessing.result()
+    examination = None
+    if trust == "full":
+        with session.stage("Fitting again"):
+            examination = examine(checked, assessment, key=jax.random.key(key))
+    result = make_result(
+        checked,
+        identified,
+        validated,
+        optimum=optimum,
+        assessment=assessment,
+        examination=examination,
+        ocv=inputs.tests,
+        command=command,
+    )
+    if folder is not None:
+        written["result.json"] = result.to_json().encode()
+        if report:
+            with session.stage("Drawing figures"):
+                written |= report_with_figures(result, checked, identified, validated, optimum)
+        written["timings.json"] = session.timings_json()
+        folder = write_folder(folder, written, force, session)
     if as_json:
         typer.echo(result.to_json(), nl=False)
     told = [*trust_report(assessment, examination)]
@@ -232,7 +222,7 @@ def identify(
 
 def _best_there_is(problem: "Problem", session: Session) -> "GlobalOptimum | None":
     """The global optimum, None where the box is too wide to look for it."""
-    from ..optimum import global_optimum
+    from ..global_optimum import global_optimum
 
     try:
         with session.timed("Looking for the global optimum"):
@@ -242,7 +232,7 @@ def _best_there_is(problem: "Problem", session: Session) -> "GlobalOptimum | Non
 
 
 def _assessed(checked: "CrossCheck", session: Session) -> "Assessment":
-    from ..trust import assess
+    from ..uncertainty import assess
 
     with session.timed("Assessing"):
         return assess(checked)

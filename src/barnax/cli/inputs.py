@@ -11,8 +11,8 @@ from .session import Session
 
 if TYPE_CHECKING:
     from ..cell import CellModel
+    from ..model.inputs import Window
     from ..records import Record
-    from ..window import Window
 
 
 class Files(NamedTuple):
@@ -124,7 +124,7 @@ def make_window(
     initial_direction: int | None,
 ) -> "Window":
     """The window of the options. Raises `InputError` where they contradict each other."""
-    from ..window import Window
+    from ..model.inputs import Window
 
     return Window(
         start_time_s=start_time,
@@ -140,7 +140,7 @@ def make_window(
 
 def read_box(bounds: Path | None, fix: list[str] | None) -> Box:
     """The user's bounds and fixed values. Raises `InputError` where they cannot be read."""
-    from ..bounds import parse_fixed, read_bounds
+    from ..model.search_space import parse_fixed, read_bounds
 
     ranges = read_bounds(bounds) if bounds is not None else {}
     source = bounds.name if bounds is not None else "--fix"

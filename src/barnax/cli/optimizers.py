@@ -7,7 +7,7 @@ from rich.table import Table
 def optimizers() -> None:
     """List the optimizers that --method takes."""
     from ..optimizers import summarize_optimizers
-    from ..report import LAYOUT
+    from ..reporting.terminal import LAYOUT
 
     table = Table(title="Optimizers, with a population of 30", **LAYOUT)
     table.add_column("name", no_wrap=True)

@@ -1,9 +1,7 @@
 """A folder of results, or a single file, written whole or not at all."""
 
-import ctypes
 import itertools
 import os
-import sys
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -14,11 +12,9 @@ from ..errors import InputError
 from .session import Session
 
 if TYPE_CHECKING:
-    from ..plots.illustration import Illustration
+    from ..plots.sources import Illustration
     from ..reporting import Document
 
-# Of Linux's renameat2.
-AT_FDCWD, RENAME_EXCHANGE = -100, 2
 DEFAULT_FOLDER = Path("barnax-out")
 # A folder that holds one of these was written by us.
 RESULTS = ("result.json", "comparison.json")
@@ -202,8 +198,6 @@ def _write(path: Path, content: bytes) -> None:
 def _put_in_place(fresh: Path, folder: Path, old: Path) -> None:
     """Move `fresh` to `folder`; what was there goes to `old`, and back if anything stops this."""
     try:
-        if folder.exists() and _exchange(fresh, folder):
-            return
         if folder.exists():
             os.replace(folder, old)
         os.replace(fresh, folder)
@@ -211,15 +205,6 @@ def _put_in_place(fresh: Path, folder: Path, old: Path) -> None:
         if old.exists() and not folder.exists():
             os.replace(old, folder)
         raise
-
-
-def _exchange(first: Path, second: Path) -> bool:
-    """Swap two folders in one step, where the system can: then no moment has neither."""
-    rename = getattr(ctypes.CDLL(None), "renameat2", None) if sys.platform == "linux" else None
-    if rename is None:
-        return False
-    places = os.fsencode(first), os.fsencode(second)
-    return rename(AT_FDCWD, places[0], AT_FDCWD, places[1], RENAME_EXCHANGE) == 0
 
 
 def report_files(document: "Document", drawn: "Iterable[Illustration]") -> dict[str, bytes]:

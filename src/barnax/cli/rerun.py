@@ -18,8 +18,8 @@ from . import options
 from .session import Session
 
 if TYPE_CHECKING:
-    from ..bounds import Range
-    from ..result import Result
+    from ..model.search_space import Range
+    from ..results import Result
 
 # Across machines and versions the refined error agrees this closely, relative.
 SAME_RMSE = 1e-9
@@ -45,7 +45,7 @@ def rerun(
     Exit status 0 where it does, bit for bit or to 1e-9 of the refined error; 1 where it does not.
     """
     session = Session(is_quiet=quiet)
-    from ..result import Result
+    from ..results import Result
 
     stored = Result.from_json(result)
     command = _with_files(result, stored, [*(data or []), Path(), result.parent])
@@ -87,7 +87,7 @@ def _find_bounds(result: Path, name: str, stored: "Result", folders: list[Path])
     Its hash is not stored, but what it sets is. Where it leaves out a parameter that the former one
     bounded shows in the bounds of the repeated result alone.
     """
-    from ..bounds import read_bounds
+    from ..model.search_space import read_bounds
 
     places = _places(name, folders)
     for place in places:
@@ -136,7 +136,7 @@ def _find(result: Path, name: str, sha256: str, folders: list[Path]) -> Path:
 
 
 def _run(command: list[str], folder: Path) -> "Result":
-    from ..result import Result
+    from ..results import Result
 
     done = subprocess.run(
         # Without -P a file in the working folder could pass for one of our libraries.

@@ -4,7 +4,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -73,12 +73,9 @@ class Session:
         """Seconds of every stage so far."""
         return self._timings
 
-    def timings_json(self, resumed: Container[str] = ()) -> bytes:
-        """Seconds of every stage so far, as `timings.json`; null for stages that were resumed."""
-        seconds = {
-            f"{stage} [s]": None if stage in resumed else round(spent, 3)
-            for stage, spent in self._timings.items()
-        }
+    def timings_json(self) -> bytes:
+        """Seconds of every stage so far, as `timings.json`."""
+        seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self._timings.items()}
         return (json.dumps(seconds, indent=1) + "\n").encode()
 
     @contextmanager

@@ -11,7 +11,7 @@ from .options import parse_steps
 from .session import Session, use_compilation_cache
 
 if TYPE_CHECKING:
-    from ..window import Window
+    from ..model.inputs import Window
 
 # What belongs to a start: either start takes the stored one's place, whichever that was, and the
 # stored state of charge was that of another moment.
@@ -54,11 +54,10 @@ def validate(
     session = Session(is_quiet=quiet or as_json)
     with session.stage("Loading JAX"):
         use_compilation_cache()
-        from ..evaluate import validate as validate_on
         from ..records import read_record
-        from ..report import metrics_table
-        from ..result import Result
-        from ..result_making import metrics_part
+        from ..reporting.terminal import metrics_table
+        from ..results import Result, metrics_part
+        from ..search.evaluate import validate as validate_on
 
     stored = Result.from_json(result)
     chosen = {

@@ -1,8 +1,7 @@
 """Models and methods side by side on one cell: run, compared, stored."""
 
 from .result import ComparisonResult, make_comparison_result
-from .rows import Comparison, Difference, Row
-from .run import PAPER_ROWS, compare
+from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 
 __all__ = [
     "PAPER_ROWS",

@@ -1,4 +1,4 @@
-"""`comparison.json`: what a comparison found, as it is stored."""
+"""`comparison.json`: what a comparison found."""
 
 import math
 from collections.abc import Sequence
@@ -7,30 +7,187 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import ConfigDict, field_validator
 
+from ..baselines import METHODS
 from ..cell import CellModel, CircuitParameters
-from ..methods import METHODS
-from ..optimum import GlobalOptimum
-from ..problem import Problem
+from ..global_optimum import GlobalOptimum
+from ..model.inputs import Window
+from ..model.problem import Problem
 from ..records import Record
-from ..result_making import all_versions, input_part, metrics_part
-from ..result_parts import InputPart, Soc, read_stored
-from ..window import Window
-from .parts import (
-    BandPart,
-    BudgetPart,
-    ComparisonPart,
-    DifferencePart,
-    ModelPart,
-    OverSeedsPart,
-    OverTimePart,
-    RecordErrorsPart,
-    RowPart,
-    SeedAnswerPart,
-    SpreadPart,
+from ..results import (
+    KEYS,
+    Count,
+    InputPart,
+    Key,
+    Loss,
+    MetricsPart,
+    Parameters,
+    Part,
+    Soc,
+    Volts,
+    all_versions,
+    input_part,
+    metrics_part,
+    read_stored,
 )
-from .rows import Comparison, Difference, Row
+from .run import Comparison, Difference, Row
+
+# Keys with units, by the field's name, beyond those of `result.json`.
+OWN_KEYS = {
+    "best_rmse_v": "best rmse [V]",
+    "worst_rmse_v": "worst rmse [V]",
+    "deviation_v": "standard deviation [V]",
+    "refined_rmse_v": "refined rmse [V]",
+    "optimum_rmse_v": "optimum rmse [V]",
+    "mean_v": "mean [V]",
+    "difference_v": "rmse difference [V]",
+    "interval_v": "rmse difference interval [V]",
+    "difference_v2": "squared error difference [V^2]",
+    "interval_v2": "squared error difference interval [V^2]",
+    "median_v": "median rmse difference [V]",
+    "low_soc": "from SOC",
+    "high_soc": "to SOC",
+}
+
+
+class ComparisonPart(Part):
+    """A part of the file, with the keys of a comparison."""
+
+    model_config = ConfigDict(
+        alias_generator=lambda name: {**KEYS, **OWN_KEYS}.get(name, name),
+    )
+
+
+class SeedAnswerPart(ComparisonPart):
+    """One seed's own answer."""
+
+    rmse_v: Loss
+    parameters: Parameters
+    evaluations: Count
+    history_v: tuple[Loss, ...] | None
+
+
+class SpreadPart(ComparisonPart):
+    """How the seeds of one row differ."""
+
+    best_rmse_v: Volts
+    worst_rmse_v: Loss
+    deviation_v: Loss
+
+
+class BandPart(ComparisonPart):
+    """Errors in one band of SOC; None where it holds no sample."""
+
+    low_soc: float
+    high_soc: float
+    samples: Count
+    rmse_v: Volts | None
+    mean_v: float | None
+    max_v: Volts | None
+
+
+class RecordErrorsPart(ComparisonPart):
+    """Errors of a row's own answer on one record, in all and by SOC."""
+
+    metrics: MetricsPart
+    bands: tuple[BandPart, ...]
+
+
+class RowPart(ComparisonPart):
+    """One method on one model: its own answer is the median seed's, unrefined.
+
+    `failure` says why there is no answer; then all that follows it is empty or None.
+    `spread` is None for a method that draws nothing. `evaluations` are the median seed's, and
+    `at_bound` names which of its parameters are at an end of the box. `regret` is the RMSE over
+    the global optimum's, minus one. `source` says where the method comes from.
+    """
+
+    model: str
+    method: str
+    source: str
+    is_deterministic: bool
+    failure: str | None = None
+    notes: tuple[str, ...] = ()
+    parameters: Parameters | None = None
+    time_constants: Parameters | None = None
+    evaluations: Count | None = None
+    at_bound: tuple[str, ...] = ()
+    spread: SpreadPart | None = None
+    identification: RecordErrorsPart | None = None
+    validation: tuple[RecordErrorsPart, ...] = ()
+    refined_rmse_v: Volts | None = None
+    refined_parameters: Parameters | None = None
+    regret: float | None = None
+    seeds: tuple[SeedAnswerPart, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return f"{self.method} {self.model}"
+
+
+class OverTimePart(ComparisonPart):
+    """Moving-block bootstrap over time: 95 % intervals, negative where the first row is better.
+
+    Where `is_block_capped` the errors stay alike for longer than the blocks may be, and the
+    intervals are narrower than they should be.
+    """
+
+    difference_v2: float
+    interval_v2: tuple[float, float]
+    difference_v: float
+    interval_v: tuple[float, float]
+    block_samples: Count
+    is_block_capped: bool
+    is_real: bool
+
+
+class OverSeedsPart(ComparisonPart):
+    """The rows' seeds in pairs; `p_value` is of Wilcoxon's signed-rank test."""
+
+    median_v: float
+    wins: Count
+    losses: Count
+    p_value: float
+
+
+class DifferencePart(ComparisonPart):
+    """One row's error minus another's on one record; rows by name, such as `bmo so-rc`."""
+
+    first: str
+    second: str
+    record: str
+    is_validation: bool
+    over_time: OverTimePart
+    over_seeds: OverSeedsPart | None
+
+
+class ModelPart(ComparisonPart):
+    """The search box of one model, and its global optimum where that is known.
+
+    `optimum_status` says whether it is proved ("certified") or found on a grid, `optimum_verdict`
+    the same in sentences.
+    """
+
+    bounds: dict[str, tuple[float, float]]
+    fixed: Parameters
+    optimum_rmse_v: Volts | None = None
+    optimum_parameters: Parameters | None = None
+    optimum_status: Literal["certified", "grid-verified"] | None = None
+    optimum_verdict: str | None = None
+
+
+class BudgetPart(ComparisonPart):
+    """What every method could spend: `evaluations` a seed."""
+
+    population: Count
+    iterations: Count
+    seeds: Count
+    key: Key
+    evaluations: Count
+    coordinates: Literal["rc", "log"]
+    objective: Literal["scan", "compressed"]
+
 
 SCHEMA_VERSION = 1
 REMEDY = "give the comparison.json that barnax compare wrote"

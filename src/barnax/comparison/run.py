@@ -1,31 +1,114 @@
-"""The comparison itself: every row run, cross-checked and set against every other."""
+"""Models and methods side by side on one cell: what each row of a comparison is."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from ..bounds import Bounds, Range
+from ..baselines import METHODS, Answer, Budget, MethodFailure
+from ..baselines.regression import outside_box
 from ..cell import CellModel, get_circuit
-from ..coordinates import Scale
-from ..course import Course, make_course
-from ..descent import Descent
 from ..errors import InputError
-from ..evaluate import evaluate_course
-from ..methods import METHODS, Answer, Budget, MethodFailure
-from ..methods.stored import can_be_stored, from_arrays, to_arrays
-from ..methods.transfer_function import outside_box
-from ..optimum import GlobalOptimum, global_optimum, regret
-from ..precision import in_float64
-from ..problem import Kind, Problem, make_problem
-from ..programs import Finished
+from ..execution import in_float64
+from ..global_optimum import GlobalOptimum, global_optimum, regret
+from ..model.inputs import Course, Window, make_course
+from ..model.problem import Kind, Problem, make_problem
+from ..model.search_space import Bounds, Range, Scale
 from ..records import Record
-from ..refinement import FINAL_ROUNDS, FINAL_TOLERANCE, at_bound
-from ..window import Window
-from .rows import Comparison, Difference, Row
-from .statistics import compare_over_seeds, compare_over_time, errors_by_soc
+from ..search.evaluate import Evaluation, evaluate_course
+from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, RefinedSeed, at_bound
+from .statistics import (
+    BandError,
+    Resampled,
+    SeedPairs,
+    compare_over_seeds,
+    compare_over_time,
+    errors_by_soc,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One method on one model. Everything but `refined` is of the method's own answers.
+
+    `answers` holds one answer a seed, a single one where the method draws nothing, and none where
+    it failed; then `failure` says why. `evaluations` are those of the median seed: on the
+    identification record, then on each validation record. `bands` are its errors by SOC, a tuple
+    for each of these records; `at_bound` names what is at an end of the box. `refined` is what
+    Levenberg-Marquardt makes of the median seed; `regret` is the median seed's RMSE over the
+    global optimum's, minus one.
+    """
+
+    model: str
+    method: str
+    problem: Problem
+    is_deterministic: bool
+    answers: tuple[Answer, ...] = ()
+    failure: str | None = None
+    notes: tuple[str, ...] = ()
+    evaluations: tuple[Evaluation, ...] = ()
+    bands: tuple[tuple[BandError, ...], ...] = ()
+    at_bound: tuple[str, ...] = ()
+    refined: RefinedSeed | None = None
+    regret: float | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self.method} {self.model}"
+
+    @property
+    def median(self) -> Answer:
+        """The seed whose RMSE is the median; of an even number, the better of the middle two."""
+        ranked = sorted(self.answers, key=lambda answer: answer.rmse_v)
+        return ranked[(len(ranked) - 1) // 2]
+
+    @property
+    def best(self) -> Answer:
+        return min(self.answers, key=lambda answer: answer.rmse_v)
+
+    @property
+    def errors_v(self) -> Float[np.ndarray, "seeds"]:
+        """RMSE of every seed, in V, in the order of the seeds."""
+        return np.array([answer.rmse_v for answer in self.answers])
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The error of one row minus another's, on one record, and whether it is more than chance.
+
+    `first` and `second` are row names. `over_time` resamples blocks of samples; `over_seeds`
+    pairs the seeds on the identification record, and is None elsewhere and where neither row
+    draws anything.
+    """
+
+    first: str
+    second: str
+    record: str
+    is_validation: bool
+    over_time: Resampled
+    over_seeds: SeedPairs | None
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All rows of a comparison, in the order asked for, and the differences between them.
+
+    `optima` are the models' global optima, where they can be known.
+    """
+
+    rows: tuple[Row, ...]
+    budget: Budget
+    differences: tuple[Difference, ...]
+    optima: Mapping[str, GlobalOptimum]
+
+    @property
+    def answered(self) -> tuple[Row, ...]:
+        """The rows that have an answer."""
+        return tuple(row for row in self.rows if row.failure is None)
+
 
 # The rows of Li et al. (2023), Tables 3 to 5: model and method.
 PAPER_ROWS = (
@@ -61,17 +144,14 @@ def compare(
     budget: Budget | None = None,
     source: str = "bounds",
     watch: Watch = unwatched,
-    finished: Finished | None = None,
 ) -> Comparison:
     """Every row's method on its model, on the same data, box, budget and key.
 
-    `rows` are pairs of a model and a method of `barnax.methods.METHODS`. Bounds and fixed values
+    `rows` are pairs of a model and a method of `barnax.baselines.METHODS`. Bounds and fixed values
     apply to the models that have such a parameter. `watch` is asked for a context for every row,
-    by its name, and is told in it how many seeds have finished. `finished` holds the searches that
-    are done and is filled on the way: given again with all else the same, the comparison goes on
-    from there to the same bits. A method that cannot answer is a row that says why. Raises
-    `InputError` where record, window or box do not fit, `ValueError` for an unknown model or
-    method.
+    by its name, and is told in it how many seeds have finished. A method that cannot answer is a
+    row that says why. Raises `InputError` where record, window or box do not fit, `ValueError`
+    for an unknown model or method.
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):
@@ -96,10 +176,8 @@ def compare(
         model: [problem.course, *(make_course(other, cell, model, window) for other in validation)]
         for model, problem in problems.items()
     }
-    finished = {} if finished is None else finished
     answered = [
-        _run(problems[model], courses[model], method, budget, watch, finished)
-        for model, method in rows
+        _run(problems[model], courses[model], method, budget, watch) for model, method in rows
     ]
     with watch(CROSS_CHECK):
         refined = _refine(answered)
@@ -164,13 +242,12 @@ def _run(
     method: str,
     budget: Budget,
     watch: Watch,
-    finished: Finished,
 ) -> Row:
     """One row, before its cross-check."""
     row = Row(problem.circuit, method, problem, METHODS[method].is_deterministic)
     with watch(row.name) as advance:
         try:
-            answers = _answers(row, method, budget, advance, finished)
+            answers = METHODS[method].run(problem, budget, advance)
         except (MethodFailure, InputError, np.linalg.LinAlgError) as failure:
             return replace(row, failure=str(failure))
     row = replace(row, answers=tuple(answers))
@@ -188,20 +265,6 @@ def _run(
         # A linear method may leave the box; its note says so.
         at_bound=() if outside_box(parameters, problem) else at_bound(box, parameters),
     )
-
-
-def _answers(
-    row: Row, method: str, budget: Budget, advance: Callable[[int], None], finished: Finished
-) -> list[Answer]:
-    """What the method finds, or found before."""
-    if row.name in finished:
-        answers = from_arrays(finished[row.name], get_circuit(row.model))
-        advance(len(answers))
-        return answers
-    answers = METHODS[method].run(row.problem, budget, advance)
-    if can_be_stored(answers):
-        finished[row.name] = to_arrays(answers)
-    return answers
 
 
 def _refine(rows: Sequence[Row]) -> list[Row]:

@@ -1,13 +1,68 @@
-"""What an exporter is: one tool's file, made from a result."""
+"""What an export target is, and the text that several of them write."""
 
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ..result import Result
+from ..results import Result
+from .tables import Tables
+
+WIDTH = 96
+
+
+def numbers(values: Iterable[float], indent: str = "    ") -> str:
+    """Numbers that read back exactly, wrapped, with a comma after each.
+
+    >>> print(numbers([0.1, 2.0], indent="  "))
+      0.1, 2.0,
+    """
+    words = " ".join(f"{float(value)!r}," for value in np.asarray(values))
+    return textwrap.fill(words, WIDTH, initial_indent=indent, subsequent_indent=indent)
+
+
+def note_lines(heading: str, caveats: Iterable[str], prefix: str = "") -> str:
+    """A heading and caveats, wrapped, each line after `prefix`, without line breaks of their own.
+
+    >>> print(note_lines("By hand.", ["No\\nhysteresis."], prefix="# "))
+    # By hand.
+    #
+    # - No hysteresis.
+    """
+    lines = textwrap.wrap(_plain(heading), WIDTH - len(prefix))
+    caveats = list(caveats)
+    if caveats:
+        lines.append("")
+    for caveat in caveats:
+        lines += textwrap.wrap(
+            _plain(caveat), WIDTH - len(prefix), initial_indent="- ", subsequent_indent="  "
+        )
+    return "\n".join(f"{prefix}{line}".rstrip() for line in lines)
+
+
+def _plain(text: str) -> str:
+    """One line that ends no comment: neither C's nor Python's."""
+    words = " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *")
+    return "".join(letter if letter.isprintable() else "?" for letter in words)
+
+
+def hysteresis_is_left_out(tool: str, tables: Tables) -> tuple[str, ...]:
+    """What a tool with a single OCV curve loses; nothing for a circuit without hysteresis."""
+    if tables.kind == "none":
+        return ()
+    rate = ""
+    if tables.kind == "dynamic":
+        rate = f", and its rate gamma of {tables.parameters.gamma:.6g} per unit of SOC"
+    largest_mv = 1e3 * tables.largest_hysteresis_v
+    return (
+        f"{tool} has no hysteresis voltage: W(soc), up to {largest_mv:.3g} mV, of which the "
+        f"circuit {tables.model} adds half after charging and takes half away after "
+        f"discharging{rate}, is left out. What remains is the OCV averaged over charge and "
+        "discharge.",
+    )
 
 
 class Export(NamedTuple):

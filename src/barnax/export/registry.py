@@ -4,12 +4,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..errors import InputError
-from .c_header import C_HEADER
 from .exporter import Exporter
-from .flat_csv import CSV
-from .pybamm_module import PYBAMM
-from .simscape_mat import SIMSCAPE
-from .thevenin_module import THEVENIN
+from .files import C_HEADER, CSV, SIMSCAPE
+from .pybamm import PYBAMM
+from .thevenin import THEVENIN
 
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
     {exporter.name: exporter for exporter in (PYBAMM, THEVENIN, SIMSCAPE, C_HEADER, CSV)}

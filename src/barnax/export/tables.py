@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.hysteresis import KNOTS, SegmentedHysteresis
-from ..result import Result
+from ..results import Result
 
 # A table read linearly follows its curve this closely.
 TOLERANCE_V = 50e-6

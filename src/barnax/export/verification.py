@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float
 from ..cell import CellModel
 from ..cell.hysteresis import SegmentedHysteresis
 from ..errors import InputError
-from ..evaluate import validate
+from ..model.inputs import Window
 from ..records import Decision, Record
-from ..result import Result
-from ..window import Window
+from ..results import Result
+from ..search.evaluate import validate
 from .exporter import Exporter, Profile
 
 INTERVAL_S = 2.0

@@ -1,10 +1,7 @@
 """Population optimizers as Optimistix minimisers; they know arrays and losses, not batteries."""
 
-from .barnacle import BarnacleMating
-from .bmo import bmo
-from .gwo import GreyWolf
-from .ibmo import ibmo, ibmo_centered, ibmo_printed
-from .igwo import ImprovedGreyWolf
+from .barnacle import BarnacleMating, bmo, ibmo, ibmo_centered, ibmo_printed
+from .gwo import GreyWolf, ImprovedGreyWolf
 from .population import AbstractPopulationMinimiser
 from .pso import ParticleSwarm
 from .registry import (

@@ -8,10 +8,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .bmo import bmo
-from .gwo import GreyWolf
-from .ibmo import ibmo, ibmo_centered, ibmo_printed
-from .igwo import ImprovedGreyWolf
+from .barnacle import bmo, ibmo, ibmo_centered, ibmo_printed
+from .gwo import GreyWolf, ImprovedGreyWolf
 from .population import AbstractPopulationMinimiser
 from .pso import ParticleSwarm
 from .sfo import SailfishSearch

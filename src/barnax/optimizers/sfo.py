@@ -10,9 +10,8 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
 
-from .leader import best_of, better_leader
 from .population import AbstractPopulationMinimiser
-from .swarm import Box, Swarm, ranks, sort_by_loss
+from .swarm import Box, Swarm, best_of, better_leader, ranks, sort_by_loss
 
 
 class SailfishSearch(AbstractPopulationMinimiser):

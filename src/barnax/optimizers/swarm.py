@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PyTree, Shaped
+from jaxtyping import Array, Float, Int, PyTree, Scalar, Shaped
 
 # Up to so many numbers, counting for each how many come before it is several times faster than
 # sorting: the comparisons run side by side, on every device.
@@ -85,3 +85,26 @@ def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
 
 def _count(claims: Shaped[Array, "others items"]) -> Int[Array, "items"]:
     return jnp.sum(claims, axis=0, dtype=jnp.int32)
+
+
+class Leader(eqx.Module):
+    """A position and its loss, kept though the swarm moves on."""
+
+    position: Float[Array, "dims"]
+    loss: Scalar
+
+
+def best_of(swarm: Swarm) -> Leader:
+    """The swarm's best candidate; of equal ones the first."""
+    best = jnp.argmin(swarm.losses)
+    return Leader(swarm.positions[best], swarm.losses[best])
+
+
+def better_leader(leader: Leader, swarm: Swarm) -> Leader:
+    """The leader, unless the swarm holds a strictly better candidate."""
+    challenger = best_of(swarm)
+    is_better = challenger.loss < leader.loss
+    return Leader(
+        jnp.where(is_better, challenger.position, leader.position),
+        jnp.where(is_better, challenger.loss, leader.loss),
+    )

@@ -8,9 +8,8 @@ import jax.random as jr
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
 
-from .leader import best_of, better_leader
 from .population import AbstractPopulationMinimiser
-from .swarm import Box, Swarm
+from .swarm import Box, Swarm, best_of, better_leader
 
 
 class Swim(NamedTuple):

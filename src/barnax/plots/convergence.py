@@ -9,15 +9,22 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .log_axis import label_plainly
 from .sources import result_of
-from .style import BLACK, SKY_BLUE, VERMILLION, figure_style, finish_axes, legend_above, make_figure
+from .style import (
+    BLACK,
+    SKY_BLUE,
+    VERMILLION,
+    figure_style,
+    finish_axes,
+    label_plainly,
+    legend_above,
+    make_figure,
+)
 
 if TYPE_CHECKING:
-    from ..identification import Identification, SeedAnswer
-    from ..refinement import CrossCheck
-    from ..result import Result
-    from ..result_parts import SeedPart
+    from ..results import Result, SeedPart
+    from ..search.identify import Identification, SeedAnswer
+    from ..search.refine import CrossCheck
 
 Histories = Float[np.ndarray, "seeds generations"]
 
@@ -85,7 +92,7 @@ def _runs(
     searches: "Identification | Result | str | Path", checked: "CrossCheck | None"
 ) -> "tuple[Sequence[SeedAnswer | SeedPart], int, float]":
     """The seeds, how many candidates each began with, and the refined RMSE in mV or zero."""
-    from ..identification import Identification
+    from ..search.identify import Identification
 
     if isinstance(searches, Identification):
         refined_mv = 0.0 if checked is None else 1e3 * checked.rmse_v

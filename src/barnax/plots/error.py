@@ -1,31 +1,128 @@
-"""Where a simulation errs: over time, and over the state of charge."""
+"""Errors over time and over the state of charge."""
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
 
-from .error_axes import (
-    LABEL,
-    broken_line,
-    draw_by_soc,
-    draw_rmse,
-    draw_rmse_by_soc,
-    outside_note,
-    scored_limits,
-)
 from .style import (
+    BLACK,
     BLUE,
+    COLUMNS,
     GREY,
+    ORANGE,
+    decimate,
     figure_style,
     finish_axes,
     legend_above,
     make_figure,
     title,
 )
-from .time_axis import NOT_SCORED, choose_time_unit, shade_unscored
+from .voltage import NOT_SCORED, choose_time_unit, shade_unscored
 
 if TYPE_CHECKING:
-    from ..evaluate import Evaluation
+    from ..search.evaluate import Evaluation
+
+
+Samples = Float[np.ndarray, "samples"]
+
+LABEL = "Error [mV]\n(measured − simulated)"
+SOC_BINS = 20
+FEWEST_IN_BIN = 5
+# A few samples at the very end of a discharge can be ten times as far off as all the others.
+FEW_PERCENT = 0.5
+MARGIN = 0.3
+NEARLY_INSIDE = 1.5
+# Lines stand out from points of any color, their own included.
+OUTLINE = (Stroke(linewidth=2.8, foreground="white"), Normal())
+
+
+def broken_line(
+    time: Samples, error_mv: Samples, chosen: Bool[np.ndarray, "samples"]
+) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
+    """The chosen samples as a line, broken where others lie between, as wide as can be seen."""
+    indices = np.flatnonzero(chosen)
+    kept = indices[decimate(time[indices], error_mv[indices])]
+    others = np.cumsum(~chosen)
+    is_wide = np.diff(time[kept]) > (time[-1] - time[0]) / COLUMNS
+    breaks = np.flatnonzero((np.diff(others[kept]) > 0) & is_wide) + 1
+    return np.insert(time[kept], breaks, np.nan), np.insert(error_mv[kept], breaks, np.nan)
+
+
+def draw_rmse(axes: Axes, rmse_mv: float, label: str) -> None:
+    """Zero, and plus and minus the RMSE of all scored samples."""
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    axes.axhline(rmse_mv, color=BLACK, linestyle="--", label=label)
+    axes.axhline(-rmse_mv, color=BLACK, linestyle="--", label="_lower")
+
+
+def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str = ORANGE) -> None:
+    """Plus and minus the RMSE in each twentieth of SOC that holds enough samples."""
+    edges = np.linspace(0.0, 1.0, SOC_BINS + 1)
+    samples = np.histogram(soc, edges)[0]
+    squares = np.histogram(soc, edges, weights=error_mv**2)[0]
+    is_enough = samples >= FEWEST_IN_BIN
+    rmse_mv = np.full(SOC_BINS, np.nan)
+    rmse_mv[is_enough] = np.sqrt(squares[is_enough] / samples[is_enough])
+    for side, label in ((1, f"± RMSE in each {1 / SOC_BINS:g} of SOC"), (-1, "_lower")):
+        axes.stairs(
+            side * rmse_mv,
+            edges,
+            baseline=None,
+            color=color,
+            linewidth=1.6,
+            label=label,
+            zorder=2.5,
+            path_effects=OUTLINE,
+        )
+
+
+def draw_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str, layer: float) -> None:
+    """Errors as points, drawn as a picture: as vectors, a long record would make a huge file."""
+    axes.plot(
+        soc,
+        error_mv,
+        color=color,
+        linestyle="none",
+        marker=".",
+        markersize=2.0,
+        markeredgewidth=0.0,
+        alpha=0.6,
+        rasterized=True,
+        zorder=layer,
+    )
+
+
+def scored_limits(scored_mv: Samples) -> tuple[float, float]:
+    """Limits that all but a few scored samples need."""
+    rmse_mv = np.sqrt(np.mean(scored_mv**2))
+    few = [FEW_PERCENT, 100 - FEW_PERCENT]
+    low, high = np.percentile(np.concatenate([scored_mv, [-rmse_mv, rmse_mv]]), few)
+    margin = MARGIN * (high - low) or 1.0
+    low, high = min(low - margin, -1.1 * rmse_mv), max(high + margin, 1.1 * rmse_mv)
+    if NEARLY_INSIDE * low < scored_mv.min() and scored_mv.max() < NEARLY_INSIDE * high:
+        low = min(low, scored_mv.min() - margin / 4)
+        high = max(high, scored_mv.max() + margin / 4)
+    return float(low), float(high)
+
+
+def outside_note(scored_mv: Samples, low: float, high: float) -> str:
+    """How many scored samples lie outside the limits, and how far; nothing where none does.
+
+    >>> outside_note(np.array([1.0, 2.0, -60.0]), -5.0, 5.0)
+    'outside: 1 of 3 scored samples, up to −60 mV'
+    """
+    outside = (scored_mv < low) | (scored_mv > high)
+    if not outside.any():
+        return ""
+    farthest = scored_mv[np.argmax(np.abs(scored_mv))]
+    return (
+        f"outside: {np.count_nonzero(outside)} of {len(scored_mv)} scored samples, "
+        f"up to {farthest:.0f} mV".replace("-", "−")
+    )
 
 
 @figure_style()

@@ -11,12 +11,12 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from .rows import row_looks
+from .compared_records import row_looks
 from .style import BLACK, TICKS, figure_style, finish_axes, legend_above, make_figure
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
-    from ..optimum import Landscape
+    from ..global_optimum import Landscape
 
 # Excess over the lowest RMSE, in percent: narrow steps near the bottom, where basins part.
 STEPS_PERCENT: Final = (0.0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)

@@ -1,12 +1,18 @@
-"""What a figure may be drawn from: a result, or the file that holds it."""
+"""What a figure is drawn from, and the figure with its captions."""
 
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
+
+from .style import encode
 
 if TYPE_CHECKING:
     from ..cell import CellModel
     from ..comparison import ComparisonResult
-    from ..result import Result
+    from ..results import Result
 
 
 def cell_of(source: "CellModel | Result | str | Path") -> "CellModel":
@@ -21,7 +27,7 @@ def cell_of(source: "CellModel | Result | str | Path") -> "CellModel":
 
 def result_of(source: "Result | str | Path") -> "Result":
     """A stored result, or that of a `result.json`."""
-    from ..result import Result
+    from ..results import Result
 
     return source if isinstance(source, Result) else Result.from_json(source)
 
@@ -31,3 +37,47 @@ def comparison_of(source: "ComparisonResult | str | Path") -> "ComparisonResult"
     from ..comparison import ComparisonResult
 
     return source if isinstance(source, ComparisonResult) else ComparisonResult.from_json(source)
+
+
+# Sharp on a phone and in print, and still small enough to be sent.
+DPI = 180
+
+
+@dataclass(frozen=True, eq=False)
+class Illustration:
+    """A figure, its file's name without a suffix, its caption, and words for who cannot see it.
+
+    `is_dense` says that it holds so many points that PNG is the smaller form. Each form is drawn
+    once, when it is asked for.
+    """
+
+    name: str
+    figure: Figure
+    caption: str
+    alt: str
+    is_dense: bool = True
+
+    @cached_property
+    def png(self) -> bytes:
+        return encode(self.figure, "png", DPI)
+
+    @cached_property
+    def svg(self) -> bytes:
+        return encode(self.figure, "svg", DPI)
+
+    @cached_property
+    def pdf(self) -> bytes:
+        return encode(self.figure, "pdf", DPI)
+
+
+def record_roles(identified: int, validated: int) -> list[str]:
+    """What the files of each record are called: those identified on, then those for validation.
+
+    >>> record_roles(1, 2)
+    ['identification', 'validation-1', 'validation-2']
+    """
+    first = [f"identification-{number}" for number in range(1, identified + 1)]
+    return [
+        *(first if identified > 1 else ["identification"]),
+        *(f"validation-{number}" for number in range(1, validated + 1)),
+    ]

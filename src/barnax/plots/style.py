@@ -1,12 +1,20 @@
-"""What all figures share: size, colors, line widths, and axes made alike."""
+"""How every figure looks: sizes, colors, axes, and files of pictures."""
 
-from collections.abc import Iterator
+import io
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import matplotlib
+import numpy as np
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+from ..cell import CircuitParameters
 
 WIDTH_IN: Final = 7.0
 HEIGHT_IN: Final = 4.5
@@ -100,3 +108,107 @@ def legend_above(figure: Figure, *panels: Axes, columns: int) -> None:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=columns)
+
+
+SHORT = 10.0
+MIDDLE = 300.0
+LONG = 1e4
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def label_plainly(axis: Axis) -> None:
+    """Ticks with plain numbers on a logarithmic axis, also where it spans less than a decade.
+
+    Call it when the limits stand. An axis of more than four decades shows powers of ten, in plain
+    characters: setting them as formulas takes as long as the rest of a figure's text.
+    """
+    low, high = sorted(axis.get_view_interval())
+    within = (1, 3) if high / low < MIDDLE else (1,)
+    is_short = high / low < SHORT
+    label = _power_of_ten if high / low > LONG else _plain
+    axis.set_major_locator(MaxNLocator(5) if is_short else LogLocator(subs=within))
+    axis.set_major_formatter(FuncFormatter(label))
+    axis.set_minor_locator(NullLocator())
+
+
+def _plain(value: float, _: object) -> str:
+    return f"{value:g}"
+
+
+def _power_of_ten(value: float, _: object) -> str:
+    return "10" + str(round(math.log10(value))).translate(RAISED)
+
+
+# Twice as many as a 7 inch figure has pixel columns at 150 dpi.
+COLUMNS = 2000
+
+
+def decimate(
+    x: Float[np.ndarray, "samples"], y: Float[np.ndarray, "samples"], columns: int = COLUMNS
+) -> Int[np.ndarray, "kept"]:
+    """Indices of the samples that are enough to draw y over x, which must not decrease.
+
+    The first, last, lowest and highest sample of each of `columns` equal parts of the range of x:
+    the drawn line is the same as long as a part is no wider than a pixel (U. Jugel et al., "M4: A
+    Visualization-Oriented Time Series Data Aggregation", VLDB 7 (2014) 797). All samples where
+    there are fewer than those.
+
+    >>> decimate(np.arange(6.0), np.array([0.0, 5.0, 2.0, -3.0, 1.0, 1.0]), columns=1)
+    array([0, 1, 3, 5])
+    """
+    if len(x) <= 4 * columns:
+        return np.arange(len(x))
+    column = np.minimum((x - x[0]) * (columns / (x[-1] - x[0])), columns - 1).astype(int)
+    first = np.flatnonzero(np.diff(column, prepend=-1))
+    last = np.append(first[1:], len(x)) - 1
+    by_height = np.lexsort((y, column))
+    return np.unique(np.concatenate([first, last, by_height[first], by_height[last]]))
+
+
+Kind = Literal["png", "svg", "pdf"]
+DPI: Final = 150
+# Dates and versions would make equal runs differ.
+UNDATED: Final[dict[Kind, dict[str, Any]]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+def encode(figure: Figure, kind: Kind = "png", dpi: int = DPI) -> bytes:
+    """The figure as PNG, SVG or PDF, in memory.
+
+    `dpi` is the resolution of PNG and of what is drawn as a picture inside SVG and PDF. The first
+    call settles the figure's layout, so that all its files look the same.
+
+    >>> encode(Figure(), "svg")[:5]
+    b'<?xml'
+    """
+    buffer = io.BytesIO()
+    with figure_style(), matplotlib.rc_context({"svg.hashsalt": "barnax"}):
+        # Laid out anew for every file, axes would move by a fraction of a point each time.
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            engine.execute(figure)
+            # Not "none": with that stand-in every figure is drawn twice.
+            figure.set_layout_engine(None)
+        figure.canvas.print_figure(buffer, format=kind, dpi=dpi, metadata=UNDATED[kind])
+    return buffer.getvalue()
+
+
+def readable(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Resistances in mOhm, capacitances in F and time constants in s, by a name with its unit.
+
+    `parameters` are PyBaMM's names, as `result.json` holds them.
+
+    >>> readable({"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 500.0})
+    {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
+    """
+    circuit = CircuitParameters.from_dict(parameters)
+    values = {"R0 [mOhm]": 1e3 * circuit.r0}
+    pairs = zip(circuit.r, circuit.c, circuit.tau_s, strict=True)
+    for pair, (r, c, tau_s) in enumerate(pairs, start=1):
+        values |= {f"R{pair} [mOhm]": 1e3 * r, f"C{pair} [F]": c, f"tau{pair} [s]": tau_s}
+    if circuit.gamma is not None:
+        values["gamma [1/SOC]"] = circuit.gamma
+    return values

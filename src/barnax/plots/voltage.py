@@ -1,26 +1,162 @@
-"""Measured and simulated voltage of one record, and the current that made it."""
+"""Voltage, current and state of charge over time."""
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .condition import draw_current
-from .decimation import decimate
 from .style import (
     BLACK,
+    BLUE,
+    COLUMNS,
+    SHADE,
     SKY_BLUE,
+    VERMILLION,
+    decimate,
     figure_style,
     finish_axes,
     legend_above,
     make_figure,
     title,
 )
-from .time_axis import choose_time_unit, lively_stretch, shade_unscored
 
 if TYPE_CHECKING:
-    from ..evaluate import Evaluation
+    from ..model.inputs import Course
+    from ..search.evaluate import Evaluation
+
+
+NOT_SCORED = "not scored"
+HOURS_FROM_S = 7200.0
+STRETCH_SAMPLES = 200
+STRETCHES_PER_RECORD = 5
+SHORTEST_STRETCH = 20
+AS_LIVELY = 0.98
+
+Samples = Float[np.ndarray, "samples"]
+
+
+@dataclass(frozen=True)
+class TimeUnit:
+    """A unit of time and how many seconds it has."""
+
+    name: str
+    seconds: float
+
+    @property
+    def label(self) -> str:
+        return f"Time [{self.name}]"
+
+
+def choose_time_unit(time_s: Samples) -> TimeUnit:
+    """Hours for records of two hours and more, else seconds.
+
+    >>> choose_time_unit(np.array([0.0, 7200.0])).label
+    'Time [h]'
+    """
+    if time_s[-1] - time_s[0] >= HOURS_FROM_S:
+        return TimeUnit("h", 3600.0)
+    return TimeUnit("s", 1.0)
+
+
+def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"]) -> None:
+    """Shade the time between scored samples, over the whole height; one entry for the legend.
+
+    Gaps too narrow to be seen are left out: a record may hold tens of thousands of them.
+    """
+    changes = np.diff(~scored, prepend=False, append=False)
+    starts, stops = np.flatnonzero(changes).reshape(-1, 2).T
+    left, right = time[starts], time[np.minimum(stops, len(time) - 1)]
+    is_visible = right - left >= (time[-1] - time[0]) / COLUMNS
+    if not is_visible.any():
+        return
+    spans = list(zip(left[is_visible], (right - left)[is_visible], strict=True))
+    bottom, top = axes.get_ylim()
+    axes.broken_barh(
+        spans,
+        (0.0, 1.0),
+        transform=axes.get_xaxis_transform(),
+        facecolor=SHADE,
+        edgecolor="none",
+        zorder=0,
+        label=NOT_SCORED,
+    )
+    axes.set_ylim(bottom, top)
+
+
+def lively_stretch(current_a: Samples, scored: Bool[np.ndarray, "samples"]) -> slice | None:
+    """A short scored stretch with much change of current, or `None` where the record is short.
+
+    Chosen by the current alone, so that it neither flatters nor blames the simulation. Where a
+    profile repeats itself, the repetition nearest to the middle of the scored samples is taken.
+    """
+    length = min(STRETCH_SAMPLES, int(np.count_nonzero(scored)) // STRETCHES_PER_RECORD)
+    if length < SHORTEST_STRETCH:
+        return None
+    both_scored = scored[1:] & scored[:-1]
+    change_a = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(current_a)) * both_scored)])
+    within_a = change_a[length - 1 :] - change_a[: len(change_a) - length + 1]
+    lively = np.flatnonzero(within_a >= AS_LIVELY * within_a.max())
+    middle = np.median(np.flatnonzero(scored)) - length / 2
+    start = int(lively[np.argmin(np.abs(lively - middle))])
+    return slice(start, start + length)
+
+
+@figure_style()
+def plot_condition(course: "Course") -> Figure:
+    """Current, measured voltage and state of charge of the simulated stretch of one record.
+
+    As Fig. 8 and 9 of Li et al. (2023). Time is on the record's own clock, in seconds below two
+    hours; discharge current is positive. Samples that do not count are shaded.
+
+    >>> from barnax import Window, bundled_file, characterize, read_record
+    >>> from barnax.course import make_course
+    >>> cell = characterize([read_record(bundled_file("ocv_discharge"))])
+    >>> record = read_record(bundled_file("identification"))
+    >>> figure = plot_condition(make_course(record, cell, "so-rc", Window()))
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['Current [A]\\n(discharge > 0)', 'Voltage [V]', 'SOC [-]']
+    """
+    unit = choose_time_unit(course.time_s)
+    time = course.time_s / unit.seconds
+    figure = make_figure()
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1.6, 1.0])
+    current, voltage, charge = panels
+    draw_current(current, time, course.current_a, course.record.hold.value)
+    _draw(voltage, time, course.voltage_v, BLUE)
+    _draw(charge, time, course.soc, BLACK)
+    voltage.set_ylabel("Voltage [V]")
+    charge.set_ylabel("SOC [-]")
+    charge.set_xlabel(unit.label)
+    for axes in panels:
+        shade_unscored(axes, time, course.scored)
+    title(current, course.record.name)
+    finish_axes(*panels)
+    if not course.scored.all():
+        legend_above(figure, current, columns=1)
+    return figure
+
+
+def draw_current(axes: Axes, time: np.ndarray, current_a: np.ndarray, hold: str) -> None:
+    """The current as it flowed between samples, by the record's hold."""
+    kept = decimate(time, current_a)
+    axes.plot(
+        time[kept],
+        current_a[kept],
+        color=VERMILLION,
+        linewidth=0.8,
+        drawstyle="steps-post" if hold == "forward" else "steps-pre",
+    )
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    axes.set_ylabel("Current [A]\n(discharge > 0)")
+
+
+def _draw(axes: Axes, time: np.ndarray, values: np.ndarray, color: str) -> None:
+    kept = decimate(time, values)
+    axes.plot(time[kept], values[kept], color=color, linewidth=0.8)
+
 
 FRAME = "#7A7A7A"
 

@@ -5,14 +5,12 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from ..errors import InputError
-from .checks import check_samples
-from .hold import decide_hold
-from .limits import LARGEST_FILE
+from ..errors import LARGEST_FILE, InputError
+from .conventions import CHARGE, DISCHARGE, Sign, decide_hold, decide_sign
+from .plausibility import check_samples
 from .readers import read_table
 from .record import Decision, Hold, Record
 from .samples import Samples, take_samples
-from .sign import CHARGE, DISCHARGE, Sign, decide_sign
 
 
 def read_record(

@@ -1,10 +1,18 @@
 """When a cell rests, and which way its current last flowed."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .record import Record
-from .stretches import stretches
+
+
+def stretches(
+    holds: Bool[np.ndarray, "places"],
+) -> tuple[Int[np.ndarray, "stretches"], Int[np.ndarray, "stretches"]]:
+    """First and last place of each unbroken stretch where `holds` is true, in order."""
+    edges = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+
 
 # Long enough for a robust spread, short against a rest.
 _WINDOW_SAMPLES = 32

@@ -4,11 +4,10 @@ A report is first a `Document`, made from results alone; `to_html` and `to_markd
 in both forms. Nothing here writes a file.
 """
 
-from .comparison_illustrations import comparison_illustrations
-from .comparison_report import comparison_document
+from .comparison import comparison_document
 from .document import Document, Picture
-from .identification_illustrations import identification_illustrations
-from .identification_report import identification_document
+from .identification import identification_document
+from .illustrations import comparison_illustrations, identification_illustrations
 from .render import picture_suffix, to_html, to_markdown
 
 __all__ = [

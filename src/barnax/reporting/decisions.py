@@ -1,19 +1,20 @@
-"""What was measured, and what was decided about it, with the reasons."""
+"""What was measured, what was decided about it with the reasons, and how to repeat it."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..cell import CellModel, PolynomialCurve
-from .document import Column, Table
+from .document import Bullets, Column, Listing, Paragraph, Section, Table
 from .words import joined, millivolt, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..result import Result
-    from ..result_parts import DecisionPart, InputPart
-    from ..window import Window
+    from ..model.inputs import Window
+    from ..results import DecisionPart, InputPart, Result
 
     Stored = Result | ComparisonResult
+
 
 # The name of a record, the state of charge where its simulation starts, and why that.
 Start = tuple[str, float, str]
@@ -162,3 +163,30 @@ def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) 
     ]
     held = [f"{name} held at {significant(value, 4)}" for name, value in fixed.items()]
     return "; ".join([*free, *held])
+
+
+def reproduction_section(stored: "Stored") -> Section:
+    """The exact command, and the versions that can change a digit."""
+    versions = Table(
+        caption="Versions that can change a digit.",
+        columns=(Column("package", role="text"), Column("version", role="text")),
+        rows=tuple(stored.versions.items()),
+    )
+    if not stored.command:
+        made = (Paragraph("This was made from Python, not by a command."),)
+    else:
+        made = (
+            Paragraph(
+                "The command, run in the folder of the files. The same files, key and versions on "
+                "the same machine give the same numbers to the last bit."
+            ),
+            Listing(shlex.join(stored.command)),
+        )
+    return Section("How to repeat this", (*made, versions))
+
+
+def warnings_section(warnings: Sequence[str]) -> list[Section]:
+    """A section of warnings, where there are any."""
+    if not warnings:
+        return []
+    return [Section("Warnings", (Bullets(tuple(warnings), are_warnings=True),))]

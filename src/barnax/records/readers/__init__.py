@@ -6,11 +6,9 @@ comes last because almost anything without a signature could be text.
 
 from dataclasses import replace
 
-from ...errors import InputError
-from ..limits import LONGEST_NAME, cut
-from ..table import Table
+from ...errors import LONGEST_NAME, InputError, cut
+from ..samples import Reader, Table
 from .parquet import PARQUET
-from .reader import Reader
 from .text import TEXT
 from .workbook import WORKBOOK
 

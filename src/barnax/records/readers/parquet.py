@@ -5,15 +5,11 @@ import io
 import numpy as np
 import polars as pl
 
-from ...errors import InputError
-from ..limits import reason_of
-from ..table import Table
-from .parquet_claims import check_claims
-from .reader import Reader
-from .thrift import Broken
+from ...errors import InputError, reason_of
+from ..samples import Reader, Table
 
 # Polars panics, outside Exception, on some files damaged in their middle.
-_DAMAGE = (Broken, pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
+_DAMAGE = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
 
 
 def _recognizes(content: bytes) -> bool:
@@ -22,7 +18,6 @@ def _recognizes(content: bytes) -> bool:
 
 def _read(content: bytes, file: str) -> Table:
     try:
-        check_claims(content, file)
         frame = pl.read_parquet(io.BytesIO(content))
     except _DAMAGE as error:
         raise InputError(

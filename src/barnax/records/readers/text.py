@@ -8,11 +8,9 @@ import re
 import numpy as np
 import polars as pl
 
-from ...errors import InputError
+from ...errors import InputError, reason_of, require_size
 from ..columns import NEEDED, find_columns
-from ..limits import reason_of, require_size
-from ..table import Table
-from .reader import Reader
+from ..samples import Reader, Table
 
 _DELIMITERS = ",;\t|"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)

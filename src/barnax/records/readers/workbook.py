@@ -5,21 +5,17 @@ An Arbin workbook holds `Info`, `Channel_<chassis>-<channel>` and, past the old 
 publishes OOXML workbooks under the suffix `.xls`, so the suffix says nothing.
 """
 
+import io
 import re
+import zipfile
 
 import fastexcel
 import numpy as np
 import polars as pl
 
-from ...errors import InputError
+from ...errors import LARGEST_FILE, InputError, cut, listed, require_size
 from ..columns import NEEDED, find_columns, has_arbin_header
-from ..limits import cut, listed, reason_of, require_size
-from ..table import Table
-from .old_workbook import open_old_sheets
-from .reader import Reader
-from .workbook_parts import plain_workbook
-from .workbook_sheets import open_sheets
-from .workbook_xml import Damaged
+from ..samples import Reader, Table
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 # More are read one by one, each from its whole sheet.
@@ -34,28 +30,29 @@ def _recognizes(content: bytes) -> bool:
 
 def _read(content: bytes, file: str) -> Table:
     try:
-        is_old = content.startswith(_OLE)
-        workbook = (
-            open_old_sheets(content) if is_old else open_sheets(plain_workbook(content, file))
-        )
-        if len(workbook.names) > _MOST_SHEETS:
+        _require_unpacked_size(content, file)
+        workbook = fastexcel.read_excel(content)
+        headers = {
+            name: _header(workbook, name) for name in workbook.sheet_names[: _MOST_SHEETS + 1]
+        }
+        if len(headers) > _MOST_SHEETS:
             raise InputError(
-                f"{file}: has {len(workbook.names)} sheets, and at most {_MOST_SHEETS} are read; "
-                "delete those that do not belong to the record."
+                f"{file}: has over {_MOST_SHEETS} sheets, more than are read; delete those that do "
+                "not belong to the record."
             )
-        headers = {name: workbook.header(name) for name in workbook.names}
         chosen = _chosen_sheets(headers, file)
-        bodies: dict[str, pl.DataFrame] = {}
-        for name in chosen:
-            bodies[name] = workbook.body(name)
-            rows = sum(body.height for body in bodies.values())
-            require_size(rows, len(headers[name]), file)
-    except (Damaged, fastexcel.FastExcelError) as error:
+        bodies = {name: _body(workbook, name) for name in chosen}
+    except InputError:
+        raise
+    except BaseException as error:
+        # What a damaged workbook makes the library's Rust code do is outside Exception.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
         raise InputError(
-            f"{file}: the workbook is damaged or cut short ({reason_of(error)}); "
-            "copy or export it again."
+            f"{file}: the workbook is damaged or cut short; copy or export it again."
         ) from error
     header = headers[chosen[0]]
+    require_size(sum(body.height for body in bodies.values()), len(header), file)
     for name in chosen:
         if headers[name] != header:
             raise InputError(
@@ -63,6 +60,33 @@ def _read(content: bytes, file: str) -> Table:
                 "and cannot be joined; give them the same first row."
             )
     return _joined(bodies, header, ignored=[name for name in headers if name not in chosen])
+
+
+def _require_unpacked_size(content: bytes, file: str) -> None:
+    """Raise InputError where a workbook would unpack to more than is read."""
+    if content.startswith(_OLE):
+        return
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        unpacked = sum(part.file_size for part in archive.infolist())
+    if unpacked > LARGEST_FILE:
+        raise InputError(
+            f"{file}: unpacks to {unpacked / 1e9:.1f} GB, more than is read; give a part of the "
+            "record, or export it as CSV."
+        )
+
+
+def _header(workbook: fastexcel.ExcelReader, name: str) -> tuple[str, ...]:
+    """A sheet's first row."""
+    first = workbook.load_sheet(name, header_row=None, n_rows=1, dtypes="string").to_polars()
+    return tuple(str(cell) for cell in first.row(0)) if first.height else ()
+
+
+def _body(workbook: fastexcel.ExcelReader, name: str) -> pl.DataFrame:
+    """The rows below a sheet's first."""
+    if workbook.load_sheet(name, header_row=None).height < 2:
+        return pl.DataFrame()
+    sheet = workbook.load_sheet(name, header_row=None, skip_rows=1, schema_sample_rows=None)
+    return sheet.to_polars()
 
 
 def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:

@@ -1,0 +1,122 @@
+"""Population optimizers and Levenberg-Marquardt as methods, alone and one after the other."""
+
+import inspect
+import math
+
+import jax
+
+from ..model.problem import Problem
+from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
+from ..search.identify import identify
+from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
+from .method import Answer, Budget, Method, MethodFailure, Progress, generator_of, random_circuits
+
+
+def population_method(name: str) -> Method:
+    """The method that is the optimizer registered as `name`, unrefined.
+
+    It runs for as many generations as the budget holds: an optimizer that evaluates more
+    candidates in one runs for fewer.
+    """
+
+    def search(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+        cost = evaluations_per_iteration(make_optimizer(name, budget.population, 1))
+        iterations = (budget.evaluations - budget.population) // cost
+        if iterations < 1:
+            raise MethodFailure(
+                f"it evaluates {cost} candidates a generation, more than the budget of "
+                f"{budget.evaluations} a seed holds; raise --iterations"
+            )
+        found = identify(
+            problem,
+            make_optimizer(name, budget.population, iterations),
+            key=jax.random.key(budget.key),
+            seeds=budget.seeds,
+            progress=progress,
+        )
+        return [
+            Answer(seed.parameters, seed.rmse_v, seed.evaluations, seed.history_v)
+            for seed in found.seeds
+        ]
+
+    source = (inspect.getdoc(OPTIMIZERS[name]) or "").split("\n")[0].rstrip(".")
+    return Method(name, source, is_deterministic=False, run=search)
+
+
+# Starts a seed, fewer where the budget does not hold as many.
+STARTS = 10
+
+
+def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """The best of `STARTS` descents a seed (Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431).
+
+    Starts are a Latin hypercube in the logarithms of the box; each descends in at most 50 steps.
+    As many starts are made as the budget could hold if each took all its steps, so the evaluations
+    spent are fewer.
+    """
+    dearest = STEPS * (1 + len(problem.coordinates.names))
+    starts = max(1, min(STARTS, budget.evaluations // dearest))
+    circuits = [
+        circuit
+        for seed in range(budget.seeds)
+        for circuit in random_circuits(problem, generator_of(budget.key, seed), starts)
+    ]
+    finished = 0
+
+    def advance(gained: int) -> None:
+        nonlocal finished
+        before, finished = finished // starts, finished + gained
+        progress(finished // starts - before)
+
+    ends = Descent(problem)(circuits, SEED_TOLERANCE, progress=advance)
+    return [
+        best_of(ends[first : first + starts]) for first in range(0, budget.seeds * starts, starts)
+    ]
+
+
+def best_of(ends: list[RefinedSeed], spent: int = 0) -> Answer:
+    """The best of some descents, with what all of them and the search before them cost."""
+    best = min(ends, key=lambda end: end.rmse_v if math.isfinite(end.rmse_v) else math.inf)
+    evaluations = spent + sum(end.evaluations for end in ends)
+    return Answer(best.parameters, best.rmse_v, evaluations)
+
+
+LM = Method(
+    "lm",
+    f"Levenberg-Marquardt (Marquardt, 1963) from {STARTS} starts, optimistix",
+    is_deterministic=False,
+    run=multistart,
+)
+
+
+def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """What Levenberg-Marquardt makes of a particle swarm's best (Shen and Li, Energies 10 (2017)
+    432).
+
+    The swarm has the budget less what one descent of at most 50 steps could cost. Their circuit
+    is another; the two scales are theirs.
+    """
+    dearest = STEPS * (1 + len(problem.coordinates.names))
+    iterations = (budget.evaluations - dearest) // budget.population - 1
+    if iterations < 1:
+        raise MethodFailure(
+            f"the budget of {budget.evaluations} evaluations a seed holds no swarm and a descent; "
+            "raise --iterations"
+        )
+    found = identify(
+        problem,
+        make_optimizer("pso", budget.population, iterations),
+        key=jax.random.key(budget.key),
+        seeds=budget.seeds,
+        progress=progress,
+    )
+    ends = Descent(problem)([seed.parameters for seed in found.seeds], SEED_TOLERANCE)
+    return [best_of([end], seed.evaluations) for seed, end in zip(found.seeds, ends, strict=True)]
+
+
+PSO_LM = Method(
+    "pso-lm",
+    "Particle swarm, then Levenberg-Marquardt (Shen and Li, 2017)",
+    is_deterministic=False,
+    run=swarm_then_descent,
+)

@@ -1,0 +1,94 @@
+"""Differential evolution from SciPy: the baseline that is not ours."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from ..execution import compile_for, in_float64
+from ..model.problem import Objective, Problem, rmse, rmse_by_scan
+from .method import Answer, Budget, Method, MethodFailure, Progress, generator_of, latin_hypercube
+
+# SciPy's own limit.
+FEWEST = 5
+
+
+@in_float64
+def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """The best circuit of `scipy.optimize.differential_evolution` (Storn and Price, J. Global
+    Optim. 11 (1997) 341).
+
+    SciPy's defaults (best1bin, dithered mutation 0.5 to 1, crossover 0.7), in the search
+    coordinates and box of all others, over our compiled RMSE; no polish, and no early stop, so
+    that the whole budget is spent. Raises `MethodFailure` for a population under `FEWEST`.
+    """
+    box = problem.coordinates
+    if budget.population < FEWEST:
+        raise MethodFailure(
+            f"differential evolution needs a population of at least {FEWEST}, not "
+            f"{budget.population}"
+        )
+    low, high = np.asarray(box.lower), np.asarray(box.upper)
+    candidates = jnp.zeros((budget.population, len(low)))
+    compiled = compile_for(_errors, candidates, problem.objective)
+
+    @in_float64  # the setting belongs to a thread
+    def run(seed: int):
+        generator = generator_of(budget.key, seed)
+        history = []
+
+        def errors(points: np.ndarray) -> np.ndarray:
+            found = np.asarray(compiled(jnp.asarray(points.T), problem.objective))
+            finite = np.where(np.isfinite(found), found, np.inf)
+            history.append(min(np.min(finite), history[-1] if history else np.inf))
+            return finite
+
+        fractions = latin_hypercube(generator, budget.population, len(low))
+        start: Any = low + fractions * (high - low)  # SciPy's types know of names only
+        found = differential_evolution(
+            errors,
+            list(zip(low, high, strict=True)),
+            maxiter=budget.iterations,
+            init=start,
+            rng=generator,
+            tol=0,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+        )
+        return found.x, np.array(history)
+
+    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+        waiting = [pool.submit(run, seed) for seed in range(budget.seeds)]
+        try:
+            ends = []
+            for done in waiting:
+                ends.append(done.result())
+                progress(1)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    circuits = problem.parameters_at([point for point, _ in ends], box)
+    errors_v = [history_v[-1] for _, history_v in ends]
+    if problem.kind != "scan":
+        errors_v = rmse_by_scan(problem, circuits)
+    return [
+        Answer(circuit, float(rmse_v), budget.population * len(history_v), history_v)
+        for circuit, rmse_v, (_, history_v) in zip(circuits, errors_v, ends, strict=True)
+    ]
+
+
+def _errors(points, objective: Objective):
+    return jax.vmap(rmse, in_axes=(0, None))(points, objective)
+
+
+DE = Method(
+    "de",
+    "Differential evolution (Storn and Price, 1997), SciPy's",
+    is_deterministic=False,
+    run=evolve,
+)

@@ -1,0 +1,106 @@
+"""What a method is given, and what it answers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import qmc
+
+from ..cell import CircuitParameters
+from ..execution import in_float64
+from ..model.problem import Problem
+
+
+class MethodFailure(Exception):
+    """A method that cannot answer on these data; the message says why, in one sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Parameters over time, as an online method saw them; NaN where they are no circuit's.
+
+    Arrays hold one row a time, one column an RC pair, in ohm and seconds.
+    """
+
+    time_s: Float[np.ndarray, "times"]
+    r0: Float[np.ndarray, "times"]
+    r: Float[np.ndarray, "times pairs"]
+    tau_s: Float[np.ndarray, "times pairs"]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What one run of a method found, by itself: nothing has refined it.
+
+    `evaluations` counts simulations of one candidate, a Jacobian as one per free parameter.
+    `history_v` is the best RMSE after every generation, where the method has generations.
+    """
+
+    parameters: CircuitParameters
+    rmse_v: float
+    evaluations: int
+    history_v: Float[np.ndarray, "generations"] | None = None
+    trajectory: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a method may spend: per seed, the evaluations of a population search.
+
+    All randomness comes from `key`. Methods that draw nothing run once; a method that needs less
+    says what it spent.
+    """
+
+    population: int = 30
+    iterations: int = 500
+    seeds: int = 30
+    key: int = 0
+
+    @property
+    def evaluations(self) -> int:
+        """Simulations a seed, the first population included."""
+        return self.population * (self.iterations + 1)
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to identify a circuit.
+
+    `run(problem, budget, progress)` gives one answer a seed, or a single one where the method
+    draws nothing; `progress` is called with the number of seeds finished since the last call.
+    It raises `MethodFailure` where there is no answer. `source` says in a line where the method
+    comes from.
+    """
+
+    name: str
+    source: str
+    is_deterministic: bool
+    run: Callable[[Problem, Budget, Progress], list[Answer]]
+
+
+def generator_of(key: int, seed: int) -> np.random.Generator:
+    """What one seed draws from; other keys and seeds are independent of it."""
+    return np.random.default_rng([key, seed])
+
+
+def latin_hypercube(
+    generator: np.random.Generator, points: int, dims: int
+) -> Float[np.ndarray, "points dims"]:
+    """Points in the unit cube, one in each of `points` slices of every dimension."""
+    return qmc.LatinHypercube(dims, rng=generator).random(points)
+
+
+@in_float64
+def random_circuits(
+    problem: Problem, generator: np.random.Generator, count: int
+) -> list[CircuitParameters]:
+    """Circuits spread evenly over the logarithms of the search box."""
+    box = problem.objective_in("log").coordinates
+    low, high = np.asarray(box.lower), np.asarray(box.upper)
+    fractions = latin_hypercube(generator, count, len(low))
+    return problem.parameters_at(list(low + fractions * (high - low)), box)

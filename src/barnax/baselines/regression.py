@@ -1,0 +1,300 @@
+"""Least squares of the circuit's difference equation: at once (LS) and recursive (RLS)."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Bool, Float
+
+from ..cell import CircuitParameters
+from ..execution import in_float64
+from ..model.inputs import Course
+from ..model.problem import Problem
+from ..search.evaluate import evaluate_course
+from .method import Answer, Budget, Method, MethodFailure, Progress, Trajectory
+
+# Intervals this close to the median, relative to it, are taken as it; a tester's clock jitters.
+EVEN = 0.05
+# With fewer scored samples than these, as a share, the answer would be of another record.
+LEAST_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class EvenSamples:
+    """Drop (source minus terminal voltage, in V) and current (in A) on an almost even clock.
+
+    `is_row` says of every sample whether it and the `lags` before it are scored and evenly spaced,
+    so that a difference equation holds there. The current flows in the interval after a sample
+    where `is_forward`, else in the one before.
+    """
+
+    time_s: Float[np.ndarray, "samples"]
+    drop_v: Float[np.ndarray, "samples"]
+    current_a: Float[np.ndarray, "samples"]
+    is_row: Bool[np.ndarray, "samples"]
+    interval_s: float
+    is_forward: bool
+    notes: tuple[str, ...]
+
+
+def even_samples(course: Course, lags: int) -> EvenSamples:
+    """The scored samples of a record, those marked whose `lags` intervals are even.
+
+    Nothing is resampled: a voltage between samples was not measured, and interpolating it biases
+    the poles. Raises `MethodFailure` where too few samples are left, and for a circuit whose
+    source depends on what is identified.
+    """
+    if course.hysteresis_amplitude_v is not None:
+        raise MethodFailure(
+            "it needs the open-circuit voltage beforehand, and a dynamic hysteresis moves it"
+        )
+    interval_s = np.diff(course.time_s)
+    scored = course.scored
+    within = scored[1:] & scored[:-1]
+    if not np.any(within):
+        raise MethodFailure("no scored samples follow one another")
+    median_s = float(np.median(interval_s[within]))
+    is_even = within & (np.abs(interval_s - median_s) <= EVEN * median_s)
+    is_row = np.zeros(len(scored), bool)
+    is_row[lags:] = np.lib.stride_tricks.sliding_window_view(is_even, lags).all(axis=1)
+    rows, samples = np.count_nonzero(is_row), np.count_nonzero(scored)
+    if rows < LEAST_SHARE * samples:
+        raise MethodFailure(
+            f"the clock is uneven: only {rows} of {samples} scored samples follow {lags} intervals "
+            f"within {100 * EVEN:.0f} % of the median {median_s:.4g} s, and a difference equation "
+            "needs one interval"
+        )
+    notes = ()
+    if rows < samples - lags:
+        notes = (f"fitted to the {rows} of {samples} scored samples that are evenly spaced",)
+    return EvenSamples(
+        time_s=course.time_s,
+        drop_v=course.source_v - course.voltage_v,
+        current_a=course.current_a,
+        is_row=is_row,
+        interval_s=median_s,
+        is_forward=course.record.hold.value == "forward",
+        notes=notes,
+    )
+
+
+# R C is a product, and may miss a bound of tau by its rounding.
+ROUNDING = 1e-9
+
+Coefficients = Float[np.ndarray, "... coefficients"]
+
+
+def regression(
+    samples: EvenSamples, pairs: int
+) -> tuple[Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
+    """Columns and target of the difference equation at every sample that is a row.
+
+    The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0.
+    """
+    is_row = samples.is_row[pairs:]
+
+    def differences(values: np.ndarray, order: int) -> np.ndarray:
+        return np.diff(values, order)[: len(is_row)][is_row]
+
+    columns = [-differences(samples.drop_v, order) for order in range(pairs - 1, -1, -1)]
+    columns += [differences(samples.current_a, order) for order in range(pairs, -1, -1)]
+    return np.stack(columns, axis=1), differences(samples.drop_v, pairs)
+
+
+def impedances(
+    coefficients: Coefficients, samples: EvenSamples, pairs: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """R0, every pair's R and every pair's tau in s, from fast to slow, at any number of rows.
+
+    NaN where a pole is complex, negative or unstable and so belongs to no time constant.
+    """
+    a, b = coefficients[..., :pairs], coefficients[..., pairs:]
+    companion = np.zeros((*a.shape[:-1], pairs, pairs))
+    companion[..., 0, :] = -a
+    companion[..., np.arange(1, pairs), np.arange(pairs - 1)] = 1.0
+    root = np.linalg.eigvals(companion)
+    is_real = np.all(np.abs(root.imag) == 0, axis=-1, keepdims=True)
+    pole = np.sort(root.real, axis=-1)
+    is_decay = is_real & np.all((pole > -1) & (pole < 0), axis=-1, keepdims=True)
+    with np.errstate(all="ignore"):
+        pole = np.where(is_decay, pole, np.nan)
+        numerator = sum(b[..., order, None] * pole ** (pairs - order) for order in range(pairs + 1))
+        gap = pole[..., :, None] - pole[..., None, :] + np.eye(pairs)
+        step = 1.0 if samples.is_forward else 1 + pole
+        r = numerator / (-pole * step * np.prod(gap, axis=-1))
+        r0 = b[..., 0] - (0.0 if samples.is_forward else np.sum(-pole * r, axis=-1))
+        tau_s = -samples.interval_s / np.log1p(pole)
+    return r0, r, tau_s
+
+
+def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> CircuitParameters:
+    """The circuit of these values. Raises `MethodFailure` where they are no circuit's."""
+    if not np.all(np.isfinite(np.hstack([r0, r, tau_s]))):
+        raise MethodFailure(
+            "the difference equation it finds has complex, negative or unstable poles, which no "
+            "time constants have; noise and what the circuit cannot follow do that"
+        )
+    resistances = [float(r0), *(float(each) for each in r)]
+    if min(resistances) <= 0:
+        values = ", ".join(
+            f"R{index} {1e3 * value:.4g} mohm" for index, value in enumerate(resistances)
+        )
+        raise MethodFailure(f"the difference equation it finds has a negative resistance: {values}")
+    r0, *pairs = resistances
+    c = tuple(float(tau) / each for each, tau in zip(pairs, tau_s, strict=True))
+    return CircuitParameters(r0, tuple(pairs), c)
+
+
+def require_all_free(problem: Problem) -> None:
+    """Raise `MethodFailure` where a parameter is held: a difference equation cannot hold one."""
+    if problem.bounds.fixed:
+        held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
+        raise MethodFailure(
+            f"a regression of the difference equation cannot hold {held}; use another method, such "
+            "as varpro, or leave out --fix"
+        )
+
+
+def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
+    """A note where parameters lie outside the search box, which a linear method does not know."""
+    values = parameters.to_dict()
+    values |= {f"tau{pair} [s]": tau for pair, tau in enumerate(parameters.tau_s, 1)}
+    outside = [
+        f"{name} = {values[name]:.4g} ({low:.4g} to {high:.4g})"
+        for name, (low, high) in problem.bounds.ranges.items()
+        if not low * (1 - ROUNDING) <= values[name] <= high * (1 + ROUNDING)
+    ]
+    return (f"outside the search box, which it does not know: {', '.join(outside)}",) * bool(
+        outside
+    )
+
+
+def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """The circuit whose difference equation has the least sum of squared equation errors.
+
+    One linear regression, no simulation, and no box. It minimises the error of predicting the next
+    sample from the measured ones before it, not that of a simulation: noise in the regressors
+    biases the poles toward fast ones (Ljung, System Identification, 1999, section 7.3), so its
+    RMSE is no least one even where it answers. Raises `MethodFailure` where the equation belongs
+    to no circuit, and where a parameter is held.
+    """
+    del budget
+    require_all_free(problem)
+    pairs = problem.bounds.pairs
+    samples = even_samples(problem.course, pairs)
+    columns, target = regression(samples, pairs)
+    # Columns in volts, amperes and their differences span many decades.
+    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    coefficients = np.linalg.lstsq(columns / scale, target)[0] / scale
+    parameters = circuit_of(*impedances(coefficients, samples, pairs))
+    progress(1)
+    return [
+        Answer(
+            parameters=parameters,
+            rmse_v=evaluate_course(problem.course, parameters).metrics.rmse_v,
+            evaluations=0,
+            notes=samples.notes + outside_box(parameters, problem),
+        )
+    ]
+
+
+LS = Method(
+    "ls",
+    "Batch least squares of the discretised transfer function (Ljung, 1999, section 7.3)",
+    is_deterministic=True,
+    run=least_squares,
+)
+
+
+# Ljung's usual range is 0.98 to 0.995; at one sample a second those forget within the slower time
+# constant of a cell. This remembers a thousand samples.
+FORGETTING = 0.999
+# Of the first guess, in units of each scaled coefficient: nothing is known of it.
+VARIANCE = 1e6
+# Samples after which the first guess is forgotten; the answer is averaged from there on.
+MEMORY = round(1 / (1 - FORGETTING))
+
+
+@in_float64
+def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """The circuit that recursive least squares tracks, averaged, with its whole trajectory.
+
+    Ljung, System Identification (1999), section 11.2, as Yang, Tang and Zhang, Energies 14 (2021)
+    1054, use it for a second-order RC circuit; the forgetting factor is `FORGETTING`, the first
+    guess zero. The averaged parameters are medians over time, from the sample on at which the
+    first guess is forgotten (or half of a shorter record), where the equation belongs to a
+    circuit; noise can make those few, and a note says how many. The bias of `ls` is its bias too.
+    Raises `MethodFailure` where there are none, and where a parameter is held.
+    """
+    del budget
+    require_all_free(problem)
+    pairs = problem.bounds.pairs
+    samples = even_samples(problem.course, pairs)
+    columns, target = regression(samples, pairs)
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
+    coefficients = np.asarray(_track(jnp.asarray(columns / scale), jnp.asarray(target))) / scale
+    r0, r, tau_s = impedances(coefficients, samples, pairs)
+    is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
+    late = np.arange(len(r0)) >= min(MEMORY, len(r0) // 2)
+    counted = late & is_circuit
+    if not np.any(counted):
+        raise MethodFailure(
+            "the equation it tracks belongs to a circuit at no sample: its poles are complex, "
+            "negative or unstable, or a resistance is negative"
+        )
+    parameters = circuit_of(
+        np.median(r0[counted]),
+        np.median(r[counted], axis=0),
+        np.median(tau_s[counted], axis=0),
+    ).ordered()
+    progress(1)
+    hidden = ~is_circuit[:, None]
+    return [
+        Answer(
+            parameters=parameters,
+            rmse_v=evaluate_course(problem.course, parameters).metrics.rmse_v,
+            evaluations=0,
+            trajectory=Trajectory(
+                time_s=samples.time_s[samples.is_row],
+                r0=np.where(is_circuit, r0, np.nan),
+                r=np.where(hidden, np.nan, r),
+                tau_s=np.where(hidden, np.nan, tau_s),
+            ),
+            notes=(
+                f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} "
+                "samples at which its equation belongs to a circuit",
+                *samples.notes,
+                *outside_box(parameters, problem),
+            ),
+        )
+    ]
+
+
+@jax.jit
+def _track(columns, target):
+    """Coefficients after every row."""
+    size = columns.shape[1]
+
+    def step(state, row):
+        coefficients, variance = state
+        regressor, value = row
+        seen = variance @ regressor
+        gain = seen / (FORGETTING + regressor @ seen)
+        coefficients = coefficients + gain * (value - regressor @ coefficients)
+        variance = (variance - jnp.outer(gain, seen)) / FORGETTING
+        # Rounding would let it lose its symmetry, and then its sign.
+        variance = (variance + variance.T) / 2
+        return (coefficients, variance), coefficients
+
+    start = (jnp.zeros(size), VARIANCE * jnp.eye(size))
+    return lax.scan(step, start, (columns, target))[1]
+
+
+RLS = Method(
+    "rls",
+    f"Recursive least squares, forgetting factor {FORGETTING} (Yang, Tang and Zhang, 2021)",
+    is_deterministic=True,
+    run=recursive_least_squares,
+)

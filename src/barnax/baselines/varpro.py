@@ -1,0 +1,270 @@
+"""Variable projection: the resistances solved for at every candidate's time constants."""
+
+import itertools
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.ndimage import minimum_filter
+from scipy.optimize import least_squares, lsq_linear
+
+from ..cell import CircuitParameters
+from ..execution import in_float64
+from ..model.problem import Problem
+from ..model.search_space import SplitBox
+from ..model.simulate import Drive, Impedance, overpotential, unit_response
+from ..search.evaluate import evaluate_course
+from .method import Answer, Budget, Method, Progress
+
+
+@dataclass(frozen=True, eq=False)
+class Separable:
+    """One problem whose error is linear in the resistances once tau and gamma are known.
+
+    The error is base(gamma) + R0 times the current + the sum of R_i times the answer of a pair of
+    1 ohm. Everything is in V and ohm over the scored samples, scaled so that the sum of squares is
+    the RMSE squared.
+    """
+
+    drive: Drive
+    box: SplitBox
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Separable":
+        """The problem by the scan, whatever its own objective."""
+        return cls(problem.drives[0], SplitBox(problem.bounds))
+
+    @property
+    def current(self) -> Float[np.ndarray, "samples"]:
+        return self._scored(self.drive.current_a)
+
+    @in_float64
+    def answers(self, tau_s: Float[np.ndarray, "taus"]) -> Float[np.ndarray, "samples taus"]:
+        """What a pair of 1 ohm answers, for every time constant."""
+        return np.stack([self._scored(row) for row in _answers(jnp.asarray(tau_s), self.drive)], 1)
+
+    @in_float64
+    def bases(
+        self, gammas: Float[np.ndarray, "gammas"] | None
+    ) -> Float[np.ndarray, "samples gammas"]:
+        """The error of a circuit without resistances, for every rate of the hysteresis.
+
+        One column for a circuit without dynamic hysteresis.
+        """
+        if gammas is None:
+            return self._scored(self.drive.base_error_v)[:, None]
+        rows = _bases(jnp.asarray(gammas), self.drive)
+        return np.stack([self._scored(row) for row in rows], axis=1)
+
+    def _scored(self, signal) -> Float[np.ndarray, "samples"]:
+        weight = self.drive.weight
+        chosen = np.asarray(signal)
+        chosen = chosen if weight is None else chosen[np.asarray(weight) > 0]
+        return chosen / np.sqrt(len(chosen))
+
+
+def bounded_least_squares(
+    columns: Float[np.ndarray, "samples resistances"],
+    base: Float[np.ndarray, "samples"],
+    low: Float[np.ndarray, "resistances"],
+    high: Float[np.ndarray, "resistances"],
+) -> Float[np.ndarray, "resistances"]:
+    """The values in [low, high] with the least sum of squares of base + columns @ values.
+
+    Exact: SciPy's bounded-variable least squares (Stark and Parker, Comput. Stat. 10 (1995) 129)
+    on the triangular factor. Where low and high are one value, that is it.
+    """
+    is_free = high > low
+    values = low.copy()
+    if not np.any(is_free):
+        return values
+    target = -(base + columns[:, ~is_free] @ low[~is_free])
+    scale = np.maximum(np.linalg.norm(columns[:, is_free], axis=0), np.finfo(float).tiny)
+    factor = triangular_factor(np.column_stack([columns[:, is_free] / scale, target]))
+    found = lsq_linear(
+        factor[:, :-1],
+        factor[:, -1],
+        (low[is_free] * scale, high[is_free] * scale),
+        method="bvls",
+        tol=1e-14,
+        max_iter=100,
+    )
+    values[is_free] = np.clip(found.x / scale, low[is_free], high[is_free])
+    return values
+
+
+def triangular_factor(
+    matrix: Float[np.ndarray, "rows columns"],
+) -> Float[np.ndarray, "few columns"]:
+    """R of the QR factorization: all that least squares in the columns needs to know."""
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
+@eqx.filter_jit
+def _answers(tau_s: Float[Array, "taus"], drive: Drive) -> Float[Array, "taus samples"]:
+    return jax.vmap(lambda tau: unit_response(tau, drive.held_a, drive.intervals))(tau_s)
+
+
+@eqx.filter_jit
+def _bases(gammas: Float[Array, "gammas"], drive: Drive) -> Float[Array, "gammas samples"]:
+    no_current = Impedance(r0=jnp.asarray(0.0), r=(), tau=())
+
+    def base(gamma):
+        return drive.base_error_v + overpotential(replace(no_current, gamma=gamma), drive)
+
+    return jax.vmap(base)(gammas)
+
+
+# Grid points a time constant, by the number of pairs, and grid points of the hysteresis' rate.
+TAUS = {1: 48, 2: 24, 3: 14, 4: 11}
+GAMMAS = 8
+# Of the grid points that are better than all around them, this many are polished.
+POLISHED = 4
+TOLERANCE = 1e-12
+
+Point = Float[np.ndarray, "outer"]
+
+
+def variable_projection(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """The best circuit of a search over ln tau alone (Golub and Pereyra, SIAM J. Numer. Anal. 10
+    (1973) 413).
+
+    At each set of time constants the resistances are the exact optimum of a bounded linear
+    least-squares problem. The outer search is a grid over the ordered time constants, evenly
+    spaced in ln tau, whose best local minima SciPy's trust-region least squares then polishes
+    with finite differences; a dynamic hysteresis adds ln gamma to the search. It draws nothing.
+    One evaluation is one pair's answer on the grid, and one residual in the polish.
+    """
+    del budget
+    search = OuterSearch(problem)
+    ends = [search.polish(start) for start in search.grid_minima()]
+    best = min(ends, key=lambda point: np.linalg.norm(search.residual(point)))
+    parameters = search.circuit(best)
+    progress(1)
+    return [
+        Answer(
+            parameters=parameters,
+            rmse_v=evaluate_course(problem.course, parameters).metrics.rmse_v,
+            evaluations=search.evaluations,
+        )
+    ]
+
+
+class OuterSearch:
+    """The search over points (ln tau1, ln tau2, ..., ln gamma); counts its evaluations."""
+
+    def __init__(self, problem: Problem):
+        self.separable = Separable.of(problem)
+        self.pairs = problem.bounds.pairs
+        self.is_ordered = problem.bounds.pairs_are_alike
+        ranges = [self.separable.box.tau_range_s(pair) for pair in range(self.pairs)]
+        if self.separable.box.gamma_range is not None:
+            ranges.append(self.separable.box.gamma_range)
+        self.low, self.high = np.log(ranges).T
+        self.evaluations = 0
+
+    def residual(self, point: Point) -> Float[np.ndarray, "samples"]:
+        """The error with the best resistances there; its sum of squares is the RMSE squared."""
+        columns, base, values = self._solve(point)
+        return base + columns @ values
+
+    def circuit(self, point: Point) -> CircuitParameters:
+        """The circuit of a point and the best resistances there."""
+        _, _, (r0, *r) = self._solve(point)
+        tau_s = np.exp(point[: self.pairs])
+        gamma = float(np.exp(point[-1])) if len(point) > self.pairs else None
+        c = tuple(float(tau / each) for each, tau in zip(r, tau_s, strict=True))
+        found = CircuitParameters(float(r0), tuple(float(each) for each in r), c, gamma)
+        return found.ordered() if self.is_ordered else found
+
+    def grid_minima(self) -> list[Point]:
+        """The best grid points that are better than all around them."""
+        axes = [self._axis(index) for index in range(len(self.low))]
+        taus, gammas = axes[: self.pairs], axes[self.pairs :]
+        columns, bases, starts = self._signals(taus, gammas)
+        # All grid points share one triangular factor, a few hundred numbers.
+        factor = triangular_factor(np.concatenate([columns, bases], axis=1))
+        errors = np.full([len(axis) for axis in axes], np.inf)
+        for place in itertools.product(*(range(len(axis)) for axis in taus)):
+            # Two pairs of one time constant are one pair.
+            if self.is_ordered and any(b <= a for a, b in itertools.pairwise(place)):
+                continue
+            chosen = [0, *(start + index for start, index in zip(starts, place, strict=True))]
+            box = self.separable.box.resistance_box(
+                np.exp([axis[index] for axis, index in zip(taus, place, strict=True)])
+            )
+            for number in range(bases.shape[1]):
+                base = factor[:, columns.shape[1] + number]
+                values = bounded_least_squares(factor[:, chosen], base, *box)
+                error = np.linalg.norm(base + factor[:, chosen] @ values)
+                errors[(*place, *([number] * len(gammas)))] = error
+        is_minimum = np.isfinite(errors) & (minimum_filter(errors, 3) == errors)
+        places = sorted(np.argwhere(is_minimum).tolist(), key=lambda place: errors[tuple(place)])
+        return [
+            np.array([axis[index] for axis, index in zip(axes, place, strict=True)])
+            for place in places[:POLISHED]
+        ]
+
+    def polish(self, start: Point) -> Point:
+        """The local minimum near a point, inside the box."""
+        is_free = self.high > self.low
+        if not np.any(is_free):
+            return start
+
+        def at(free: np.ndarray) -> Point:
+            point = start.copy()
+            point[is_free] = free
+            return point
+
+        unit_v = max(float(np.linalg.norm(self.residual(start))), TOLERANCE)
+        low, high = self.low[is_free], self.high[is_free]
+        end = least_squares(
+            lambda free: self.residual(at(free)) / unit_v,
+            np.clip(start[is_free], low, high),
+            bounds=(low, high),
+            xtol=TOLERANCE,
+            ftol=TOLERANCE,
+            gtol=TOLERANCE,
+            max_nfev=100,
+        )
+        return at(end.x)
+
+    def _axis(self, index: int) -> np.ndarray:
+        size = TAUS[self.pairs] if index < self.pairs else GAMMAS
+        low, high = self.low[index], self.high[index]
+        return np.linspace(low, high, size) if high > low else np.array([low])
+
+    def _signals(self, taus: list[np.ndarray], gammas: list[np.ndarray]):
+        """Columns (current, then all pairs' answers), bases, and where each pair's answers begin.
+
+        Pairs that are alike share their answers.
+        """
+        own = taus[:1] if self.is_ordered else taus
+        begin = np.cumsum([1, *(len(axis) for axis in own)])
+        starts = [1] * self.pairs if self.is_ordered else begin[:-1].tolist()
+        answers = self.separable.answers(np.exp(np.concatenate(own)))
+        bases = self.separable.bases(np.exp(gammas[0]) if gammas else None)
+        self.evaluations += answers.shape[1] + (bases.shape[1] if gammas else 0)
+        columns = np.concatenate([self.separable.current[:, None], answers], axis=1)
+        return columns, bases, starts
+
+    def _solve(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns, base and the best resistances at a point."""
+        self.evaluations += 1
+        tau_s, gamma = np.exp(point[: self.pairs]), np.exp(point[self.pairs :])
+        answers = self.separable.answers(tau_s)
+        columns = np.concatenate([self.separable.current[:, None], answers], axis=1)
+        base = self.separable.bases(gamma if len(gamma) else None)[:, 0]
+        box = self.separable.box.resistance_box(tau_s)
+        return columns, base, bounded_least_squares(columns, base, *box)
+
+
+VARPRO = Method(
+    "varpro",
+    "Variable projection (Golub and Pereyra, 1973), bounded resistances, polished grid in tau",
+    is_deterministic=True,
+    run=variable_projection,
+)

@@ -1,0 +1,102 @@
+"""The circuits: how many RC pairs, and which hysteresis voltage.
+
+A new circuit is a `Circuit` here and one line in `CIRCUITS`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+from .model import CellModel
+from .parameters import parameter_names
+
+Samples = Float[np.ndarray, "samples"]
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """RC pairs in series with a voltage source.
+
+    `source_voltage(cell, soc, direction)` is the source in V at each sample, `direction` being
+    +1 after charging and -1 after discharging; it is computed once, outside the search.
+    `hysteresis_amplitude(cell, soc)`, where given, is the voltage in V that a dynamic hysteresis
+    state h in [-1, 1] multiplies; its rate gamma is then one more parameter of the search.
+    """
+
+    name: str
+    description: str
+    source_voltage: Callable[[CellModel, Samples, Samples], Samples]
+    pairs: int = 2
+    hysteresis_amplitude: Callable[[CellModel, Samples], Samples] | None = None
+
+    @property
+    def has_rate(self) -> bool:
+        return self.hysteresis_amplitude is not None
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """PyBaMM's names of what is identified."""
+        return parameter_names(self.pairs, self.has_rate)
+
+
+def average_ocv(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
+    """The average of both OCV branches in V, whatever the direction."""
+    del direction
+    return cell.average_ocv_v(soc)
+
+
+ONE_RC = Circuit("1rc", "one RC pair, OCV averaged over charge and discharge", average_ocv, pairs=1)
+SO_RC = Circuit("so-rc", "two RC pairs, OCV averaged over charge and discharge", average_ocv)
+THREE_RC = Circuit(
+    "3rc", "three RC pairs, OCV averaged over charge and discharge", average_ocv, pairs=3
+)
+FOUR_RC = Circuit(
+    "4rc", "four RC pairs, OCV averaged over charge and discharge", average_ocv, pairs=4
+)
+
+
+def average_ocv_with_hysteresis(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
+    """The average OCV in V, raised by W/2 after charging and lowered by it after discharging."""
+    return cell.average_ocv_v(soc) + direction * cell.hysteresis_v(soc) / 2
+
+
+ISO_RC = Circuit(
+    name="iso-rc",
+    description="two RC pairs, average OCV and segmented hysteresis voltage",
+    source_voltage=average_ocv_with_hysteresis,
+)
+
+
+def half_hysteresis(cell: CellModel, soc: Samples) -> Samples:
+    """Half the hysteresis voltage in V: the way from the average OCV to either branch."""
+    return cell.hysteresis_v(soc) / 2
+
+
+ESC = Circuit(
+    name="esc",
+    description="two RC pairs, average OCV and dynamic hysteresis of rate gamma",
+    source_voltage=average_ocv,
+    hysteresis_amplitude=half_hysteresis,
+)
+
+
+CIRCUITS: Mapping[str, Circuit] = MappingProxyType(
+    {circuit.name: circuit for circuit in (ISO_RC, SO_RC, ESC, ONE_RC, THREE_RC, FOUR_RC)}
+)
+
+
+def get_circuit(name: str) -> Circuit:
+    """The circuit registered as `name`. Raises `ValueError` that lists the names.
+
+    >>> get_circuit("so-rc").name
+    'so-rc'
+    """
+    if name not in CIRCUITS:
+        raise ValueError(f"no circuit is called {name!r}; there are {', '.join(CIRCUITS)}")
+    return CIRCUITS[name]
+
+
+__all__ = ["CIRCUITS", "Circuit", "get_circuit"]

@@ -1,0 +1,426 @@
+"""The points of an OCV test: rested voltages between pulses, or a slow sweep thinned."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..errors import InputError
+from ..records import rests
+from ..records.record import Record
+from ..records.rests import is_rested, rest_blocks
+
+CHARGE = 1
+DISCHARGE = -1
+WORD = {CHARGE: "charge", DISCHARGE: "discharge"}
+SAME_REST_V = 10e-3
+# A pulse below this fraction of all before it was cut short; timers hold to better than that.
+SHORT_PULSE = 0.99
+# Steps below this fraction of the sweep are no pulses.
+SAME_CHARGE = 1e-3
+
+
+@dataclass(frozen=True)
+class SweepPoint:
+    """One OCV reading.
+
+    `discharged_ah` counts on the sweep's own axis; `row` is the row of the source file, `rest_s`
+    how long the cell had rested there, 0 for a slow sweep.
+    """
+
+    discharged_ah: float
+    voltage_v: float
+    source: str
+    row: int
+    rest_s: float
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """OCV points in the order they were met, in `direction` +1 (charge) or -1 (discharge).
+
+    `start_ah` and `end_ah` are where the sweep began and ended on the axis of discharged
+    ampere-hours; the first and last points may lie inside.
+    """
+
+    kind: Literal["rests", "slow"]
+    direction: int
+    source: str
+    start_ah: float
+    end_ah: float
+    points: tuple[SweepPoint, ...]
+
+    @property
+    def passed_ah(self) -> float:
+        """The charge of the whole sweep, positive."""
+        return abs(self.end_ah - self.start_ah)
+
+    @property
+    def stops_at_cutoff(self) -> bool:
+        """Whether it ran until full or empty, as far as its points tell.
+
+        A slow sweep does. Between rests a cut-off shortens the last pulse below all before it, or
+        the last but one where a taper at constant voltage follows.
+        """
+        if self.kind == "slow":
+            return True
+        at_ah = [point.discharged_ah for point in self.points]
+        steps_ah = [abs(after - before) for before, after in pairwise([*at_ah, self.end_ah])]
+        pulses_ah = [step_ah for step_ah in steps_ah if step_ah > SAME_CHARGE * self.passed_ah]
+        return any(
+            pulses_ah[last] < SHORT_PULSE * min(pulses_ah[:last])
+            for last in (-1, -2)
+            if pulses_ah[:last]
+        )
+
+
+def join_sweeps(sweeps: list[Sweep]) -> Sweep:
+    """One sweep of several of the same direction, each beginning at the rest where another ended.
+
+    Raises `InputError` where they do not meet, or where a slow sweep is among them.
+    """
+    if len(sweeps) == 1:
+        return sweeps[0]
+    word = WORD[sweeps[0].direction]
+    names = ", ".join(sweep.source for sweep in sweeps)
+    if any(sweep.kind == "slow" for sweep in sweeps):
+        raise InputError(f"there are {len(sweeps)} {word} sweeps ({names}): give one of them only")
+    ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)
+    joined = ordered[0]
+    for part in ordered[1:]:
+        before, after = joined.points[-1], part.points[0]
+        if abs(before.voltage_v - after.voltage_v) > SAME_REST_V:
+            raise InputError(
+                f"the {word} sweeps of {before.source} and {after.source} do not join: one ends "
+                f"at a rest of {before.voltage_v:.4f} V, the next begins at {after.voltage_v:.4f} "
+                "V. Give one test only, or all of its files."
+            )
+        shift_ah = before.discharged_ah - after.discharged_ah
+        moved = tuple(
+            replace(point, discharged_ah=point.discharged_ah + shift_ah) for point in part.points
+        )
+        joined = replace(joined, end_ah=part.end_ah + shift_ah, points=joined.points + moved[1:])
+    return joined
+
+
+MINIMUM_REST_S = 1800.0
+MINIMUM_POINTS = 4
+# A rest programmed as 30 min ends some hundredths of a second early on the tester's clock.
+CLOCK_SLACK_S = 1.0
+# As fractions of the charge the record spans: rests closer than the first are one rest; a swing
+# beyond both neighboring rests larger than the second is a cycle, not the pulses of an HPPC test.
+SAME_SOC = 1e-3
+CYCLE = 1e-2
+# A record that begins at rest begins where a rest ended that the file cut off, if its voltage is
+# settled and lies where a neighbor of the next point would.
+SETTLED_V = 5e-3
+NEIGHBOR_V = 1.0
+
+Charge = Float[np.ndarray, "samples"]
+
+
+def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
+    """The sweeps of a pulse-rest record, at most one of each direction, all on one charge axis.
+
+    A point is the last sample of a rest of at least 30 min; a sweep is a run of points between
+    turning points of the charge, and the turning rest belongs to both. Of several sweeps of a
+    direction the one with the most points counts: a test may be preceded by conditioning. Raises
+    `InputError` that says what was found where no sweep has four points.
+    """
+    discharged_ah = record.discharged_ah
+    blocks = rest_blocks(record, rest_current_a)
+    rests_s = {last: _rest_s(record, first, last) for first, last in blocks}
+    lasts = _point_samples(record, blocks, rests_s, discharged_ah)
+    directions = _directions(discharged_ah, lasts)
+    sweeps = []
+    for direction in (DISCHARGE, CHARGE):
+        runs = _runs(directions, direction)
+        if not runs:
+            continue
+        first, last = max(runs, key=lambda run: run[1] - run[0])
+        if last - first + 1 < MINIMUM_POINTS:
+            continue
+        start_ah, end_ah = _extent(discharged_ah, lasts, directions, first, last, direction)
+        points = tuple(
+            SweepPoint(
+                discharged_ah=float(discharged_ah[sample]),
+                voltage_v=float(record.voltage_v[sample]),
+                source=record.name,
+                row=int(record.row[sample]),
+                rest_s=rests_s[sample],
+            )
+            for sample in lasts[first : last + 1]
+        )
+        sweeps.append(Sweep("rests", direction, record.name, start_ah, end_ah, points))
+    if not sweeps:
+        raise InputError(_nothing_found(record, list(rests_s.values()), directions))
+    return sweeps
+
+
+def _rest_s(record: Record, first: int, last: int) -> float:
+    """How long no current flowed, the interval of the hold at one end included."""
+    if record.hold.value == "backward":
+        return float(record.time_s[last] - record.time_s[max(first - 1, 0)])
+    return float(record.time_s[min(last + 1, record.samples - 1)] - record.time_s[first])
+
+
+def _is_long(rest_s: float) -> bool:
+    return rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
+
+
+def _point_samples(
+    record: Record,
+    blocks: list[tuple[int, int]],
+    rests_s: dict[int, float],
+    discharged_ah: Charge,
+) -> list[int]:
+    """The samples at which OCV points stand, in time order."""
+    span_ah = float(np.ptp(discharged_ah))
+    samples: list[int] = []
+    for _, last in blocks:
+        if not _is_long(rests_s[last]):
+            continue
+        if samples:
+            net_ah = abs(discharged_ah[last] - discharged_ah[samples[-1]])
+            swing_ah = np.ptp(discharged_ah[samples[-1] : last + 1])
+            if net_ah <= SAME_SOC * span_ah and swing_ah <= CYCLE * span_ah:
+                samples.pop()
+        samples.append(last)
+    if samples and blocks[0][0] == 0:
+        last = blocks[0][1]
+        apart_ah = abs(discharged_ah[samples[0]] - discharged_ah[last])
+        is_apart = apart_ah > SAME_SOC * span_ah
+        if is_apart and _is_plausible_start(record, last, samples[0]):
+            samples.insert(0, last)
+    return samples
+
+
+def _is_plausible_start(record: Record, last: int, following: int) -> bool:
+    """Whether the short rest that begins the record, up to `last`, is the end of a long one."""
+    charged = np.sign(record.discharged_ah[last] - record.discharged_ah[following])
+    step_v = charged * (record.voltage_v[following] - record.voltage_v[last])
+    drift_v = abs(record.voltage_v[last] - record.voltage_v[0])
+    return bool(drift_v <= SETTLED_V and 0 < step_v <= NEIGHBOR_V)
+
+
+def _directions(discharged_ah: Charge, lasts: list[int]) -> list[int]:
+    """+1, -1, or 0 for a full cycle, between each two neighboring points."""
+    span_ah = float(np.ptp(discharged_ah))
+    directions = []
+    for start, end in pairwise(lasts):
+        low_ah, high_ah = sorted((discharged_ah[start], discharged_ah[end]))
+        between_ah = discharged_ah[start:end]
+        beyond_ah = max(low_ah - between_ah.min(), between_ah.max() - high_ah)
+        if beyond_ah > CYCLE * span_ah:
+            directions.append(0)
+        else:
+            directions.append(CHARGE if discharged_ah[end] < discharged_ah[start] else DISCHARGE)
+    return directions
+
+
+def _runs(directions: list[int], direction: int) -> list[tuple[int, int]]:
+    """First and last point of each maximal run of `direction`."""
+    is_run = np.concatenate([[False], np.array(directions) == direction, [False]])
+    edges = np.flatnonzero(np.diff(is_run.astype(int)))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _extent(
+    discharged_ah: Charge,
+    lasts: list[int],
+    directions: list[int],
+    first: int,
+    last: int,
+    direction: int,
+) -> tuple[float, float]:
+    """Where the sweep began and ended, charge beyond its end points included.
+
+    A test may start loaded at full or stop at the cut-off without a rest. Where the neighboring
+    sweep turns at the rest itself, the sweep ends there.
+    """
+    start_ah, end_ah = discharged_ah[lasts[first]], discharged_ah[lasts[last]]
+    if first == 0 or directions[first - 1] == 0:
+        before_ah = discharged_ah[(0 if first == 0 else lasts[first - 1]) : lasts[first] + 1]
+        start_ah = before_ah.max() if direction == CHARGE else before_ah.min()
+    if last == len(lasts) - 1 or directions[last] == 0:
+        stop = len(discharged_ah) if last == len(lasts) - 1 else lasts[last + 1] + 1
+        after_ah = discharged_ah[lasts[last] : stop]
+        end_ah = after_ah.min() if direction == CHARGE else after_ah.max()
+    return float(start_ah), float(end_ah)
+
+
+def _nothing_found(record: Record, rests_s: list[float], directions: list[int]) -> str:
+    needed = (
+        "An OCV test needs rests of at least 30 min between its pulses, "
+        f"at least {MINIMUM_POINTS} in one direction, or one slow sweep at C/10 or less."
+    )
+    long = sum(_is_long(rest_s) for rest_s in rests_s)
+    if not rests_s:
+        return f"{record.name} is not an OCV test: it has no rests. {needed}"
+    if not long:
+        return (
+            f"{record.name} is not an OCV test: its longest rest is {max(rests_s) / 60:.1f} min. "
+            f"{needed}"
+        )
+    runs = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)
+    most = max((last - first + 1 for first, last in runs), default=1)
+    return (
+        f"{record.name} is not an OCV test: of its {long} rests of at least 30 min the longest "
+        f"run in one direction has {most}. {needed}"
+    )
+
+
+# C/10 with the slack of a cell that holds a little less than its rating.
+SHORTEST_HOURS = 9.5
+POINTS = 101
+# Samples without current inside a sweep, as a fraction: a tester pauses now and then.
+PAUSES = 0.01
+# Half the window each point is averaged over, as a fraction of the sweep.
+HALF_WINDOW = 1e-3
+
+Places = Int[np.ndarray, "stretches"]
+
+
+def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: float) -> list[Sweep]:
+    """The slow sweeps of a record, cut-off to cut-off, in time order; often none.
+
+    A slow sweep passes its charge in one direction, without long rests, at C/10 of that charge
+    or less. Its voltage still holds the overpotential of that current.
+    """
+    is_loaded = ~is_rested(record, rest_current_a)
+    if not is_loaded.any():
+        return []
+    first, last = _one_way_stretches(record, is_loaded, minimum_rest_s)
+    is_backward = record.hold.value == "backward"
+    begin = np.maximum(first - 1, 0) if is_backward else first
+    end = last if is_backward else np.minimum(last + 1, record.samples - 1)
+    discharged_ah = record.discharged_ah
+    passed_ah = np.abs(discharged_ah[end] - discharged_ah[begin])
+    loaded_a = np.abs(record.current_a) * is_loaded
+    # Weighted by itself, lest pulses pass for slow between rests that a tester reads as loaded.
+    usual_a = _sums(loaded_a**2, first, last) / _sums(loaded_a, first, last)
+    pauses = 1 - _sums(is_loaded, first, last) / (last - first + 1)
+    is_sweep = (usual_a * SHORTEST_HOURS <= passed_ah) & (pauses <= PAUSES)
+    return [
+        _thin(record, *map(int, ends))
+        for ends in zip(*(at[is_sweep] for at in (first, last, begin, end)), strict=True)
+    ]
+
+
+def _sums(values: np.ndarray, first: Places, last: Places) -> np.ndarray:
+    """The sum over each stretch."""
+    total = np.concatenate([[0], np.cumsum(values)])
+    return total[last + 1] - total[first]
+
+
+def _one_way_stretches(
+    record: Record, is_loaded: Bool[np.ndarray, "samples"], minimum_rest_s: float
+) -> tuple[Places, Places]:
+    """First and last loaded sample of each stretch of one direction without a long rest."""
+    loaded = np.flatnonzero(is_loaded)
+    turns = np.diff(np.sign(record.current_a[loaded])) != 0
+    # A gap of the logger is no rest: some samples in it must show no current.
+    rests = (np.diff(loaded) > 1) & (np.diff(record.time_s[loaded]) >= minimum_rest_s)
+    cuts = np.flatnonzero(turns | rests)
+    firsts = loaded[np.concatenate([[0], cuts + 1])]
+    lasts = loaded[np.concatenate([cuts, [len(loaded) - 1]])]
+    return firsts, lasts
+
+
+def _thin(record: Record, first: int, last: int, begin: int, end: int) -> Sweep:
+    """The sweep with its voltage averaged at points evenly spaced in charge.
+
+    Fewer than `POINTS` where neighbors of them would be the same sample.
+    """
+    axis_ah = record.discharged_ah
+    direction = CHARGE if axis_ah[end] < axis_ah[begin] else DISCHARGE
+    charge_ah, voltage_v = axis_ah[first : last + 1], record.voltage_v[first : last + 1]
+    half_ah = HALF_WINDOW * abs(axis_ah[end] - axis_ah[begin])
+    points = []
+    before = None
+    for target_ah in np.linspace(charge_ah[0], charge_ah[-1], POINTS):
+        nearest = int(np.argmin(np.abs(charge_ah - target_ah)))
+        if nearest == before:
+            continue
+        before = nearest
+        is_near = np.abs(charge_ah - target_ah) <= half_ah
+        # The end points are the cut-offs; an average there would pull the curve inward.
+        if target_ah in (charge_ah[0], charge_ah[-1]) or not is_near.any():
+            is_near = np.arange(len(charge_ah)) == nearest
+        points.append(
+            SweepPoint(
+                discharged_ah=float(charge_ah[is_near].mean()),
+                voltage_v=float(voltage_v[is_near].mean()),
+                source=record.name,
+                row=int(record.row[first + nearest]),
+                rest_s=0.0,
+            )
+        )
+    return Sweep(
+        "slow", direction, record.name, float(axis_ah[begin]), float(axis_ah[end]), tuple(points)
+    )
+
+
+# A kind that passes less than this share of what the other passes is conditioning beside a test.
+CONDITIONING = 0.5
+
+
+def find_sweeps(
+    record: Record, capacity_ah: float | None, rest_current_a: float | None = None
+) -> tuple[list[Sweep], list[str]]:
+    """The OCV sweeps of one record, on its own axis of charge, and warnings.
+
+    Current below `rest_current_a` is rest; without it `capacity_ah` says what is, and without
+    that the charge that the record spans. A record may hold a pulse-rest test and slow sweeps:
+    one kind counts, and a warning names the other. Raises `InputError` where the record is no OCV
+    test.
+    """
+    span_ah = float(np.ptp(record.discharged_ah))
+    if span_ah == 0:
+        raise InputError(
+            f"{record.name} is not an OCV test: no charge passed; give the test that moves the "
+            "cell between full and empty"
+        )
+    threshold_a = rest_current_a
+    if threshold_a is None:
+        # A capacity given in mAh would turn the whole record into one rest.
+        provisional_ah = span_ah if capacity_ah is None else min(capacity_ah, span_ah)
+        threshold_a = rests.rest_current_a(record, provisional_ah)
+    elif threshold_a > np.abs(record.current_a).max():
+        raise InputError(
+            f"{record.name}: no current reaches {threshold_a:.4g} A, so all of it is rest: give a "
+            "lower --rest-current"
+        )
+    slow = find_slow_sweeps(record, threshold_a, MINIMUM_REST_S)
+    if not slow:
+        return find_rest_sweeps(record, threshold_a), []
+    try:
+        rested = find_rest_sweeps(record, threshold_a)
+    except InputError:
+        return slow, []
+    used, ignored = (rested, slow) if _is_test(rested, slow) else (slow, rested)
+    return used, [_ignored_warning(used[0], sweep) for sweep in ignored]
+
+
+def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
+    """Whether the sweeps between rests are the test, and the slow ones something beside it.
+
+    The kind that measures both directions is; where both kinds do, rests, which hold no
+    overpotential.
+    """
+    rested_ah, slow_ah = (max(sweep.passed_ah for sweep in kind) for kind in (rested, slow))
+    if min(rested_ah, slow_ah) < CONDITIONING * max(rested_ah, slow_ah):
+        return rested_ah > slow_ah
+    return len(rested) >= len({sweep.direction for sweep in slow})
+
+
+def _ignored_warning(used: Sweep, ignored: Sweep) -> str:
+    words = {"rests": "rests between pulses", "slow": "a slow sweep"}
+    first, last = ignored.points[0].row, ignored.points[-1].row
+    return (
+        f"{ignored.source} holds two OCV tests: the {WORD[ignored.direction]} by "
+        f"{words[ignored.kind]} in rows {first} to {last}, {ignored.passed_ah:.4g} Ah, is ignored "
+        f"beside {words[used.kind]}; cut the record to use it instead"
+    )

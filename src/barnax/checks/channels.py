@@ -1,0 +1,252 @@
+"""Channels that spike, stand still, or stop at the end of their range."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .case import Case
+from .finding import Finding, Severity, counted
+
+_WIDTHS = (1, 2, 3)
+# A spike's height, in volts and in noise; how steady the three samples on either side must be, and
+# how much of it the other channel may explain, as shares of the height.
+_HEIGHT_V, _HEIGHT_NOISE, _BESIDE = 0.02, 12.0, 3
+_STEADY, _EXPLAINED = 0.4, 0.3
+
+Channel = Float[np.ndarray, "samples"]
+
+
+def find_voltage_spikes(case: Case) -> Iterator[Finding]:
+    """Voltages that leave the course of their neighbors, and no current says why."""
+    spiked = voltage_spikes(case)
+    if spiked.any():
+        yield _spike_finding(case, spiked, "voltage", case.record.voltage_v, "V")
+
+
+def find_current_spikes(case: Case) -> Iterator[Finding]:
+    """Currents that leave the course of their neighbors, and the voltage does not answer."""
+    if not case.resistance_ohm:
+        return
+    ohmic_v = case.record.current_a * case.resistance_ohm
+    spiked = _spikes(ohmic_v, _least_v(case), case.record.voltage_v)
+    if spiked.any():
+        yield _spike_finding(case, spiked, "current", case.samples.current_a, "A")
+
+
+def voltage_spikes(case: Case) -> Bool[np.ndarray, "samples"]:
+    """Where the voltage spikes."""
+    ohmic_v = case.record.current_a * case.resistance_ohm
+    return _spikes(case.record.voltage_v + ohmic_v, _least_v(case), ohmic_v)
+
+
+def _least_v(case: Case) -> float:
+    return max(_HEIGHT_V, _HEIGHT_NOISE * case.noise_v)
+
+
+def _spike_finding(
+    case: Case, spiked: Bool[np.ndarray, "samples"], channel: str, values: Channel, unit: str
+) -> Finding:
+    at = int(np.argmax(spiked))
+    beside = values[at - 1]
+    which = counted(int(spiked.sum()), "sample")
+    other = "no current explains it" if channel == "voltage" else "the voltage does not answer"
+    return case.at(
+        at,
+        "warning",
+        f"the {channel} spikes to {values[at]:.5g} {unit} beside {beside:.5g} {unit}, and {other} "
+        f"({which})",
+        "delete these rows, or correct them",
+    )
+
+
+def _spikes(values: Channel, least: float, other: Channel) -> Bool[np.ndarray, "samples"]:
+    """Where `values` leave steady neighbors by `least` and come back, while `other` stays."""
+    spiked = np.zeros(len(values), bool)
+    for width in _WIDTHS:
+        size = 2 * _BESIDE + width
+        if len(values) < size:
+            break
+        # Only a jump can begin one; the windows of all samples would be slow.
+        starts = np.flatnonzero(np.abs(np.diff(values)) > least) + 1
+        starts = starts[(starts >= _BESIDE) & (starts + size - _BESIDE <= len(values))]
+        window = starts[:, None] - _BESIDE + np.arange(size)
+        around = values[window]
+        inside = around[:, _BESIDE : _BESIDE + width]
+        beside = np.delete(around, np.s_[_BESIDE : _BESIDE + width], axis=1)
+        above = inside.min(axis=1) - beside.max(axis=1)
+        below = beside.min(axis=1) - inside.max(axis=1)
+        height = np.maximum(above, below)
+        meanwhile = other[window[:, _BESIDE - 1 : _BESIDE + width + 1]]
+        found = (
+            (height > least)
+            & (np.ptp(beside, axis=1) < _STEADY * height)
+            & (np.ptp(meanwhile, axis=1) < _EXPLAINED * height)
+        )
+        spiked[window[found, _BESIDE : _BESIDE + width]] = True
+    return spiked
+
+
+# What the current must do to a voltage that does not answer, in volts and in steps of resolution.
+_EXPECTED_V, _EXPECTED_STEPS = 0.01, 10.0
+_FEWEST_SAMPLES = 4
+# A voltage that jumps so, both ways, under a current that does not move.
+_JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
+
+Runs = tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]
+
+
+def find_stuck_voltage(case: Case) -> Iterator[Finding]:
+    """A voltage of one and the same reading while the current moves."""
+    if not case.resistance_ohm:
+        return
+    voltage_v, current_a = case.record.voltage_v, case.record.current_a
+    first, last = equal_runs(voltage_v)
+    # At its ends a run may hold samples that were taken just before and after.
+    inner = last - first >= _FEWEST_SAMPLES + 1
+    first, last = first[inner] + 1, last[inner] - 1
+    if not len(first):
+        return
+    swing_a = _range(current_a, first, last)
+    least_v = max(_EXPECTED_V, _EXPECTED_STEPS * case.resolution_v)
+    is_stuck = swing_a * case.resistance_ohm > least_v
+    # A tester that holds a voltage lets the current fall, and never rise.
+    is_stuck &= ~_only_tapers(current_a, first, last)
+    if not is_stuck.any():
+        return
+    expected_v = float(np.max(swing_a[is_stuck])) * case.resistance_ohm
+    yield _stuck_finding(case, "voltage", voltage_v, first[is_stuck], last[is_stuck], expected_v)
+
+
+def find_stuck_current(case: Case) -> Iterator[Finding]:
+    """A current of one and the same reading while the voltage jumps up and down."""
+    current_a = case.record.current_a
+    first, last = equal_runs(current_a)
+    is_long = last - first >= _FEWEST_SAMPLES
+    first, last = first[is_long], last[is_long]
+    if not len(first):
+        return
+    step_v = case.step_v.copy()
+    # A spike of the voltage is a fault of the voltage.
+    spiked = voltage_spikes(case)
+    step_v[spiked[1:] | spiked[:-1]] = 0
+    least_v = max(_JUMP_V, _JUMP_NOISE * case.noise_v, 3 * case.resolution_v)
+    up, down = _count(step_v > least_v, first, last), _count(step_v < -least_v, first, last)
+    is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
+    if not is_stuck.any():
+        return
+    jump_v = float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
+    yield _stuck_finding(
+        case, "current", case.samples.current_a, first[is_stuck], last[is_stuck], jump_v
+    )
+
+
+def _stuck_finding(
+    case: Case,
+    channel: str,
+    values: Channel,
+    first: Int[np.ndarray, "runs"],
+    last: Int[np.ndarray, "runs"],
+    moved_v: float,
+) -> Finding:
+    """The first run, and how many more there are."""
+    value = values[first]
+    is_limit = bool(np.all((value == values.max()) | (value == values.min())))
+    worst = int(np.argmax(last - first))
+    unit = "V" if channel == "voltage" else "A"
+    samples = int(np.sum(last - first + 1))
+    kind = "stops at" if is_limit and value[0] != 0 else "stands still at"
+    what = (
+        f"the {channel} {kind} {value[worst]:.6g} {unit} over {samples} samples in "
+        f"{counted(len(first), 'place')} (rows {int(case.record.row[first[worst]])} to "
+        f"{int(case.record.row[last[worst]])}), where "
+    )
+    what += (
+        f"the current should move it by {1e3 * moved_v:.3g} mV"
+        if channel == "voltage"
+        else f"the voltage jumps by {1e3 * moved_v:.3g} mV"
+    )
+    severity: Severity = "error" if samples > 0.01 * case.record.samples else "warning"
+    remedy = "measure again with a wider range" if is_limit and value[0] else "check the sensor"
+    return case.at(
+        int(first[0]),
+        severity,
+        what,
+        f"{remedy}; --score-from, --score-to or --score-steps leave these rows out",
+    )
+
+
+def equal_runs(values: Channel) -> Runs:
+    """First and last sample of each run of equal values."""
+    changes = np.flatnonzero(np.diff(values) != 0)
+    return np.concatenate([[0], changes + 1]), np.concatenate([changes, [len(values) - 1]])
+
+
+def _range(
+    values: Channel, first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"]
+) -> Float[np.ndarray, "runs"]:
+    """Largest less smallest value of each run."""
+    edges = _edges(first, last, len(values))
+    padded = np.append(values, values[-1])
+    return (np.maximum.reduceat(padded, edges) - np.minimum.reduceat(padded, edges))[::2]
+
+
+def _only_tapers(
+    current_a: Channel, first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"]
+) -> Bool[np.ndarray, "runs"]:
+    """Whether the current's magnitude falls in each run, but for some noise."""
+    magnitude = np.abs(current_a)
+    grown = np.maximum(np.diff(magnitude), 0)
+    rise_a = np.append(0.0, np.cumsum(grown))
+    return rise_a[last] - rise_a[first] < 0.1 * _range(current_a, first, last)
+
+
+def _count(
+    happens: Bool[np.ndarray, "intervals"],
+    first: Int[np.ndarray, "runs"],
+    last: Int[np.ndarray, "runs"],
+) -> Int[np.ndarray, "runs"]:
+    """In how many intervals of each run it happens."""
+    total = np.append(0, np.cumsum(happens))
+    return total[last] - total[first]
+
+
+def _edges(
+    first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"], samples: int
+) -> Int[np.ndarray, "edges"]:
+    return np.stack([first, np.minimum(last + 1, samples)], axis=1).ravel()
+
+
+# Readings alike for so many samples, in so many places, at the largest or the smallest value.
+_ALIKE, _FEWEST_PLACES = 4, 3
+# Elsewhere under load hardly any are: a tester without noise repeats every value.
+_ELSEWHERE, _FEWEST_ELSEWHERE = 0.02, 100
+_LOADED = 0.05
+
+
+def find_clipped_current(case: Case) -> Iterator[Finding]:
+    """Currents that read exactly the largest value again and again, while others vary."""
+    current_a = case.samples.current_a
+    first, last = equal_runs(current_a)
+    is_alike = last - first + 1 >= _ALIKE
+    in_run = np.repeat(is_alike, last - first + 1)
+    is_loaded = np.abs(current_a) > _LOADED * case.peak_a
+    for limit_a in (current_a.max(), current_a.min()):
+        at_limit = is_alike & (current_a[first] == limit_a)
+        elsewhere = is_loaded & (current_a != limit_a)
+        # Both ends of the range may be clipped.
+        elsewhere &= current_a != -limit_a
+        if abs(limit_a) <= _LOADED * case.peak_a or at_limit.sum() < _FEWEST_PLACES:
+            continue
+        if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:
+            continue
+        samples = int(np.sum((last - first + 1)[at_limit]))
+        yield case.at(
+            int(first[at_limit][0]),
+            "error",
+            f"the current stops at {limit_a:.6g} A: {samples} samples in "
+            f"{counted(int(at_limit.sum()), 'place')} read exactly that, while other readings "
+            "vary",
+            "measure again with a wider range; --score-from, --score-to or --score-steps leave "
+            "such rows out",
+        )

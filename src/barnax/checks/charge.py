@@ -1,0 +1,272 @@
+"""Ampere-hours: by integration, by counters, against the capacity, and in rests that are none."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..cell.ocv_points import CHARGE, DISCHARGE
+from ..cell.soc_axis import CAPACITY_WARNING, CLOSURE
+from ..records.conventions import counter_quantum_ah
+from ..records.rests import stretches
+from .case import STEADY_SHARE, Case
+from .finding import Finding, counted
+
+# As shares of all the charge that went in and out. Testers integrate between the samples that
+# they log, so that a fast current and slow samples differ by a percent.
+_COUNTERS_DIFFER, _COUNTERS_NOTED = 0.03, 0.01
+# Counters are printed to so much, and both ends are rounded.
+_QUANTA = 3
+# A counter that stands this far from zero at the start began before the record.
+_BEGUN_SHARE = 0.01
+_HARDLY_MOVES = 0.02
+
+
+def find_counters(case: Case) -> Iterator[Finding]:
+    """Counters of the tester that disagree with the integrated current, or began before."""
+    counters = case.samples.counters
+    if counters.charged_ah is None or counters.discharged_ah is None:
+        return
+    counted = _gain_ah(counters.charged_ah), _gain_ah(counters.discharged_ah)
+    if sum(counted) > 0:
+        yield from _against_integral(case, counted)
+    begun = [
+        f"{counter[0]:.4g} Ah {word}"
+        for counter, word in ((counters.charged_ah, "in"), (counters.discharged_ah, "out"))
+        if counter[0] > _BEGUN_SHARE * case.scale_ah
+    ]
+    if begun:
+        yield case.at(
+            0,
+            "note",
+            f"the record begins within a test: the tester had counted {' and '.join(begun)}, its "
+            f"clock was at {case.record.time_s[0]:.6g} s",
+            "give the file of the test's beginning too, where it matters",
+        )
+
+
+def _against_integral(case: Case, counted: tuple[float, float]) -> Iterator[Finding]:
+    integrated = case.charged_ah, case.discharged_ah
+    total_ah = sum(counted)
+    # The names of the counters are the tester's; the sign of the current is settled elsewhere.
+    apart_ah = max(abs(a - b) for a, b in zip(integrated, counted, strict=True))
+    if apart_ah <= _QUANTA * counter_quantum_ah(case.samples.counters):
+        return
+    apart = apart_ah / total_ah
+    swapped = max(abs(a - b) for a, b in zip(integrated, counted[::-1], strict=True)) / total_ah
+    figures = (
+        f"{integrated[0]:.4g} Ah in and {integrated[1]:.4g} Ah out by integration, "
+        f"{counted[0]:.4g} and {counted[1]:.4g} by the tester's counters"
+    )
+    if swapped < min(apart, _COUNTERS_DIFFER) and apart > _COUNTERS_DIFFER:
+        what = f"{figures}: its counters of charge and discharge are exchanged"
+        yield case.at(0, "note", what)
+        return
+    ratio = sum(integrated) / total_ah
+    if 1 / 5000 < ratio < 1 / 200:
+        what = f"{figures}: the counters look like mAh"
+        yield case.at(0, "warning", what, "write their unit into their names, as mAh")
+    elif apart > _COUNTERS_DIFFER:
+        other = "forward" if case.record.hold.value == "backward" else "backward"
+        held = _throughput_ah(case, other)
+        remedy = "look for gaps and for a current offset; trust the counters before the integral"
+        if abs(held / total_ah - 1) < abs(ratio - 1) / 3:
+            remedy = f"--current-hold {other}, which gives {held:.4g} Ah in and out"
+        yield case.at(0, "warning", f"{figures}: {100 * apart:.1f} % apart", remedy)
+    elif apart > _COUNTERS_NOTED:
+        yield case.at(0, "note", f"{figures}: {100 * apart:.1f} % apart")
+
+
+def find_capacity(case: Case) -> Iterator[Finding]:
+    """Charge that does not fit the given capacity."""
+    if case.capacity_ah is None or case.span_ah == 0:
+        return
+    share = case.span_ah / case.capacity_ah
+    moves = f"the record moves {case.span_ah:.4g} Ah between its extremes, {100 * share:.1f} %"
+    if share > 1 + CAPACITY_WARNING:
+        discharged_ah = case.record.discharged_ah
+        at = max(int(np.argmax(discharged_ah)), int(np.argmin(discharged_ah)))
+        yield case.at(
+            at,
+            "warning",
+            f"{moves} of the capacity of {case.capacity_ah:.4g} Ah",
+            "correct --capacity, or the current's range, offset or unit",
+        )
+    elif share < _HARDLY_MOVES:
+        yield case.at(0, "note", f"{moves} of the capacity: little of the cell is seen")
+
+
+def find_closure(case: Case) -> Iterator[Finding]:
+    """A full discharge and a full charge in one record that do not pass the same charge."""
+    if isinstance(case.sweeps, str):
+        return
+    by_direction = {sweep.direction: sweep for sweep in case.sweeps}
+    if len(by_direction) < 2:
+        return
+    out, into = by_direction[DISCHARGE], by_direction[CHARGE]
+    error = into.passed_ah / out.passed_ah - 1
+    if abs(error) <= CLOSURE:
+        return
+    ends = [
+        f"{sweep.points[0].voltage_v:.3f} to {sweep.points[-1].voltage_v:.3f} V"
+        for sweep in (out, into)
+    ]
+    later = max(out.points[0].row, into.points[0].row)
+    at = int(np.searchsorted(case.record.row, later)) if len(case.samples.sheets) < 2 else 0
+    yield case.at(
+        at,
+        "warning",
+        f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
+        f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %",
+        "check the current's range and offset, and whether both ends were reached; do not put "
+        "both branches on one axis of charge",
+    )
+
+
+def _throughput_ah(case: Case, hold: str) -> float:
+    current_a = case.record.current_a
+    flowed_a = current_a[:-1] if hold == "forward" else current_a[1:]
+    return float(np.sum(np.abs(flowed_a) * case.record.interval_s)) / 3600
+
+
+def _gain_ah(counter_ah: Float[np.ndarray, "samples"]) -> float:
+    return float(np.sum(np.maximum(np.diff(counter_ah), 0)))
+
+
+# A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many
+# samples.
+_LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
+# Rests of a minute are rests; by time, so much of them must have the offset, and so little none.
+_LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
+# An offset is more than one step of the reading, and more than noise makes.
+_OFFSET_QUANTA, _SIGMAS = 1.5, 5.0
+# The longest stretches tell enough.
+_ENOUGH = 1000
+# In the second half of a rest the voltage hardly moves, as it does in a slow sweep, and the current
+# is steady, as it is not in a taper.
+_SETTLED_V, _SPREAD = 0.01, 0.3
+# An offset's ampere-hours over the record, as shares of the capacity.
+_DRIFT, _NOTED_DRIFT = 0.01, 5e-3
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """First and last sample of a rest, the median of its current, and its length."""
+
+    first: int
+    last: int
+    current_a: float
+    length_s: float
+
+
+def find_rests(case: Case) -> Iterator[Finding]:
+    """A current that is not zero while the cell rests, or so noisy that it hides the rests."""
+    current_a = case.record.current_a
+    rests = _rests(case)
+    if rests:
+        yield from _offset(case, rests)
+    if case.rest_current_a > 1.01 * case.scale_ah / 100:
+        first = int(np.argmax(case.is_rested))
+        yield case.at(
+            first,
+            "note",
+            f"the current is noisy at rest: below {1e3 * case.rest_current_a:.3g} mA counts as "
+            "rest, C/100 does not",
+            f"--rest-current {case.rest_current_a:.2g} says so, or another value",
+        )
+    is_zero = current_a == 0
+    is_minus = is_zero & np.signbit(case.samples.current_a)
+    # Rounded noise gives some; a tester that turns the sign of its readings gives nearly all.
+    if is_minus.sum() > max(_FEWEST, 0.9 * is_zero.sum()):
+        what = (
+            f"the resting current is written -0 ({counted(int(is_minus.sum()), 'time')}), read as 0"
+        )
+        yield case.at(int(np.argmax(is_minus)), "note", what)
+
+
+def _doubt_a(case: Case, rests: list[_Rest]) -> float:
+    """How far from zero noise may put the median of the rests' currents."""
+    is_small = np.abs(case.record.current_a) < _SMALL_SHARE * case.peak_a
+    quiet_a = case.step_a[is_small[1:] & (np.abs(case.step_a) < STEADY_SHARE * case.peak_a)]
+    noise_a = 1.4826 * float(np.median(np.abs(quiet_a))) / np.sqrt(2)
+    samples = sum(rest.last - rest.first + 1 for rest in rests)
+    return _SIGMAS * 1.25 * noise_a / float(np.sqrt(samples))
+
+
+def _rests(case: Case) -> list[_Rest]:
+    """The stretches that look like rests."""
+    record = case.record
+    small_a = min(_turnover_ah(case) / _LOAD_HOURS, _SMALL_SHARE * case.peak_a)
+    is_small = np.abs(record.current_a) < small_a
+    is_quiet = is_small[1:] & is_small[:-1] & (np.abs(case.step_a) < STEADY_SHARE * case.peak_a)
+    first, last_interval = stretches(is_quiet)
+    last = last_interval + 1
+    length_s = record.time_s[last] - record.time_s[first]
+    chosen = last - first + 1 >= _FEWEST
+    # Of short stretches some may be loads; they count only where there are no long ones.
+    if np.any(chosen & (length_s >= _LONG_S)):
+        chosen &= length_s >= _LONG_S
+    places = np.flatnonzero(chosen)
+    places = np.sort(places[np.argsort(-length_s[places], kind="stable")[:_ENOUGH]])
+    found = []
+    for a, b in zip(first[places].tolist(), last[places].tolist(), strict=True):
+        half = slice((a + b) // 2, b + 1)
+        current_a, voltage_v = record.current_a[half], record.voltage_v[half]
+        middle_a = float(np.median(current_a))
+        third = max(len(current_a) // 3, 1)
+        drift_a = abs(float(np.median(current_a[:third]) - np.median(current_a[-third:])))
+        is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * case.resolution_a
+        is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * case.noise_v
+        if is_steady and is_settled and not _is_counted(case, a, b):
+            found.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
+    return found
+
+
+def _turnover_ah(case: Case) -> float:
+    """The capacity, or the charge that went either way: an offset may cancel the net charge."""
+    return case.capacity_ah or max(case.charged_ah, case.discharged_ah)
+
+
+def _is_counted(case: Case, first: int, last: int) -> bool:
+    """Whether the tester itself counted the charge of a stretch, which is then no rest."""
+    counters = case.samples.counters
+    if counters.charged_ah is None or counters.discharged_ah is None:
+        return False
+    counted = (counters.charged_ah, counters.discharged_ah)
+    counted_ah = sum(float(counter[last] - counter[first]) for counter in counted)
+    moved_ah = abs(float(np.diff(case.record.discharged_ah[[first, last]])[0]))
+    return moved_ah > 0 and counted_ah > 0.5 * moved_ah
+
+
+def _offset(case: Case, rests: list[_Rest]) -> Iterator[Finding]:
+    """An offset, if most of the rests have it and hardly any is without."""
+    values_a = np.array([rest.current_a for rest in rests])
+    lengths_s = np.array([rest.length_s for rest in rests])
+    order = np.argsort(values_a)
+    middle = int(np.searchsorted(np.cumsum(lengths_s[order]), lengths_s.sum() / 2))
+    offset_a = float(values_a[order[middle]])
+    near_a = _SPREAD * abs(offset_a) + 2 * case.resolution_a
+    is_alike = np.abs(values_a - offset_a) <= near_a
+    is_zero = np.abs(values_a) <= near_a
+    alike_s, zero_s = lengths_s[is_alike].sum(), lengths_s[is_zero].sum()
+    if alike_s < _MOST * lengths_s.sum() or zero_s > _FEW * lengths_s.sum():
+        return
+    record = case.record
+    if abs(offset_a) <= max(_OFFSET_QUANTA * case.resolution_a, _doubt_a(case, rests)):
+        return
+    drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
+    first = rests[int(np.argmax(is_alike))].first
+    value = -1e3 * offset_a if record.sign.value == "charge-positive" else 1e3 * offset_a
+    what = (
+        f"the current is {value:.3g} mA while the cell rests, "
+        f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
+    )
+    if abs(offset_a) >= _turnover_ah(case) / 100:
+        limit_a = 1.5 * abs(offset_a)
+        remedy = f"subtract it from the current, or --rest-current {limit_a:.2g} to see the rests"
+        yield case.at(first, "warning", what, remedy)
+    elif drift_ah > _DRIFT * _turnover_ah(case):
+        yield case.at(first, "warning", what, "subtract it from the current")
+    elif drift_ah > _NOTED_DRIFT * _turnover_ah(case):
+        yield case.at(first, "note", what, "subtract it from the current if it is none")

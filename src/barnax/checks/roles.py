@@ -1,0 +1,226 @@
+"""What a record can serve as, and the window it then needs."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V, WORD, Sweep, join_sweeps
+from ..cell.soc_axis import decide_capacity
+from ..errors import InputError
+from .case import Case, bulk_time_s
+
+# Current steps inside a step of the tester that make it a profile.
+_FEWEST_STEPS = 10
+# A record that is profile to this share needs no window.
+_WHOLE = 0.95
+# A held voltage, and a current that tapers under it to this share.
+_HELD_V, _FULL_V, _TAPERED = 0.01, 0.06, 0.5
+
+
+@dataclass(frozen=True)
+class Window:
+    """How to cut a whole test to its profile: options of barnax, and the reason in words."""
+
+    options: tuple[str, ...]
+    reason: str
+
+
+def suggest_window(case: Case) -> Window:
+    """The options that start the simulation where the charge is known and score the profile."""
+    record = case.record
+    numbers = _profile_numbers(case)
+    if record.step is None or not len(numbers):
+        return _from_the_beginning(case)
+    inside = np.flatnonzero(np.isin(record.step, numbers))
+    first, last = int(inside[0]), int(inside[-1])
+    if last - first + 1 >= _WHOLE * record.samples:
+        return _from_the_beginning(case)
+    # Steps that are met inside the profile only belong to it.
+    outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
+    own = [str(number) for number in np.setdiff1d(record.step[first : last + 1], outside)]
+    score = f"--score-steps {','.join(own)}"
+    at, rest_s = _rest_before(case, first)
+    is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
+    rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
+    if not rest_s:
+        rest = "without a rest before it"
+    profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(own)}, {rest}"
+    full = _full_step(case, first)
+    if full is not None:
+        return Window(
+            (f"--start-after-step {full}", "--initial-soc 1", score),
+            f"{profile}; the cell is full at the end of step {full}",
+        )
+    if is_settled:
+        start = f"--start-time {_clock_before(case, at)}"
+        return Window((start, score), f"{profile} at {record.voltage_v[at]:.4f} V")
+    # Ampere-hours carry the charge from the record's own beginning.
+    start = _from_the_beginning(case)
+    return Window((*start.options, score), f"{profile}; {start.reason}")
+
+
+def _from_the_beginning(case: Case) -> Window:
+    """How a simulation of the whole record learns its state of charge."""
+    record = case.record
+    if not case.is_rested[0]:
+        return Window(("--initial-soc SOC",), "it starts under load")
+    loaded = np.flatnonzero(~case.is_rested)
+    at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
+    first_v, last_v = record.voltage_v[0], record.voltage_v[at]
+    if abs(last_v - first_v) <= SETTLED_V:
+        return Window((), f"it starts at rest at {first_v:.4f} V")
+    moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
+    if record.time_s[at] - record.time_s[0] >= MINIMUM_REST_S - CLOCK_SLACK_S:
+        return Window((f"--start-time {_clock_before(case, at)}",), moves)
+    return Window(("--initial-soc SOC",), moves)
+
+
+def _rest_before(case: Case, first: int) -> tuple[int, float]:
+    """The last rested sample before the profile's load, and how long the rest had been."""
+    loaded = np.flatnonzero(~case.is_rested)
+    before, after = loaded[loaded < first], loaded[loaded >= first]
+    at = int(after[0]) - 1 if len(after) else first
+    if not len(before) or at <= before[-1]:
+        return max(at, 0), 0.0
+    return at, float(case.record.time_s[at] - case.record.time_s[before[-1]])
+
+
+def _clock_before(case: Case, at: int) -> str:
+    """A time that selects the sample `at` as the first one not before it."""
+    time_s = case.record.time_s
+    short = math.floor(time_s[at] * 1e3) / 1e3
+    return f"{short:.10g}" if at == 0 or short > time_s[at - 1] else repr(float(time_s[at]))
+
+
+def _profile_numbers(case: Case) -> Int[np.ndarray, "numbers"]:
+    """The tester's step numbers inside which the current steps about."""
+    step = case.record.step
+    if step is None:
+        return np.zeros(0, int)
+    is_inside = case.is_step & (np.diff(step) == 0)
+    numbers, times = np.unique(step[1:][is_inside], return_counts=True)
+    return numbers[times >= _FEWEST_STEPS]
+
+
+def _full_step(case: Case, before: int) -> int | None:
+    """The number of the step that ends full: a charge at a held voltage, its current tapered."""
+    record = case.record
+    step = record.step
+    if step is None:
+        return None
+    starts = np.flatnonzero(np.diff(step, prepend=step[0] - 1) != 0)
+    ends = np.append(starts[1:], record.samples) - 1
+    for start, end in zip(starts[::-1], ends[::-1], strict=True):
+        if end >= before or end - start < 3:
+            continue
+        current_a, voltage_v = record.current_a[start : end + 1], record.voltage_v[start : end + 1]
+        is_held = np.ptp(voltage_v[1:]) < _HELD_V
+        is_full = np.median(voltage_v) > record.voltage_v.max() - _FULL_V
+        is_tapered = current_a.max() < 0 and current_a[-1] > _TAPERED * current_a[0]
+        # The last block of a step is what --start-after-step takes.
+        if is_held and is_full and is_tapered and not np.any(step[end + 1 :] == step[start]):
+            return int(step[start])
+    return None
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
+
+
+# Current steps that an identification and a validation want, and the interval that still shows
+# what follows a step.
+_STEPS, _VALIDATION_STEPS, _FINE_S = 20, 10, 10.5
+# A record that moves less of the capacity, or the bulk time of a steep end, says little.
+_LEAST_SHARE, _STEEP_S = 0.05, 20.0
+
+
+@dataclass(frozen=True)
+class Role:
+    """Whether a record can serve as `name`, why, and the options that it then needs."""
+
+    name: str
+    is_usable: bool
+    reason: str
+    options: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The role as plain values."""
+        return {"usable": self.is_usable, "reason": self.reason, "options": list(self.options)}
+
+
+def find_roles(case: Case) -> tuple[Role, ...]:
+    """Every role, usable or not."""
+    return (_ocv_test(case), *_drives(case))
+
+
+def _ocv_test(case: Case) -> Role:
+    name = "OCV test"
+    if isinstance(case.sweeps, str):
+        return Role(name, False, case.sweeps)
+    try:
+        by_direction = _by_direction(case.sweeps)
+        if case.capacity_ah is not None:
+            decide_capacity(by_direction, case.capacity_ah)
+    except InputError as problem:
+        return Role(name, False, str(problem))
+    reason = "; ".join(_sweep_words(sweep) for sweep in by_direction.values())
+    if len(by_direction) == 1:
+        reason += "; one direction only, so the hysteresis stays unknown without the other"
+    return Role(name, True, reason)
+
+
+def _by_direction(sweeps: list[Sweep]) -> Mapping[int, Sweep]:
+    return {
+        direction: join_sweeps([sweep for sweep in sweeps if sweep.direction == direction])
+        for direction in dict.fromkeys(sweep.direction for sweep in sweeps)
+    }
+
+
+def _sweep_words(sweep: Sweep) -> str:
+    start_v, end_v = sweep.points[0].voltage_v, sweep.points[-1].voltage_v
+    kind = "slow " + WORD[sweep.direction]
+    if sweep.kind == "rests":
+        kind = f"{WORD[sweep.direction]} by {len(sweep.points)} rests"
+    return f"{kind}, {sweep.passed_ah:.4g} Ah, {start_v:.3f} to {end_v:.3f} V"
+
+
+def _drives(case: Case) -> tuple[Role, Role]:
+    record = case.record
+    is_fine = case.is_step & (record.interval_s <= _FINE_S)
+    steps = int(is_fine.sum())
+    loaded_s = record.interval_s[~case.is_rested[1:]]
+    interval_s = float(np.median(loaded_s)) if len(loaded_s) else np.inf
+    seen = f"{steps} current steps, sampled every {interval_s:.3g} s under load"
+    reason = _too_little(case)
+    window = suggest_window(case)
+    moves = f"{seen}; it moves {case.span_ah:.3g} Ah; {window.reason}"
+    roles = []
+    for name, fewest in (("identification", _STEPS), ("validation", _VALIDATION_STEPS)):
+        few = f"{steps} current steps sampled finely enough, and {name} wants {fewest}"
+        if reason or steps < fewest:
+            roles.append(Role(name, False, reason or few))
+        else:
+            roles.append(Role(name, True, moves, window.options))
+    return roles[0], roles[1]
+
+
+def _too_little(case: Case) -> str:
+    """Why the record shows too little of the cell, if it does."""
+    if not isinstance(case.sweeps, str) and all(sweep.kind == "slow" for sweep in case.sweeps):
+        return "a slow sweep does not show what follows a step of current"
+    bulk_s, travel_v = bulk_time_s(case.samples)
+    if 0 < bulk_s < _STEEP_S:
+        return (
+            f"the cell stands at a steep end: {case.span_ah:.3g} Ah move its voltage by "
+            f"{travel_v:.2g} V"
+        )
+    if case.capacity_ah is not None and case.span_ah < _LEAST_SHARE * case.capacity_ah:
+        share = 100 * case.span_ah / case.capacity_ah
+        return f"it moves {case.span_ah:.3g} Ah, {share:.2g} % of the capacity"
+    return ""

@@ -1,0 +1,152 @@
+"""Holes in a record, clocks that no tester kept, and readings that are too coarse."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .case import Case
+from .finding import Finding, counted
+
+# An interval is a gap if it is this much longer than the usual ones on both of its sides.
+_GAP, _BESIDE = 3.0, 7
+# What a gap hides is of no account below this share of the capacity, and this jump of voltage.
+_HIDDEN_SHARE, _HIDDEN_V = 1e-3, 0.02
+# Intervals this long under load, beside others a tenth as long, hide what the load did.
+_COARSE_S, _FINE_SHARE = 30.0, 0.1
+
+Intervals = Float[np.ndarray, "intervals"]
+
+
+def find_gaps(case: Case) -> Iterator[Finding]:
+    """Intervals without samples where samples were to be expected."""
+    record = case.record
+    interval_s = record.interval_s
+    gaps = _gaps(interval_s)
+    if not len(gaps):
+        return
+    # The charge is in doubt by as much as the current moves beside the gap.
+    beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
+    doubt_a = np.ptp(record.current_a[beside], axis=1)
+    doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
+    source_v = record.voltage_v + case.resistance_ohm * record.current_a
+    jump_v = np.abs(np.diff(source_v)[gaps])
+    worst = gaps[int(np.argmax(interval_s[gaps]))]
+    where = f"{counted(len(gaps), 'gap')}, the longest {interval_s[worst]:.4g} s"
+    if len(gaps) > 1:
+        where += f" before row {int(record.row[worst + 1])}"
+    first = int(gaps[0]) + 1
+    if doubt_ah > _HIDDEN_SHARE * case.scale_ah or np.any(jump_v > _HIDDEN_V):
+        yield case.at(
+            first,
+            "warning",
+            f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and up to "
+            f"{doubt_ah:.2g} Ah are in doubt",
+            "score one side only (--score-from, --score-to), or start behind it (--start-time)",
+        )
+    else:
+        yield case.at(first, "note", f"{where}; nothing happens in them that shows")
+
+
+def find_coarse_intervals(case: Case) -> Iterator[Finding]:
+    """Long intervals under load in a record that is elsewhere sampled finely."""
+    record = case.record
+    interval_s = record.interval_s
+    is_loaded = ~case.is_rested[1:] & ~case.is_rested[:-1]
+    is_coarse = is_loaded & (interval_s >= _COARSE_S)
+    fine_s = float(np.quantile(interval_s, 0.1))
+    if is_coarse.sum() < 2 or fine_s > _FINE_SHARE * _COARSE_S:
+        return
+    long_s = float(np.median(interval_s[is_coarse]))
+    yield case.at(
+        int(np.argmax(is_coarse)) + 1,
+        "note",
+        f"{int(is_coarse.sum())} intervals of {long_s:.3g} s under load beside others of "
+        f"{fine_s:.3g} s: what happened inside them was not logged",
+        "leave them out with --score-steps, --score-from or --score-to",
+    )
+
+
+def find_rebuilt_clock(case: Case) -> Iterator[Finding]:
+    """A clock laid evenly inside each step, at a slightly different pace in each.
+
+    A tester's clock jitters, or ticks at one pace throughout.
+    """
+    record = case.record
+    if record.step is None:
+        return
+    starts = np.flatnonzero(np.diff(record.step, prepend=record.step[0] - 1) != 0)
+    lengths = np.diff(np.append(starts, record.samples))
+    starts = starts[lengths >= 20]
+    lengths = lengths[lengths >= 20]
+    if len(starts) < 3:
+        return
+    inside = np.concatenate([np.arange(a + 1, a + n) for a, n in zip(starts, lengths, strict=True)])
+    pace_s = np.diff(record.time_s)[inside - 1]
+    edges = np.concatenate([[0], np.cumsum(lengths - 1)[:-1]])
+    low_s, high_s = np.minimum.reduceat(pace_s, edges), np.maximum.reduceat(pace_s, edges)
+    # Parquet and workbooks keep some 1e-11 of a stamp; text a millisecond, which is too coarse.
+    is_even = high_s - low_s <= 1e-6 * high_s
+    spread = float(np.ptp(low_s)) / float(np.median(low_s))
+    if is_even.all() and 1e-5 < spread < 0.05:
+        yield case.at(
+            int(starts[0]),
+            "note",
+            f"time is laid evenly inside each of {len(starts)} steps, at {low_s.min():.6g} to "
+            f"{low_s.max():.6g} s a sample: it was rebuilt, not logged",
+            "trust no time constant near one interval",
+        )
+
+
+def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
+    """The intervals far longer than the usual one before and the usual one after them."""
+    # Only what is long against the shortest in a hundred is worth a look at its neighbors.
+    likely = np.flatnonzero(interval_s > _GAP * np.quantile(interval_s, 0.01))
+    padded = np.concatenate([np.full(_BESIDE, np.nan), interval_s, np.full(_BESIDE, np.nan)])
+    offsets = np.arange(_BESIDE)
+    before, after = (
+        padded[likely[:, None] + offsets],
+        padded[likely[:, None] + _BESIDE + 1 + offsets],
+    )
+    # An interval at either end has neighbors on one side only.
+    before[likely == 0] = -np.inf
+    after[likely == len(interval_s) - 1] = -np.inf
+    usual_s = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
+    return likely[interval_s[likely] > _GAP * usual_s]
+
+
+_COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
+_TEMPERATURE_DEGC = (-60.0, 120.0)
+
+
+def find_resolution(case: Case) -> Iterator[Finding]:
+    """Readings so coarse that they show in the results."""
+    magnitude_a = np.abs(case.record.current_a)
+    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * case.peak_a]))
+    share = case.resolution_a / loaded_a
+    if case.resolution_v < _COARSE_V and share < _COARSE_SHARE:
+        return
+    yield Finding(
+        "note",
+        f"coarse readings: voltage in steps of {1e3 * case.resolution_v:.2g} mV, current in steps "
+        f"of {1e3 * case.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)",
+        "no fit can be better than its readings",
+    )
+
+
+def find_temperature(case: Case) -> Iterator[Finding]:
+    """Temperatures that no cell has."""
+    temperature = case.record.temperature_degc
+    if temperature is None:
+        return
+    low, high = _TEMPERATURE_DEGC
+    outside = (temperature < low) | (temperature > high)
+    if outside.any():
+        first = int(np.argmax(outside))
+        yield case.at(
+            first,
+            "warning",
+            f"a temperature of {temperature[first]:.4g} degC ({int(outside.sum())} samples outside "
+            f"{low:g} to {high:g} degC)",
+            "check the sensor, or delete the column",
+        )

@@ -1,0 +1,219 @@
+"""Whether voltage, time and current are in the units that their names say."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..records.columns import Column
+from ..records.plausibility import (
+    CELL_RANGE_V,
+    MILLIVOLT_V,
+    MODULE_V,
+    milliampere_reasons,
+    throughput_ratio,
+)
+from ..records.samples import Samples
+from .case import STEP_SHARE, bulk_time_s, span_ah, step_resistance_ohm
+from .finding import Finding, Severity, counted, found_at
+
+# A cell's volts divided by a thousand once too often.
+_KILOVOLT_V = 0.01
+# What cells in series are counted by.
+_NOMINAL_V = 3.6
+
+
+def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples with a voltage that can be one cell's, and what was wrong with it."""
+    name = samples.names["voltage"]
+    middle_v = float(np.median(samples.voltage_v))
+    findings = []
+    if middle_v < 0:
+        what = f"the voltage in '{name}' is negative, {middle_v:.6g} V in the middle"
+        remedy = "turn its sign (the sense leads were swapped), or give the right column"
+        findings.append(_of_column(samples, what, remedy))
+        samples, middle_v = _scaled(samples, -1.0), -middle_v
+    if middle_v > MILLIVOLT_V:
+        what = f"the voltage in '{name}' is {middle_v:.6g} in the middle: millivolts, not volts"
+        findings.append(_of_column(samples, what, "rename the column to 'Voltage / mV'"))
+        samples = _scaled(samples, 1e-3)
+    elif middle_v > MODULE_V:
+        cells = max(2, round(middle_v / _NOMINAL_V))
+        what = (
+            f"the voltage in '{name}' is {middle_v:.6g} V in the middle, too much for one cell: "
+            f"about {cells} in series"
+        )
+        findings.append(_of_column(samples, what, "give the voltage of one cell"))
+        samples = _scaled(samples, 1 / cells)
+    elif 0 < middle_v < _KILOVOLT_V:
+        what = f"the voltage in '{name}' is {middle_v:.4g} V in the middle: kilovolts, not volts"
+        remedy = "multiply it by 1000, or name the unit that its values have"
+        findings.append(_of_column(samples, what, remedy))
+        samples = _scaled(samples, 1e3)
+    return _within_a_cell(samples, findings)
+
+
+def _within_a_cell(samples: Samples, findings: list[Finding]) -> tuple[Samples, list[Finding]]:
+    voltage, name = samples.voltage_v, samples.names["voltage"]
+    low_v, high_v = CELL_RANGE_V
+    outside = (voltage < low_v) | (voltage > high_v)
+    if not outside.any():
+        return samples, findings
+    impossible = np.abs(voltage) > MILLIVOLT_V
+    first = int(np.argmax(impossible if impossible.any() else outside))
+    what = (
+        f"{voltage[first]:.6g} V in '{name}' is no cell's voltage "
+        f"({counted(int(outside.sum()), 'sample')} outside {low_v} to {high_v} V)"
+    )
+    severity = "error" if impossible.any() else "warning"
+    remedy = "correct or delete these rows; --score-from and --score-to leave out an end"
+    if outside.mean() > 0.5:
+        remedy = "give the column of the cell's voltage, in volts"
+    findings = [*findings, found_at(samples, first, severity, what, remedy)]
+    # Where nearly all is outside, the rest shows nothing either.
+    return (samples if outside.mean() > 0.5 else samples.keep(~outside)), findings
+
+
+def _of_column(samples: Samples, what: str, remedy: str) -> Finding:
+    return found_at(samples, 0, "error", what, remedy)
+
+
+def _scaled(samples: Samples, factor: float) -> Samples:
+    return replace(samples, voltage_v=samples.voltage_v * factor)
+
+
+# A unit, its seconds, and the bulk time that would be too short for any cell if they were seconds.
+# Too long is what no whole record comes near; on a plateau, where the voltage stands, it may.
+_LONGER = (("hours", "h", 3600.0, 0.5), ("minutes", "min", 60.0, 40.0))
+_SLOW_S = 1e4
+# The voltage must have moved for that to mean anything, and through more than the steep end.
+_TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
+# Whole seconds in longer units, and how close the median interval comes to them. Past a fifth of a
+# second the numbers are as good in seconds.
+_SECONDS, _PATTERN, _SHORT_S = (1.0, 2.0, 5.0, 10.0, 30.0), 0.03, 0.2
+_LONG_S = 500.0
+_RATIO = 0.15
+
+
+def examine_time_unit(
+    samples: Samples, columns: Mapping[str, Column]
+) -> tuple[Samples, list[Finding]]:
+    """The samples with time in s, and whether its column's name was wrong."""
+    suspicion = _too_fast(samples) or _too_slow(samples, columns["time"].unit.factor)
+    if suspicion is None:
+        return samples, []
+    words, symbol, factor, severity, reason = suspicion
+    what = f"'{columns['time'].header}' looks like {words}: {reason}"
+    remedy = f"rename the column to 'Test Time / {symbol}'"
+    mended = replace(samples, time_s=samples.time_s * factor)
+    return mended, [found_at(samples, 0, severity, what, remedy)]
+
+
+_Suspicion = tuple[str, str, float, Severity, str]
+
+
+def _too_fast(samples: Samples) -> _Suspicion | None:
+    interval_s = float(np.median(np.diff(samples.time_s)))
+    bulk_s, travel_v = bulk_time_s(samples)
+    ratio = throughput_ratio(samples)
+    is_steep = float(np.median(samples.voltage_v)) < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
+    for words, symbol, factor, shortest_s in _LONGER:
+        if ratio is not None:
+            if abs(ratio * factor - 1) < _RATIO:
+                reason = f"the current integrates to 1/{1 / ratio:.4g} of the tester's Ah"
+                return words, symbol, factor, "error", reason
+            continue
+        is_pattern = interval_s < _SHORT_S and any(
+            abs(interval_s * factor / second - 1) < _PATTERN for second in _SECONDS
+        )
+        is_fast = 0 < bulk_s < shortest_s and travel_v >= _TRAVEL_V
+        pattern = f"samples lie {interval_s:.5g} apart, {interval_s * factor:.3g} s if in {words}"
+        if is_fast and (is_pattern or symbol == "h"):
+            return words, symbol, factor, "error", f"{pattern}; {_bulk(bulk_s)}"
+        if is_pattern and bulk_s == 0:
+            return words, symbol, factor, "warning", pattern
+        if is_fast and not is_steep:
+            return words, symbol, factor, "warning", _bulk(bulk_s)
+    return None
+
+
+def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
+    """`stated_s` is how long a unit of time is by the column's name."""
+    words, symbol, factor = ("milliseconds", "ms", 1e-3)
+    if stated_s != 1:
+        words, symbol, factor = ("seconds", "s", 1 / stated_s)
+    interval_s = float(np.median(np.diff(samples.time_s)))
+    bulk_s, travel_v = bulk_time_s(samples)
+    ratio = throughput_ratio(samples)
+    if ratio is not None and abs(ratio * factor - 1) >= _RATIO:
+        return None
+    reason = f"samples lie {interval_s:.5g} s apart"
+    # A thousandfold charge alone may be milliamperes, which leave the bulk time as it is.
+    if bulk_s > _SLOW_S and travel_v >= _TRAVEL_V and interval_s >= _LONG_S / 10:
+        return words, symbol, factor, "error", f"{reason}; {_bulk(bulk_s)}"
+    if bulk_s == 0 and interval_s >= _LONG_S:
+        return words, symbol, factor, "warning", reason
+    return None
+
+
+def _bulk(bulk_s: float) -> str:
+    return f"in seconds the cell's resistance could move its charge in {bulk_s:.3g} s"
+
+
+# Charge against the given capacity, in favor of a factor of a thousand either way.
+_TOO_MUCH, _TOO_LITTLE = 20.0, 0.01
+_MOVED_V = 0.3
+# No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes.
+_LEAST_OHM, _HEAVY_A = 1e-4, 50.0
+
+
+def examine_current_unit(
+    samples: Samples, columns: Mapping[str, Column], capacity_ah: float | None
+) -> tuple[Samples, list[Finding]]:
+    """The samples with current in A, and whether its column's name was wrong."""
+    name = columns["current"].header
+    peak_a = float(np.abs(samples.current_a).max())
+    if peak_a == 0:
+        what = f"every current in '{name}' is zero: nothing can be learned from the record"
+        remedy = "give the column that holds the measured current"
+        return samples, [found_at(samples, 0, "error", what, remedy)]
+    at = int(np.argmax(np.abs(samples.current_a)))
+    reasons = milliampere_reasons(samples)
+    if capacity_ah is not None and span_ah(samples) > _TOO_MUCH * capacity_ah:
+        reasons.append(
+            f"the record moves {span_ah(samples):.4g} Ah of a cell of {capacity_ah:.4g} Ah"
+        )
+    resistance_ohm = _resistance_ohm(samples)
+    if 0 < resistance_ohm < _LEAST_OHM and peak_a > _HEAVY_A:
+        reasons.append(f"the cell's resistance would be {1e6 * resistance_ohm:.3g} microohm")
+    if reasons:
+        what = f"'{name}' looks like milliamperes, not amperes: {'; '.join(reasons)}"
+        finding = found_at(samples, at, "error", what, "rename the column to 'Current / mA'")
+        return replace(samples, current_a=samples.current_a * 1e-3), [finding]
+    reason = _amperes_reason(samples, capacity_ah)
+    if reason and columns["current"].unit.factor == 1e-3:
+        what = f"'{name}' looks like amperes, not milliamperes: {reason}"
+        finding = found_at(samples, at, "error", what, "rename the column to 'Current / A'")
+        return replace(samples, current_a=samples.current_a * 1e3), [finding]
+    return samples, []
+
+
+def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
+    """Why the current is a thousand times too small, if it is."""
+    ratio = throughput_ratio(samples)
+    if ratio is not None:
+        is_small = 1 / 5000 < ratio < 1 / 200
+        return f"it integrates to 1/{1 / ratio:.4g} of the tester's Ah" if is_small else ""
+    _, travel_v = bulk_time_s(samples)
+    charge_ah = span_ah(samples)
+    if capacity_ah is None or charge_ah > _TOO_LITTLE * capacity_ah or travel_v < _MOVED_V:
+        return ""
+    return (
+        f"{charge_ah:.3g} of its {capacity_ah:.4g} Ah move the cell's voltage by {travel_v:.2g} V"
+    )
+
+
+def _resistance_ohm(samples: Samples) -> float:
+    step_a, step_v = np.diff(samples.current_a), np.diff(samples.voltage_v)
+    is_step = np.abs(step_a) > STEP_SHARE * np.abs(samples.current_a).max()
+    return step_resistance_ohm(step_a[is_step], step_v[is_step])

@@ -1,0 +1,180 @@
+"""How the numerics run: in float64, compiled once for a shape, in blocks on all cores."""
+
+import functools
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from typing import Any, NamedTuple, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+import scipy.linalg  # noqa: F401
+import threadpoolctl
+from threadpoolctl import ThreadpoolController
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def in_float64(function: Callable[P, R]) -> Callable[P, R]:
+    """`function`, run with JAX in float64 whatever the caller's setting, which stays as it was."""
+
+    @functools.wraps(function)
+    def scoped(*args: P.args, **kwargs: P.kwargs) -> R:
+        with jax.enable_x64(True):
+            return function(*args, **kwargs)
+
+    return scoped
+
+
+Given = TypeVar("Given")
+Outcome = TypeVar("Outcome")
+
+# Runs go in blocks of one fixed shape, so a seed's bits do not depend on how many run beside it.
+SEEDS_PER_BLOCK = 8
+# Enough for a comparison of all methods on a few models; the oldest program is let go.
+PROGRAMS_KEPT = 64
+
+_programs: dict[Any, Any] = {}
+_making: dict[Any, threading.Lock] = {}
+_guard = threading.Lock()
+
+
+def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[..., Outcome]:
+    """The function, compiled for arguments of these shapes and settings.
+
+    Asked again for the same ones it gives the same program, without tracing.
+    """
+    leaves, structure = jax.tree.flatten(arguments)
+    shapes = tuple((leaf.shape, str(leaf.dtype)) if eqx.is_array(leaf) else leaf for leaf in leaves)
+    wanted = (function, structure, shapes)
+    with _guard:
+        lock = _making.setdefault(wanted, threading.Lock())
+    with lock:
+        if wanted not in _programs:
+            jitted: Any = eqx.filter_jit(function)
+            compiled = jitted.lower(*arguments).compile()
+            with _guard:
+                _programs[wanted] = compiled
+                while len(_programs) > PROGRAMS_KEPT:
+                    oldest = next(iter(_programs))
+                    del _programs[oldest]
+                    _making.pop(oldest, None)
+        return _programs[wanted]
+
+
+def seed_blocks(seeds: int) -> list[list[int]]:
+    """Seed numbers in blocks of one size; the last one is filled up with further seeds."""
+    return [
+        list(range(first, first + SEEDS_PER_BLOCK)) for first in range(0, seeds, SEEDS_PER_BLOCK)
+    ]
+
+
+def wanted_rows(seeds: int) -> list[int]:
+    """How many rows of each block are seeds that were asked for."""
+    return [min(SEEDS_PER_BLOCK, seeds - first) for first in range(0, seeds, SEEDS_PER_BLOCK)]
+
+
+def run_blocks(
+    run: Callable[[Given], tuple[np.ndarray, ...]],
+    blocks: Sequence[Given],
+    wanted: Sequence[int],
+    progress: Callable[[int], None] | None,
+) -> list[tuple[np.ndarray, ...]]:
+    """Run a compiled function on every block, on all cores; the wanted rows of each, in order."""
+    with ThreadPoolExecutor(max_workers=min(len(blocks), os.cpu_count() or 1)) as pool:
+        waiting = {
+            pool.submit(run, block): rows for block, rows in zip(blocks, wanted, strict=True)
+        }
+        try:
+            for done in as_completed(waiting):
+                done.result()
+                if progress is not None:
+                    progress(waiting[done])
+        except BaseException:
+            # An interruption waits for the blocks that run, for nothing can stop them; those still
+            # in the queue never start.
+            pool.shutdown(cancel_futures=True)
+            raise
+    return [
+        row
+        for future, rows in waiting.items()
+        for row in list(zip(*future.result(), strict=True))[:rows]
+    ]
+
+
+# Loaded before threads are counted: what is loaded later would not be seen.
+
+
+class _Libraries(NamedTuple):
+    """One number of threads for the process, or one for every thread of Python."""
+
+    shared: ThreadpoolController
+    own: ThreadpoolController
+
+
+class _Guard:
+    """How many are inside `one_blas_thread`, and what the last of them restores."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+        self.inside = 0
+        self.limiter: Any = None
+
+
+_GUARD = _Guard()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """A context in which NumPy's and SciPy's linear algebra uses one thread.
+
+    Where the number is the process's, the last to leave of several threads of Python restores it,
+    so that none computes on more.
+    """
+    libraries = _libraries()
+    with libraries.own.limit(limits=1):
+        with _GUARD.lock:
+            if not _GUARD.inside:
+                _take_control()
+                _GUARD.limiter = libraries.shared.limit(limits=1)
+            _GUARD.inside += 1
+        try:
+            yield
+        finally:
+            with _GUARD.lock:
+                _GUARD.inside -= 1
+                if not _GUARD.inside:
+                    _take_control()
+                    _GUARD.limiter.restore_original_limits()
+                    _take_control()
+
+
+@functools.cache
+def _libraries() -> _Libraries:
+    # Looking for them takes longer than a small problem's algebra.
+    found = ThreadpoolController().select(user_api="blas")
+    has_own = {
+        each["filepath"]: (each["internal_api"], each.get("threading_layer"))
+        == ("openblas", "openmp")
+        for each in found.info()
+    }
+    return _Libraries(
+        *(
+            found.select(filepath=[path for path, is_own in has_own.items() if is_own == wanted])
+            for wanted in (False, True)
+        )
+    )
+
+
+def _take_control() -> None:
+    """Let this thread set OpenBLAS's number of threads, and the next one that wants to.
+
+    Newer versions of threadpoolctl silently ignore all threads but the first that did.
+    """
+    controller: Any = getattr(threadpoolctl, "OpenBLASController", None)
+    if hasattr(controller, "clear_controlling_thread"):
+        controller.clear_controlling_thread(force=True)

@@ -1,0 +1,144 @@
+"""PyBaMM: a Python module with the parameters of `pybamm.equivalent_circuit.Thevenin`.
+
+Names and signatures are those of PyBaMM's own set `ECM_Example` and of `pybamm.EcmParameters`
+(PyBaMM 26.10). The sign of current is ours.
+"""
+
+import importlib
+
+import numpy as np
+from jaxtyping import Float
+
+from ..results import Result
+from .exporter import Export, Exporter, Profile, hysteresis_is_left_out, note_lines, numbers
+from .tables import Tables, tables_of
+
+# A result has no cut-off voltages; these stop no simulation of the cell.
+CUTOFF_MARGIN_V = 1.0
+# PyBaMM refuses to start where one of its events is already met.
+NEAREST_TO_LIMIT = 1e-6
+# The time a current takes to jump between two samples, far below any time constant.
+JUMP_S = 1e-6
+
+TEMPLATE = '''\
+{notes}
+#
+# import pybamm
+# from barnax_pybamm import get_model, get_parameter_values
+# values = pybamm.ParameterValues(get_parameter_values())
+# solution = pybamm.Simulation(get_model(), parameter_values=values).solve([0, 600])
+
+import numpy as np
+import pybamm
+
+RC_ELEMENTS = {pairs}
+
+SOC = np.array([
+{soc}
+])
+OCV_V = np.array([
+{ocv}
+])
+
+
+def open_circuit_voltage(soc):
+    return pybamm.Interpolant(SOC, OCV_V, soc, name="open-circuit voltage")
+
+
+def get_model():
+    """The Thevenin model with as many RC elements as these parameters have."""
+    return pybamm.equivalent_circuit.Thevenin(options={{"number of rc elements": RC_ELEMENTS}})
+
+
+def get_parameter_values():
+    """The parameters under PyBaMM's names."""
+    return {{
+        "chemistry": "ecm",
+{values}
+        "Open-circuit voltage [V]": open_circuit_voltage,
+    }}
+'''
+
+
+def write_pybamm(result: Result) -> Export:
+    """The module's source."""
+    tables = tables_of(result)
+    caveats = (
+        *hysteresis_is_left_out("PyBaMM's Thevenin model", tables),
+        "PyBaMM ends a simulation where the SOC leaves 0 to 1; barnax goes on with the OCV's end "
+        "values.",
+        "A result has no cut-off voltages: they stand 1 V outside the OCV, where they end "
+        "nothing. Give your cell's.",
+        "A result has no thermal parameters and no entropic change: the placeholders hold the "
+        "cell at 25 degC.",
+    )
+    content = TEMPLATE.format(
+        notes=note_lines(tables.heading, caveats, "# "),
+        pairs=tables.parameters.pairs,
+        soc=numbers(tables.ocv.soc),
+        ocv=numbers(tables.ocv.voltage_v),
+        values="\n".join(
+            f'        "{name}": {value!r},' for name, value in _values(tables).items()
+        ),
+    )
+    return Export(content.encode(), caveats)
+
+
+def _values(tables: Tables) -> dict[str, float]:
+    """Every number of the parameter set under its name."""
+    circuit = {
+        name: value for name, value in tables.parameters.to_dict().items() if name != "gamma"
+    }
+    overpotentials = {
+        f"Element-{pair} initial overpotential [V]": 0.0
+        for pair in range(1, tables.parameters.pairs + 1)
+    }
+    initial_soc = min(max(tables.initial_soc, NEAREST_TO_LIMIT), 1 - NEAREST_TO_LIMIT)
+    return {
+        "Initial SoC": initial_soc,
+        "Cell capacity [A.h]": tables.capacity_ah,
+        "Nominal cell capacity [A.h]": tables.capacity_ah,
+        "Current function [A]": tables.capacity_ah,
+        **circuit,
+        **overpotentials,
+        "Upper voltage cut-off [V]": float(tables.ocv.voltage_v.max()) + CUTOFF_MARGIN_V,
+        "Lower voltage cut-off [V]": float(tables.ocv.voltage_v.min()) - CUTOFF_MARGIN_V,
+        "Entropic change [V/K]": 0.0,
+        "Initial temperature [K]": 298.15,
+        "Ambient temperature [K]": 298.15,
+        "Cell thermal mass [J/K]": 1e9,
+        "Cell-jig heat transfer coefficient [W/K]": 1.0,
+        "Jig thermal mass [J/K]": 1e9,
+        "Jig-air heat transfer coefficient [W/K]": 1.0,
+    }
+
+
+def simulate_pybamm(content: bytes, profile: Profile) -> Float[np.ndarray, "samples"]:
+    """PyBaMM's terminal voltage in V, from an exported module."""
+    pybamm = importlib.import_module("pybamm")
+    module: dict = {}
+    exec(compile(content, PYBAMM.file_name, "exec"), module)
+    # PyBaMM interpolates a current linearly; two points at every jump make it hold instead, and
+    # its solver restarts at each of them.
+    before_s = profile.time_s[1:] - JUMP_S
+    time_s = np.insert(profile.time_s, np.arange(1, len(profile.time_s)), before_s)
+    current_a = np.repeat(profile.current_a, 2)[:-1]
+    values = module["get_parameter_values"]()
+    values["Current function [A]"] = lambda t: pybamm.Interpolant(time_s, current_a, t)
+    simulation = pybamm.Simulation(
+        module["get_model"](),
+        parameter_values=pybamm.ParameterValues(values),
+        solver=pybamm.IDAKLUSolver(rtol=1e-8, atol=1e-9),
+    )
+    solution = simulation.solve(t_eval=time_s, t_interp=profile.time_s)
+    return np.asarray(solution["Voltage [V]"](profile.time_s))
+
+
+PYBAMM = Exporter(
+    name="pybamm",
+    description="Python module: parameter values of PyBaMM's Thevenin model",
+    file_name="barnax_pybamm.py",
+    write=write_pybamm,
+    package="pybamm",
+    simulate=simulate_pybamm,
+)

@@ -1,0 +1,270 @@
+"""The problem for given time constants: linear in the resistances, solved exactly in their box."""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..cell import CircuitParameters
+from ..model.compressed import TOLERANCE
+from ..model.exponentials import Lagrange, span_of
+from ..model.inputs import Course
+from ..model.problem import Problem
+from ..model.search_space import SplitBox
+
+# A column this dependent on those before it, relative to its own square, moves nothing.
+RIDGE = 1e-13
+# Guesses of which unknowns are at a bound; those few problems that still change are enumerated.
+GUESSES = 10
+
+Unknowns = Float[np.ndarray, "unknowns problems"]
+
+
+def least_in_box(
+    normal: Float[np.ndarray, "unknowns unknowns problems"],
+    gradient: Unknowns,
+    low: Unknowns,
+    high: Unknowns,
+) -> Unknowns:
+    """Each problem's x in [low, high] with the least x.(normal x) / 2 + gradient.x.
+
+    `normal` is A'A and `gradient` A'b for the least squares of b + A x. Where low and high are
+    one value, that is it. Active sets are guessed for all problems together, each from the signs
+    of the last guess's multipliers (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13 (2002)
+    865); where that runs in circles all sets are tried. Columns that depend on others cost
+    nothing but which of the equally good x is found.
+    """
+    scale = np.sqrt(np.einsum("iin->in", normal))
+    scale = np.where(scale > 0, scale, 1.0)
+    normal = normal / scale[:, None] / scale
+    gradient, box = gradient / scale, (low, high)
+    low, high = low * scale, high * scale
+    held = low >= high
+    at_low = at_high = np.zeros_like(held)
+    found, open_problems = low.copy(), np.arange(low.shape[1])
+    for _ in range(GUESSES):
+        here = np.ix_(np.arange(len(low)), open_problems)
+        h, g, least, most, pinned = (
+            normal[:, :, open_problems],
+            gradient[here],
+            low[here],
+            high[here],
+            held[here],
+        )
+        is_free = ~(at_low | at_high | pinned)
+        x = _free_minimum(h, g, np.where(at_high, most, least), is_free)
+        slope = g + _times(h, x)
+        now_low = ((is_free & (x < least)) | (at_low & (slope >= 0))) & ~pinned
+        now_high = ((is_free & (x > most)) | (at_high & (slope <= 0))) & ~pinned
+        settled = np.all((now_low == at_low) & (now_high == at_high), axis=0)
+        found[:, open_problems[settled]] = np.clip(x, least, most)[:, settled]
+        open_problems = open_problems[~settled]
+        at_low, at_high = now_low[:, ~settled], now_high[:, ~settled]
+        if not len(open_problems):
+            break
+    if len(open_problems):
+        here = np.ix_(np.arange(len(low)), open_problems)
+        found[here] = _enumerated(
+            normal[:, :, open_problems], gradient[here], low[here], high[here]
+        )
+    return np.clip(found / scale, *box)
+
+
+def _enumerated(normal, gradient: Unknowns, low: Unknowns, high: Unknowns) -> Unknowns:
+    """The best of all active sets, each moved into the box."""
+    least, best = np.full(low.shape[1], np.inf), low.copy()
+    for sides in itertools.product((-1, 0, 1), repeat=len(low)):
+        side = np.array(sides)[:, None]
+        is_free = (side == 0) & (low < high)
+        x = _free_minimum(normal, gradient, np.where(side > 0, high, low), is_free)
+        x = np.clip(x, low, high)
+        value = np.sum(x * (2 * gradient + _times(normal, x)), axis=0)
+        best = np.where(value < least, x, best)
+        least = np.minimum(value, least)
+    return best
+
+
+def _free_minimum(normal, gradient: Unknowns, x: Unknowns, is_free: Bool[np.ndarray, "..."]):
+    """x with its free entries where the slope vanishes, by an L D L' factorization.
+
+    The diagonal of `normal` is one.
+    """
+    count = len(x)
+    target = -(gradient + _times(normal, np.where(is_free, 0.0, x)))
+    factor = {}
+    pivots, forward = [], []
+    for i in range(count):
+        for j in range(i):
+            value = np.where(is_free[i] & is_free[j], normal[i, j], 0.0)
+            for k in range(j):
+                value = value - factor[i, k] * factor[j, k] * pivots[k]
+            factor[i, j] = value / pivots[j]
+        pivot = 1.0 + RIDGE - sum(factor[i, k] ** 2 * pivots[k] for k in range(i))
+        pivots.append(np.where(is_free[i], np.maximum(pivot, RIDGE), 1.0))
+        forward.append(target[i] - sum(factor[i, k] * forward[k] for k in range(i)))
+    solved = [np.empty(0)] * count
+    for i in reversed(range(count)):
+        below = sum(factor[k, i] * solved[k] for k in range(i + 1, count))
+        solved[i] = forward[i] / pivots[i] - below
+    return np.where(is_free, np.stack(solved), x)
+
+
+def _times(normal, x: Unknowns) -> Unknowns:
+    return np.einsum("ijn,jn->in", normal, x)
+
+
+Columns = Float[np.ndarray, "points rows"]
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """One of the coordinates in which the error is not linear: log of a tau in s, or of gamma.
+
+    `columns` gives the answers at some places on it. `input_rms` bounds the RMS over all scored
+    samples of what they answer to, a fixed time earlier, whichever that time; `error` bounds how
+    wrong they are, in the unit of the columns.
+    """
+
+    low: float
+    high: float
+    columns: Callable[[Float[np.ndarray, "points"]], Columns]
+    input_rms: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """The columns of one problem, scaled so that sums of squares are mean squares.
+
+    The first `box.bounds.pairs` axes are the pairs', then gamma's where there is one. `is_ordered`
+    says that the pairs are alike, so that only circuits with tau1 <= tau2 and so on count.
+    """
+
+    base: Float[np.ndarray, "rows"]
+    current: Float[np.ndarray, "rows"]
+    axes: tuple[Axis, ...]
+    box: SplitBox
+    is_ordered: bool
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Reduced":
+        """The columns. Raises `InputError` where the box is too wide to compress."""
+        short, box = problem.compressed, SplitBox(problem.bounds)
+        unit = np.sqrt(float(short.scored))
+        limits = problem.coordinates
+        largest_a = max(float(np.max(np.abs(drive.held_a))) for drive in problem.drives)
+        answers = _Interpolated(np.asarray(short.pairs) / unit, short.in_tau, 1)
+        current_a = min(largest_a, _earlier_rms_a(problem.courses))
+        error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
+        axes = []
+        for pair in range(problem.bounds.pairs):
+            low, high = box.tau_range_s(pair)
+            ends = math.log(low), math.log(high)
+            axes.append(Axis(*ends, answers, current_a, error * largest_a))
+        if short.turns is not None and short.in_rate is not None and box.gamma_range is not None:
+            low, high = box.gamma_range
+            turned = _Interpolated(np.asarray(short.turns) / unit, short.in_rate, -1)
+            largest_v = max(
+                float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.push)))
+                for moved in (drive.hysteresis for drive in problem.drives)
+                if moved is not None
+            )
+            error = span_of(1 / high, 1 / low, TOLERANCE).error
+            ends = math.log(low), math.log(high)
+            axes.append(Axis(*ends, turned, largest_v, error * largest_v))
+        return cls(
+            base=np.asarray(short.base) / unit,
+            current=np.asarray(short.current) / unit,
+            axes=tuple(axes),
+            box=box,
+            is_ordered=problem.bounds.pairs_are_alike,
+        )
+
+    def coefficient_box(
+        self, places: Float[np.ndarray, "axes points"]
+    ) -> tuple[Float[np.ndarray, "unknowns points"], Float[np.ndarray, "unknowns points"]]:
+        """Least and greatest of what multiplies current and the axes' columns: R0, R1, ...
+
+        Gamma's column counts once.
+        """
+        pairs = self.box.bounds.pairs
+        ends = self.box.resistance_box(np.exp(places[:pairs]))
+        once = np.ones((len(places) - pairs, places.shape[1]))
+        low, high = (np.concatenate([end, once]) for end in ends)
+        return low, high
+
+    def circuit(
+        self,
+        place: Float[np.ndarray, "axes"],
+        coefficients: Float[np.ndarray, "unknowns"],
+    ) -> CircuitParameters:
+        """The circuit of a place on all axes and what multiplies the columns there."""
+        pairs = self.box.bounds.pairs
+        tau_s, gamma = np.exp(place[:pairs]).tolist(), np.exp(place[pairs:]).tolist()
+        r0, *r = coefficients[: pairs + 1].tolist()
+        c = tuple(tau / each for tau, each in zip(tau_s, r, strict=True))
+        return CircuitParameters(r0, tuple(r), c, gamma[0] if gamma else None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Interpolated:
+    """The product of the nodes' answers with Lagrange polynomials at exp(direction * place)."""
+
+    nodes: Float[np.ndarray, "rows nodes"]
+    basis: Lagrange
+    direction: int
+
+    def __call__(self, places: Float[np.ndarray, "points"]) -> Columns:
+        basis = self.basis
+        x = (self.direction * places - float(basis.center)) / float(basis.half_width)
+        gaps = x[:, None] - np.asarray(basis.nodes)
+        terms = np.asarray(basis.weights) / np.where(gaps == 0, np.finfo(float).tiny, gaps)
+        return (terms / np.sum(terms, axis=1, keepdims=True)) @ self.nodes.T
+
+
+def _earlier_rms_a(courses: Sequence[Course]) -> float:
+    """A bound on the RMS of the current that flowed some time before the scored samples.
+
+    An interval counts as often as samples can be that time after it: as many as any stretch of its
+    length holds.
+    """
+    squares, scored = 0.0, 0
+    for course in courses:
+        scored_s = course.time_s[course.scored]
+        # Few distinct lengths, none of them shortened.
+        length_s = np.exp2(np.ceil(8 * np.log2(np.diff(course.time_s))) / 8)
+        for each in np.unique(length_s):
+            after = np.searchsorted(scored_s, scored_s + each)
+            most = np.max(after - np.arange(len(scored_s)))
+            squares += most * np.sum(course.held_a[:-1][length_s == each] ** 2)
+        scored += len(scored_s)
+    return float(np.sqrt(squares / scored))
+
+
+def normal_equations(
+    columns: Sequence[Columns], base: Columns
+) -> tuple[Float[np.ndarray, "unknowns unknowns points"], Float[np.ndarray, "unknowns points"]]:
+    """A'A and A'b of every point's least squares of b + A x."""
+    normal = np.empty((len(columns), len(columns), len(base)))
+    for i, left in enumerate(columns):
+        for j, right in enumerate(columns[: i + 1]):
+            normal[i, j] = normal[j, i] = dot(left, right)
+    return normal, np.stack([dot(column, base) for column in columns])
+
+
+def errors_of(
+    columns: Sequence[Columns], base: Columns, coefficients: Float[np.ndarray, "unknowns points"]
+) -> Columns:
+    """b + A x of every point."""
+    total = base.copy()
+    for column, each in zip(columns, coefficients, strict=True):
+        total += each[:, None] * column
+    return total
+
+
+def dot(left: Columns, right: Columns) -> Float[np.ndarray, "points"]:
+    """The scalar product of every point's vectors."""
+    return np.einsum("pr,pr->p", left, right)

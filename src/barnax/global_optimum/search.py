@@ -1,0 +1,274 @@
+"""The landscape over the time constants, and the search for its lowest point."""
+
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, Context
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import label, minimum_filter
+
+from ..cell import CircuitParameters
+from ..execution import SEEDS_PER_BLOCK, in_float64, one_blas_thread
+from ..model.problem import Problem
+from ..search.refine import (
+    FINAL_ROUNDS,
+    FINAL_TOLERANCE,
+    SEED_TOLERANCE,
+    Descent,
+    Optimum,
+    RefinedSeed,
+    at_bound,
+    distinct_optima,
+)
+from .certificate import CERTIFIED_GAP, SMALLEST_RMSE_V, Certificate, certify
+from .reduced import Reduced, errors_of, least_in_box, normal_equations
+
+# Grid points of a time constant by the number of pairs, and of gamma. An answer varies over a
+# factor of e in tau; four pairs are still sampled twice as densely as that.
+TAUS = {1: 192, 2: 96, 3: 28, 4: 18}
+TAUS_BESIDE_GAMMA = {1: 96, 2: 48, 3: 20, 4: 12}
+GAMMAS = 24
+# Points that are solved at a time.
+CHUNK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Landscape:
+    """RMSE in V with the best resistances, at every point of a grid.
+
+    One axis a pair, in the order of the pairs, then gamma's where the circuit has one. `rmse_v`
+    and `resistances_ohm` (R0, R1, ... first) are NaN where alike pairs would be out of order.
+    """
+
+    tau_s: tuple[Float[np.ndarray, "taus"], ...]
+    gamma: Float[np.ndarray, "gammas"] | None
+    rmse_v: Float[np.ndarray, "*grid"]
+    resistances_ohm: Float[np.ndarray, "resistances *grid"]
+
+    def circuit(self, point: tuple[int, ...]) -> CircuitParameters:
+        """The best circuit at a point of the grid."""
+        taus = [float(axis[index]) for axis, index in zip(self.tau_s, point, strict=False)]
+        r0, *r = self.resistances_ohm[:, *point].tolist()
+        gamma = None if self.gamma is None else float(self.gamma[point[-1]])
+        c = tuple(tau / each for tau, each in zip(taus, r, strict=True))
+        return CircuitParameters(r0, tuple(r), c, gamma)
+
+    def minima(self, factor: float) -> list[tuple[int, ...]]:
+        """The points no neighbor of which is lower, best first; level ground counts once.
+
+        Only those with at most `factor` times the lowest error.
+        """
+        known_v = np.where(np.isnan(self.rmse_v), np.inf, self.rmse_v)
+        is_minimum = known_v == minimum_filter(known_v, 3, mode="nearest")
+        is_minimum &= known_v <= factor * np.min(known_v)
+        grounds = np.empty(known_v.shape, int)
+        label(is_minimum, np.ones((3,) * known_v.ndim), output=grounds)
+        _, first = np.unique(grounds[is_minimum], return_index=True)
+        points = np.argwhere(is_minimum)[first].tolist()
+        return sorted(map(tuple, points), key=lambda point: self.rmse_v[point])
+
+
+@in_float64
+def make_landscape(problem: Problem) -> Landscape:
+    """The landscape of a problem, whichever its objective, from the compressed form.
+
+    Raises `InputError` where the box is too wide to compress.
+    """
+    return landscape_of(Reduced.of(problem))
+
+
+def landscape_of(reduced: Reduced) -> Landscape:
+    """The landscape of the same, already reduced."""
+    places = _grid(reduced)
+    # One thread: what a library does with several would change the last bits.
+    with one_blas_thread():
+        tables = [axis.columns(place) for axis, place in zip(reduced.axes, places, strict=True)]
+    shape, pairs = tuple(len(place) for place in places), reduced.box.bounds.pairs
+    points = np.indices(shape).reshape(len(shape), -1)
+    if reduced.is_ordered:
+        points = points[:, np.all(np.diff(points[:pairs], axis=0) >= 0, axis=0)]
+    rmse_v = np.full(shape, np.nan)
+    resistances_ohm = np.full((pairs + 1, *shape), np.nan)
+    for first in range(0, points.shape[1], CHUNK):
+        here = points[:, first : first + CHUNK]
+        base = np.broadcast_to(reduced.base, (here.shape[1], len(reduced.base)))
+        columns = [np.broadcast_to(reduced.current, base.shape)]
+        columns += [table[index] for table, index in zip(tables, here, strict=True)]
+        at = np.stack([place[index] for place, index in zip(places, here, strict=True)])
+        box = reduced.coefficient_box(at)
+        found = least_in_box(*normal_equations(columns, base), *box)
+        errors_v = errors_of(columns, base, found)
+        rmse_v[tuple(here)] = np.linalg.norm(errors_v, axis=1)
+        resistances_ohm[:, *here] = found[: pairs + 1]
+    return Landscape(
+        tau_s=tuple(np.exp(place) for place in places[:pairs]),
+        gamma=np.exp(places[pairs]) if len(places) > pairs else None,
+        rmse_v=rmse_v,
+        resistances_ohm=resistances_ohm,
+    )
+
+
+def _grid(reduced: Reduced) -> list[Float[np.ndarray, "places"]]:
+    """Evenly spaced places on every axis; one where there is nothing to choose."""
+    pairs = reduced.box.bounds.pairs
+    has_gamma = len(reduced.axes) > pairs
+    sizes = [(TAUS_BESIDE_GAMMA if has_gamma else TAUS)[pairs]] * pairs + [GAMMAS] * has_gamma
+    return [
+        np.linspace(axis.low, axis.high, size if axis.high > axis.low else 1)
+        for axis, size in zip(reduced.axes, sizes, strict=True)
+    ]
+
+
+# Local minima of the grid up to this many times its lowest error are polished, but never more of
+# them than this.
+FACTOR = 1.5
+MOST_MINIMA = 4 * SEEDS_PER_BLOCK
+# Another optimum so little above the best one is worth a word.
+HARDLY_ABOVE = 0.01
+# Cells of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
+MOST_CELLS = 50_000
+# A circuit that a proof comes upon and that is better than all polished ones; seldom more than one.
+MOST_PROOFS = 8
+
+ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
+
+Status = Literal["certified", "grid-verified"]
+
+
+@dataclass(frozen=True, eq=False)
+class GlobalOptimum:
+    """The best circuit of a box, how sure that is, and the landscape around it.
+
+    `optima` are the distinct local optima up to `FACTOR` times the best, which comes first; their
+    errors are the scan's. `certificate` is None where no proof was asked for.
+    """
+
+    optima: tuple[Optimum, ...]
+    at_bound: tuple[str, ...]
+    certificate: Certificate | None
+    landscape: Landscape
+
+    @property
+    def parameters(self) -> CircuitParameters:
+        return self.optima[0].parameters
+
+    @property
+    def rmse_v(self) -> float:
+        return self.optima[0].rmse_v
+
+    @property
+    def local_optima(self) -> tuple[Optimum, ...]:
+        """The other optima."""
+        return self.optima[1:]
+
+    @property
+    def lower_bound_v(self) -> float:
+        """What no circuit in the box has an RMSE below; 0 where nothing was proved."""
+        return 0.0 if self.certificate is None else self.certificate.lower_bound_v
+
+    @property
+    def proved_gap(self) -> float:
+        """The largest share of the RMSE that a better circuit could save."""
+        return max(0.0, -regret(self.lower_bound_v, self.rmse_v))
+
+    @property
+    def status(self) -> Status:
+        return "certified" if self.proved_gap <= CERTIFIED_GAP else "grid-verified"
+
+    @property
+    def verdict(self) -> str:
+        """What was found and how sure it is, in sentences."""
+        return " ".join([_sureness(self), _other_optima(self), _at_bound(self)])
+
+
+def regret(rmse_v: float, optimum_v: float) -> float:
+    """How far an RMSE is above the optimum's, as a share of it.
+
+    An optimum below `SMALLEST_RMSE_V` counts as one of that: rounding is nothing to regret.
+
+    >>> round(regret(10.1e-3, 10e-3), 6)
+    0.01
+    """
+    return (rmse_v - optimum_v) / max(optimum_v, SMALLEST_RMSE_V)
+
+
+@in_float64
+def global_optimum(
+    problem: Problem, *, prove: bool = True, most_cells: int = MOST_CELLS
+) -> GlobalOptimum:
+    """The best circuit in the box: the landscape's minima polished, and a proof of it.
+
+    It draws nothing and does not depend on the problem's own objective. `prove` adds a lower bound
+    on every circuit's RMSE by branch and bound over at most `most_cells` cells of time constants;
+    where that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
+    "grid-verified". Raises `InputError` where the box is too wide to compress.
+    """
+    reduced = Reduced.of(problem)
+    landscape = landscape_of(reduced)
+    polish = _Polish(problem)
+    starts = landscape.minima(FACTOR)[:MOST_MINIMA]
+    ends = polish([landscape.circuit(point) for point in starts])
+    certificate = None
+    for _ in range(MOST_PROOFS if prove else 0):
+        certificate = certify(reduced, min(end.rmse_v for end in ends), most_cells)
+        if certificate.better is None:
+            break
+        # The grid can miss a basin; a proof cannot.
+        ends += polish([certificate.better])
+    optima = distinct_optima(ends)
+    optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
+    bounded = at_bound(polish.descent.objective.coordinates, optima[0].parameters)
+    return GlobalOptimum(optima, bounded, certificate, landscape)
+
+
+class _Polish:
+    """Levenberg-Marquardt from grid points, in blocks of one shape so that nothing recompiles."""
+
+    def __init__(self, problem: Problem):
+        self.descent = Descent(problem)
+
+    def __call__(self, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
+        missing = -len(circuits) % SEEDS_PER_BLOCK
+        starts = [*circuits, *circuits[-1:] * missing]
+        ends = self.descent(starts, SEED_TOLERANCE)
+        for _ in range(FINAL_ROUNDS):
+            ends = self.descent(
+                [end.parameters for end in ends], FINAL_TOLERANCE, holds_bounds=True
+            )
+            if min(ends, key=lambda end: end.rmse_v).has_converged:
+                break
+        return ends[: len(circuits)]
+
+
+def _sureness(found: GlobalOptimum) -> str:
+    best, proof = f"The lowest RMSE in the box is {1e3 * found.rmse_v:.6g} mV", found.certificate
+    # Rounded up: a claim may not say more than was proved.
+    percent = ROUNDED_UP.create_decimal_from_float(100 * found.proved_gap)
+    if found.status == "certified":
+        return f"{best}; certified: no circuit in the box is more than {percent:f} % lower."
+    best += ", by a grid of time constants and descents from it"
+    if proof is None:
+        return f"{best}; nothing was proved."
+    return (
+        f"{best}; after {proof.cells} cells all that is proved is that no circuit in the box is "
+        f"more than {percent:f} % lower."
+    )
+
+
+def _other_optima(found: GlobalOptimum) -> str:
+    others, reach = found.local_optima, f"{100 * (FACTOR - 1):.0f} %"
+    if not others:
+        return f"No other local optimum was found up to {reach} above it."
+    nearest = f"{100 * regret(others[0].rmse_v, found.rmse_v):.2g} %"
+    tau = " and ".join(f"{tau_s:.4g}" for tau_s in others[0].parameters.tau_s)
+    count = "One other local optimum lies" if len(others) == 1 else f"{len(others)} others lie"
+    where = f"{count} up to {reach} above it, the nearest {nearest} above at tau of {tau} s"
+    is_close = others[0].rmse_v < (1 + HARDLY_ABOVE) * found.rmse_v
+    return f"{where}: another circuit with nearly the same error." if is_close else f"{where}."
+
+
+def _at_bound(found: GlobalOptimum) -> str:
+    if not found.at_bound:
+        return "No parameter is at a bound."
+    return f"{'; '.join(found.at_bound)}: the box, not the data, decides there."

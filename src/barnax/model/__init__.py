@@ -1,0 +1,1 @@
+"""One circuit on prepared records: simulated, compressed, and searched in a box."""

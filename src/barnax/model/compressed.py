@@ -1,0 +1,218 @@
+"""The errors of every circuit of a box from one small factor, whatever the record's length.
+
+For given time constants the error is linear in the resistances, and an RC pair's answer to the
+current is a combination of a few answers (`exponentials`). With T the triangular factor of [those
+answers, current, base error], a circuit's squared error is |T w|^2 with w from its few numbers:
+the sum over all samples, without the samples.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial, reduce
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Scalar
+from scipy.linalg import get_lapack_funcs, qr
+
+from ..execution import one_blas_thread
+from .exponentials import Lagrange, Span, span_of
+from .search_space import Coordinates
+from .simulate import AbstractEvaluator, Drive, Impedance, Intervals, respond
+
+# Bound on the error of a pair's answer, relative to the largest current.
+TOLERANCE = 1e-12
+# Samples that are held at a time.
+BLOCK = 4096
+# Chains of factors that are combined at the end; a fixed number, so that no bit depends on cores.
+CHAINS = 2
+# Rows that join a factor at a time, as many as stay in a core's cache, and columns of one block
+# reflector: measured, a factor joined by whole blocks with LAPACK's plain QR takes three times as
+# long.
+PANEL = 1024
+REFLECTORS = 8
+# Rows of the factor that add less than this to any column's RMS, in V, are left out. They are
+# orthogonal to the others: an RMSE grows by their square over twice itself.
+NEGLIGIBLE_V = 1e-13
+# The rows that are left are a multiple of this, so that most records share one program, and as
+# wide as a processor's widest registers like them.
+ROW_STEP = 16
+
+
+class Compressed(AbstractEvaluator):
+    """A record reduced to its triangular factor, for one box.
+
+    Its errors are the scan's to 1e-9, or 1e-12 V; with the arrays in single precision, which the
+    reduction itself never is, to 2e-4, or 1e-5 V.
+
+    The columns of `factor` are those of the nodes' answers, so that `pairs` @ Lagrange
+    polynomials is the answer of any RC pair of 1 ohm; the same for a dynamic hysteresis where
+    there is one; of the current; and of the base error.
+    """
+
+    scored: Scalar
+    factor: Float[Array, "rows columns"]
+    in_tau: Lagrange
+    in_rate: Lagrange | None = None
+
+    @property
+    def pairs(self) -> Float[Array, "rows nodes"]:
+        return self.factor[:, : len(self.in_tau.nodes)]
+
+    @property
+    def turns(self) -> Float[Array, "rows rates"]:
+        return self.factor[:, len(self.in_tau.nodes) : -2]
+
+    @property
+    def current(self) -> Float[Array, "rows"]:
+        return self.factor[:, -2]
+
+    @property
+    def base(self) -> Float[Array, "rows"]:
+        return self.factor[:, -1]
+
+    def errors(self, impedance: Impedance) -> Float[Array, "rows"]:
+        # All pairs at once, and counts times the factor rather than the reverse: fewer steps, and
+        # nothing to transpose, in a program that spends microseconds on each.
+        answers = jax.vmap(self.in_tau.at)(jnp.stack(impedance.tau), jnp.stack(impedance.r))
+        counts = [sum(answers[1:], answers[0])]
+        if self.in_rate is not None and impedance.gamma is not None:
+            counts.append(self.in_rate.at(1 / impedance.gamma))
+        counts.append(jnp.stack([impedance.r0, jnp.ones_like(impedance.r0)]))
+        return jnp.concatenate(counts) @ self.factor.T
+
+    def squared_error(self, impedance: Impedance) -> Scalar:
+        errors_v = self.errors(impedance)
+        return jnp.sum(errors_v * errors_v)
+
+
+def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
+    """One or several records, reduced together. Call inside float64.
+
+    The samples go through in blocks of `BLOCK`; nothing longer is ever held. Raises `InputError`
+    where the box is too wide for the accuracy promised.
+    """
+    in_tau = span_of(box.shortest_tau_s, box.longest_tau_s, TOLERANCE)
+    in_rate = None
+    if box.gamma_limits is not None:
+        slowest, fastest = box.gamma_limits
+        in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
+    # One thread each: what a library does with several would change the last bits.
+    with one_blas_thread():
+        factor = reduce(_extend, [_factor(drive, in_tau, in_rate) for drive in drives])
+        count = len(in_tau.skeleton)
+        columns = [factor[:, :count] @ in_tau.from_skeleton]
+        if in_rate is not None:
+            columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
+        columns.append(factor[:, -2:])
+        scored = sum(float(drive.scored) for drive in drives)
+        factor = _shorten(np.concatenate(columns, axis=1), NEGLIGIBLE_V * math.sqrt(scored))
+    return Compressed(
+        scored=jnp.asarray(scored),
+        factor=jnp.asarray(factor),
+        in_tau=Lagrange.of(in_tau),
+        in_rate=None if in_rate is None else Lagrange.of(in_rate),
+    )
+
+
+def _factor(
+    drive: Drive, in_tau: Span, in_rate: Span | None
+) -> Float[np.ndarray, "columns columns"]:
+    """The triangular factor of all scored samples of one record."""
+    with ThreadPoolExecutor(CHAINS) as pool:
+        chains: list = [None] * CHAINS
+        for number, block in enumerate(_blocks(drive, in_tau, in_rate)):
+            chain = number % CHAINS
+            done = chains[chain]
+            start = done.result() if done else np.zeros((block.shape[1],) * 2)
+            chains[chain] = pool.submit(_extend, start, block)
+        return reduce(_extend, [chain.result() for chain in chains if chain])
+
+
+def _extend(
+    factor: Float[np.ndarray, "columns columns"], rows: Float[np.ndarray, "rows columns"]
+) -> Float[np.ndarray, "columns columns"]:
+    """The triangular factor of a triangular factor and more rows."""
+    tpqrt: Any = get_lapack_funcs("tpqrt", (factor,))
+    width = min(REFLECTORS, len(factor))
+    for first in range(0, len(rows), PANEL):
+        panel = np.array(rows[first : first + PANEL], order="F")
+        factor = tpqrt(0, width, factor, panel, overwrite_b=True)[0]
+    return factor
+
+
+def _shorten(
+    factor: Float[np.ndarray, "rows columns"], negligible: float
+) -> Float[np.ndarray, "fewer columns"]:
+    """The same lengths of all combinations of columns with fewer rows, up to `negligible`."""
+    decomposed: Any = qr(factor, mode="r", pivoting=True)
+    triangle, order = decomposed[0][: min(factor.shape)], decomposed[1]
+    lengths = np.sqrt(np.cumsum(triangle[::-1] ** 2, axis=0)[::-1].max(axis=1))
+    wanted = int(np.count_nonzero(lengths > negligible))
+    shorter = np.zeros((-(-max(wanted, 1) // ROW_STEP) * ROW_STEP, factor.shape[1]))
+    kept = triangle[: len(shorter)]
+    shorter[: len(kept), order] = kept
+    return shorter
+
+
+def _blocks(
+    drive: Drive, in_tau: Span, in_rate: Span | None
+) -> Iterator[Float[np.ndarray, "scored columns"]]:
+    """The columns of the problem at the scored samples, block after block."""
+    pairs = _Answers(drive.held_a, drive.intervals, in_tau)
+    moved, turns, amplitude_v = drive.hysteresis, None, np.empty(0)
+    if in_rate is not None and moved is not None:
+        turns = _Answers(moved.push, moved.intervals, in_rate)
+        amplitude_v = np.asarray(moved.amplitude_v)
+    current_a, base_v = np.asarray(drive.current_a), np.asarray(drive.base_error_v)
+    weight = None if drive.weight is None else np.asarray(drive.weight)
+    for first in range(0, len(current_a), BLOCK):
+        here = slice(first, first + BLOCK)
+        columns = [pairs.next_block(here)]
+        if turns is not None:
+            columns.append(-amplitude_v[here, None] * turns.next_block(here))
+        columns += [current_a[here, None], base_v[here, None]]
+        block = np.concatenate(columns, axis=1)
+        yield block if weight is None else block[weight[here] > 0]
+
+
+class _Answers:
+    """The skeleton's answers to a current, block after block."""
+
+    def __init__(self, held: Float[Array, "samples"], intervals: Intervals, span: Span):
+        self._held = np.asarray(held)
+        self._node, self._offset_s = np.asarray(intervals.node), np.asarray(intervals.offset_s)
+        # Padded, so that records with other clocks share one program.
+        spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
+        node_s = jnp.pad(intervals.node_s, (0, spare), mode="edge")
+        self._intervals = eqx.tree_at(
+            lambda each: (each.node_s, each.node, each.offset_s), intervals, (node_s, None, None)
+        )
+        self._tau = jnp.asarray(span.skeleton_tau)
+        self._state = jnp.zeros_like(self._tau)
+
+    def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton"]:
+        held, node, offset_s = (
+            jnp.asarray(np.pad(values[here], (0, max(0, BLOCK - len(values[here])))))
+            for values in (self._held, self._node, self._offset_s)
+        )
+        self._state, answers = _respond(
+            self._tau, self._state, held, self._intervals, node, offset_s
+        )
+        return np.asarray(answers)[: len(self._held[here])]
+
+
+@eqx.filter_jit
+def _respond(tau, state, held, intervals: Intervals, node: Int[Array, "samples"], offset_s):
+    intervals = eqx.tree_at(
+        lambda each: (each.node, each.offset_s),
+        intervals,
+        (node, offset_s),
+        is_leaf=lambda leaf: leaf is None,
+    )
+    respond_all = jax.vmap(partial(respond, held=held, intervals=intervals), out_axes=(0, 1))
+    return respond_all(tau, state)

@@ -1,0 +1,179 @@
+"""Every exponential of a span of time constants, out of a few of them.
+
+An RC pair answers a current with the kernel exp(-s / tau) / tau. In x = log(tau) that kernel is
+analytic in a strip, so its values at Chebyshev nodes give it everywhere in between with an error
+that can be proved beforehand; and the kernels of those nodes are so alike that about half of them,
+the skeleton, give the others. None of this depends on a record.
+"""
+
+import functools
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Scalar
+from scipy.linalg import qr, solve_triangular
+
+from ..errors import InputError
+from ..execution import one_blas_thread
+
+# Spans are rounded up to quarter decades, so that most records share one table and one program.
+_SPAN_STEP = math.log(10) / 4
+_NODE_STEP = 8
+MOST_NODES = 256
+# Spacing in log(s) of the grid on which kernels are compared, and how far it reaches beyond them.
+_GRID_STEP = 0.1
+_GRID_BEFORE, _GRID_AFTER = 36.0, 4.0
+
+
+class Span(NamedTuple):
+    """Nodes in log(tau), which of them are the skeleton, and how that gives all nodes.
+
+    `error` bounds |exact - interpolated| of a pair's answer to a current of at most 1 A, in V
+    per ohm.
+    """
+
+    center: float
+    half_width: float
+    nodes: Float[np.ndarray, "nodes"]
+    weights: Float[np.ndarray, "nodes"]
+    slope: Float[np.ndarray, "nodes nodes"]
+    skeleton: Int[np.ndarray, "skeleton"]
+    from_skeleton: Float[np.ndarray, "skeleton nodes"]
+    error: float
+
+    @property
+    def skeleton_tau(self) -> Float[np.ndarray, "skeleton"]:
+        """The time constants to simulate."""
+        return np.exp(self.center + self.half_width * self.nodes[self.skeleton])
+
+
+def span_of(lower: float, upper: float, tolerance: float) -> Span:
+    """Nodes for time constants from `lower` to `upper`.
+
+    `tolerance` is the largest error of a pair's answer, relative to the largest current. Raises
+    `InputError` where the span needs more than `MOST_NODES` nodes.
+    """
+    steps = max(1, math.ceil(math.log(upper / lower) / _SPAN_STEP - 1e-9))
+    center = (math.log(lower) + math.log(upper)) / 2
+    half_width = steps * _SPAN_STEP / 2
+    count = _NODE_STEP
+    while interpolation_error(count, half_width) > tolerance / 2:
+        count += _NODE_STEP
+        if count > MOST_NODES:
+            raise InputError(
+                f"the compressed objective cannot serve values from {lower:.3g} to {upper:.3g}, "
+                f"{steps / 4:g} decades, to the accuracy it promises; narrow the bounds or use "
+                "--objective scan"
+            )
+    # One thread: what a library does with several would change the last bits.
+    with one_blas_thread():
+        return _table(count, half_width, tolerance / 2)._replace(center=center)
+
+
+def interpolation_error(count: int, half_width: float) -> float:
+    """A bound on the error of interpolation between `count` nodes, relative to the current.
+
+    In the strip |Im log(tau)| <= angle the kernel's integral of absolute values is at most
+    1 / cos(angle); the rest is the error of Chebyshev interpolation inside a Bernstein ellipse
+    (Trefethen, Approximation Theory and Approximation Practice, 2013, Theorem 8.2).
+    """
+    angle = np.linspace(0.01, 0.999, 400) * math.pi / 2
+    semi_axis = angle / half_width
+    rho = semi_axis + np.sqrt(semi_axis**2 + 1)
+    bounds = 4 / np.cos(angle) * rho ** (1.0 - count) / (rho - 1)
+    return float(np.min(bounds))
+
+
+@functools.lru_cache(maxsize=64)
+def _table(count: int, half_width: float, tolerance: float) -> Span:
+    angles = (2 * np.arange(count) + 1) * math.pi / (2 * count)
+    nodes, weights = np.cos(angles), (-1.0) ** np.arange(count) * np.sin(angles)
+    log_s = np.arange(-half_width - _GRID_BEFORE, half_width + _GRID_AFTER, _GRID_STEP)
+    reduced = log_s[:, None] - half_width * nodes
+    kernels = np.exp(reduced - np.exp(reduced))
+
+    decomposed: Any = qr(kernels, mode="r", pivoting=True)
+    factor, order = decomposed[0][:count], decomposed[1]
+    # Interpolation between nodes can add up their errors; it does so by less than this.
+    lebesgue = 2 / math.pi * math.log(count) + 1
+    pivots = np.abs(np.diag(factor))
+    rank = min(count, int(np.count_nonzero(pivots > tolerance * pivots[0])))
+    while True:
+        solution = solve_triangular(factor[:rank, :rank], factor[:rank])
+        missing = kernels[:, order] - kernels[:, order[:rank]] @ solution
+        error = lebesgue * _GRID_STEP * float(np.max(np.sum(np.abs(missing), axis=0)))
+        if error <= tolerance or rank == count:
+            break
+        rank = min(count, rank + 2)
+    from_skeleton = np.empty((rank, count))
+    from_skeleton[:, order] = solution
+    return Span(
+        center=0.0,
+        half_width=half_width,
+        nodes=nodes,
+        weights=weights,
+        slope=_slope(nodes, weights),
+        skeleton=order[:rank],
+        from_skeleton=from_skeleton,
+        error=interpolation_error(count, half_width) + error,
+    )
+
+
+def _slope(nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The matrix that takes values at the nodes to the interpolant's derivatives there."""
+    gaps = nodes[:, None] - nodes
+    np.fill_diagonal(gaps, 1.0)
+    slope = weights / weights[:, None] / gaps
+    np.fill_diagonal(slope, 0.0)
+    np.fill_diagonal(slope, -slope.sum(axis=1))
+    return slope
+
+
+class Lagrange(eqx.Module):
+    """The Lagrange polynomials of a span, as the compiled search evaluates them."""
+
+    center: Scalar
+    half_width: Scalar
+    nodes: Float[Array, "nodes"]
+    weights: Float[Array, "nodes"]
+    slope: Float[Array, "nodes nodes"]
+
+    @classmethod
+    def of(cls, span: Span) -> "Lagrange":
+        return cls(
+            center=jnp.asarray(span.center),
+            half_width=jnp.asarray(span.half_width),
+            nodes=jnp.asarray(span.nodes),
+            weights=jnp.asarray(span.weights),
+            slope=jnp.asarray(span.slope),
+        )
+
+    def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:
+        """What each node's answer counts in `count` times that of `tau`."""
+        return _cardinal((jnp.log(tau) - self.center) / self.half_width, jnp.asarray(count), self)
+
+
+@jax.custom_jvp
+def _cardinal(x: Scalar, count: Scalar, basis: Lagrange) -> Float[Array, "nodes"]:
+    """Barycentric formula (Berrut and Trefethen, 2004, Eq. 4.2).
+
+    The count enters through a division because XLA does not repeat one for every node; it would
+    repeat everything else that a candidate's resistance is computed from.
+    """
+    gap = x - basis.nodes
+    # At a node the term of that node is all that counts.
+    terms = basis.weights / jnp.where(gap == 0, jnp.finfo(gap.dtype).tiny, gap)
+    return terms * (count / jnp.sum(terms))
+
+
+@_cardinal.defjvp
+def _cardinal_jvp(primals, tangents):
+    # Differentiating the quotient would lose all figures next to a node.
+    x, count, basis = primals
+    shares = _cardinal(x, jnp.ones_like(count), basis)
+    slopes = shares @ basis.slope
+    return count * shares, count * slopes * tangents[0] + shares * tangents[1]

@@ -1,0 +1,246 @@
+"""The identification problem: records of one cell, one circuit, one box."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Scalar
+
+from ..cell import CellModel, CircuitParameters, get_circuit
+from ..execution import compile_for, in_float64, seed_blocks
+from ..records import Record
+from .compressed import Compressed, compress
+from .inputs import Course, Window, make_course, require_changing_voltage
+from .search_space import Bounds, Coordinates, Range, Scale
+from .simulate import AbstractEvaluator, Drive, Impedance, Joint
+
+
+class Objective(eqx.Module):
+    """What the compiled search sees: the errors and the map from points to circuits."""
+
+    evaluator: AbstractEvaluator
+    coordinates: Coordinates
+
+
+def rmse(point: Float[Array, "free"], objective: Objective) -> Scalar:
+    """Root mean square error of terminal voltage, in V (Li et al., 2023, Eq. 22)."""
+    squares = objective.evaluator.squared_error(objective.coordinates.decode(point))
+    return jnp.sqrt(squares / objective.evaluator.scored)
+
+
+def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array, "errors"]:
+    """Errors of terminal voltage, scaled so that their sum of squares is the RMSE squared."""
+    errors_v = objective.evaluator.errors(objective.coordinates.decode(point))
+    return errors_v / jnp.sqrt(objective.evaluator.scored)
+
+
+Kind = Literal["scan", "compressed"]
+KINDS: tuple[Kind, ...] = ("scan", "compressed")
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything a search needs and a report names. Several courses share one circuit.
+
+    `kind` says which of two ways to compute one objective the search takes.
+    """
+
+    courses: tuple[Course, ...]
+    cell: CellModel
+    window: Window
+    bounds: Bounds
+    scale: Scale
+    kind: Kind = "scan"
+
+    @property
+    def course(self) -> Course:
+        """The first course, and the only one unless records are identified jointly."""
+        return self.courses[0]
+
+    @property
+    def circuit(self) -> str:
+        return self.course.circuit
+
+    @property
+    def name(self) -> str:
+        """The names of the records."""
+        return " + ".join(course.record.name for course in self.courses)
+
+    @property
+    def scored(self) -> int:
+        """How many samples count."""
+        return sum(int(np.count_nonzero(course.scored)) for course in self.courses)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        texts = [text for course in self.courses for text in course.record.warnings]
+        texts += self.cell.warnings
+        return (*texts, *(text for course in self.courses for text in course.warnings))
+
+    @cached_property
+    @in_float64
+    def coordinates(self) -> Coordinates:
+        """The coordinates that are searched."""
+        return Coordinates.of(self.bounds, self.scale)
+
+    @cached_property
+    @in_float64
+    def drives(self) -> tuple[Drive, ...]:
+        """Every course as the scan takes it, exact in the whole box."""
+        box = self.coordinates
+        return tuple(course.drive(box.shortest_tau_s, box.highest_gamma) for course in self.courses)
+
+    @cached_property
+    @in_float64
+    def scan(self) -> AbstractEvaluator:
+        """The objective by simulating every sample: the reference."""
+        return Joint.of(self.drives)
+
+    @cached_property
+    @in_float64
+    def compressed(self) -> Compressed:
+        """The same objective from a small factor. Raises `InputError` where the box is too wide."""
+        return compress(self.drives, self.coordinates)
+
+    @cached_property
+    @in_float64
+    def objective(self) -> Objective:
+        """What the search minimises."""
+        return self.objective_in(self.scale)
+
+    @in_float64
+    def objective_in(self, scale: Scale, kind: Kind | None = None) -> Objective:
+        """The same objective in other coordinates, or computed the other way."""
+        evaluator = self.compressed if (kind or self.kind) == "compressed" else self.scan
+        return Objective(evaluator, Coordinates.of(self.bounds, scale))
+
+    def parameters_at(
+        self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
+    ) -> list[CircuitParameters]:
+        """The circuits at some points, pairs ordered by tau where both have one box."""
+        circuits = jax.tree.map(np.asarray, _decode(jnp.asarray(np.stack(points)), coordinates))
+        found = []
+        for index in range(len(points)):
+            one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
+            c = tuple(tau / r for r, tau in zip(one.r, one.tau, strict=True))
+            found.append(CircuitParameters(one.r0, one.r, c, one.gamma))
+        return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
+
+
+@in_float64
+def rmse_by_scan(
+    problem: Problem,
+    circuits: Sequence[CircuitParameters],
+    fill: Callable[[AbstractEvaluator], AbstractEvaluator] | None = None,
+) -> list[float]:
+    """The RMSE of circuits by the reference, in V, whatever the problem's objective.
+
+    `fill` may give the records a shape for which there is a compiled program.
+    """
+    objective = problem.objective_in("log", "scan")
+    if fill is not None:
+        objective = Objective(fill(objective.evaluator), objective.coordinates)
+    errors_v = []
+    for points in point_blocks(circuits, objective.coordinates):
+        errors_v += compile_for(_rmse_of_all, points, objective)(points, objective).tolist()
+    return errors_v[: len(circuits)]
+
+
+def point_blocks(
+    circuits: Sequence[CircuitParameters], coordinates: Coordinates
+) -> list[Float[Array, "seeds free"]]:
+    """The points of circuits in blocks of one size; the last is filled up with its last circuit.
+
+    Call inside float64.
+    """
+    values = [
+        (each.r0, *each.r, *each.tau_s, *(() if each.gamma is None else (each.gamma,)))
+        for each in circuits
+    ]
+    last = len(values) - 1
+    blocks = [[values[min(at, last)] for at in block] for block in seed_blocks(len(values))]
+    return [_encode(jnp.asarray(np.array(block)), coordinates) for block in blocks]
+
+
+def _rmse_of_all(points: Float[Array, "points free"], objective: Objective):
+    return jax.vmap(rmse, in_axes=(0, None))(points, objective)
+
+
+@eqx.filter_jit
+def _encode(
+    values: Float[Array, "points parameters"], coordinates: Coordinates
+) -> Float[Array, "points free"]:
+    """The points of R0, every R, every tau and, where there is one, gamma."""
+    pairs = len(coordinates.tau_limits_s)
+
+    def encode(row):
+        gamma = row[-1] if coordinates.gamma_limits else None
+        r, tau = row[1 : pairs + 1], row[pairs + 1 : 2 * pairs + 1]
+        return coordinates.encode(Impedance(row[0], tuple(r), tuple(tau), gamma))
+
+    return jax.vmap(encode)(values)
+
+
+@eqx.filter_jit
+def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> Impedance:
+    return jax.vmap(coordinates.decode)(points)
+
+
+def impedance_of(parameters: CircuitParameters) -> Impedance:
+    """A circuit's values as the simulation takes them. Call inside float64."""
+    return Impedance(
+        r0=jnp.asarray(parameters.r0),
+        r=tuple(jnp.asarray(r) for r in parameters.r),
+        tau=tuple(jnp.asarray(tau) for tau in parameters.tau_s),
+        gamma=None if parameters.gamma is None else jnp.asarray(parameters.gamma),
+    )
+
+
+@in_float64
+def make_problem(
+    record: Record | Sequence[Record],
+    cell: CellModel,
+    circuit: str = "iso-rc",
+    *,
+    window: Window | None = None,
+    bounds: Mapping[str, Range] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    coordinates: Scale = "rc",
+    objective: Kind = "scan",
+    source: str = "bounds",
+) -> Problem:
+    """The problem of finding `circuit`'s parameters for a cell from one or several records.
+
+    `bounds` and `fixed` change the default box under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`,
+    `"tau1 [s]"`); `source` names where they came from in messages. `objective` is "scan", which
+    simulates every sample for every candidate, or "compressed", which reduces the records once
+    and agrees with it to 1e-9. Raises `InputError` where window, box or OCV range do not fit a
+    record or the box is too wide to compress, `ValueError` for an unknown circuit or objective.
+    """
+    if objective not in KINDS:
+        raise ValueError(f"no objective is called {objective!r}; there are {', '.join(KINDS)}")
+    window = window or Window()
+    records = (record,) if isinstance(record, Record) else tuple(record)
+    if not records:
+        raise ValueError("a problem needs at least one record")
+    courses = tuple(make_course(each, cell, circuit, window) for each in records)
+    for course in courses:
+        require_changing_voltage(course)
+    model = get_circuit(circuit)
+    box = Bounds.default(
+        cell.capacity_ah,
+        min(course.median_interval_s for course in courses),
+        max(course.scored_duration_s for course in courses),
+        pairs=model.pairs,
+        has_rate=model.has_rate,
+    )
+    box = box.with_changes(bounds or {}, fixed or {}, source)
+    problem = Problem(courses, cell, window, box, coordinates, objective)
+    # What cannot be searched is refused here, not in the middle of a search.
+    _ = problem.objective
+    return problem

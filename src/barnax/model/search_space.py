@@ -1,0 +1,387 @@
+"""The search box: bounds in physical units, and the coordinates an optimizer moves in."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..cell.parameters import MOST_PAIRS, RATE
+from ..errors import LONGEST_NAME, InputError, cut
+from .simulate import Impedance
+
+RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
+# Each pair is bounded in its time constant or in its capacitance.
+PAIRS = tuple((f"tau{pair} [s]", f"C{pair} [F]") for pair in range(1, MOST_PAIRS + 1))
+# From a hysteresis that a whole discharge hardly turns to one that turns within a sample.
+RATE_RANGE = (1.0, 1e4)
+# The time that dotted names take to read grows with the square of their length.
+LARGEST_FILE = 16_000
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Lower and upper bound of R0, every pair's R and its tau or its C, and of gamma.
+
+    `fixed` holds values that are not searched. Names are PyBaMM's, with their units. Where a pair
+    is bounded or fixed in C, its R C still stays within `tau_limits_s`: faster or slower than
+    that the record cannot show it.
+    """
+
+    ranges: Mapping[str, Range]
+    tau_limits_s: Range
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    pairs: int = 2
+
+    @classmethod
+    def default(
+        cls,
+        capacity_ah: float,
+        interval_s: float,
+        duration_s: float,
+        *,
+        pairs: int = 2,
+        has_rate: bool = False,
+    ) -> "Bounds":
+        """0.1 to 200 mohm at 2 Ah, scaled to the capacity; tau from half an interval to all.
+
+        `interval_s` is the median sampling interval, `duration_s` the scored duration: faster
+        or slower than these a time constant cannot be seen. All pairs share one box. The rate of
+        a dynamic hysteresis, `has_rate`, runs over `RATE_RANGE`.
+        """
+        scale = 2.0 / capacity_ah
+        resistance = (1e-4 * scale, 0.2 * scale)
+        tau = (interval_s / 2, max(duration_s, interval_s))
+        ranges = dict.fromkeys(RESISTANCES[: pairs + 1], resistance)
+        ranges |= {PAIRS[pair][0]: tau for pair in range(pairs)}
+        if has_rate:
+            ranges[RATE] = RATE_RANGE
+        return cls(ranges, tau, pairs=pairs)
+
+    @property
+    def has_rate(self) -> bool:
+        return RATE in self.ranges or RATE in self.fixed
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name that can be bounded or fixed."""
+        names = [*RESISTANCES[: self.pairs + 1]]
+        names += [name for pair in PAIRS[: self.pairs] for name in pair]
+        return (*names, RATE) if self.has_rate else tuple(names)
+
+    def with_changes(
+        self, ranges: Mapping[str, Range], fixed: Mapping[str, float], source: str
+    ) -> "Bounds":
+        """These bounds with the user's ranges and fixed values in place.
+
+        Raises `InputError` for an unknown name, a range that is reversed or not positive, and
+        for both tau and C of one pair; `source` says where the change came from.
+        """
+        changed = dict(self.ranges)
+        for name, (low, high) in ranges.items():
+            self._require_known(name, source)
+            if not (0 < low < high < math.inf):
+                raise InputError(
+                    f"{source}: the bounds of {name!r} are [{low}, {high}]; they must be positive "
+                    "and the lower one smaller than the upper one"
+                )
+        for name, value in fixed.items():
+            self._require_known(name, source)
+            if not 0 < value < math.inf:
+                raise InputError(
+                    f"{source}: {name!r} cannot be fixed at {value}; give a positive value"
+                )
+            if name in ranges:
+                raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
+        for tau, capacitance in PAIRS[: self.pairs]:
+            chosen = [name for name in (tau, capacitance) if name in ranges or name in fixed]
+            if len(chosen) == 2:
+                raise InputError(
+                    f"{source}: give {tau!r} or {capacitance!r}, not both; one follows from the "
+                    "other and the resistance"
+                )
+            for name in chosen:
+                changed.pop(tau, None)
+                changed.pop(capacitance, None)
+                if name in ranges:
+                    changed[name] = ranges[name]
+        for name in (*RESISTANCES[: self.pairs + 1], RATE):
+            if name in ranges:
+                changed[name] = ranges[name]
+            elif name in fixed:
+                changed.pop(name)
+        for pair, (_, capacitance) in enumerate(PAIRS[: self.pairs]):
+            if capacitance in ranges or capacitance in fixed:
+                self._narrow_resistance(changed, fixed, pair, source)
+        return Bounds(changed, self.tau_limits_s, dict(fixed), self.pairs)
+
+    def _narrow_resistance(
+        self, ranges: dict[str, Range], fixed: Mapping[str, float], pair: int, source: str
+    ) -> None:
+        """Leave only resistances with which some allowed C gives a tau that can be seen."""
+        resistance, capacitance = RESISTANCES[pair + 1], PAIRS[pair][1]
+        value = fixed.get(capacitance)
+        low_f, high_f = (value, value) if value is not None else ranges[capacitance]
+        held = fixed.get(resistance)
+        low, high = (held, held) if held is not None else ranges[resistance]
+        low, high = max(low, self.tau_limits_s[0] / high_f), min(high, self.tau_limits_s[1] / low_f)
+        if low > high:
+            raise InputError(
+                f"{source}: with these {resistance!r} and {capacitance!r} the time constant R C "
+                f"leaves {self.tau_limits_s[0]:.4g} to {self.tau_limits_s[1]:.4g} s, what the "
+                "record can show; widen one of them"
+            )
+        if held is None:
+            ranges[resistance] = (low, high)
+
+    @property
+    def pairs_are_alike(self) -> bool:
+        """Whether all RC pairs have the same box, so that swapping them stays inside."""
+        if self.fixed.keys() - {RESISTANCES[0], RATE}:
+            return False
+        return len({self._pair(index) for index in range(self.pairs)}) == 1
+
+    def second_name(self, index: int) -> str:
+        """The name that bounds or fixes pair `index` beside its resistance."""
+        return next(name for name in PAIRS[index] if name in self.ranges or name in self.fixed)
+
+    def _require_known(self, name: str, source: str) -> None:
+        if name not in self.names:
+            raise InputError(
+                f"{source}: {cut(name, LONGEST_NAME)!r} is not a parameter of this circuit; there "
+                f"are {', '.join(self.names)}"
+            )
+
+    def _pair(self, index: int) -> tuple[Range, str, Range]:
+        name = self.second_name(index)
+        kind = "tau" if name.startswith("tau") else "C"
+        return self.ranges[RESISTANCES[index + 1]], kind, self.ranges[name]
+
+
+def read_bounds(path: Path) -> dict[str, Range]:
+    """Ranges from the `[bounds]` table of a TOML file: `"R0 [Ohm]" = [0.001, 0.1]`.
+
+    Raises `InputError` where the file cannot be read or says something else.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise InputError(f"{path}: is larger than any file of bounds ({LARGEST_FILE} bytes)")
+        document = tomllib.loads(content.decode("utf-8"))
+    except OSError as problem:
+        raise InputError(
+            f"{path}: cannot be read ({problem.strerror or problem}); give --bounds a TOML file"
+        ) from problem
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as problem:
+        # No TOML, no text, or an integer of more digits than Python turns into one.
+        reason = cut(str(problem), LONGEST_NAME)
+        raise InputError(f"{path}: is not a TOML file ({reason})") from problem
+    table = document.get("bounds")
+    if not isinstance(table, dict) or len(document) != 1:
+        raise InputError(
+            f'{path}: must hold one table, [bounds], with lines like "R0 [Ohm]" = [0.001, 0.1]'
+        )
+    return {
+        name: _range_of(value, f"{path}: {cut(name, LONGEST_NAME)!r}")
+        for name, value in table.items()
+    }
+
+
+def _range_of(value: object, place: str) -> Range:
+    ends = value if isinstance(value, list) else []
+    is_pair = len(ends) == 2 and all(type(end) in (int, float) for end in ends)
+    try:
+        if is_pair:
+            return float(ends[0]), float(ends[1])
+        shown = cut(repr(value), LONGEST_NAME)
+    except OverflowError as problem:
+        raise InputError(f"{place} holds a number beyond all bounds") from problem
+    # Tables in tables are as deep as their names are long; digits may be too many to show.
+    except (ValueError, RecursionError):
+        shown = f"a {type(value).__name__}"
+    raise InputError(f"{place} must be two numbers, [lower, upper]; it is {shown}")
+
+
+def parse_fixed(texts: list[str]) -> dict[str, float]:
+    """Fixed values from options such as `C1 [F]=500`. Raises `InputError` where one is not so."""
+    fixed = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if name in fixed:
+            raise InputError(f"--fix {text!r}: {name!r} is fixed twice; give one value")
+        try:
+            fixed[name] = float(value)
+        except ValueError as problem:
+            raise InputError(
+                f'--fix {text!r}: write a name and a number, such as "C1 [F]=500"'
+            ) from problem
+    return fixed
+
+
+Scale = Literal["rc", "log"]
+SCALES: tuple[Scale, ...] = ("rc", "log")
+
+
+class Coordinates(eqx.Module):
+    """A box of free parameters and the map from a point in it to an `Impedance`.
+
+    Parameters stand in the order R0, R1, X1, R2, X2 and so on, with gamma last where there is one.
+    In `rc` coordinates X is a capacitance and all are raw, as in the paper. In `log` coordinates
+    the point holds logarithms and X is the time constant, or the capacitance where the user bounded
+    that. Where R C leaves the limits of tau, C is clipped.
+    """
+
+    lower: Float[Array, "free"]
+    upper: Float[Array, "free"]
+    fixed: Float[Array, "parameters"]
+    tau_limits_s: Float[Array, "pairs ends"]
+    free: tuple[int, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    holds_tau: tuple[bool, ...] = eqx.field(static=True)
+    is_log: bool = eqx.field(static=True)
+    gamma_limits: tuple[float, float] | None = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, bounds: Bounds, scale: Scale) -> "Coordinates":
+        """The coordinates of a box. Raises `InputError` where nothing is free."""
+        if scale not in SCALES:
+            raise InputError(f"coordinates {scale!r} are not known; there are {', '.join(SCALES)}")
+        is_log = scale == "log"
+        slots = [_resistance(bounds, 0)]
+        tau_limits, holds_tau = [], []
+        for pair in range(bounds.pairs):
+            resistance = _resistance(bounds, pair + 1)
+            name, low, high = _range(bounds, bounds.second_name(pair))
+            is_tau = name.startswith("tau")
+            is_searched_as_tau = is_tau and (is_log or low == high)
+            tau_limits.append((low, high) if is_tau else bounds.tau_limits_s)
+            holds_tau.append(is_searched_as_tau)
+            if is_tau and not is_searched_as_tau:
+                name, low, high = f"C{pair + 1} [F]", low / resistance[2], high / resistance[1]
+            slots += [resistance, (name, low, high)]
+        if bounds.has_rate:
+            slots.append(_range(bounds, RATE))
+        free = tuple(index for index, (_, low, high) in enumerate(slots) if low < high)
+        if not free:
+            raise InputError("every parameter is fixed; leave at least one free")
+        ends = np.array([slot[1:] for slot in slots])
+        ends = np.log(ends) if is_log else ends
+        return cls(
+            lower=jnp.asarray(ends[list(free), 0]),
+            upper=jnp.asarray(ends[list(free), 1]),
+            fixed=jnp.asarray(ends[:, 0]),
+            tau_limits_s=jnp.asarray(tau_limits),
+            free=free,
+            names=tuple(slots[index][0] for index in free),
+            holds_tau=tuple(holds_tau),
+            is_log=is_log,
+            gamma_limits=slots[-1][1:] if bounds.has_rate else None,
+        )
+
+    @property
+    def shortest_tau_s(self) -> float:
+        """The smallest time constant in the box, in s."""
+        return float(np.min(np.asarray(self.tau_limits_s)))
+
+    @property
+    def longest_tau_s(self) -> float:
+        """The largest time constant in the box, in s."""
+        return float(np.max(np.asarray(self.tau_limits_s)))
+
+    @property
+    def highest_gamma(self) -> float | None:
+        """The largest rate in the box, None without dynamic hysteresis."""
+        return None if self.gamma_limits is None else self.gamma_limits[1]
+
+    def decode(self, point: Float[Array, "free"]) -> Impedance:
+        """The circuit at a point."""
+        # Picked one by one: a scatter would cost more than many simulations' steps.
+        chosen = [
+            point[self.free.index(slot)] if slot in self.free else self.fixed[slot]
+            for slot in range(len(self.fixed))
+        ]
+        r0, *rest = [jnp.exp(value) for value in chosen] if self.is_log else chosen
+        gamma = rest.pop() if len(rest) % 2 else None
+        resistances, tau = rest[::2], []
+        for pair, (r, x) in enumerate(zip(resistances, rest[1::2], strict=True)):
+            low, high = self.tau_limits_s[pair]
+            tau.append(x if self.holds_tau[pair] else jnp.clip(r * x, low, high))
+        return Impedance(r0, tuple(resistances), tuple(tau), gamma)
+
+    def encode(self, impedance: Impedance) -> Float[Array, "free"]:
+        """The point of a circuit, moved into the box where it lies outside."""
+        values = [impedance.r0]
+        for pair, (r, tau) in enumerate(zip(impedance.r, impedance.tau, strict=True)):
+            values += [r, tau if self.holds_tau[pair] else tau / r]
+        if impedance.gamma is not None:
+            values.append(impedance.gamma)
+        point = jnp.stack(values)[jnp.array(self.free)]
+        point = jnp.log(point) if self.is_log else point
+        return jnp.clip(point, self.lower, self.upper)
+
+
+def _resistance(bounds: Bounds, index: int) -> tuple[str, float, float]:
+    return _range(bounds, RESISTANCES[index])
+
+
+def _range(bounds: Bounds, name: str) -> tuple[str, float, float]:
+    low, high = bounds.ranges.get(name) or (bounds.fixed[name], bounds.fixed[name])
+    return name, low, high
+
+
+@dataclass(frozen=True)
+class SplitBox:
+    """The ranges of tau and gamma, and which resistances are allowed at given time constants."""
+
+    bounds: Bounds
+
+    def tau_range_s(self, pair: int) -> tuple[float, float]:
+        """Time constants of a pair that some allowed R and C have."""
+        low, high = self.bounds.tau_limits_s
+        tau, capacitance = PAIRS[pair]
+        if self.bounds.second_name(pair) == tau:
+            return self._range(tau)
+        r_low, r_high = self._range(RESISTANCES[pair + 1])
+        c_low, c_high = self._range(capacitance)
+        return max(low, r_low * c_low), min(high, r_high * c_high)
+
+    @property
+    def gamma_range(self) -> tuple[float, float] | None:
+        return self._range(RATE) if self.bounds.has_rate else None
+
+    def resistance_box(
+        self, tau_s: Float[np.ndarray, "pairs *points"]
+    ) -> tuple[Float[np.ndarray, "resistances *points"], Float[np.ndarray, "resistances *points"]]:
+        """Least and greatest R0, R1, ... at these time constants: a bounded C bounds R too."""
+        low, high = (
+            np.stack(
+                [np.full(tau_s.shape[1:], self._range(name)[end]) for name in self._resistances]
+            )
+            for end in (0, 1)
+        )
+        for pair in range(self.bounds.pairs):
+            name = self.bounds.second_name(pair)
+            if name == PAIRS[pair][1]:
+                c_low, c_high = self._range(name)
+                low[pair + 1] = np.maximum(low[pair + 1], tau_s[pair] / c_high)
+                high[pair + 1] = np.minimum(high[pair + 1], tau_s[pair] / c_low)
+        # A fixed C leaves one value, which rounding may turn around.
+        return low, np.maximum(low, high)
+
+    @property
+    def _resistances(self) -> tuple[str, ...]:
+        return RESISTANCES[: self.bounds.pairs + 1]
+
+    def _range(self, name: str) -> tuple[float, float]:
+        value = self.bounds.fixed.get(name)
+        return self.bounds.ranges[name] if value is None else (value, value)

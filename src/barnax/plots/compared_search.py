@@ -1,0 +1,227 @@
+"""The rows of a comparison: how they converged, and what their seeds found."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .compared_records import RowLook, row_looks
+from .sources import comparison_of
+from .style import (
+    BLACK,
+    GREY,
+    figure_style,
+    finish_axes,
+    label_plainly,
+    legend_above,
+    make_figure,
+    readable,
+)
+
+if TYPE_CHECKING:
+    from ..comparison import ComparisonResult
+    from ..comparison.result import RowPart
+
+
+BAND = (10, 90)
+MARKERS_PER_LINE = 6
+# Regret below this is rounding, and zero has no place on a logarithmic axis.
+LEAST_REGRET_PERCENT = 1e-6
+HEIGHT_IN = 4.8
+
+
+@figure_style()
+def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Figure:
+    """Best RMSE of each row over the evaluations of one seed: its median, and a band of seeds.
+
+    The band holds the seeds from the tenth to the ninetieth percentile. Rows without a history,
+    such as least squares, are a mark at what they spent. Where the global optimum of a model is
+    known, a second panel shows the excess over it, in percent; excesses under 1e-6 % are drawn
+    there. Generations count as equally expensive, and those before a seed's first finite error
+    as infinite. `comparison` may be the path of a `comparison.json`.
+    """
+    result = comparison_of(comparison)
+    optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
+    rows = [row for row in result.rows if row.seeds]
+    looks = row_looks(row.name for row in rows)
+    has_regret = any(optima_v.get(row.model) for row in rows)
+    figure = make_figure(height_in=HEIGHT_IN)
+    panels = figure.subplots(1, 2 if has_regret else 1, squeeze=False)[0]
+    for row in rows:
+        population = result.budget.population
+        _draw(panels[0], row, looks[row.name], population, lambda rmse_v: 1e3 * rmse_v)
+        optimum_v = optima_v.get(row.model)
+        if has_regret and optimum_v:
+            _draw(
+                panels[1],
+                row,
+                looks[row.name],
+                population,
+                lambda rmse_v, optimum_v=optimum_v: np.maximum(
+                    100 * (rmse_v / optimum_v - 1), LEAST_REGRET_PERCENT
+                ),
+            )
+    panels[0].set_ylabel("Best RMSE [mV]")
+    if has_regret:
+        panels[1].set_ylabel("Best RMSE above the global optimum [%]")
+    for axes in panels:
+        axes.set(xscale="log", yscale="log", xlabel="Evaluations of one seed [-]")
+        label_plainly(axes.yaxis)
+    finish_axes(*panels)
+    legend_above(figure, *panels, columns=3)
+    return figure
+
+
+def _draw(axes: Axes, row: "RowPart", look: RowLook, population: int, scale) -> None:
+    style = {"color": look.color, "marker": look.marker, "markersize": 4.0}
+    histories = [seed.history_v for seed in row.seeds if seed.history_v]
+    spent = float(np.median([seed.evaluations for seed in row.seeds]))
+    if len(histories) < len(row.seeds):
+        rmse_v = np.median([seed.rmse_v for seed in row.seeds])
+        axes.plot(max(spent, 1.0), scale(rmse_v), linestyle="none", label=row.name, **style)
+        return
+    values = scale(np.array(histories))
+    evaluations = np.linspace(population, spent, values.shape[1])
+    # Between infinite errors nothing can be interpolated; what comes of it is not drawn.
+    with np.errstate(invalid="ignore"):
+        low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
+    if len(histories) > 1:
+        axes.fill_between(
+            evaluations, _finite(low), _finite(high), color=look.color, alpha=0.16, linewidth=0.0
+        )
+    # Evenly along a logarithmic axis.
+    marked = np.unique(
+        np.searchsorted(
+            evaluations, np.geomspace(evaluations[0], evaluations[-1], MARKERS_PER_LINE)
+        )
+    )
+    axes.plot(
+        evaluations,
+        _finite(median),
+        linestyle=look.line,
+        linewidth=1.3,
+        markerfacecolor="white",
+        markevery=[int(place) for place in np.minimum(marked, len(evaluations) - 1)],
+        label=row.name,
+        **style,
+    )
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+RMSE = "RMSE [mV]"
+COLUMNS = 3
+LINE_IN = 0.26
+FURNITURE_IN = 0.65
+LEGEND_IN = 0.3
+# Seeds are spread about their row's line, evenly and without a draw, so equal answers show.
+SPREAD = 0.56
+MARGIN = 0.06
+GOLDEN_RATIO = 0.6180339887498949
+
+
+@figure_style()
+def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Figure:
+    """Every seed's own parameters and RMSE: a panel for each, a line for each row.
+
+    Marks are the seeds before refinement, the tall stroke their median seed, the white diamond
+    what Levenberg-Marquardt made of that. Dotted lines are bounds that all models share, where
+    they lie in view. `comparison` may be the path of a `comparison.json`.
+    """
+    result = comparison_of(comparison)
+    rows = [row for row in result.rows if row.seeds]
+    looks = row_looks(row.name for row in rows)
+    names = _quantities(rows)
+    lines = -(-len(names) // COLUMNS)
+    figure = make_figure(height_in=LEGEND_IN + lines * (FURNITURE_IN + LINE_IN * len(rows)))
+    grid = figure.subplots(lines, COLUMNS, squeeze=False, sharey=True)
+    bounds = _shared_bounds(result)
+    for axes, name in zip(grid.flat, names, strict=False):
+        for place, row in enumerate(rows):
+            _draw_row(axes, place, row, looks[row.name], name)
+        axes.set(xscale="log", xlabel=name)
+        axes.margins(x=MARGIN)
+        _draw_bounds(axes, bounds.get(name, ()))
+        label_plainly(axes.xaxis)
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.set_yticks(range(len(rows)), [row.name for row in rows], parse_math=False)
+    for axes in grid.flat[len(names) :]:
+        axes.set_visible(False)
+    finish_axes(*grid.flat[: len(names)])
+    legend_above(figure, grid[0, 0], columns=3)
+    return figure
+
+
+def _quantities(rows: "Sequence[RowPart]") -> list[str]:
+    """What has a panel: the RMSE, resistances, time constants, the rate of a hysteresis."""
+    found = dict.fromkeys(name for row in rows for name in readable(row.seeds[0].parameters))
+    kinds = ("R", "tau", "gamma")
+    return [RMSE, *(name for kind in kinds for name in found if name.startswith(kind))]
+
+
+def _value(name: str, rmse_v: float, parameters: Mapping[str, float]) -> float:
+    return 1e3 * rmse_v if name == RMSE else readable(parameters).get(name, np.nan)
+
+
+def _draw_row(axes: Axes, place: int, row: "RowPart", look: RowLook, name: str) -> None:
+    values = np.array([_value(name, seed.rmse_v, seed.parameters) for seed in row.seeds])
+    offset = SPREAD * ((np.arange(len(values)) * GOLDEN_RATIO + 0.5) % 1 - 0.5)
+    is_first = place == 0
+    axes.plot(
+        values,
+        place + offset,
+        linestyle="none",
+        marker=look.marker,
+        color=look.color,
+        markersize=3.2,
+        markeredgewidth=0.0,
+        alpha=0.75,
+        label="one seed" if is_first else "_seed",
+    )
+    if row.identification is not None and row.parameters is not None:
+        median = _value(name, row.identification.metrics.rmse_v, row.parameters)
+        axes.plot(
+            [median, median],
+            [place - 0.42, place + 0.42],
+            color=BLACK,
+            linewidth=1.4,
+            label="median seed" if is_first else "_median",
+        )
+    if row.refined_rmse_v is not None and row.refined_parameters is not None:
+        axes.plot(
+            _value(name, row.refined_rmse_v, row.refined_parameters),
+            place,
+            linestyle="none",
+            marker="D",
+            markersize=4.6,
+            markerfacecolor="white",
+            markeredgecolor=BLACK,
+            markeredgewidth=0.9,
+            label="the median seed, refined" if is_first else "_refined",
+            zorder=3,
+        )
+
+
+def _shared_bounds(result: "ComparisonResult") -> dict[str, tuple[float, float]]:
+    """Bounds in readable units of what every model bounds alike."""
+    each = [model.bounds for model in result.models.values()]
+    shared = {}
+    for name, limits in each[0].items() if each else ():
+        if all(bounds.get(name) == limits for bounds in each):
+            scale = 1e3 if name.endswith("[Ohm]") else 1.0
+            low, high = limits
+            shared[name.replace("[Ohm]", "[mOhm]")] = (scale * low, scale * high)
+    return shared
+
+
+def _draw_bounds(axes: Axes, limits: Sequence[float]) -> None:
+    low, high = axes.get_xlim()
+    for limit in limits:
+        # Just outside the data a bound still says that the data end at it.
+        if low / 1.3 <= limit <= high * 1.3:
+            axes.axvline(limit, color=GREY, linestyle=":", linewidth=1.1, zorder=1)

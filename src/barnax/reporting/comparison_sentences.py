@@ -1,0 +1,426 @@
+"""A comparison in sentences: who leads, by how much, and whether a model pays."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+from .words import counted, joined, millivolt, percent, sentence
+
+if TYPE_CHECKING:
+    from ..comparison import ComparisonResult
+    from ..comparison.result import BandPart, OverSeedsPart, RecordErrorsPart, RowPart
+
+
+# Rows whose RMSE agree this closely, relative, found the same answer.
+SAME_RMSE = 1e-5
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """The first row's RMSE minus the second's on one record, in V, with a 95 % interval.
+
+    Where `is_narrow`, errors stay alike for longer than the bootstrap's blocks, and the interval
+    is narrower than it should be. `seeds` are the wins and losses of the first row, seed by seed,
+    and Wilcoxon's p-value.
+    """
+
+    difference_v: float
+    interval_v: tuple[float, float]
+    is_real: bool
+    is_narrow: bool
+    seeds: tuple[int, int, float] | None
+
+
+def answered(result: "ComparisonResult") -> "list[RowPart]":
+    """The rows that have an answer."""
+    return [row for row in result.rows if row.identification is not None]
+
+
+def records(result: "ComparisonResult") -> list[str]:
+    """The names of the records: the identification record, then those for validation."""
+    rows = answered(result)
+    if not rows:
+        return []
+    return [errors.metrics.record for errors in _every(rows[0])]
+
+
+def errors_on(row: "RowPart", record: int) -> "RecordErrorsPart":
+    """A row's errors on a record by its place in `records`."""
+    return _every(row)[record]
+
+
+def rmse_on(row: "RowPart", record: int) -> float:
+    """A row's RMSE in V on a record by its place in `records`."""
+    return errors_on(row, record).metrics.rmse_v
+
+
+def ranked(rows: "Sequence[RowPart]", record: int) -> "list[RowPart]":
+    """Rows with the lowest RMSE on a record first."""
+    return sorted(rows, key=lambda row: rmse_on(row, record))
+
+
+def leaders(rows: "Sequence[RowPart]", record: int) -> "list[RowPart]":
+    """The row with the lowest RMSE on a record, and those that found the same."""
+    best_v = rmse_on(ranked(rows, record)[0], record)
+    return [row for row in ranked(rows, record) if rmse_on(row, record) <= best_v * (1 + SAME_RMSE)]
+
+
+def contrast(
+    result: "ComparisonResult", first: "RowPart", second: "RowPart", record: int
+) -> Contrast | None:
+    """How two rows differ on a record, or None where that was not compared."""
+    name = records(result)[record]
+    for each in result.differences:
+        is_there = each.record == name and each.is_validation == (record > 0)
+        if not is_there or {each.first, each.second} != {first.name, second.name}:
+            continue
+        over_time, seeds = each.over_time, _seeds(each.over_seeds)
+        low_v, high_v = over_time.interval_v
+        found = Contrast(
+            over_time.difference_v,
+            (low_v, high_v),
+            over_time.is_real,
+            over_time.is_block_capped,
+            seeds,
+        )
+        if each.first == first.name:
+            return found
+        return replace(
+            found,
+            difference_v=-found.difference_v,
+            interval_v=(-high_v, -low_v),
+            seeds=seeds and (seeds[1], seeds[0], seeds[2]),
+        )
+    return None
+
+
+def _every(row: "RowPart") -> "list[RecordErrorsPart]":
+    return [*([row.identification] if row.identification else []), *row.validation]
+
+
+def _seeds(part: "OverSeedsPart | None") -> tuple[int, int, float] | None:
+    return None if part is None else (part.wins, part.losses, part.p_value)
+
+
+NARROW = "errors stay alike for longer than the blocks, so the interval is too narrow"
+
+
+def ranking_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """The leader on each record, its lead over the next, and who else cannot be told from it."""
+    rows = answered(result)
+    if not rows:
+        yield "No row has an answer."
+        return
+    for record in range(len(records(result))):
+        best = leaders(rows, record)
+        yield " ".join([_leader(result, record, best), *_lead(result, record, best)])
+    if len(records(result)) == 1:
+        yield "No record was given for validation, so nothing tells how the rows do on others."
+
+
+def _leader(result: "ComparisonResult", record: int, best: "list[RowPart]") -> str:
+    name, names = records(result)[record], joined([row.name for row in best])
+    lowest = millivolt(rmse_on(best[0], record))
+    rows = answered(result)
+    if len(rows) == 1:
+        return f"On {name} the error of {names} is {lowest}; there is no other row to compare with."
+    if record == 0:
+        role = f"On {name}, the record identified on,"
+    else:
+        role = f"On {name}, which no row has seen,"
+    shared = "is shared by" if len(best) > 1 else "is that of"
+    sentence = f"{role} the lowest error, {lowest}, {shared} {names}."
+    first = leaders(rows, 0)
+    if record == 0 or any(row in first for row in best):
+        return sentence
+    place = ranked(rows, record).index(first[0]) + 1
+    return (
+        f"{sentence} {first[0].name}, which led in identification, comes in at place {place} of "
+        f"{len(rows)} with {millivolt(rmse_on(first[0], record))}."
+    )
+
+
+def _lead(result: "ComparisonResult", record: int, best: "list[RowPart]") -> Iterator[str]:
+    """The lead over the next row, and the rows that are worse by more than chance."""
+    others = [row for row in ranked(answered(result), record) if row not in best]
+    if not others:
+        return
+    found = {row.name: contrast(result, best[0], row, record) for row in others}
+    following = found[others[0].name]
+    lead_v = rmse_on(others[0], record) - rmse_on(best[0], record)
+    if following is None:
+        yield f"The next is {others[0].name}, {millivolt(lead_v)} behind."
+    else:
+        low_v, high_v = following.interval_v
+        interval = f"{1e3 * -high_v:.2f} to {millivolt(-low_v)}"
+        judgment = (
+            f"more than chance: its 95 % interval over time, {interval}, leaves out zero"
+            if following.is_real
+            else f"no more than chance: its 95 % interval over time, {interval}, holds zero"
+        )
+        doubt = f" ({NARROW})" if following.is_narrow else ""
+        yield (
+            f"The lead of {millivolt(lead_v)} over the next, {others[0].name}, is "
+            f"{judgment}{doubt}."
+        )
+        if following.seeds is not None:
+            wins, losses, p_value = following.seeds
+            yield (
+                f"Seed by seed it wins {wins} and loses {losses} (Wilcoxon signed-rank "
+                f"p = {p_value:.2g})."
+            )
+    known = {row.name: found[row.name] for row in others[1:] if found[row.name] is not None}
+    like = [name for name, each in known.items() if each is not None and not each.is_real]
+    worse = [name for name, each in known.items() if each is not None and each.is_real]
+    if like:
+        verb = "is" if len(like) == 1 else "are"
+        yield f"{joined(like)} {verb} not told from it by more than chance either."
+    if worse:
+        verb = "is" if len(worse) == 1 else "are"
+        yield f"{joined(worse)} {verb} worse by more than chance."
+
+
+# A regret below this is no loss to anyone; above it an answer is not the best there is.
+REACHED = 1e-3
+LOW_SOC = 0.2
+
+
+def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """For each model how far above its global optimum the rows are, before and after refinement."""
+    rows = answered(result)
+    unknown = []
+    for name, model in result.models.items():
+        mine = [row for row in rows if row.model == name]
+        if not mine:
+            continue
+        if not model.optimum_rmse_v:
+            unknown.append(name)
+            continue
+        sureness = f" ({model.optimum_status})" if model.optimum_status else ""
+        optimum = f"the global optimum of {name}, {millivolt(model.optimum_rmse_v)}{sureness}"
+        own = {row.name: row.regret for row in mine if row.regret is not None}
+        refined = {
+            row.name: row.refined_rmse_v / model.optimum_rmse_v - 1
+            for row in mine
+            if row.refined_rmse_v is not None
+        }
+        yield f"{_reach('By itself', own, optimum)} {_reach('Refined', refined, 'it')}".strip()
+    if unknown:
+        yield (
+            f"The global optimum of {joined(unknown)} is not known, so nothing tells how far their "
+            "rows are from the best there is."
+        )
+
+
+def _reach(how: str, regrets: dict[str, float], optimum: str) -> str:
+    if not regrets:
+        return ""
+    short = {name: regret for name, regret in regrets.items() if regret > REACHED}
+    there = [name for name in regrets if name not in short]
+    if not short:
+        everyone = "every row reaches" if len(regrets) > 1 else f"{there[0]} reaches"
+        return f"{how}, {everyone} {optimum}, to {percent(REACHED)}."
+    far = joined([f"{percent(regret)} for {name}" for name, regret in short.items()])
+    if not there:
+        return f"{how}, no row reaches {optimum}; the excess is {far}."
+    verb = "reaches" if len(there) == 1 else "reach"
+    return f"{how}, {joined(there)} {verb} {optimum}, to {percent(REACHED)}; the excess is {far}."
+
+
+def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """How sure the global optimum of each model is."""
+    for name, model in result.models.items():
+        if model.optimum_verdict is not None:
+            yield sentence(f"{name}: {model.optimum_verdict}")
+
+
+def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """Which parameters the box decided, and in which rows."""
+    found: dict[str, list[str]] = {}
+    for row in answered(result):
+        for place in row.at_bound:
+            found.setdefault(place, []).append(row.name)
+    total = len(answered(result))
+    for place, names in found.items():
+        who = "every row" if len(names) == total > 1 else joined(names)
+        yield f"{place} in {who}: there the box decides, not the data."
+
+
+def failure_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """The rows without an answer, and why."""
+    for row in result.rows:
+        if row.failure is not None:
+            yield sentence(f"{row.name} gave no answer: {row.failure}")
+
+
+def note_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """What the methods say about their own answers."""
+    for row in answered(result):
+        for note in row.notes:
+            yield sentence(f"{row.name}: {note}")
+
+
+def soc_sentence(result: "ComparisonResult", record: int) -> str:
+    """How much of the leader's squared error lies at a low state of charge."""
+    best = leaders(answered(result), record)[0]
+    bands = errors_on(best, record).bands
+    low = [band for band in bands if band.high_soc <= LOW_SOC]
+    low_samples, low_squares = sum(band.samples for band in low), _squares(low)
+    name = records(result)[record]
+    if low_samples == 0:
+        return f"No sample of {name} that counts lies below {percent(LOW_SOC)} state of charge."
+    # Without any error, no part of it lies anywhere.
+    share = low_squares / _squares(bands) if low_squares else 0.0
+    return (
+        f"{percent(low_samples / sum(band.samples for band in bands))} of the samples lie below "
+        f"{percent(LOW_SOC)} state of charge, and they hold {percent(share)} of the squared error "
+        f"of {best.name}."
+    )
+
+
+def _squares(bands: "Sequence[BandPart]") -> float:
+    return sum(band.samples * band.rmse_v**2 for band in bands if band.rmse_v is not None)
+
+
+def budget_sentence(result: "ComparisonResult") -> str:
+    """What every method could spend, and what a row is."""
+    budget = result.budget
+    return (
+        f"Every method could spend {budget.evaluations} evaluations a seed "
+        f"({budget.population} candidates, {budget.iterations} generations and the first) in "
+        f"{counted(budget.seeds, 'seed')} from the key {budget.key}, in {budget.coordinates} "
+        f"coordinates, by the {budget.objective} objective; methods that draw nothing ran once. A "
+        "row is the method's own answer, not refined: that of its median seed."
+    )
+
+
+Change = Literal["better", "worse", "same"]
+
+# The plainest model, against which others must show that they pay, and one more question.
+BASE = "so-rc"
+SWITCHES = ("iso-rc", "esc")
+ADDITIONS = {
+    (BASE, "iso-rc"): "the hysteresis correction (iso-rc)",
+    (BASE, "esc"): "the dynamic hysteresis (esc)",
+    SWITCHES: "hysteresis that takes charge to turn (esc in place of iso-rc)",
+}
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a model changes on one record against another, in V; negative is better.
+
+    `change` is "same" too where chance alone explains the difference.
+    """
+
+    record: str
+    difference_v: float
+    change: Change
+
+
+def model_sentences(result: "ComparisonResult") -> Iterator[str]:
+    """A sentence for each model against the plainest, by the best method that ran both."""
+    present = list(dict.fromkeys(row.model for row in answered(result)))
+    if not present:
+        return
+    base = BASE if BASE in present else present[0]
+    pairs = [(base, model) for model in present if model != base]
+    if base not in SWITCHES and set(SWITCHES) <= set(present):
+        pairs.append(SWITCHES)
+    for pair in pairs:
+        rows = _same_method(result, *pair)
+        addition = ADDITIONS.get(pair, f"{pair[1]} in place of {pair[0]}")
+        if rows is None:
+            yield (
+                f"No method ran both {pair[0]} and {pair[1]}, so what {addition} is worth cannot "
+                "be told from what the method is worth."
+            )
+            continue
+        effects = [_effect(result, *rows, record) for record in range(len(records(result)))]
+        yield (
+            f"By {rows[0].method}, {addition} {joined(_changes(effects))}: "
+            f"{conclusion(effects[0].change, [each.change for each in effects[1:]])}."
+            f"{_at_the_optima(result, *pair)}"
+        )
+
+
+def conclusion(identified: Change, validated: Sequence[Change]) -> str:
+    """What the changes on the identification record and on the others come to."""
+    kinds = set(validated)
+    if not kinds:
+        return {
+            "better": "whether that carries over is not known, for no record was given to "
+            "validate on",
+            "worse": "on this record it does not pay",
+            "same": "on this record it makes no difference that counts",
+        }[identified]
+    if kinds >= {"better", "worse"}:
+        return "on some of these records it pays, on others it does not"
+    if "better" in kinds:
+        if identified == "worse":
+            return "it pays on what it has not seen, but not on what it was fitted to"
+        return "on these data it pays"
+    if "worse" in kinds or identified == "worse":
+        return "on these data it does not pay"
+    if identified == "better":
+        return "the gain does not carry over, so on these data it does not pay"
+    return "on these data it makes no difference that counts"
+
+
+def _at_the_optima(result: "ComparisonResult", plain: str, rich: str) -> str:
+    """What the model changes where no method's own error is in it, as far as that is known."""
+    plain_v, rich_v = (result.models[name].optimum_rmse_v for name in (plain, rich))
+    if not plain_v or not rich_v:
+        return ""
+    if abs(rich_v - plain_v) <= SAME_RMSE * plain_v:
+        change = "leaves the identification error as it is"
+    else:
+        verb = "lowers" if rich_v < plain_v else "raises"
+        change = f"{verb} the identification error by {millivolt(abs(rich_v - plain_v))}"
+    return f" At the global optima of both models, which no method has a part in, it {change}."
+
+
+def _same_method(
+    result: "ComparisonResult", plain: str, rich: str
+) -> "tuple[RowPart, RowPart] | None":
+    """The rows of both models by one method: the one with the lowest errors on its own record."""
+    rows = {(row.method, row.model): row for row in answered(result)}
+    methods = [method for method, model in rows if model == plain and (method, rich) in rows]
+    if not methods:
+        return None
+    best = min(
+        methods,
+        key=lambda method: rmse_on(rows[method, plain], 0) + rmse_on(rows[method, rich], 0),
+    )
+    return rows[best, plain], rows[best, rich]
+
+
+def _effect(result: "ComparisonResult", plain: "RowPart", rich: "RowPart", record: int) -> Effect:
+    plain_v, rich_v = rmse_on(plain, record), rmse_on(rich, record)
+    compared = contrast(result, rich, plain, record)
+    is_chance = compared is not None and not compared.is_real
+    if is_chance or abs(rich_v - plain_v) <= SAME_RMSE * plain_v:
+        change: Change = "same"
+    else:
+        change = "better" if rich_v < plain_v else "worse"
+    name = records(result)[record]
+    return Effect(name, rich_v - plain_v, change)
+
+
+def _changes(effects: Sequence[Effect]) -> list[str]:
+    """What is lowered and raised, the first on the identification record."""
+    roles = ["the identification error"]
+    if len(effects) == 2:
+        roles.append("the validation error")
+    else:
+        roles += [f"the validation error on {each.record}" for each in effects[1:]]
+    return [_change(role, each) for role, each in zip(roles, effects, strict=True)]
+
+
+def _change(role: str, effect: Effect) -> str:
+    size = millivolt(abs(effect.difference_v))
+    if effect.difference_v == 0:
+        return f"leaves {role} as it is"
+    verb = "lowers" if effect.difference_v < 0 else "raises"
+    chance = " (no more than chance)" if effect.change == "same" else ""
+    return f"{verb} {role} by {size}{chance}"

@@ -1,0 +1,160 @@
+"""The search: many seeds of one population optimizer, on one problem or on many."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float, Key
+
+from ..cell import CircuitParameters
+from ..errors import InputError
+from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
+from ..model.padding import filler
+from ..model.problem import Objective, Problem, rmse, rmse_by_scan
+from ..model.simulate import AbstractEvaluator
+from ..optimizers import AbstractPopulationMinimiser
+
+
+@dataclass(frozen=True, eq=False)
+class SeedAnswer:
+    """What one seed found: its best circuit, and the best RMSE after every generation, in V.
+
+    `rmse_v` is always computed by the scan; the history by the objective that was searched.
+    """
+
+    rmse_v: float
+    parameters: CircuitParameters
+    history_v: Float[np.ndarray, "generations"]
+    evaluations: int
+    failures: int
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The answers of all seeds, in the order of the seeds."""
+
+    problem: Problem
+    optimizer: AbstractPopulationMinimiser
+    key: int
+    seeds: tuple[SeedAnswer, ...]
+
+    @property
+    def best(self) -> SeedAnswer:
+        return min(self.seeds, key=lambda answer: answer.rmse_v)
+
+    @property
+    def evaluations(self) -> int:
+        return sum(answer.evaluations for answer in self.seeds)
+
+
+def identify(
+    problem: Problem,
+    optimizer: AbstractPopulationMinimiser,
+    *,
+    key: Key[Array, ""],
+    seeds: int = 30,
+    progress: Callable[[int], None] | None = None,
+) -> Identification:
+    """Search with `seeds` independent runs; seed k draws from `fold_in(key, k)`.
+
+    `progress` is called with the number of seeds finished since the last call. Raises
+    `InputError` where no seed finds a single finite error.
+    """
+    return identify_many([problem], optimizer, key=key, seeds=seeds, progress=progress)[0]
+
+
+@in_float64
+def identify_many(
+    problems: Sequence[Problem],
+    optimizer: AbstractPopulationMinimiser,
+    *,
+    key: Key[Array, ""],
+    seeds: int = 30,
+    progress: Callable[[int], None] | None = None,
+) -> list[Identification]:
+    """`identify` for every problem, with the bits each would have alone.
+
+    Problems of one kind share one compiled program, however long their records: compressed
+    records are of one size if their boxes span alike, and for the scan shorter ones are filled up
+    with samples that count nothing.
+    """
+    if seeds < 1:
+        raise InputError(f"--seeds {seeds}: at least one seed is needed")
+    block_keys = [
+        jax.vmap(lambda seed: jr.fold_in(key, seed))(jnp.asarray(block))
+        for block in seed_blocks(seeds)
+    ]
+
+    fill = filler(problem.objective.evaluator for problem in problems)
+    fill_scan = filler(problem.scan for problem in problems)
+
+    @in_float64  # the setting belongs to a thread
+    def run(work):
+        problem, keys = work
+        objective = Objective(fill(problem.objective.evaluator), problem.objective.coordinates)
+        search = compile_for(_search, optimizer, objective, keys)
+        return jax.tree.map(np.asarray, search(optimizer, objective, keys))
+
+    work = [(problem, keys) for problem in problems for keys in block_keys]
+    outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress)
+    return [
+        _identification(problem, optimizer, key, outcomes[first : first + seeds], fill_scan)
+        for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True)
+    ]
+
+
+def _identification(
+    problem: Problem,
+    optimizer: AbstractPopulationMinimiser,
+    key: Key[Array, ""],
+    outcomes,
+    fill: Callable[[AbstractEvaluator], AbstractEvaluator],
+) -> Identification:
+    points, histories, evaluations, failures = zip(*outcomes, strict=True)
+    circuits = problem.parameters_at(points, problem.objective.coordinates)
+    errors_v = [float(history_v[-1]) for history_v in histories]
+    if not np.isfinite(errors_v).any():
+        raise InputError(
+            f"{problem.course.record.name}: no candidate gave a finite error; check the record's "
+            "values and the bounds"
+        )
+    if problem.kind != "scan":
+        errors_v = rmse_by_scan(problem, circuits, fill)
+    answers = [
+        SeedAnswer(rmse_v, circuit, history_v, int(spent), int(failed))
+        for rmse_v, circuit, history_v, spent, failed in zip(
+            errors_v, circuits, histories, evaluations, failures, strict=True
+        )
+    ]
+    return Identification(problem, optimizer, key_integer(key), tuple(answers))
+
+
+def _search(
+    optimizer: AbstractPopulationMinimiser, objective: Objective, keys: Key[Array, "seeds"]
+):
+    """Best point, history, evaluations and failures of every key, in one compiled call."""
+    box = objective.coordinates
+
+    def one(key):
+        solution = optx.minimise(
+            rmse,
+            optimizer,
+            jnp.zeros_like(box.lower),
+            objective,
+            {"key": key, "lower": box.lower, "upper": box.upper},
+            max_steps=None,
+            throw=False,
+        )
+        stats = solution.stats
+        return solution.value, stats["history"], stats["evaluations"], stats["failures"]
+
+    return jax.vmap(one)(keys)
+
+
+def key_integer(key: Key[Array, ""]) -> int:
+    """The integer that `jax.random.key` makes this key from, as results store it."""
+    return int.from_bytes(np.asarray(jr.key_data(key)).astype(">u4").tobytes(), "big")

@@ -1,0 +1,349 @@
+"""Levenberg-Marquardt from every seed's answer, in the same box."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Scalar
+
+from ..cell import CircuitParameters
+from ..errors import InputError
+from ..execution import SEEDS_PER_BLOCK, compile_for, in_float64, run_blocks, wanted_rows
+from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
+from ..model.search_space import Coordinates
+from .identify import Identification
+
+# A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
+AT_BOUND = 1e-3
+# Steps of one round. Who needs many rounds creeps along a valley; only the best is followed there.
+STEPS = 50
+# An error under a picovolt is zero; it would not do as a unit.
+SMALLEST_UNIT_V = 1e-12
+
+
+@dataclass(frozen=True)
+class RefinedSeed:
+    """Where Levenberg-Marquardt took one seed; `moved` is the largest relative parameter change.
+
+    `evaluations` counts the simulations that took, a Jacobian as one per free parameter.
+    """
+
+    rmse_v: float
+    parameters: CircuitParameters
+    moved: float
+    has_converged: bool
+    evaluations: int = 0
+
+
+class Descent:
+    """Levenberg-Marquardt on one problem, compiled once for blocks of `SEEDS_PER_BLOCK` starts.
+
+    It runs on the compressed objective, whichever the search took, unless the box is too wide for
+    that or `kind` says otherwise; the errors it returns are the scan's. Compiling depends on the
+    problem alone, so it can be done beside the search.
+    """
+
+    @in_float64
+    def __init__(self, problem: Problem, kind: Kind = "compressed"):
+        self.problem = problem
+        self.kind: Kind = kind
+        try:
+            self.objective = problem.objective_in("log", kind)
+        except InputError:
+            self.kind = "scan"
+            self.objective = problem.objective_in("log", "scan")
+        template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
+        self._compiled = compile_for(
+            _descend, self.objective, template, jnp.asarray(0.0), jnp.asarray(False)
+        )
+
+    @in_float64
+    def __call__(
+        self,
+        circuits: Sequence[CircuitParameters],
+        tolerance: float,
+        *,
+        holds_bounds: bool = False,
+        progress: Callable[[int], None] | None = None,
+    ) -> list[RefinedSeed]:
+        """Every circuit refined; `tolerance` is relative to the circuit's own error."""
+        starts = point_blocks(circuits, self.objective.coordinates)
+
+        @in_float64  # the setting belongs to a thread
+        def run(points):
+            settings = (jnp.asarray(tolerance), jnp.asarray(holds_bounds))
+            return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
+
+        ends = run_blocks(run, starts, wanted_rows(len(circuits)), progress)
+        points, errors_v, converged, evaluations = zip(*ends, strict=True)
+        found = self.problem.parameters_at(points, self.objective.coordinates)
+        if self.kind != "scan":
+            errors_v = rmse_by_scan(self.problem, found)
+        return [
+            RefinedSeed(
+                float(rmse_v), after, largest_change(before, after), bool(has_converged), int(spent)
+            )
+            for before, after, rmse_v, has_converged, spent in zip(
+                circuits, found, errors_v, converged, evaluations, strict=True
+            )
+        ]
+
+
+def _descend(
+    objective: Objective,
+    points: Float[Array, "seeds free"],
+    tolerance: Scalar,
+    holds_bounds: Bool[Array, ""],
+):
+    """End point, its RMSE in V, whether it converged, and its evaluations, from every start."""
+    box = objective.coordinates
+    width = box.upper - box.lower
+    # Not QR: forming its Q is slower here, and two such programs at a time hang in XLA's CPU
+    # runtime (jaxlib 0.10.2).
+    to_tolerance: Any = tolerance  # an array where a float is declared: one program serves both
+    solver = optx.LevenbergMarquardt(
+        rtol=to_tolerance, atol=to_tolerance, linear_solver=lx.Normal(lx.Cholesky())
+    )
+
+    def place(angle, start):
+        fraction = (start - box.lower) / width
+        is_held = holds_bounds & ((fraction < AT_BOUND) | (fraction > 1 - AT_BOUND))
+        bound = jnp.where(fraction < 0.5, box.lower, box.upper)
+        return jnp.where(is_held, bound, box.lower + width * (1 + jnp.sin(angle)) / 2)
+
+    def errors(angle, given):
+        objective, start, unit_v = given
+        return residuals(place(angle, start), objective) / unit_v
+
+    def rmse_at(point):
+        return jnp.linalg.norm(residuals(point, objective))
+
+    def one(start):
+        # In units of the start's own error, tolerances are relative and no seed sees another.
+        unit_v = jnp.maximum(rmse_at(start), SMALLEST_UNIT_V)
+        # The sine is flat at the ends of the box: a start exactly there could never leave.
+        fraction = jnp.clip((start - box.lower) / width, AT_BOUND, 1 - AT_BOUND)
+        solution = optx.least_squares(
+            errors,
+            solver,
+            jnp.arcsin(2 * fraction - 1),
+            (objective, start, unit_v),
+            {"jac": "fwd"},
+            max_steps=STEPS,
+            throw=False,
+        )
+        has_converged = solution.result == optx.RESULTS.successful
+        ends = jnp.stack([start, place(solution.value, start)])
+        errors_v = jax.vmap(rmse_at)(ends)
+        better = jnp.nanargmin(errors_v)
+        jacobians = solution.state.num_accepted_steps * start.size
+        # The start's own error and both ends' are evaluations too.
+        evaluations = solution.stats["num_steps"] + jacobians + 3
+        return ends[better], errors_v[better], has_converged, evaluations
+
+    return jax.vmap(one)(points)
+
+
+def largest_change(before: CircuitParameters, after: CircuitParameters) -> float:
+    """The largest relative change of any parameter."""
+    old, new = (np.array(list(values.to_dict().values())) for values in (before, after))
+    return float(np.max(np.abs(new / old - 1)))
+
+
+# Refined answers whose RMSE agree this closely (relative) are one optimum; if their parameters
+# differ by more than this all the same, the optimum is a family of circuits.
+SAME_RMSE = 1e-5
+SAME_PARAMETER = 1e-2
+# Relative tolerances of Levenberg-Marquardt, in the scaled residuals and their unknowns.
+SEED_TOLERANCE = 1e-6
+FINAL_TOLERANCE = 1e-10
+FINAL_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """A distinct place where refined seeds ended, and how many of them.
+
+    `is_family` says that circuits with different parameters fit equally well there.
+    """
+
+    rmse_v: float
+    parameters: CircuitParameters
+    seeds: int
+    is_family: bool
+
+
+@dataclass(frozen=True, eq=False)
+class CrossCheck:
+    """The refined answer and what the seeds agree on. `optima` begins with the best.
+
+    `evaluations` counts the simulations of the whole cross-check, a Jacobian as one per free
+    parameter; `objective` says how they were computed.
+    """
+
+    found: Identification
+    refined: tuple[RefinedSeed, ...]
+    optima: tuple[Optimum, ...]
+    at_bound: tuple[str, ...]
+    verdict: str
+    objective: Kind
+    evaluations: int
+
+    @property
+    def parameters(self) -> CircuitParameters:
+        return self.optima[0].parameters
+
+    @property
+    def rmse_v(self) -> float:
+        return self.optima[0].rmse_v
+
+
+@in_float64
+def refine(
+    found: Identification,
+    *,
+    descent: Descent | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> CrossCheck:
+    """Refine every seed's best circuit by optimistix's Levenberg-Marquardt.
+
+    It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
+    bounds hold exactly and an optimum at a bound is a stationary point. Every seed is taken to
+    `SEED_TOLERANCE` in at most `STEPS` steps, and as many again with what is at a bound held
+    there; the best then to `FINAL_TOLERANCE`. No answer is made worse. `descent` may have been
+    compiled beforehand; `progress` is called with the number of seeds finished since the last
+    call.
+    """
+    descent = descent or Descent(found.problem)
+    answers = [answer.parameters for answer in found.seeds]
+    refined = descent(answers, SEED_TOLERANCE, progress=progress)
+    spent = sum(seed.evaluations for seed in refined)
+    # Along a bound the sine is flat, and a descent wanders there without an end of its own.
+    moving = [seed for seed in range(len(refined)) if not refined[seed].has_converged]
+    if moving:
+        starts = [refined[seed].parameters for seed in moving]
+        for seed, end in zip(
+            moving, descent(starts, SEED_TOLERANCE, holds_bounds=True), strict=True
+        ):
+            refined[seed] = replace(end, moved=largest_change(answers[seed], end.parameters))
+            spent += end.evaluations
+    leader = min(range(len(refined)), key=lambda seed: refined[seed].rmse_v)
+    best = refined[leader]
+    for _ in range(FINAL_ROUNDS):
+        (best,) = descent([best.parameters], FINAL_TOLERANCE, holds_bounds=True)
+        spent += best.evaluations
+        if best.has_converged:
+            break
+    ended = [best if seed == leader else refined[seed] for seed in range(len(refined))]
+    optima = distinct_optima(ended)
+    bounded = at_bound(descent.objective.coordinates, best.parameters)
+    verdict = _verdict(found, ended, optima, bounded)
+    return CrossCheck(found, tuple(refined), optima, bounded, verdict, descent.kind, spent)
+
+
+def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
+    """Refined seeds gathered into distinct optima, the best first.
+
+    A seed that was still moving counts only where it has reached an optimum all the same.
+    """
+    groups: list[list[RefinedSeed]] = []
+    for seed in sorted(refined, key=lambda seed: seed.rmse_v):
+        if groups and seed.rmse_v <= groups[-1][0].rmse_v * (1 + SAME_RMSE):
+            groups[-1].append(seed)
+        else:
+            groups.append([seed])
+    settled = [group for group in groups[1:] if any(seed.has_converged for seed in group)]
+    return tuple(
+        Optimum(
+            rmse_v=group[0].rmse_v,
+            parameters=group[0].parameters,
+            seeds=len(group),
+            is_family=any(
+                largest_change(group[0].parameters, seed.parameters) > SAME_PARAMETER
+                for seed in group
+            ),
+        )
+        for group in [groups[0], *settled]
+    )
+
+
+def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]:
+    """Which parameters are at an end of a box in `log` coordinates, in words."""
+    point = np.asarray(point_blocks([parameters], box)[0][0])
+    places = [
+        (name, value, low, high)
+        for name, value, low, high in zip(box.names, point, box.lower, box.upper, strict=True)
+    ]
+    # A pair bounded in C can still end at the limits of its tau.
+    for pair, tau_s in enumerate(parameters.tau_s):
+        name, limits = f"tau{pair + 1} [s]", np.asarray(box.tau_limits_s)[pair]
+        if name not in box.names and limits[0] < limits[1]:
+            places.append((name, *np.log([tau_s, *limits])))
+    return tuple(
+        f"{name} at its {'lower' if fraction < 0.5 else 'upper'} bound"
+        for name, value, low, high in places
+        if not AT_BOUND < (fraction := (value - low) / (high - low)) < 1 - AT_BOUND
+    )
+
+
+def _verdict(
+    found: Identification,
+    ended: Sequence[RefinedSeed],
+    optima: Sequence[Optimum],
+    at_bound: Sequence[str],
+) -> str:
+    total, best = len(ended), optima[0]
+    gap = 100 * (found.best.rmse_v / best.rmse_v - 1)
+    others = optima[1:]
+    unsettled = total - sum(optimum.seeds for optimum in optima)
+    if total == 1:
+        agreement = "One seed was run, so nothing tells whether another would end elsewhere."
+    elif best.seeds == total:
+        agreement = f"All {total} seeds end in one optimum, the best found."
+    else:
+        agreement = f"{best.seeds} of {total} seeds end in the best optimum found"
+        if others:
+            nearest = 100 * (others[0].rmse_v / best.rmse_v - 1)
+            agreement += (
+                f"; {sum(optimum.seeds for optimum in others)} in {len(others)} worse, the "
+                f"nearest {nearest:.2g} % above it"
+            )
+        if unsettled:
+            agreement += (
+                f"; {unsettled} were still moving after {2 * STEPS} steps of the cross-check"
+            )
+        agreement += "."
+    distance = f"{gap:.2g} % above it" if gap > 1e-6 else "already there, to 1e-6 %"
+    sentences = [agreement, f"Before refinement the best seed was {distance}."]
+    if not min(ended, key=lambda seed: seed.rmse_v).has_converged:
+        sentences.append("The refinement of the best seed did not converge.")
+    taus = best.parameters.tau_s
+    merged = [k for k in range(1, len(taus)) if abs(taus[k] / taus[k - 1] - 1) < AT_BOUND]
+    for k in merged:
+        sentences.append(
+            f"tau{k} and tau{k + 1} are both {taus[k]:.4g} s, so R{k} and R{k + 1} act as one "
+            "resistance and only their sum is determined."
+        )
+    if best.is_family and not merged:
+        sentences.append(
+            "Circuits with different parameters fit equally well there: the data do not "
+            "determine them one by one."
+        )
+    if list(taus) != sorted(taus):
+        sentences.append(
+            "The time constants are not in order: the pairs keep the labels under which they were "
+            "bounded or fixed."
+        )
+    if at_bound:
+        sentences.append(
+            f"{'; '.join(at_bound)}: the box, not the data, decides there. Widen it with --bounds "
+            "or hold the parameter with --fix."
+        )
+    else:
+        sentences.append("No parameter is at a bound.")
+    return " ".join(sentences)

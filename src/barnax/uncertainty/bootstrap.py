@@ -1,0 +1,137 @@
+"""The moving-block bootstrap: intervals that need no model of the noise, as a check.
+
+Stretches of the residuals, long enough to keep their correlation, are drawn at random, added to
+the fitted voltage, and the circuit is fitted again (Kuensch, Annals of Statistics 17 (1989) 1217).
+The record is closed to a circle (Politis and Romano, 1992): else its two ends, where models err
+most, are drawn least. It reads somewhat low, for residuals lack what the fit has followed and
+blocks break correlations at their ends.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import jax.random as jr
+import numpy as np
+from jaxtyping import Array, Float, Key
+
+from ..execution import in_float64
+from ..search.refine import CrossCheck
+from .assessment import Assessment, assess
+from .covariance import CONFIDENCE, direction_of, named_values
+from .linearization import Linearization
+from .noise import Noise
+from .refit import Refit, holding
+
+REPLICATES = 200
+# With fewer blocks in a record the draws are too much alike to tell a spread.
+FEWEST_BLOCKS = 8
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """One parameter over the replicates: its spread, and its basic bootstrap interval."""
+
+    value: float
+    relative_error: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """What refits to resampled records gave. `is_cut` says that blocks are shorter than the rule
+    asks for, because the record is."""
+
+    block_s: float
+    is_cut: bool
+    replicates: int
+    converged: int
+    parameters: dict[str, Resampled]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "block [s]": self.block_s,
+            "is_cut": self.is_cut,
+            "replicates": self.replicates,
+            "converged": self.converged,
+            "parameters": {
+                name: {
+                    "standard_error": each.value * each.relative_error,
+                    "low": each.low,
+                    "high": each.high,
+                }
+                for name, each in self.parameters.items()
+            },
+        }
+
+
+@in_float64
+def bootstrap(
+    checked: CrossCheck,
+    *,
+    key: Key[Array, ""],
+    replicates: int = REPLICATES,
+    assessment: Assessment | None = None,
+    refit: Refit | None = None,
+) -> Bootstrap:
+    """Refits to `replicates` records with resampled residuals; held parameters stay held.
+
+    Intervals are the basic bootstrap's in logarithms; `key` decides which blocks are drawn.
+    """
+    assessment = assessment or assess(checked)
+    near = assessment.near
+    refit = refit or Refit(checked.found.problem)
+    length, is_cut = block_length(near, assessment.uncertainty.noise)
+    blocks = math.ceil(near.samples / length)
+    first = np.asarray(jr.randint(key, (replicates, blocks), 0, near.samples))
+    drawn = (first[:, :, None] + np.arange(length)).reshape(replicates, -1)[:, : near.samples]
+    drawn %= near.samples
+    centered_v = near.error_v - np.mean(near.error_v)
+    fitted_v = refit.voltages.own_v - near.error_v
+    base_v = np.concatenate(
+        # A few at a time: a replicate is as long as the record.
+        [refit.voltages.project(fitted_v + centered_v[few]) for few in np.array_split(drawn, 10)]
+    )
+    matrix, shift = holding(near)
+    starts = np.broadcast_to(near.point, (replicates, len(near.point)))
+    ends = refit(starts, base_v=base_v, matrix=matrix, shift=np.broadcast_to(shift, starts.shape))
+    moved = ends.points[:, list(near.free)] - near.logarithms
+    return Bootstrap(
+        block_s=length * float(np.median(np.diff(near.time_s))),
+        is_cut=is_cut,
+        replicates=replicates,
+        converged=int(np.count_nonzero(ends.has_converged)),
+        parameters={
+            name: _resampled(value, moved @ direction_of(name, near)[0])
+            for name, value in named_values(checked.parameters).items()
+            if np.any(direction_of(name, near)[0])
+        },
+    )
+
+
+def block_length(near: Linearization, noise: Noise) -> tuple[int, bool]:
+    """Samples a block, and whether the record was too short for as many as the rule asks.
+
+    (2 G^2 / D)^(1/3) n^(1/3) with G the sum of |lag| times autocovariance and D = 4/3 of the
+    squared sum of autocovariances (Politis and White, Econometric Reviews 23 (2004) 53, corrected
+    by Patton, Politis and White, 28 (2009) 372), both from the fitted noise instead of from
+    autocovariances up to some lag, which break off where correlations are long.
+    """
+    interval_s = float(np.median(np.diff(near.time_s)))
+    decay = np.zeros(len(noise.correlation_s))
+    decay[1:] = np.exp(-interval_s / noise.correlation_s[1:])
+    slope = 2 * float(noise.variance_v2 @ (decay / (1 - decay) ** 2))
+    level = float(noise.variance_v2 @ ((1 + decay) / (1 - decay)))
+    if level == 0:
+        return 1, False
+    wanted = math.ceil((1.5 * (slope / level) ** 2 * near.samples) ** (1 / 3))
+    longest = max(near.samples // FEWEST_BLOCKS, 1)
+    return min(max(wanted, 1), longest), wanted > longest
+
+
+def _resampled(value: float, moved: Float[np.ndarray, "replicates"]) -> Resampled:
+    tail = (1 - CONFIDENCE) / 2
+    below, above = np.quantile(moved, [tail, 1 - tail])
+    low, high = value * np.exp([-above, -below])
+    return Resampled(value, float(np.std(moved)), float(low), float(high))

@@ -67,9 +67,9 @@ def results() -> Iterator:
         problem = barnax.make_problem(record, cell, circuit, coordinates="log")
         optimizer = barnax.make_optimizer("ibmo-centered", 30, ITERATIONS)
         found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
-        checked = barnax.refine(found)
-        evaluation = barnax.evaluate_course(problem.course, checked.parameters)
-        yield barnax.make_result(checked, [evaluation], ocv=tests)
+        refinement = barnax.refine(found)
+        evaluation = barnax.evaluate(problem.prepared, refinement.parameters)
+        yield barnax.make_result(refinement, [evaluation], ocv=tests)
 
 
 def trips():

@@ -21,7 +21,7 @@ KEY, SEEDS, ITERATIONS = 0, 8, 200
 
 
 @dataclass(frozen=True)
-class Case:
+class CheckInput:
     """One cell: its OCV tests, the record to identify on, the one to validate on."""
 
     name: str
@@ -32,8 +32,8 @@ class Case:
     capacity_ah: float | None = None
 
 
-def bundled() -> Case:
-    return Case(
+def bundled() -> CheckInput:
+    return CheckInput(
         "bundled virtual cell (NMC/graphite-Si, simulated)",
         (barnax.bundled_file("ocv_discharge"), barnax.bundled_file("ocv_charge")),
         barnax.bundled_file("identification"),
@@ -42,11 +42,11 @@ def bundled() -> Case:
     )
 
 
-def measured(folder: Path) -> Iterator[Case]:
+def measured(folder: Path) -> Iterator[CheckInput]:
     """CALCE INR18650-20R at three temperatures and Plett's A123 26650."""
     calce = folder / "calce-inr18650-20r"
     for temperature in (25, 0, 45):
-        yield Case(
+        yield CheckInput(
             f"CALCE INR18650-20R (NMC), {temperature} degC, OCV at 25 degC",
             (calce / "ocv-incremental_25degC_SP20-3.parquet",),
             calce / f"dst_{temperature}degC_80soc_SP20-2.parquet",
@@ -55,7 +55,7 @@ def measured(folder: Path) -> Iterator[Case]:
             2.0,
         )
     plett = folder / "plett-a123-26650"
-    yield Case(
+    yield CheckInput(
         "A123 26650 (LFP), 25 degC, C/30 OCV",
         (plett / "ocv-s1_25degC.parquet", plett / "ocv-s3_25degC.parquet"),
         plett / "dyn-s1_25degC.parquet",
@@ -64,7 +64,7 @@ def measured(folder: Path) -> Iterator[Case]:
     )
 
 
-def errors_mv(case: Case, ocv_fit: str, circuit: str) -> tuple[float, float | None, str]:
+def errors_mv(case: CheckInput, ocv_fit: str, circuit: str) -> tuple[float, float | None, str]:
     """Refined RMSE on the identification and validation records, and what is at a bound."""
     cell = barnax.characterize(
         [barnax.read_record(path) for path in case.ocv],
@@ -75,16 +75,16 @@ def errors_mv(case: Case, ocv_fit: str, circuit: str) -> tuple[float, float | No
     problem = barnax.make_problem(record, cell, circuit, window=case.window, coordinates="log")
     optimizer = barnax.make_optimizer("ibmo-centered", 30, ITERATIONS)
     found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
-    checked = barnax.refine(found)
+    refinement = barnax.refine(found)
     validated = None
     if case.validation is not None:
         other = barnax.read_record(case.validation)
-        evaluation = barnax.validate(other, cell, circuit, checked.parameters, case.window)
+        evaluation = barnax.validate(other, cell, circuit, refinement.parameters, case.window)
         validated = 1e3 * evaluation.metrics.rmse_v
-    return 1e3 * checked.rmse_v, validated, ", ".join(checked.at_bound) or "-"
+    return 1e3 * refinement.rmse_v, validated, ", ".join(refinement.at_bound) or "-"
 
 
-def report(case: Case) -> list[str]:
+def report(case: CheckInput) -> list[str]:
     """Table and verdict of one cell."""
     lines = [
         f"## {case.name}",

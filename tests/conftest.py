@@ -14,8 +14,8 @@ from barnax.model.inputs import Window
 from barnax.model.problem import Problem, make_problem
 from barnax.optimizers import make_optimizer
 from barnax.records import Record, read_record
-from barnax.search.identify import Identification, identify
-from barnax.search.refine import CrossCheck, refine
+from barnax.search.refine import Refinement, refine
+from barnax.search.seeds import Search, search_seeds
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -60,12 +60,14 @@ def short_problem(bundled_record: Record, bundled_cell: CellModel) -> Problem:
 
 
 @pytest.fixture(scope="session")
-def found(short_problem: Problem) -> Identification:
+def found(short_problem: Problem) -> Search:
     """Eight short searches on the short problem."""
-    return identify(short_problem, make_optimizer("ibmo", 12, 40), key=jax.random.key(0), seeds=8)
+    return search_seeds(
+        short_problem, make_optimizer("ibmo", 12, 40), key=jax.random.key(0), seeds=8
+    )
 
 
 @pytest.fixture(scope="session")
-def checked(found: Identification) -> CrossCheck:
+def refinement(found: Search) -> Refinement:
     """The cross-check of `found`."""
     return refine(found)

@@ -6,13 +6,13 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-import barnax.search.identify
+import barnax.search.seeds
 from barnax.execution import in_float64
 from barnax.model.inputs import Window
-from barnax.model.padding import filler
+from barnax.model.padding import padding_for
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.optimizers import make_optimizer
-from barnax.search.identify import identify, identify_many
+from barnax.search.seeds import search_many, search_seeds
 from reference import make_record
 
 # One that compiles quickly; the default one searches in one of the cases.
@@ -58,11 +58,11 @@ def test_records_of_many_lengths_have_the_bits_each_has_alone(bundled_cell, case
         problem_of(bundled_cell, circuit, each, objective=objective, bounds=bounds)
         for each in clocks
     ]
-    together = identify_many(problems, optimizer, key=jr.key(0), seeds=2)
+    together = search_many(problems, optimizer, key=jr.key(0), seeds=2)
     # The first one is filled up; one case tells that the longest, which is not, keeps its bits too.
     compared = len(problems) if case == "uneven" else 1
     for problem, many in zip(problems[:compared], together, strict=False):
-        alone = identify(problem, optimizer, key=jr.key(0), seeds=2)
+        alone = search_seeds(problem, optimizer, key=jr.key(0), seeds=2)
         for ours, expected in zip(many.seeds, alone.seeds, strict=True):
             assert ours.parameters == expected.parameters
             assert ours.rmse_v == expected.rmse_v
@@ -72,21 +72,21 @@ def test_records_of_many_lengths_have_the_bits_each_has_alone(bundled_cell, case
 def test_one_search_is_compiled_for_all_lengths(bundled_cell, monkeypatch):
     problems = [problem_of(bundled_cell, "so-rc", [even(n)]) for n in (211, 307, 401)]
     traces = []
-    search = barnax.search.identify._search
+    search = barnax.search.seeds._search
 
     def counted(optimizer, objective, keys):
         traces.append(objective)
         return search(optimizer, objective, keys)
 
-    monkeypatch.setattr(barnax.search.identify, "_search", counted)
-    identify_many(problems, OPTIMIZER, key=jr.key(0), seeds=2)
+    monkeypatch.setattr(barnax.search.seeds, "_search", counted)
+    search_many(problems, OPTIMIZER, key=jr.key(0), seeds=2)
     assert len(traces) == 1
 
 
 @in_float64
 def test_what_fills_a_record_up_counts_nothing(bundled_cell):
     short, long = (problem_of(bundled_cell, "so-rc", [even(n)]) for n in (211, 401))
-    fill = filler([short.scan, long.scan])
+    fill = padding_for([short.scan, long.scan])
     middle = short.coordinates.decode((short.coordinates.lower + short.coordinates.upper) / 2)
     plain, filled = short.scan.errors(middle), fill(short.scan).errors(middle)
     assert filled.shape == (401,)
@@ -97,8 +97,8 @@ def test_what_fills_a_record_up_counts_nothing(bundled_cell):
 @in_float64
 def test_compressed_records_stay_as_they_are(bundled_cell):
     problem = problem_of(bundled_cell, "so-rc", [even(211)])
-    assert filler([problem.compressed, problem.scan])(problem.compressed) is problem.compressed
-    circuits = [identify(problem, OPTIMIZER, key=jax.random.key(0), seeds=1).best.parameters]
-    assert rmse_by_scan(problem, circuits, filler([problem.scan])) == rmse_by_scan(
+    assert padding_for([problem.compressed, problem.scan])(problem.compressed) is problem.compressed
+    circuits = [search_seeds(problem, OPTIMIZER, key=jax.random.key(0), seeds=1).best.parameters]
+    assert rmse_by_scan(problem, circuits, padding_for([problem.scan])) == rmse_by_scan(
         problem, circuits
     )

@@ -18,15 +18,15 @@ from barnax.model.compressed import BLOCK, ROW_STEP
 from barnax.model.inputs import Window
 from barnax.model.problem import (
     Objective,
-    impedance_of,
     make_problem,
+    rc_parameters,
     residuals,
     rmse,
     rmse_by_scan,
 )
 from barnax.optimizers import make_optimizer
-from barnax.search.evaluate import evaluate_course
-from barnax.search.identify import identify, identify_many
+from barnax.search.evaluate import evaluate
+from barnax.search.seeds import search_many, search_seeds
 from reference import make_record
 
 # What is promised: the larger of these, over the whole box.
@@ -83,7 +83,7 @@ def assert_both_agree(problem, scale, seed=0, count=20):
 def test_every_circuit_in_the_box_has_the_scans_error(short_problem, circuit, scale):
     """Slow are more circuits on the linear scale, one decoding for all: two stand for them."""
     problem = make_problem(
-        short_problem.course.record, short_problem.cell, circuit, window=short_problem.window
+        short_problem.prepared.record, short_problem.cell, circuit, window=short_problem.window
     )
     assert_both_agree(problem, scale)
 
@@ -123,12 +123,12 @@ def test_any_box_and_window_has_the_scans_error(
 def test_a_circuit_that_fits_perfectly_keeps_its_zero(bundled_cell):
     made = make_problem(record_of("even", 900, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
     circuit = CircuitParameters(0.05, (0.03, 0.02), (300.0, 5000.0))
-    exact_v = evaluate_course(made.course, circuit).simulated_v
-    record = replace(made.course.record, voltage_v=exact_v)
+    exact_v = evaluate(made.prepared, circuit).simulated_v
+    record = replace(made.prepared.record, voltage_v=exact_v)
     problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
     with jax.enable_x64(True):
         short = problem.objective_in("log", "compressed")
-        point = short.coordinates.encode(impedance_of(circuit))
+        point = short.coordinates.encode(rc_parameters(circuit))
         assert float(rmse_of_all(point[None], short)[0]) < ABSOLUTE_V
     assert rmse_by_scan(problem, [circuit])[0] < ABSOLUTE_V
 
@@ -153,7 +153,7 @@ def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundl
 def test_a_record_longer_than_a_block_is_carried_across_its_edges(bundled_record, bundled_cell):
     window = Window(score_from_s=BLOCK - 50.5, score_to_s=2 * BLOCK + 50.5)
     problem = make_problem(bundled_record, bundled_cell, "so-rc", window=window)
-    assert len(problem.course.soc) > 2 * BLOCK
+    assert len(problem.prepared.soc) > 2 * BLOCK
     assert_both_agree(problem, "log", count=8)
 
 
@@ -166,8 +166,8 @@ def test_records_reduced_together_have_their_joint_error(bundled_cell):
         point = points_in(problem.coordinates, 1, 7)
         joint = float(rmse_of_all(point, problem.objective)[0])
         parts = [
-            float(rmse_of_all(point, Objective(drive, problem.coordinates))[0])
-            for drive in problem.drives
+            float(rmse_of_all(point, Objective(inputs, problem.coordinates))[0])
+            for inputs in problem.all_inputs
         ]
     squares = sum(part**2 * count for part, count in zip(parts, (500, 300, 400), strict=True))
     assert joint == pytest.approx(np.sqrt(squares / 1200), rel=1e-12)
@@ -190,7 +190,7 @@ def test_single_precision_agrees_to_its_own_rounding(short_problem):
 @pytest.fixture(scope="module")
 def compressed_problem(short_problem):
     return make_problem(
-        short_problem.course.record,
+        short_problem.prepared.record,
         short_problem.cell,
         window=short_problem.window,
         objective="compressed",
@@ -198,7 +198,7 @@ def compressed_problem(short_problem):
 
 
 def test_the_errors_of_a_compressed_search_are_the_scans(compressed_problem):
-    found = identify(compressed_problem, make_optimizer("pso", 12, 40), key=jr.key(0), seeds=3)
+    found = search_seeds(compressed_problem, make_optimizer("pso", 12, 40), key=jr.key(0), seeds=3)
     expected = rmse_by_scan(
         replace(compressed_problem, kind="scan"), [seed.parameters for seed in found.seeds]
     )
@@ -218,8 +218,8 @@ def test_a_compressed_search_has_the_same_bits_among_any_seeds_and_cells(
         objective="compressed",
     )
     optimizer = make_optimizer("pso", 12, 40)
-    together = identify_many([other, compressed_problem, other], optimizer, key=jr.key(1), seeds=10)
-    alone = identify(compressed_problem, optimizer, key=jr.key(1), seeds=3)
+    together = search_many([other, compressed_problem, other], optimizer, key=jr.key(1), seeds=10)
+    alone = search_seeds(compressed_problem, optimizer, key=jr.key(1), seeds=3)
     for many, one in zip(together[1].seeds, alone.seeds, strict=False):
         assert many.parameters == one.parameters
         assert many.rmse_v == one.rmse_v
@@ -230,7 +230,7 @@ def test_a_compressed_search_has_the_same_bits_among_any_seeds_and_cells(
 def test_reducing_twice_gives_the_same_bits(short_problem):
     first, second = (
         make_problem(
-            short_problem.course.record, short_problem.cell, window=short_problem.window
+            short_problem.prepared.record, short_problem.cell, window=short_problem.window
         ).compressed
         for _ in range(2)
     )
@@ -241,7 +241,7 @@ def test_reducing_gives_the_same_bits_whatever_the_threads_of_linear_algebra(sho
     factors = []
     for threads in (1, 4):
         problem = make_problem(
-            short_problem.course.record, short_problem.cell, window=short_problem.window
+            short_problem.prepared.record, short_problem.cell, window=short_problem.window
         )
         with threadpool_limits(threads, "blas"):
             factors.append(np.asarray(problem.compressed.factor).tobytes())
@@ -271,7 +271,7 @@ def test_records_of_different_lengths_and_currents_share_the_shape_of_their_fact
 def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):
     with pytest.raises(InputError, match="--objective scan"):
         make_problem(
-            short_problem.course.record,
+            short_problem.prepared.record,
             short_problem.cell,
             window=short_problem.window,
             bounds={"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)},
@@ -281,4 +281,4 @@ def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):
 
 def test_an_unknown_objective_is_named(short_problem):
     with pytest.raises(ValueError, match="no objective is called 'fast'"):
-        make_problem(short_problem.course.record, short_problem.cell, objective="fast")
+        make_problem(short_problem.prepared.record, short_problem.cell, objective="fast")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from barnax.errors import InputError
 from barnax.model.search_space import SCALES, Bounds, Coordinates
-from barnax.model.simulate import Impedance
+from barnax.model.simulate import RCParameters
 
 DEFAULT = Bounds.default(2.0, 1.0, 1000.0)
 BOXES = {
@@ -40,10 +40,10 @@ def place(coordinates, parts):
     return jnp.asarray(lower + np.array(parts[: len(lower)]) * (upper - lower))
 
 
-def physical(impedance):
+def physical(rc):
     """The circuit under PyBaMM's names, with time constants."""
-    (r1, r2), (tau1, tau2) = impedance.r, impedance.tau
-    values = {"R0 [Ohm]": impedance.r0, "R1 [Ohm]": r1, "R2 [Ohm]": r2}
+    (r1, r2), (tau1, tau2) = rc.r, rc.tau
+    values = {"R0 [Ohm]": rc.r0, "R1 [Ohm]": r1, "R2 [Ohm]": r2}
     values |= {"tau1 [s]": tau1, "tau2 [s]": tau2, "C1 [F]": tau1 / r1, "C2 [F]": tau2 / r2}
     return {name: float(value) for name, value in values.items()}
 
@@ -145,7 +145,7 @@ def test_a_fixed_parameter_is_no_coordinate(scale):
 @every_scale
 def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
     coordinates = Coordinates.of(DEFAULT, scale)
-    outside = jax.tree.map(jnp.asarray, Impedance(9.0, (9.0, 1e-9), (1e6, 1e-6)))
+    outside = jax.tree.map(jnp.asarray, RCParameters(9.0, (9.0, 1e-9), (1e6, 1e-6)))
     circuit = physical(coordinates.decode(coordinates.encode(outside)))
     assert circuit["R0 [Ohm]"] == pytest.approx(0.2)
     assert circuit["R1 [Ohm]"] == pytest.approx(0.2)

@@ -8,8 +8,8 @@ from barnax.errors import InputError
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
 from barnax.optimizers import OPTIMIZERS, make_optimizer
-from barnax.search.evaluate import evaluate_course
-from barnax.search.identify import identify, key_integer
+from barnax.search.evaluate import evaluate
+from barnax.search.seeds import key_integer, search_seeds
 
 
 def bits(answer):
@@ -22,7 +22,9 @@ def search(short_problem, found):
     """`identify` on the short problem, with the optimizer of `found` and its compiled program."""
 
     def run(key=0, seeds=8, problem=short_problem, **options):
-        return identify(problem, found.optimizer, key=jax.random.key(key), seeds=seeds, **options)
+        return search_seeds(
+            problem, found.optimizer, key=jax.random.key(key), seeds=seeds, **options
+        )
 
     return run
 
@@ -63,7 +65,7 @@ def test_a_history_has_every_generation_never_rises_and_ends_at_the_answer(found
 
 def test_the_error_of_a_seed_is_that_of_its_circuit(short_problem, found):
     for seed in found.seeds[:3]:
-        metrics = evaluate_course(short_problem.course, seed.parameters).metrics
+        metrics = evaluate(short_problem.prepared, seed.parameters).metrics
         assert metrics.rmse_v == pytest.approx(seed.rmse_v, rel=1e-9)
 
 
@@ -125,7 +127,7 @@ def test_every_optimizer_stays_in_the_box(name, bundled_record, bundled_cell):
     window = Window(score_to_s=60.0, initial_soc=1.0)
     problem = make_problem(bundled_record, bundled_cell, window=window)
     ranges = problem.bounds.ranges
-    found = identify(problem, make_optimizer(name, 6, 10), key=jax.random.key(3), seeds=8)
+    found = search_seeds(problem, make_optimizer(name, 6, 10), key=jax.random.key(3), seeds=8)
     for seed in found.seeds:
         values = seed.parameters.to_dict()
         values |= dict(zip(("tau1 [s]", "tau2 [s]"), seed.parameters.tau_s, strict=True))

@@ -8,9 +8,9 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.model.inputs import Window
-from barnax.model.problem import impedance_of, make_problem, residuals, rmse
+from barnax.model.problem import make_problem, rc_parameters, residuals, rmse
 from barnax.model.search_space import Bounds, Coordinates
-from barnax.search.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate
 from reference import drop_v, looped_response
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
@@ -19,11 +19,11 @@ SHORT = Window(score_to_s=60.0, initial_soc=1.0)
 
 
 def looped_error_v(problem, logarithms):
-    course = problem.course
+    prepared = problem.prepared
     r0, r1, tau1, r2, tau2 = np.exp(logarithms)
     circuit = (r0, (r1, r2), (tau1, tau2))
-    drop = drop_v(looped_response, course.time_s, course.current_a, circuit)
-    return course.voltage_v - (course.source_v - drop)
+    drop = drop_v(looped_response, prepared.time_s, prepared.current_a, circuit)
+    return prepared.voltage_v - (prepared.source_v - drop)
 
 
 def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
@@ -37,9 +37,9 @@ def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
 def test_the_objective_is_the_rmse_that_the_report_gives(short_problem):
     with jax.enable_x64(True):
         objective = short_problem.objective
-        point = objective.coordinates.encode(impedance_of(CIRCUIT))
+        point = objective.coordinates.encode(rc_parameters(CIRCUIT))
         loss = float(jax.jit(rmse)(point, objective))
-    metrics = evaluate_course(short_problem.course, CIRCUIT).metrics
+    metrics = evaluate(short_problem.prepared, CIRCUIT).metrics
     assert loss == pytest.approx(metrics.rmse_v, rel=1e-11)
 
 
@@ -58,7 +58,7 @@ def test_the_jacobian_of_the_residuals_is_exact(short_problem):
     with jax.enable_x64(True):
         objective = short_problem.objective_in("log")
         jacobian = jax.jit(jax.jacfwd(residuals))(jnp.asarray(LOGARITHMS), objective)
-    scale = np.sqrt(short_problem.course.scored.sum())
+    scale = np.sqrt(short_problem.prepared.scored.sum())
     for index in range(5):
         shifted = LOGARITHMS + 1j * step * np.eye(5)[index]
         expected = looped_error_v(short_problem, shifted).imag / step / scale
@@ -70,7 +70,7 @@ def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
     problem = make_problem(bundled_record, bundled_cell, window=window)
     with jax.enable_x64(True):
         errors = residuals(jnp.asarray(LOGARITHMS), problem.objective_in("log"))
-    np.testing.assert_array_equal(np.asarray(errors) != 0, problem.course.scored)
+    np.testing.assert_array_equal(np.asarray(errors) != 0, problem.prepared.scored)
 
 
 def test_a_problem_is_in_double_precision_and_leaves_the_setting(short_problem):
@@ -106,7 +106,7 @@ def test_the_warnings_are_those_of_record_cell_and_course(bundled_record, bundle
     record = replace(bundled_record, warnings=("of the record",))
     cell = replace(bundled_cell, warnings=("of the cell",))
     problem = make_problem(record, cell, window=SHORT)
-    assert problem.warnings == ("of the record", "of the cell", *problem.course.warnings)
+    assert problem.warnings == ("of the record", "of the cell", *problem.prepared.warnings)
 
 
 @pytest.mark.parametrize("scale", ["rc", "log"])
@@ -114,7 +114,7 @@ def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
     swapped = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
         coordinates = short_problem.objective_in(scale).coordinates
-        point = np.asarray(coordinates.encode(impedance_of(swapped)))
+        point = np.asarray(coordinates.encode(rc_parameters(swapped)))
         (circuit,) = short_problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(CIRCUIT.to_dict(), rel=1e-12)
 
@@ -125,7 +125,7 @@ def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
     slow_first = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
         coordinates = Coordinates.of(bounds, "log")
-        point = np.asarray(coordinates.encode(impedance_of(slow_first)))
+        point = np.asarray(coordinates.encode(rc_parameters(slow_first)))
         (circuit,) = problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(slow_first.to_dict(), rel=1e-12)
 

@@ -13,9 +13,9 @@ from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
 from barnax.records import read_record
-from barnax.search.evaluate import evaluate_course, validate
-from barnax.search.identify import identify
+from barnax.search.evaluate import evaluate, validate
 from barnax.search.refine import refine
+from barnax.search.seeds import search_seeds
 from reference import banded_response, drop_v, fit_circuit
 
 SAMSUNG = "calce-inr18650-20r"
@@ -30,9 +30,9 @@ def identified(record, cell, circuit, window):
     """A short search and its cross-check, and the errors of the answer."""
     problem = make_problem(record, cell, circuit, window=window)
     # PSO compiles fastest; the cross-check takes any of its answers to the optimum.
-    found = identify(problem, make_optimizer("pso", 20, 40), key=jax.random.key(0), seeds=4)
-    checked = refine(found)
-    return checked, evaluate_course(problem.course, checked.parameters)
+    found = search_seeds(problem, make_optimizer("pso", 20, 40), key=jax.random.key(0), seeds=4)
+    refinement = refine(found)
+    return refinement, evaluate(problem.prepared, refinement.parameters)
 
 
 @pytest.fixture(scope="module")
@@ -126,42 +126,42 @@ class OwnCourse:
 @pytest.mark.parametrize("circuit", CIRCUITS)
 def test_the_samsung_cell_has_the_accepted_errors(samsung, real_data, circuit):
     cell, answers = samsung
-    checked, evaluation = answers[circuit]
+    refinement, evaluation = answers[circuit]
     accepted_v, us06_accepted_v = ACCEPTED_V[circuit]
     assert evaluation.metrics.samples == 10_645
-    assert checked.rmse_v == pytest.approx(accepted_v, rel=1e-3)
+    assert refinement.rmse_v == pytest.approx(accepted_v, rel=1e-3)
     us06 = read_record(real_data / SAMSUNG / "us06_25degC_80soc_SP20-2.parquet")
-    validation = validate(us06, cell, circuit, checked.parameters, PROFILE)
+    validation = validate(us06, cell, circuit, refinement.parameters, PROFILE)
     assert validation.metrics.rmse_v == pytest.approx(us06_accepted_v, rel=1e-3)
 
 
 def test_the_samsung_cell_has_the_accepted_circuit(samsung):
     _, answers = samsung
-    checked, evaluation = answers["so-rc"]
-    found = checked.parameters
+    refinement, evaluation = answers["so-rc"]
+    found = refinement.parameters
     mohm = [1e3 * value for value in (found.r0, *found.r)]
     assert mohm == pytest.approx([73.1, 14.9, 21.3], abs=0.05)
     assert found.tau_s == pytest.approx((10.2, 87.2), abs=0.05)
-    assert checked.at_bound == ()
-    above = evaluation.course.scored & (evaluation.course.soc > 0.2)
+    assert refinement.at_bound == ()
+    above = evaluation.prepared.scored & (evaluation.prepared.soc > 0.2)
     assert 1e3 * np.sqrt(np.mean(evaluation.error_v[above] ** 2)) == pytest.approx(10.3, abs=0.05)
 
 
 @pytest.mark.parametrize("circuit", CIRCUITS)
 def test_scipy_alone_finds_the_same_on_the_raw_files(samsung, own_cell, real_data, circuit):
-    checked, _ = samsung[1][circuit]
+    refinement, _ = samsung[1][circuit]
     folder = real_data / SAMSUNG
-    course = OwnCourse(folder / "dst_25degC_80soc_SP20-2.parquet", own_cell, circuit)
+    prepared = OwnCourse(folder / "dst_25degC_80soc_SP20-2.parquet", own_cell, circuit)
     rmse_v, (r0, r1, r2, tau1, tau2) = fit_circuit(
-        course.drop_v,
-        course.base_v,
-        course.is_scored,
+        prepared.drop_v,
+        prepared.base_v,
+        prepared.is_scored,
         [1e-4] * 3 + [0.5] * 2,
         [0.2] * 3 + [10_000.0] * 2,
         starts=3,
     )
-    assert checked.rmse_v == pytest.approx(rmse_v, rel=1e-6)
-    found = checked.parameters
+    assert refinement.rmse_v == pytest.approx(rmse_v, rel=1e-6)
+    found = refinement.parameters
     assert (found.r0, *found.r) == pytest.approx((r0, r1, r2), rel=1e-3)
     assert found.tau_s == pytest.approx((tau1, tau2), rel=1e-3)
     us06 = OwnCourse(folder / "us06_25degC_80soc_SP20-2.parquet", own_cell, circuit)
@@ -180,12 +180,12 @@ def test_the_lfp_cell_runs_from_files_of_opposite_signs(real_data, circuit):
     assert (record.sign.value, record.sign.strength) == ("discharge-positive", "strong")
     cell = characterize(ocv, ocv_fit="interpolated")
     window = Window(score_to_s=record.time_s[0] + 6000.0)
-    checked, evaluation = identified(record, cell, circuit, window)
+    refinement, evaluation = identified(record, cell, circuit, window)
     # It starts full and rested; some 10 mohm are usual for this type.
-    assert evaluation.course.initial_soc == pytest.approx(1.0, abs=0.01)
-    assert 4e-3 < checked.parameters.r0 < 15e-3
+    assert evaluation.prepared.initial_soc == pytest.approx(1.0, abs=0.01)
+    assert 4e-3 < refinement.parameters.r0 < 15e-3
     # Hysteresis and relaxation of this cell are some tens of millivolts.
-    assert checked.rmse_v < 20e-3
+    assert refinement.rmse_v < 20e-3
     assert evaluation.metrics.r2 > 0.9
 
 
@@ -195,9 +195,9 @@ def test_the_leaf_cell_runs_from_its_pulse_test(real_data):
     cell = characterize([record], capacity_ah=33.1, ocv_fit="interpolated")
     # From the rest at full, before the pulses, to the last rest of which the OCV is known.
     window = Window(start_time_s=15_400.0, score_to_s=46_000.0)
-    checked, evaluation = identified(record, cell, "so-rc", window)
-    assert evaluation.course.initial_soc == pytest.approx(1.0, abs=0.01)
+    refinement, evaluation = identified(record, cell, "so-rc", window)
+    assert evaluation.prepared.initial_soc == pytest.approx(1.0, abs=0.01)
     # 30 A take 0.1 V in 30 s: 3.3 mohm in all, of which the ohmic part is less.
-    assert 0.5e-3 < checked.parameters.r0 < 3.3e-3
-    assert checked.rmse_v < 10e-3
+    assert 0.5e-3 < refinement.parameters.r0 < 3.3e-3
+    assert refinement.rmse_v < 10e-3
     assert evaluation.metrics.r2 > 0.97

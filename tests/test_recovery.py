@@ -11,8 +11,8 @@ import pytest
 
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
-from barnax.search.identify import identify
 from barnax.search.refine import refine
+from barnax.search.seeds import search_seeds
 from reference import banded_response, drop_v, filtered_response, fit_circuit
 
 # Li et al. (2023), Table 3: R, Rpa, Rpb in ohm, Cpa, Cpb in farad, and the circuit it was for.
@@ -32,27 +32,27 @@ def checked_on(short_problem, found):
     """Search and cross-check on the bundled current with another voltage, or another circuit."""
 
     def run(circuit, voltage_v=None, bounds=None):
-        record, course = short_problem.course.record, short_problem.course
+        record, prepared = short_problem.prepared.record, short_problem.prepared
         if voltage_v is not None:
             whole_v = record.voltage_v.copy()
-            whole_v[course.stretch] = voltage_v
+            whole_v[prepared.span] = voltage_v
             record = replace(record, voltage_v=whole_v)
-        window = Window(initial_soc=course.initial_soc, score_to_s=1500.5)
+        window = Window(initial_soc=prepared.initial_soc, score_to_s=1500.5)
         problem = make_problem(record, short_problem.cell, circuit, window=window, bounds=bounds)
-        answer = identify(problem, found.optimizer, key=jax.random.key(0), seeds=8)
+        answer = search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8)
         return problem, refine(answer)
 
     return run
 
 
-def made_voltage_v(course, cell, row, seed):
+def made_voltage_v(prepared, cell, row, seed):
     """The terminal voltage of a row of Table 3 on the course's current, with noise."""
     circuit, r0, r1, r2, c1, c2 = row
-    source_v = cell.average_ocv_v(course.soc)
+    source_v = cell.average_ocv_v(prepared.soc)
     if circuit == "iso-rc":
-        source_v = source_v + course.direction * cell.hysteresis_v(course.soc) / 2
+        source_v = source_v + prepared.direction * cell.hysteresis_v(prepared.soc) / 2
     pairs = (r1, r2), (r1 * c1, r2 * c2)
-    drop = drop_v(filtered_response, 1.0, course.current_a, (r0, *pairs))
+    drop = drop_v(filtered_response, 1.0, prepared.current_a, (r0, *pairs))
     return source_v - drop + np.random.default_rng(seed).normal(0, NOISE_V, len(drop))
 
 
@@ -77,24 +77,24 @@ def standard_errors(current_a, row):
 def test_a_circuit_of_table_3_is_recovered_as_well_as_the_noise_allows(
     name, checked_on, short_problem
 ):
-    row, course = TABLE_3[name], short_problem.course
-    voltage_v = made_voltage_v(course, short_problem.cell, row, seed=20)
-    _, checked = checked_on(row[0], voltage_v)
+    row, prepared = TABLE_3[name], short_problem.prepared
+    voltage_v = made_voltage_v(prepared, short_problem.cell, row, seed=20)
+    _, refinement = checked_on(row[0], voltage_v)
     _, r0, r1, r2, c1, c2 = row
-    recovered = np.array(list(checked.parameters.to_dict().values()))
-    misses = np.log(recovered / [r0, r1, c1, r2, c2]) / standard_errors(course.current_a, row)
+    recovered = np.array(list(refinement.parameters.to_dict().values()))
+    misses = np.log(recovered / [r0, r1, c1, r2, c2]) / standard_errors(prepared.current_a, row)
     assert np.abs(misses).max() < 4.5
-    assert checked.at_bound == ()
+    assert refinement.at_bound == ()
     # Five parameters fitted to 1,501 samples leave the noise, within 5 of its standard errors.
-    assert checked.rmse_v == pytest.approx(NOISE_V, rel=5 / np.sqrt(2 * 1501))
+    assert refinement.rmse_v == pytest.approx(NOISE_V, rel=5 / np.sqrt(2 * 1501))
 
 
 def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on, short_problem):
-    voltage_v = made_voltage_v(short_problem.course, short_problem.cell, TOO_FAST, seed=20)
-    _, checked = checked_on("so-rc", voltage_v)
+    voltage_v = made_voltage_v(short_problem.prepared, short_problem.cell, TOO_FAST, seed=20)
+    _, refinement = checked_on("so-rc", voltage_v)
     _, r0, r1, r2, _, c2 = TOO_FAST
-    found = checked.parameters
-    assert "tau1 [s] at its lower bound" in checked.at_bound
+    found = refinement.parameters
+    assert "tau1 [s] at its lower bound" in refinement.at_bound
     assert (found.r0 + found.r[0]) == pytest.approx(r0 + r1, rel=5e-3)
     assert (found.r[1], found.c[1]) == pytest.approx((r2, c2), rel=5e-3)
 
@@ -103,9 +103,9 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
 @pytest.mark.parametrize("r0_ohm", [None, (0.02, 0.05)])
 @pytest.mark.parametrize("circuit", ["iso-rc", "so-rc"])
 def test_scipy_finds_the_same_optimum_on_the_bundled_cell(circuit, r0_ohm, checked_on):
-    problem, checked = checked_on(circuit, bounds=r0_ohm and {"R0 [Ohm]": r0_ohm})
-    course, cell = problem.course, problem.cell
-    current_a, soc = course.current_a, course.initial_soc
+    problem, refinement = checked_on(circuit, bounds=r0_ohm and {"R0 [Ohm]": r0_ohm})
+    prepared, cell = problem.prepared, problem.cell
+    current_a, soc = prepared.current_a, prepared.initial_soc
     soc = soc - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / cell.capacity_ah
     source_v = cell.average_ocv_v(soc)
     if circuit == "iso-rc":
@@ -122,15 +122,15 @@ def test_scipy_finds_the_same_optimum_on_the_bundled_cell(circuit, r0_ohm, check
     r0_low, r0_high = r0_ohm or (low, high)
     rmse_v, (r0, r1, r2, tau1, tau2) = fit_circuit(
         drop_of,
-        source_v - course.voltage_v,
+        source_v - prepared.voltage_v,
         np.ones(len(soc), bool),
         [r0_low, low, low, 0.5, 0.5],
         [r0_high, high, high, 1500.0, 1500.0],
         starts=8,
     )
-    assert checked.rmse_v == pytest.approx(rmse_v, rel=1e-6)
+    assert refinement.rmse_v == pytest.approx(rmse_v, rel=1e-6)
     expected = [r0, r1, tau1 / r1, r2, tau2 / r2]
-    assert list(checked.parameters.to_dict().values()) == pytest.approx(expected, rel=1e-3)
+    assert list(refinement.parameters.to_dict().values()) == pytest.approx(expected, rel=1e-3)
 
 
 def test_the_two_references_agree():

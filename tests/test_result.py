@@ -19,9 +19,9 @@ from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
 from barnax.records import Record, read_record
 from barnax.results import Result, describe, make_result
-from barnax.search.evaluate import evaluate_course, validate
-from barnax.search.identify import identify
-from barnax.search.refine import CrossCheck, refine
+from barnax.search.evaluate import evaluate, validate
+from barnax.search.refine import Refinement, refine
+from barnax.search.seeds import search_seeds
 
 PARAMETERS = {"R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R2 [Ohm]", "C2 [F]"}
 METRICS = {
@@ -30,7 +30,7 @@ METRICS = {
 
 
 @pytest.fixture(scope="module")
-def checked(bundled_record: Record, bundled_cell: CellModel) -> CrossCheck:
+def refinement(bundled_record: Record, bundled_cell: CellModel) -> Refinement:
     """A small search with one RC pair held, so that the file shows a fixed value too."""
     problem = make_problem(
         bundled_record,
@@ -42,17 +42,17 @@ def checked(bundled_record: Record, bundled_cell: CellModel) -> CrossCheck:
         coordinates="log",
     )
     optimizer = make_optimizer("bmo", 8, 4)
-    return refine(identify(problem, optimizer, key=jax.random.key(3), seeds=2))
+    return refine(search_seeds(problem, optimizer, key=jax.random.key(3), seeds=2))
 
 
 @pytest.fixture(scope="module")
-def result(checked: CrossCheck) -> Result:
-    problem = checked.found.problem
+def result(refinement: Refinement) -> Result:
+    problem = refinement.search.problem
     measured = read_record(BUNDLED.validation)
-    parameters = checked.parameters
+    parameters = refinement.parameters
     return make_result(
-        checked,
-        [evaluate_course(problem.course, parameters)],
+        refinement,
+        [evaluate(problem.prepared, parameters)],
         [validate(measured, problem.cell, problem.circuit, parameters, problem.window)],
         ocv=[read_record(path) for path in BUNDLED.ocv],
         command=["barnax", "identify"],
@@ -90,17 +90,17 @@ def test_the_file_has_the_parts_that_the_contract_lists(document):
         assert source["hold"]["reason"]
 
 
-def test_the_numbers_are_those_of_the_run(document, checked):
-    found = checked.found
-    assert document["parameters"] == checked.parameters.to_dict()
-    assert document["refined"]["rmse [V]"] == checked.rmse_v
+def test_the_numbers_are_those_of_the_run(document, refinement):
+    found = refinement.search
+    assert document["parameters"] == refinement.parameters.to_dict()
+    assert document["refined"]["rmse [V]"] == refinement.rmse_v
     assert document["search"]["key"] == 3
     assert document["search"]["method"] == "bmo"
     assert document["search"]["evaluations"] == found.evaluations == 2 * (8 + 4 * 8)
     for stored, seed in zip(document["search"]["seeds"], found.seeds, strict=True):
         assert stored["rmse [V]"] == seed.rmse_v == stored["history"][-1]
         assert len(stored["history"]) in (4, 5)
-    refined, stored = checked.refined, document["refined"]
+    refined, stored = refinement.refined, document["refined"]
     assert stored["moved"] == [seed.moved for seed in refined]
     assert stored["converged"] == [seed.has_converged for seed in refined]
     assert document["fixed"] == {"tau1 [s]": 10.0}
@@ -108,22 +108,22 @@ def test_the_numbers_are_those_of_the_run(document, checked):
 
 
 def test_the_direction_and_rest_current_the_simulation_starts_with_are_stored(
-    document, checked, bundled_record, bundled_cell
+    document, refinement, bundled_record, bundled_cell
 ):
     assert document["initial_direction"] == 1
     assert document["rest_current [A]"] == pytest.approx(bundled_cell.capacity_ah / 100)
     # From 5,000 s on the cell comes from a discharge, whatever was before the record.
     window = Window(start_time_s=5000.0, score_to_s=5900.0, initial_soc=0.7)
     problem = make_problem(bundled_record, bundled_cell, "iso-rc", window=window)
-    later = replace(checked, found=replace(checked.found, problem=problem))
-    evaluation = evaluate_course(problem.course, checked.parameters)
+    later = replace(refinement, found=replace(refinement.search, problem=problem))
+    evaluation = evaluate(problem.prepared, refinement.parameters)
     stored = make_result(later, [evaluation])
     assert stored.window.initial_direction == 1
-    assert stored.start_direction == stored.initial_direction == problem.course.direction[0] == -1
+    assert stored.start_direction == stored.initial_direction == problem.prepared.direction[0] == -1
     # An export starts where the simulation does.
     away_v = tables_of(stored).initial_hysteresis_v
-    assert problem.course.source_v[0] == pytest.approx(
-        bundled_cell.average_ocv_v(problem.course.soc[:1])[0] + away_v, abs=1e-6
+    assert problem.prepared.source_v[0] == pytest.approx(
+        bundled_cell.average_ocv_v(problem.prepared.soc[:1])[0] + away_v, abs=1e-6
     )
     assert away_v < -1e-3
 
@@ -181,13 +181,15 @@ def test_to_dict_holds_plain_values_equal_to_the_file(result):
     assert result.to_dict() == json.loads(result.to_json())
 
 
-def test_the_same_run_twice_gives_the_same_bytes(result, checked):
-    problem = checked.found.problem
-    again = refine(identify(problem, checked.found.optimizer, key=jax.random.key(3), seeds=2))
+def test_the_same_run_twice_gives_the_same_bytes(result, refinement):
+    problem = refinement.search.problem
+    again = refine(
+        search_seeds(problem, refinement.search.optimizer, key=jax.random.key(3), seeds=2)
+    )
     parameters = again.parameters
     repeated = make_result(
         again,
-        [evaluate_course(problem.course, parameters)],
+        [evaluate(problem.prepared, parameters)],
         [
             validate(
                 read_record(BUNDLED.validation),
@@ -226,13 +228,15 @@ def test_an_optimizer_with_other_settings_goes_by_its_class():
     assert settings["pl"] == 3
 
 
-def test_a_seed_that_failed_at_first_or_altogether_is_stored(checked, result, tmp_path):
-    first, second = checked.found.seeds
+def test_a_seed_that_failed_at_first_or_altogether_is_stored(refinement, result, tmp_path):
+    first, second = refinement.search.seeds
     late = replace(first, history_v=np.array([math.inf, *first.history_v[1:]]))
     lost = replace(second, rmse_v=math.inf, history_v=np.full(len(second.history_v), math.inf))
-    found = replace(checked.found, seeds=(late, lost))
-    course = checked.found.problem.course
-    made = make_result(replace(checked, found=found), [evaluate_course(course, checked.parameters)])
+    found = replace(refinement.search, seeds=(late, lost))
+    prepared = refinement.search.problem.prepared
+    made = make_result(
+        replace(refinement, found=found), [evaluate(prepared, refinement.parameters)]
+    )
     path = tmp_path / "result.json"
     path.write_text(made.to_json())
     assert json.loads(path.read_text())["search"]["seeds"][0]["history"][0] is None
@@ -241,10 +245,10 @@ def test_a_seed_that_failed_at_first_or_altogether_is_stored(checked, result, tm
     assert read.search.seeds[1].rmse_v == math.inf
 
 
-def test_a_circuit_worse_than_a_constant_is_warned_of(checked):
-    course = checked.found.problem.course
-    wrong = replace(checked.parameters, r0=50.0)
-    made = make_result(checked, [evaluate_course(course, wrong)])
+def test_a_circuit_worse_than_a_constant_is_warned_of(refinement):
+    prepared = refinement.search.problem.prepared
+    wrong = replace(refinement.parameters, r0=50.0)
+    made = make_result(refinement, [evaluate(prepared, wrong)])
     assert any("worse than a constant" in text for text in made.warnings)
-    right = make_result(checked, [evaluate_course(course, checked.parameters)])
+    right = make_result(refinement, [evaluate(prepared, refinement.parameters)])
     assert not any("worse than a constant" in text for text in right.warnings)

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.model.simulate import (
-    Drive,
-    HysteresisDrive,
-    Impedance,
+    HysteresisInput,
     Intervals,
+    RCParameters,
+    SimulationInput,
     last_state,
     overpotential,
     squared_error,
@@ -59,10 +59,12 @@ def _float64():
         yield
 
 
-def drive_of(time_s, hold="forward", current_a=CURRENT_A, shortest_tau_s=SHORTEST_TAU_S) -> Drive:
+def drive_of(
+    time_s, hold="forward", current_a=CURRENT_A, shortest_tau_s=SHORTEST_TAU_S
+) -> SimulationInput:
     held_a = current_a[:-1] if hold == "forward" else current_a[1:]
     samples = len(time_s)
-    return Drive(
+    return SimulationInput(
         current_a=jnp.asarray(current_a),
         held_a=jnp.asarray(np.append(held_a, 0.0)),
         source_v=jnp.asarray(SOURCE_V[:samples]),
@@ -73,15 +75,15 @@ def drive_of(time_s, hold="forward", current_a=CURRENT_A, shortest_tau_s=SHORTES
     )
 
 
-def impedance_of(circuit) -> Impedance:
-    return jax.tree.map(jnp.asarray, Impedance(*circuit))
+def rc_parameters(circuit) -> RCParameters:
+    return jax.tree.map(jnp.asarray, RCParameters(*circuit))
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])
 @pytest.mark.parametrize("interval_s", [0.1, 1.0, 60.0])
 def test_even_sampling_agrees_with_the_digital_filter_of_a_zero_order_hold(interval_s, hold):
     time_s = np.arange(SAMPLES) * interval_s
-    simulated_v = terminal_voltage_jit(impedance_of(CIRCUIT), drive_of(time_s, hold))
+    simulated_v = terminal_voltage_jit(rc_parameters(CIRCUIT), drive_of(time_s, hold))
     expected_v = SOURCE_V - drop_v(filtered_response, interval_s, CURRENT_A, CIRCUIT, hold)
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
@@ -90,7 +92,7 @@ def test_even_sampling_agrees_with_the_digital_filter_of_a_zero_order_hold(inter
 @pytest.mark.parametrize("clock", CLOCKS)
 def test_any_clock_agrees_with_a_plain_loop(clock, hold):
     time_s = CLOCKS[clock]
-    simulated_v = terminal_voltage_jit(impedance_of(CIRCUIT), drive_of(time_s, hold))
+    simulated_v = terminal_voltage_jit(rc_parameters(CIRCUIT), drive_of(time_s, hold))
     expected_v = SOURCE_V - drop_v(looped_response, time_s, CURRENT_A, CIRCUIT, hold)
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
@@ -98,7 +100,7 @@ def test_any_clock_agrees_with_a_plain_loop(clock, hold):
 @pytest.mark.parametrize("clock", ["even", "measured"])
 def test_the_shortest_time_constant_is_exact(clock):
     circuit = (0.05, (0.01, 0.02), (SHORTEST_TAU_S, 1e5))
-    simulated_v = terminal_voltage_jit(impedance_of(circuit), drive_of(CLOCKS[clock]))
+    simulated_v = terminal_voltage_jit(rc_parameters(circuit), drive_of(CLOCKS[clock]))
     expected_v = SOURCE_V - drop_v(looped_response, CLOCKS[clock], CURRENT_A, circuit)
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
@@ -113,8 +115,8 @@ def test_the_shortest_time_constant_is_exact(clock):
 def test_any_time_constants_on_any_intervals_agree_with_a_plain_loop(interval_s, fractions):
     time_s = np.concatenate([[0.0], np.cumsum(interval_s)])
     taus = SHORTEST_TAU_S * (1e5 / SHORTEST_TAU_S) ** np.array(fractions)
-    drive = drive_of(time_s, current_a=CURRENT_A[:40])
-    responses = responses_jit(jnp.asarray(taus), drive.held_a, drive.intervals)
+    inputs = drive_of(time_s, current_a=CURRENT_A[:40])
+    responses = responses_jit(jnp.asarray(taus), inputs.held_a, inputs.intervals)
     expected = looped_response(time_s, CURRENT_A, taus).T
     # Responses reach 4 A; a hundredth of an ohm on 3 V makes this 1e-14 of the terminal voltage.
     np.testing.assert_allclose(responses, expected, rtol=1e-12, atol=1e-12)
@@ -138,27 +140,27 @@ def test_the_ohmic_drop_follows_the_samples_own_current():
     circuit = (0.05, (1e-12, 1e-12), (3.0, 80.0))
     for hold in ("forward", "backward"):
         drop = SOURCE_V - terminal_voltage_jit(
-            impedance_of(circuit), drive_of(CLOCKS["even"], hold)
+            rc_parameters(circuit), drive_of(CLOCKS["even"], hold)
         )
         np.testing.assert_allclose(drop, 0.05 * CURRENT_A, atol=1e-10)
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
 def test_the_squared_error_is_that_of_the_scored_voltages(clock):
-    impedance, drive = impedance_of(CIRCUIT), drive_of(CLOCKS[clock])
-    simulated_v = np.asarray(terminal_voltage_jit(impedance, drive))
+    rc, inputs = rc_parameters(CIRCUIT), drive_of(CLOCKS[clock])
+    simulated_v = np.asarray(terminal_voltage_jit(rc, inputs))
     expected = np.sum((MEASURED_V - simulated_v)[WEIGHT > 0] ** 2)
-    np.testing.assert_allclose(squared_error_jit(impedance, drive), expected, rtol=1e-12)
+    np.testing.assert_allclose(squared_error_jit(rc, inputs), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("clock", ["even", "measured"])
 def test_a_population_gives_what_each_candidate_gives_alone(clock):
-    drive = drive_of(CLOCKS[clock])
+    inputs = drive_of(CLOCKS[clock])
     factors = jnp.array([0.5, 1.0, 3.0])
-    population = jax.tree.map(lambda leaf: leaf * factors, impedance_of(CIRCUIT))
-    together = eqx.filter_jit(jax.vmap(squared_error, in_axes=(0, None)))(population, drive)
+    population = jax.tree.map(lambda leaf: leaf * factors, rc_parameters(CIRCUIT))
+    together = eqx.filter_jit(jax.vmap(squared_error, in_axes=(0, None)))(population, inputs)
     alone = [
-        squared_error_jit(jax.tree.map(lambda leaf, k=k: leaf[k], population), drive)
+        squared_error_jit(jax.tree.map(lambda leaf, k=k: leaf[k], population), inputs)
         for k in range(3)
     ]
     np.testing.assert_allclose(together, np.array(alone), rtol=1e-13)
@@ -168,7 +170,7 @@ def test_a_population_gives_what_each_candidate_gives_alone(clock):
 def test_derivatives_are_exact(clock):
     # A complex step through the plain loop has no truncation error.
     time_s, step = CLOCKS[clock], 1e-40
-    jacobian = eqx.filter_jit(jax.jacfwd(overpotential))(impedance_of(CIRCUIT), drive_of(time_s))
+    jacobian = eqx.filter_jit(jax.jacfwd(overpotential))(rc_parameters(CIRCUIT), drive_of(time_s))
     np.testing.assert_allclose(jacobian.r0, CURRENT_A, rtol=1e-12)
     for pair, (r, tau) in enumerate(zip(*CIRCUIT[1:], strict=True)):
         response = looped_response(time_s, CURRENT_A, tau)
@@ -213,49 +215,49 @@ def test_nodes_and_offsets_are_the_measured_intervals():
 
 def test_single_precision_stays_single():
     with jax.enable_x64(False):
-        simulated_v = terminal_voltage_jit(impedance_of(CIRCUIT), drive_of(CLOCKS["even"]))
+        simulated_v = terminal_voltage_jit(rc_parameters(CIRCUIT), drive_of(CLOCKS["even"]))
     assert simulated_v.dtype == np.float32
 
 
-def moved_drive_of(clock: str) -> Drive:
+def moved_drive_of(clock: str) -> SimulationInput:
     """With a dynamic hysteresis, whose clock counts SOC."""
-    drive = drive_of(CLOCKS[clock])
+    inputs = drive_of(CLOCKS[clock])
     soc = np.cumsum(np.append(0.0, 1e-4 * (1 + np.abs(CURRENT_A[:-1]))))
-    moved = HysteresisDrive(
+    moved = HysteresisInput(
         amplitude_v=jnp.asarray(0.02 + 0.01 * np.sin(np.arange(SAMPLES) / 60)),
-        push=jnp.asarray(np.sign(CURRENT_A)),
+        hysteresis_input=jnp.asarray(np.sign(CURRENT_A)),
         intervals=Intervals.measure(soc, 1e-3),
     )
     return eqx.tree_at(
-        lambda each: each.hysteresis, drive, moved, is_leaf=lambda leaf: leaf is None
+        lambda each: each.hysteresis, inputs, moved, is_leaf=lambda leaf: leaf is None
     )
 
 
-def unweighted(drive: Drive) -> Drive:
-    return eqx.tree_at(lambda each: each.weight, drive, None)
+def unweighted(inputs: SimulationInput) -> SimulationInput:
+    return eqx.tree_at(lambda each: each.weight, inputs, None)
 
 
 MOVED = eqx.tree_at(
-    lambda each: each.gamma, Impedance(*CIRCUIT), 40.0, is_leaf=lambda leaf: leaf is None
+    lambda each: each.gamma, RCParameters(*CIRCUIT), 40.0, is_leaf=lambda leaf: leaf is None
 )
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
 def test_errors_are_measured_minus_simulated_where_samples_count(clock):
-    drive, impedance = moved_drive_of(clock), jax.tree.map(jnp.asarray, MOVED)
-    expected_v = MEASURED_V - np.asarray(terminal_voltage_jit(impedance, drive))
-    np.testing.assert_allclose(unweighted(drive).errors(impedance), expected_v, atol=1e-14)
-    found_v = drive.errors(impedance)
+    inputs, rc = moved_drive_of(clock), jax.tree.map(jnp.asarray, MOVED)
+    expected_v = MEASURED_V - np.asarray(terminal_voltage_jit(rc, inputs))
+    np.testing.assert_allclose(unweighted(inputs).errors(rc), expected_v, atol=1e-14)
+    found_v = inputs.errors(rc)
     np.testing.assert_allclose(found_v, np.where(WEIGHT > 0, expected_v, 0), atol=1e-14)
-    np.testing.assert_allclose(squared_error_jit(impedance, drive), np.sum(found_v**2), rtol=1e-12)
+    np.testing.assert_allclose(squared_error_jit(rc, inputs), np.sum(found_v**2), rtol=1e-12)
 
 
 @pytest.mark.parametrize("is_weighted", [True, False])
 def test_a_drive_filled_up_is_longer_and_has_the_same_error(is_weighted):
-    impedance = jax.tree.map(jnp.asarray, MOVED)
-    drive = moved_drive_of("measured")
-    drive = drive if is_weighted else unweighted(drive)
-    longer = drive.filled_up(SAMPLES + 41)
+    rc = jax.tree.map(jnp.asarray, MOVED)
+    inputs = moved_drive_of("measured")
+    inputs = inputs if is_weighted else unweighted(inputs)
+    longer = inputs.padded_to(SAMPLES + 41)
     assert longer.weight is not None
     assert not longer.weight[SAMPLES:].any()
     lengths = []
@@ -263,26 +265,26 @@ def test_a_drive_filled_up_is_longer_and_has_the_same_error(is_weighted):
     # Five of its own, two of the hysteresis, node and offset of both clocks.
     assert lengths == [SAMPLES + 41] * 11
     np.testing.assert_array_equal(
-        terminal_voltage_jit(impedance, longer)[:SAMPLES], terminal_voltage_jit(impedance, drive)
+        terminal_voltage_jit(rc, longer)[:SAMPLES], terminal_voltage_jit(rc, inputs)
     )
-    assert squared_error_jit(impedance, longer) == squared_error_jit(impedance, drive)
+    assert squared_error_jit(rc, longer) == squared_error_jit(rc, inputs)
     np.testing.assert_array_equal(longer.source_v[SAMPLES:], longer.source_v[SAMPLES - 1])
 
 
 @pytest.mark.parametrize("first", [3, 200])
 def test_what_goes_on_from_where_a_beginning_ended_adds_up_to_the_whole(first):
-    impedance = jax.tree.map(jnp.asarray, MOVED)
-    drive = moved_drive_of("measured")
-    begun = drive.map_samples(lambda array: array[:first])
-    rest = drive.map_samples(lambda array: array[first:])
-    pairs = zip(impedance.r, impedance.tau, strict=True)
+    rc = jax.tree.map(jnp.asarray, MOVED)
+    inputs = moved_drive_of("measured")
+    begun = inputs.map_samples(lambda array: array[:first])
+    rest = inputs.map_samples(lambda array: array[first:])
+    pairs = zip(rc.r, rc.tau, strict=True)
     states = tuple(r * last_state(tau, begun.held_a, begun.intervals) for r, tau in pairs)
     moved = begun.hysteresis
-    turned = last_state(1 / impedance.gamma, moved.push, moved.intervals)
+    turned = last_state(1 / rc.gamma, moved.hysteresis_input, moved.intervals)
     np.testing.assert_allclose(
         states[1],
-        impedance.r[1] * unit_response(impedance.tau[1], drive.held_a, drive.intervals)[first],
+        rc.r[1] * unit_response(rc.tau[1], inputs.held_a, inputs.intervals)[first],
         rtol=1e-12,
     )
-    parts = squared_error(impedance, begun) + squared_error(impedance, rest, (states, turned))
-    np.testing.assert_allclose(parts, squared_error(impedance, drive), rtol=1e-12)
+    parts = squared_error(rc, begun) + squared_error(rc, rest, (states, turned))
+    np.testing.assert_allclose(parts, squared_error(rc, inputs), rtol=1e-12)

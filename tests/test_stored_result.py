@@ -11,14 +11,14 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.results import Result, make_result
-from barnax.search.evaluate import evaluate_course
-from barnax.search.refine import CrossCheck
+from barnax.search.evaluate import evaluate
+from barnax.search.refine import Refinement
 
 
 @pytest.fixture(scope="module")
-def result(checked: CrossCheck) -> Result:
-    course = checked.found.problem.course
-    return make_result(checked, [evaluate_course(course, checked.parameters)])
+def result(refinement: Refinement) -> Result:
+    prepared = refinement.search.problem.prepared
+    return make_result(refinement, [evaluate(prepared, refinement.parameters)])
 
 
 @pytest.fixture

@@ -7,25 +7,25 @@ from rich.console import Console
 
 from barnax.reporting.terminal import trust_report
 from barnax.results import Result, make_result, trust_part
-from barnax.search.evaluate import evaluate_course
-from barnax.search.refine import CrossCheck
+from barnax.search.evaluate import evaluate
+from barnax.search.refine import Refinement
 from barnax.uncertainty import Assessment, Examination, assess, examine
 
 
 @pytest.fixture(scope="module")
-def assessment(checked: CrossCheck) -> Assessment:
-    return assess(checked)
+def assessment(refinement: Refinement) -> Assessment:
+    return assess(refinement)
 
 
 @pytest.fixture(scope="module")
-def examination(checked: CrossCheck, assessment: Assessment) -> Examination:
-    return examine(checked, assessment, key=jax.random.key(0))
+def examination(refinement: Refinement, assessment: Assessment) -> Examination:
+    return examine(refinement, assessment, key=jax.random.key(0))
 
 
 @pytest.fixture(scope="module")
-def result(checked, assessment, examination) -> Result:
-    identified = evaluate_course(checked.found.problem.course, checked.parameters)
-    return make_result(checked, [identified], assessment=assessment, examination=examination)
+def result(refinement, assessment, examination) -> Result:
+    identified = evaluate(refinement.search.problem.prepared, refinement.parameters)
+    return make_result(refinement, [identified], assessment=assessment, examination=examination)
 
 
 def told(blocks) -> str:
@@ -86,6 +86,6 @@ def test_the_terminal_fits_80_columns_and_shows_both_errors(assessment, examinat
 
 def test_a_held_parameter_says_so_in_the_table(assessment):
     text = told(trust_report(assessment))
-    for name in assessment.near.held:
+    for name in assessment.linearization.held:
         assert f"{name.split(' [')[0]} " in text
-    assert ("bound" in text) == bool(assessment.near.held)
+    assert ("bound" in text) == bool(assessment.linearization.held)

@@ -56,9 +56,9 @@ def _draw(axes, methods, ranks, width):
 def _groups(ranks, width):
     """The longest stretches of methods within one critical difference."""
     lasts = [int(np.flatnonzero(ranks <= rank + width)[-1]) for rank in ranks]
-    stretches = [(first, last) for first, last in enumerate(lasts) if last > first]
+    runs = [(first, last) for first, last in enumerate(lasts) if last > first]
     return [
         (first, last)
-        for place, (first, last) in enumerate(stretches)
-        if place == 0 or last > stretches[place - 1][1]
+        for place, (first, last) in enumerate(runs)
+        if place == 0 or last > runs[place - 1][1]
     ]

@@ -72,25 +72,25 @@ def cell_page(name: str, problem: Problem) -> list[str]:
     """Intervals of one cell: plain, trusted, and the block bootstrap's."""
     optimizer = barnax.make_optimizer("ibmo-centered", 30, 200)
     found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=8)
-    checked = barnax.refine(found)
-    assessment = assess(checked)
-    resampled = bootstrap(checked, key=jax.random.key(KEY), assessment=assessment)
+    refinement = barnax.refine(found)
+    assessment = assess(refinement)
+    resampled = bootstrap(refinement, key=jax.random.key(KEY), assessment=assessment)
     lines = [
         f"## {name}",
         "",
-        f"RMSE {1e3 * checked.rmse_v:.3f} mV. {assessment.words}",
+        f"RMSE {1e3 * refinement.rmse_v:.3f} mV. {assessment.words}",
         "",
         "| parameter | value | plain | trusted | inflation | bootstrap | degrees of freedom "
         "| 95 % interval |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for each in assessment.uncertainty.estimates:
-        if each.relative_error is None or each.plain_relative_error is None:
+        if each.relative_error is None or each.white_noise_relative_error is None:
             lines.append(f"| {each.name} | {each.value:.4g} | {each.held} | | | | | |")
             continue
         ends = "open" if each.low is None else f"{each.low:.4g} to {each.high:.4g}"
         again = resampled.parameters[each.name].relative_error
-        figures = (each.plain_relative_error, each.relative_error)
+        figures = (each.white_noise_relative_error, each.relative_error)
         plain, trusted = (f"{100 * error:.2f} %" for error in figures)
         lines.append(
             f"| {each.name} | {each.value:.4g} | {plain} | {trusted} | {each.inflation:.1f} "

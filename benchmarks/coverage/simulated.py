@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 import barnax
 from barnax.model.problem import Problem
-from barnax.uncertainty.covariance import CONFIDENCE, Estimate, Uncertainty, uncertainty
+from barnax.uncertainty.covariance import CONFIDENCE, Estimate, Uncertainty, estimate_uncertainty
 from barnax.uncertainty.linearization import linearize
 from barnax.uncertainty.refit import Ends, Refit
 
@@ -74,11 +74,11 @@ def coverage(
     Refits start at the truth, so that what is counted are intervals and not wrong optima. A
     parameter that ends at a bound has no interval and so does not hold the truth.
     """
-    course = problem.course
+    prepared = problem.prepared
     rng = np.random.default_rng(seed)
-    base_v = -_drop_v(truth, course.current_a) + noise.draw(rng, records, len(course.soc))
+    base_v = -_drop_v(truth, prepared.current_a) + noise.draw(rng, records, len(prepared.soc))
     refit = Refit(problem)
-    scored = course.scored
+    scored = prepared.scored
     start = refit.encode(truth)
     projected = refit.voltages.project(base_v[:, scored])
     ends = refit(np.broadcast_to(start, (records, len(start))), base_v=projected)
@@ -86,19 +86,22 @@ def coverage(
     hits: dict[str, list[tuple[bool, bool, float]]] = {}
     every = []
     for parameters, base in zip(found, base_v, strict=True):
-        changed = _with_voltage(problem, course.source_v + base)
-        sure = uncertainty(parameters, linearize(changed, parameters))
-        every.append(sure)
+        changed = _with_voltage(problem, prepared.source_v + base)
+        uncertainty = estimate_uncertainty(parameters, linearize(changed, parameters))
+        every.append(uncertainty)
         for name, value in values_of(truth).items():
-            hits.setdefault(name, []).append(_holds(sure, name, value))
+            hits.setdefault(name, []).append(_holds(uncertainty, name, value))
     table = {name: np.array(rows, float).mean(axis=0).tolist() for name, rows in hits.items()}
     rises = _rises_at(start, refit, ends, projected)
-    held = sum(len(sure.names) < len(start) for sure in every)
+    held = sum(len(uncertainty.names) < len(start) for uncertainty in every)
     return Coverage(
         profile={
             name: float(
                 np.mean(
-                    [_is_below(sure, name, rise) for sure, rise in zip(every, row, strict=True)]
+                    [
+                        _is_below(uncertainty, name, rise)
+                        for uncertainty, rise in zip(every, row, strict=True)
+                    ]
                 )
             )
             for name, row in rises.items()
@@ -106,7 +109,7 @@ def coverage(
         trusted={name: row[0] for name, row in table.items()},
         plain={name: row[1] for name, row in table.items()},
         inflation={name: row[2] for name, row in table.items()},
-        open={name: sum(_is_open(sure[name]) for sure in every) for name in table},
+        open={name: sum(_is_open(uncertainty[name]) for uncertainty in every) for name in table},
         held=held,
     )
 
@@ -131,24 +134,27 @@ def _rises_at(
     return rises
 
 
-def _is_below(sure: Uncertainty, name: str, rise: float) -> bool:
+def _is_below(uncertainty: Uncertainty, name: str, rise: float) -> bool:
     """Whether the profile has not risen to its threshold, as `barnax.uncertainty.profile` has it."""
-    estimate = sure[name]
+    estimate = uncertainty[name]
     if estimate.inflation is None or estimate.degrees_of_freedom is None:
         return False
     quantile = student.ppf((1 + CONFIDENCE) / 2, estimate.degrees_of_freedom)
-    return bool(rise <= (quantile * estimate.inflation) ** 2 / (sure.samples - len(sure.names)))
+    return bool(
+        rise
+        <= (quantile * estimate.inflation) ** 2 / (uncertainty.samples - len(uncertainty.names))
+    )
 
 
-def _holds(sure: Uncertainty, name: str, truth: float) -> tuple[bool, bool, float]:
-    estimate = sure[name]
-    if estimate.plain_relative_error is None or estimate.inflation is None:
+def _holds(uncertainty: Uncertainty, name: str, truth: float) -> tuple[bool, bool, float]:
+    estimate = uncertainty[name]
+    if estimate.white_noise_relative_error is None or estimate.inflation is None:
         return False, False, 1.0
     low, high = estimate.low, estimate.high
     is_held = low is not None and high is not None and low <= truth <= high
-    plain = student.ppf((1 + CONFIDENCE) / 2, sure.samples - len(sure.names))
+    plain = student.ppf((1 + CONFIDENCE) / 2, uncertainty.samples - len(uncertainty.names))
     miss = abs(np.log(estimate.value / truth))
-    return is_held, miss <= plain * estimate.plain_relative_error, estimate.inflation
+    return is_held, miss <= plain * estimate.white_noise_relative_error, estimate.inflation
 
 
 def _is_open(estimate: Estimate) -> bool:
@@ -170,8 +176,8 @@ def _drop_v(truth: barnax.CircuitParameters, current_a: np.ndarray) -> np.ndarra
 
 
 def _with_voltage(problem: Problem, voltage_v: np.ndarray) -> Problem:
-    course = problem.course
-    whole_v = course.record.voltage_v.copy()
-    whole_v[course.stretch] = voltage_v
-    record = replace(course.record, voltage_v=whole_v)
-    return replace(problem, courses=(replace(course, record=record),))
+    prepared = problem.prepared
+    whole_v = prepared.record.voltage_v.copy()
+    whole_v[prepared.span] = voltage_v
+    record = replace(prepared.record, voltage_v=whole_v)
+    return replace(problem, prepared_records=(replace(prepared, record=record),))

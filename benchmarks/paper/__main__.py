@@ -151,8 +151,8 @@ def settings_table(settings: Mapping[str, Comparison]) -> Iterator[str]:
                 "-" if row.is_deterministic else f"{1e3 * row.errors_v.max():.3f}",
                 "-" if row.refined is None else f"{1e3 * row.refined.rmse_v:.3f}",
                 "-"
-                if row.regret is None
-                else f"{100 * row.regret if abs(row.regret) > 1e-9 else 0:.2g}",
+                if row.optimality_gap is None
+                else f"{100 * row.optimality_gap if abs(row.optimality_gap) > 1e-9 else 0:.2g}",
                 f"{1e3 * row.evaluations[1].metrics.rmse_v:.3f}",
                 "; ".join(row.at_bound) or "; ".join(row.notes) or "-",
             ]

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from benchmarks.hysteresis import Case, bundled, measured
+from benchmarks.hysteresis import CheckInput, bundled, measured
 
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Row
-from barnax.model.inputs import make_course
+from barnax.model.inputs import prepare_record
 from barnax.search.evaluate import Evaluation
 
 from .conditions import Condition, condition_of
@@ -30,7 +30,7 @@ def data_folder(given: str | None) -> Path | None:
     return path if path.is_dir() else None
 
 
-def cases(folder: Path | None) -> Iterator[Case]:
+def cases(folder: Path | None) -> Iterator[CheckInput]:
     """The bundled cell, and every measured one that is here."""
     yield bundled()
     if folder is not None:
@@ -58,14 +58,14 @@ class Ran:
 
     def condition(self, role: str) -> Condition:
         """What a record does to the hysteresis."""
-        return condition_of(next(iter(self.records[role].values())).course, self.cell)
+        return condition_of(next(iter(self.records[role].values())).prepared, self.cell)
 
     def exact(self, model: str) -> Row:
         """The row of a model's best circuit."""
         return next(row for row in self.comparison.rows if row.name == f"{EXACT} {model}")
 
 
-def run(case: Case) -> list[Ran]:
+def run(case: CheckInput) -> list[Ran]:
     """Every row on one case; twice where there is one dynamic record only.
 
     That one is scored down to `LOWEST_SOC`, in whole, and its first half against its second.
@@ -76,9 +76,9 @@ def run(case: Case) -> list[Ran]:
     if case.validation is not None:
         other = barnax.read_record(case.validation)
         return [_compared(case.name, cell, record, case.window, (other, case.window))]
-    course = make_course(record, cell, "so-rc", case.window)
-    end_s = float(course.time_s[course.soc >= LOWEST_SOC][-1])
-    middle_s = float((course.time_s[0] + end_s) / 2)
+    prepared = prepare_record(record, cell, "so-rc", case.window)
+    end_s = float(prepared.time_s[prepared.soc >= LOWEST_SOC][-1])
+    middle_s = float((prepared.time_s[0] + end_s) / 2)
     whole, first, second = (
         replace(case.window, score_from_s=start_s, score_to_s=stop_s)
         for start_s, stop_s in ((None, end_s), (None, middle_s), (middle_s, end_s))

@@ -95,13 +95,17 @@ def rows_table(ran: Ran) -> Iterator[str]:
             continue
         errors_v = row.errors_v
         spread = ("-", "-") if row.is_deterministic else _millivolts(errors_v.min(), errors_v.max())
-        regret = 0.0 if row.regret is None or abs(row.regret) < 1e-9 else 100 * row.regret
+        optimality_gap = (
+            0.0
+            if row.optimality_gap is None or abs(row.optimality_gap) < 1e-9
+            else 100 * row.optimality_gap
+        )
         cells = [
             row.name,
             *_millivolts(row.median.rmse_v),
             *spread,
             *_millivolts(row.refined.rmse_v),
-            f"{regret:.2g}",
+            f"{optimality_gap:.2g}",
             *_millivolts(*(band.rmse_v for band in row.bands[0])),
             *_millivolts(row.evaluations[0].metrics.max_v),
             *_millivolts(ran.validation[row.name].metrics.rmse_v if ran.validation else None),
@@ -161,13 +165,13 @@ def _shown(found: Resampled) -> str:
 
 
 def _above(evaluation: Evaluation, soc: float = 0.1) -> float:
-    course = evaluation.course
-    counted = course.scored & (course.soc >= soc)
+    prepared = evaluation.prepared
+    counted = prepared.scored & (prepared.soc >= soc)
     return float(np.sqrt(np.mean(evaluation.error_v[counted] ** 2)))
 
 
 def _scored(evaluation: Evaluation) -> np.ndarray:
-    return evaluation.error_v[evaluation.course.scored]
+    return evaluation.error_v[evaluation.prepared.scored]
 
 
 def _millivolts(*values_v: float | None) -> list[str]:

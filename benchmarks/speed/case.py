@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 import barnax
 from barnax.model.problem import Kind
 from barnax.model.search_space import Coordinates
-from barnax.model.simulate import Drive, Intervals
+from barnax.model.simulate import Intervals, SimulationInput
 
 
 @cache
@@ -44,18 +44,18 @@ def points_in(box: Coordinates, count: int) -> Float[Array, "points free"]:
     return box.lower + fractions * (box.upper - box.lower)
 
 
-def drive_of(problem: barnax.Problem, samples: int) -> Drive:
+def drive_of(problem: barnax.Problem, samples: int) -> SimulationInput:
     """The problem's record repeated or cut to a length."""
-    drive = problem.drives[0]
+    inputs = problem.all_inputs[0]
 
-    def stretch(values: Float[Array, "samples"]) -> Float[Array, "samples"]:
+    def span(values: Float[Array, "samples"]) -> Float[Array, "samples"]:
         return jnp.asarray(np.resize(np.asarray(values), samples))
 
-    return Drive(
-        current_a=stretch(drive.current_a),
-        held_a=stretch(drive.held_a),
-        source_v=stretch(drive.source_v),
-        base_error_v=stretch(drive.base_error_v),
+    return SimulationInput(
+        current_a=span(inputs.current_a),
+        held_a=span(inputs.held_a),
+        source_v=span(inputs.source_v),
+        base_error_v=span(inputs.base_error_v),
         weight=None,
         scored=jnp.asarray(float(samples)),
         intervals=Intervals.measure(

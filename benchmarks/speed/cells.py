@@ -11,8 +11,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 import barnax
-from barnax.model.inputs import Course
-from barnax.search.identify import identify_many
+from barnax.model.inputs import PreparedRecord
+from barnax.search.seeds import search_many
 
 from .case import bundled_cell, bundled_problem, bundled_record
 from .growth import peak_mib
@@ -45,16 +45,16 @@ class Cells:
 
 def virtual_record(number: int) -> barnax.Record:
     """The bundled cell's current through another circuit, with noise, of another length."""
-    rng, course = np.random.default_rng([KEY, number]), _course()
+    rng, prepared = np.random.default_rng([KEY, number]), _course()
     samples = LENGTHS[number % len(LENGTHS)]
-    current_a = course.current_a[:samples]
-    voltage_v = course.source_v[:samples] + NOISE_V * rng.standard_normal(samples)
+    current_a = prepared.current_a[:samples]
+    voltage_v = prepared.source_v[:samples] + NOISE_V * rng.standard_normal(samples)
     voltage_v -= rng.uniform(0.02, 0.1) * current_a
     for shortest_s, longest_s in ((3, 60), (100, 2000)):
         r, tau = rng.uniform(0.005, 0.05), np.exp(rng.uniform(*np.log([shortest_s, longest_s])))
         decay = np.exp(-1 / tau)
         voltage_v -= lfilter([0, r * (1 - decay)], [1, -decay], current_a)
-    record, kept = bundled_record(), slice(course.first, course.first + samples)
+    record, kept = bundled_record(), slice(prepared.first, prepared.first + samples)
     return replace(
         record,
         name=f"virtual cell {number}",
@@ -73,7 +73,7 @@ def identify_cells(records: list[barnax.Record], sizes: Sizes) -> tuple[float, f
     problems = [_problem(record) for record in records]
     prepared_s = time.perf_counter() - begin
     begin = time.perf_counter()
-    identify_many(problems, optimizer_of(sizes), key=jr.key(KEY), seeds=sizes.seeds_a_cell)
+    search_many(problems, optimizer_of(sizes), key=jr.key(KEY), seeds=sizes.seeds_a_cell)
     return prepared_s, time.perf_counter() - begin
 
 
@@ -128,5 +128,5 @@ def _problem(record: barnax.Record) -> barnax.Problem:
 
 
 @cache
-def _course() -> Course:
-    return bundled_problem().course
+def _course() -> PreparedRecord:
+    return bundled_problem().prepared

@@ -14,9 +14,9 @@ class Filtered:
     """One problem as plain arrays, searched over logarithms of R0, R1, tau1, R2 and tau2."""
 
     def __init__(self, problem: barnax.Problem):
-        drive = problem.drives[0]
-        self.current_a = np.asarray(drive.current_a)
-        self.base_v = np.asarray(drive.base_error_v)
+        inputs = problem.all_inputs[0]
+        self.current_a = np.asarray(inputs.current_a)
+        self.base_v = np.asarray(inputs.base_error_v)
         box = problem.objective_in("log", "scan").coordinates
         self.lower, self.upper = np.asarray(box.lower), np.asarray(box.upper)
 

@@ -43,13 +43,13 @@ def grow_record(sizes: Sizes) -> Iterator[Length]:
     box = problem.coordinates
     points = points_of(problem, POPULATION)
     for samples in sizes.lengths:
-        drives = (drive_of(problem, samples),)
+        all_inputs = (drive_of(problem, samples),)
         # Once to compile, with the longest program's memory.
         compress((drive_of(problem, min(samples, 3 * BLOCK)),), box)
         gc.collect()
         before_mib = peak_mib()
         tracemalloc.start()
-        short = compress(drives, box)
+        short = compress(all_inputs, box)
         _, numpy_bytes = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         process_mib = peak_mib() - before_mib
@@ -57,11 +57,11 @@ def grow_record(sizes: Sizes) -> Iterator[Length]:
         search = one_search(objective, sizes)
         scan_s = None
         if samples <= sizes.longest_scan:
-            call = generations(Objective(drives[0], box), points, 1)
+            call = generations(Objective(all_inputs[0], box), points, 1)
             scan_s = _typical_s(call, sizes)
         yield Length(
             samples=samples,
-            reduction_s=_typical_s(lambda drives=drives: compress(drives, box), sizes),
+            reduction_s=_typical_s(lambda all_inputs=all_inputs: compress(all_inputs, box), sizes),
             search_s=_typical_s(search, sizes),
             scan_s=scan_s,
             numpy_mib=numpy_bytes / 2**20,

@@ -27,12 +27,12 @@ WHOLE_REGISTERS = -(-POPULATION // 8) * 8
 def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     """Names and seconds of wholes and of their parts, and what follows from them."""
     problem = bundled_problem("compressed")
-    box, drive, objective = problem.coordinates, problem.drives[0], problem.objective
+    box, inputs, objective = problem.coordinates, problem.all_inputs[0], problem.objective
     span = span_of(box.shortest_tau_s, box.longest_tau_s, TOLERANCE)
     optimizer, keys = optimizer_of(sizes), jr.key(KEY)[None]
     points = points_of(problem, POPULATION)
     short, scan = problem.compressed, bundled_problem().objective
-    rows, columns = len(drive.current_a), len(span.skeleton) + 2
+    rows, columns = len(inputs.current_a), len(span.skeleton) + 2
     samples = np.random.default_rng(KEY).normal(size=(rows, columns))
     halves = np.array_split(samples, CHAINS)
     count = sizes.generations_a_turn
@@ -45,7 +45,7 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     runs = {
         reduction: Run(lambda: reduce_record(problem)),
         f"of it, the answers of {len(span.skeleton)} pairs to the current": Run(
-            lambda: list(_blocks(drive, span, None))
+            lambda: list(_blocks(inputs, span, None))
         ),
         factoring: Run(lambda: _factor_chains(halves)),
         f"a compressed search, factor of {short.factor.shape[0]} x {short.factor.shape[1]}": Run(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import barnax
-from barnax.search.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate
 
 from .case import bundled_cell, bundled_record
 from .sizes import POPULATION, Sizes
@@ -56,7 +56,7 @@ def _environment() -> Path:
 def _write_case(path: Path) -> None:
     """The bundled record and the OCV without hysteresis, for which PyBaMM has no counterpart."""
     problem = barnax.make_problem(bundled_record(), bundled_cell(), "so-rc")
-    course = problem.course
+    prepared = problem.prepared
     soc = np.linspace(0, 1, 201)
     ranges = [problem.bounds.ranges[name] for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")]
     (low0, high0), (low1, high1), (low2, high2) = ranges
@@ -65,13 +65,13 @@ def _write_case(path: Path) -> None:
     circuit = np.array([CIRCUIT.r0, r1, c1, r2, c2])
     np.savez(
         path,
-        time_s=course.time_s - course.time_s[0],
-        current_a=course.current_a,
-        voltage_v=course.voltage_v,
-        simulated_v=evaluate_course(course, CIRCUIT).simulated_v,
+        time_s=prepared.time_s - prepared.time_s[0],
+        current_a=prepared.current_a,
+        voltage_v=prepared.voltage_v,
+        simulated_v=evaluate(prepared, CIRCUIT).simulated_v,
         soc=soc,
         ocv_v=bundled_cell().average_ocv_v(soc),
-        initial_soc=min(course.initial_soc, 1 - 1e-6),
+        initial_soc=min(prepared.initial_soc, 1 - 1e-6),
         capacity_ah=bundled_cell().capacity_ah,
         circuit=circuit,
         start=START * circuit,

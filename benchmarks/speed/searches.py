@@ -13,7 +13,7 @@ from barnax.execution import compile_for
 from barnax.model.compressed import Compressed, compress
 from barnax.model.problem import Objective, rmse
 from barnax.optimizers import make_optimizer
-from barnax.search.identify import _search
+from barnax.search.seeds import _search
 
 from .sizes import KEY, POPULATION, Sizes
 
@@ -45,11 +45,11 @@ def one_search(objective: Objective, sizes: Sizes) -> Callable[[], object]:
     return lambda: jax.block_until_ready(program(optimizer, objective, keys))
 
 
-def identify(problem: barnax.Problem, sizes: Sizes, seeds: int) -> barnax.Identification:
+def identify(problem: barnax.Problem, sizes: Sizes, seeds: int) -> barnax.Search:
     """Many seeds, as a user asks for them."""
     return barnax.identify(problem, optimizer_of(sizes), key=jr.key(KEY), seeds=seeds)
 
 
 def reduce_record(problem: barnax.Problem) -> Compressed:
     """The factor of a problem's records, made afresh."""
-    return compress(problem.drives, problem.coordinates)
+    return compress(problem.all_inputs, problem.coordinates)

@@ -21,8 +21,8 @@ SAME = 1e-3
 def time_generations(name: str, kernel: Kernel, sizes: Sizes) -> list[Row]:
     """One generation by the scan against the kernel, two populations."""
     problem = bundled_problem()
-    objective, drive = problem.objective, problem.drives[0]
-    arrays = [np.asarray(each) for each in (drive.current_a, drive.base_error_v)]
+    objective, inputs = problem.objective, problem.all_inputs[0]
+    arrays = [np.asarray(each) for each in (inputs.current_a, inputs.base_error_v)]
     count = sizes.generations_a_turn
     runs: dict[str, Run] = {}
     for population in (POPULATION, LARGE):
@@ -78,9 +78,9 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         "trf": Run(keep("trf", lambda: filtered.descend(starts))),
         "lm": Run(keep("lm", lambda: descent(circuits, SEED_TOLERANCE)), calls=5),
         "optimum": Run(
-            keep("optimum", lambda: barnax.global_optimum(bundled_problem(), prove=False))
+            keep("optimum", lambda: barnax.find_global_optimum(bundled_problem(), prove=False))
         ),
-        "certified": Run(keep("certified", lambda: barnax.global_optimum(bundled_problem()))),
+        "certified": Run(keep("certified", lambda: barnax.find_global_optimum(bundled_problem()))),
         "seeds": Run(
             keep("seeds", lambda: identify(bundled_problem("compressed"), sizes, sizes.seeds))
         ),
@@ -108,9 +108,9 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         _faster(f"multi-start LM from {sizes.starts} starts, {after}", taken, "lm", "trf", trf,
                 20.0),
         _faster(f"{optimum}, not proved", taken, "optimum", "de", de, 30.0,
-                note="`make_problem` and `global_optimum(problem, prove=False)`"),
+                note="`make_problem` and `find_global_optimum(problem, prove=False)`"),
         _faster(f"{optimum}, with its certificate", taken, "certified", "de", de, 30.0,
-                note="`make_problem` and `global_optimum(problem)`"),
+                note="`make_problem` and `find_global_optimum(problem)`"),
     ]  # fmt: skip
     return rows, _what_was_found(found)
 

@@ -24,20 +24,20 @@ from pydantic import (
 
 from .cell import CellModel, CircuitParameters, get_circuit
 from .errors import InputError, cut
-from .global_optimum import GlobalOptimum, regret
+from .global_optimum import GlobalOptimum, optimality_gap
 from .metrics import Metrics
 from .model.inputs import Window
 from .model.problem import Kind
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .records import Record
 from .search.evaluate import Evaluation, pooled
-from .search.refine import CrossCheck, Optimum
+from .search.refine import Optimum, Refinement
 from .uncertainty import Assessment, Examination
 
 Stored = TypeVar("Stored", bound=BaseModel)
 
 # A smaller regret is rounding.
-NO_REGRET = 1e-7
+NO_GAP = 1e-7
 LARGEST_FILE = 200_000_000
 # No part has so many; each one unknown would be an error of its own.
 MOST_KEYS = 1000
@@ -189,24 +189,26 @@ class GlobalPart(Part):
     lower_bound_v: Volts
     local_optima: tuple[OptimumPart, ...]
     at_bound: tuple[str, ...]
-    median_regret: float
-    best_regret: float
-    refined_regret: float
+    median_gap: float
+    best_gap: float
+    refined_gap: float
     verdict: str
 
     @property
     def words(self) -> str:
         """What the optimum is, how sure that is, and how far the answers are from it."""
-        before = {"best seed": self.best_regret, "median seed": self.median_regret}
-        shares = ", ".join(f"{name} {_share(regret)}" for name, regret in before.items())
+        before = {"best seed": self.best_gap, "median seed": self.median_gap}
+        shares = ", ".join(
+            f"{name} {_share(optimality_gap)}" for name, optimality_gap in before.items()
+        )
         return (
-            f"{self.verdict} Regret, the RMSE above that: refined {_share(self.refined_regret)}; "
+            f"{self.verdict} Regret, the RMSE above that: refined {_share(self.refined_gap)}; "
             f"before refinement {shares}."
         )
 
 
-def _share(regret: float) -> str:
-    return f"{100 * regret:.2g} %" if regret > NO_REGRET else "none"
+def _share(optimality_gap: float) -> str:
+    return f"{100 * optimality_gap:.2g} %" if optimality_gap > NO_GAP else "none"
 
 
 class JointPart(Part):
@@ -291,7 +293,7 @@ class EstimatePart(Part):
     value: float
     held: str | None
     standard_error: float | None
-    plain_standard_error: float | None
+    white_noise_standard_error: float | None
     inflation: float | None
     degrees_of_freedom: float | None
     low: float | None
@@ -532,11 +534,11 @@ class Result(Part):
 
 VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
 # An answer further above the global optimum than this is warned about.
-REGRETTABLE = 1e-3
+NOTABLE_GAP = 1e-3
 
 
 def make_result(
-    checked: CrossCheck,
+    refinement: Refinement,
     identification: Sequence[Evaluation],
     validation: Sequence[Evaluation] = (),
     *,
@@ -552,14 +554,14 @@ def make_result(
     records the cell was characterized from; `optimum` is the problem's global one, `assessment` and
     `examination` say how far the answer can be trusted, `command` what was run.
     """
-    found, problem = checked.found, checked.found.problem
+    found, problem = refinement.search, refinement.search.problem
     method, settings = describe(found.optimizer)
-    records = [("identification", course.record) for course in problem.courses]
-    records += [("validation", each.course.record) for each in validation]
+    records = [("identification", prepared.record) for prepared in problem.prepared_records]
+    records += [("validation", each.prepared.record) for each in validation]
     records += [("ocv", record) for record in ocv]
     return Result(
         model=problem.circuit,
-        parameters=checked.parameters.to_dict(),
+        parameters=refinement.parameters.to_dict(),
         search=SearchPart(
             method=method,
             settings=settings,
@@ -581,16 +583,16 @@ def make_result(
             ),
         ),
         refined=RefinedPart(
-            rmse_v=checked.rmse_v,
-            objective=checked.objective,
-            evaluations=checked.evaluations,
-            at_bound=checked.at_bound,
-            optima=tuple(_optimum_part(each) for each in checked.optima),
-            moved=tuple(seed.moved for seed in checked.refined),
-            converged=tuple(seed.has_converged for seed in checked.refined),
-            verdict=checked.verdict,
+            rmse_v=refinement.rmse_v,
+            objective=refinement.objective,
+            evaluations=refinement.evaluations,
+            at_bound=refinement.at_bound,
+            optima=tuple(_optimum_part(each) for each in refinement.optima),
+            moved=tuple(seed.moved for seed in refinement.refined),
+            converged=tuple(seed.has_converged for seed in refinement.refined),
+            verdict=refinement.verdict,
         ),
-        global_optimum=None if optimum is None else global_part(checked, optimum),
+        global_optimum=None if optimum is None else global_part(refinement, optimum),
         trust=None if assessment is None else trust_part(assessment, examination),
         metrics=MetricsBlock(
             identification=joint_metrics(problem.name, identification),
@@ -600,29 +602,31 @@ def make_result(
         bounds=dict(problem.bounds.ranges),
         fixed=dict(problem.bounds.fixed),
         window=problem.window,
-        initial_soc=problem.course.initial_soc,
-        initial_soc_reason=problem.course.initial_soc_reason,
-        initial_direction=1 if problem.course.direction[0] > 0 else -1,
-        rest_current_a=float(problem.course.rest_current_a),
+        initial_soc=problem.prepared.initial_soc,
+        initial_soc_reason=problem.prepared.initial_soc_reason,
+        initial_direction=1 if problem.prepared.direction[0] > 0 else -1,
+        rest_current_a=float(problem.prepared.rest_current_a),
         jointly=tuple(
             JointPart(
-                initial_soc=each.course.initial_soc,
-                initial_soc_reason=each.course.initial_soc_reason,
+                initial_soc=each.prepared.initial_soc,
+                initial_soc_reason=each.prepared.initial_soc_reason,
                 metrics=metrics_part(each),
             )
             for each in identification
             if len(identification) > 1
         ),
         inputs=tuple(input_part(role, record) for role, record in records),
-        warnings=all_warnings(checked, optimum, identification, validation, ocv),
+        warnings=all_warnings(refinement, optimum, identification, validation, ocv),
         command=tuple(command),
         versions=all_versions(),
     )
 
 
-def global_part(checked: CrossCheck, optimum: GlobalOptimum) -> GlobalPart:
+def global_part(refinement: Refinement, optimum: GlobalOptimum) -> GlobalPart:
     """The global optimum as it is stored, with the regret of every answer."""
-    regrets = [regret(seed.rmse_v, optimum.rmse_v) for seed in checked.found.seeds]
+    optimality_gaps = [
+        optimality_gap(seed.rmse_v, optimum.rmse_v) for seed in refinement.search.seeds
+    ]
     return GlobalPart(
         rmse_v=optimum.rmse_v,
         parameters=optimum.parameters.to_dict(),
@@ -630,9 +634,9 @@ def global_part(checked: CrossCheck, optimum: GlobalOptimum) -> GlobalPart:
         lower_bound_v=optimum.lower_bound_v,
         local_optima=tuple(_optimum_part(each) for each in optimum.local_optima),
         at_bound=optimum.at_bound,
-        median_regret=float(np.median(regrets)),
-        best_regret=min(regrets),
-        refined_regret=regret(checked.rmse_v, optimum.rmse_v),
+        median_gap=float(np.median(optimality_gaps)),
+        best_gap=min(optimality_gaps),
+        refined_gap=optimality_gap(refinement.rmse_v, optimum.rmse_v),
         verdict=optimum.verdict,
     )
 
@@ -654,7 +658,7 @@ def joint_metrics(name: str, evaluations: Sequence[Evaluation]) -> MetricsPart:
 def metrics_part(evaluation: Evaluation) -> MetricsPart:
     """The metrics of one record under its name."""
     metrics: Metrics = evaluation.metrics
-    return MetricsPart(record=evaluation.course.record.name, **asdict(metrics))
+    return MetricsPart(record=evaluation.prepared.record.name, **asdict(metrics))
 
 
 def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any]]:
@@ -672,26 +676,26 @@ def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any
 
 
 def all_warnings(
-    checked: CrossCheck,
+    refinement: Refinement,
     optimum: GlobalOptimum | None,
     identification: Sequence[Evaluation],
     validation: Sequence[Evaluation],
     ocv: Sequence[Record],
 ) -> tuple[str, ...]:
     """Every warning of a run once, in the order of the flow."""
-    problem = checked.found.problem
+    problem = refinement.search.problem
     texts = [*(text for record in ocv for text in record.warnings), *problem.warnings]
     texts += [
-        f"{each.course.record.name}: the circuit does worse than a constant voltage would (R2 "
+        f"{each.prepared.record.name}: the circuit does worse than a constant voltage would (R2 "
         f"{each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and at what "
         "--fix and --bounds hold"
         for each in identification
         if each.metrics.r2 < 0
     ]
     for each in validation:
-        texts += [*each.course.record.warnings, *each.course.warnings]
-    excess = 0.0 if optimum is None else regret(checked.rmse_v, optimum.rmse_v)
-    if excess > REGRETTABLE:
+        texts += [*each.prepared.record.warnings, *each.prepared.warnings]
+    excess = 0.0 if optimum is None else optimality_gap(refinement.rmse_v, optimum.rmse_v)
+    if excess > NOTABLE_GAP:
         other = "another --method" if problem.scale == "log" else "--coordinates log"
         texts.append(
             f"the answer's RMSE is {100 * excess:.2g} % above the global optimum's; search with "

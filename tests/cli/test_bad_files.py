@@ -13,19 +13,19 @@ from .conftest import BUDGET, OCV
 TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
 
 
-def drive(samples: int = 2000) -> pl.DataFrame:
+def inputs(samples: int = 2000) -> pl.DataFrame:
     return pl.read_parquet(BUNDLED.record).head(samples)
 
 
 def changed(column: str, line: int, value: float) -> pl.DataFrame:
-    frame = drive()
+    frame = inputs()
     values = frame[column].to_numpy().copy()
     values[line] = value
     return frame.with_columns(pl.Series(column, values))
 
 
 def no_current(path: Path) -> None:
-    drive().drop(CURRENT).write_csv(path)
+    inputs().drop(CURRENT).write_csv(path)
 
 
 def nan_row(path: Path) -> None:
@@ -37,7 +37,7 @@ def backward_time(path: Path) -> None:
 
 
 def milliamperes(path: Path) -> None:
-    drive().with_columns(pl.col(CURRENT) * 1000).write_csv(path)
+    inputs().with_columns(pl.col(CURRENT) * 1000).write_csv(path)
 
 
 def nothing(path: Path) -> None:
@@ -45,7 +45,7 @@ def nothing(path: Path) -> None:
 
 
 def header_alone(path: Path) -> None:
-    drive(0).write_csv(path)
+    inputs(0).write_csv(path)
 
 
 def zero_voltage(path: Path) -> None:

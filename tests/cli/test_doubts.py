@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from barnax.bundled import BUNDLED
-from barnax.cli.session import Session
 from barnax.cli.doubts import warn_of_doubts
 from barnax.cli.inputs import Files
+from barnax.cli.session import Session
 from barnax.records import read_record
 
 

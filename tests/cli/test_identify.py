@@ -10,8 +10,8 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
-from barnax.cli.session import Session
 from barnax.cli.output import write_folder
+from barnax.cli.session import Session
 from barnax.model import problem
 from barnax.results import Result
 

@@ -6,8 +6,8 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
-from barnax.cli.session import command_line
 from barnax.cli.inputs import Files
+from barnax.cli.session import command_line
 from barnax.results import Result
 
 from .conftest import BUDGET, OCV, run_command

@@ -9,8 +9,8 @@ import pytest
 
 from barnax.cli import identify as command
 from barnax.cli import output
-from barnax.cli.session import Session
 from barnax.cli.output import write_folder
+from barnax.cli.session import Session
 from barnax.errors import InputError
 
 from .conftest import BUDGET, contents

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from barnax.model.inputs import Window, make_course
+from barnax.model.inputs import Window, prepare_record
 from reference import make_record
 
 REPOSITORY = Path(__file__).parents[2]
@@ -19,10 +19,10 @@ def condition(bundled_cell, monkeypatch):
     conditions = importlib.import_module("benchmarks.real_cells.conditions")
     time_s = np.arange(3601.0)
     current_a = np.where(time_s % 120 < 60, 1.0, -0.5)
-    course = make_course(
+    prepared = prepare_record(
         make_record(time_s, current_a), bundled_cell, "so-rc", Window(initial_soc=0.8)
     )
-    return conditions.condition_of(course, bundled_cell)
+    return conditions.condition_of(prepared, bundled_cell)
 
 
 def test_the_charging_share_is_what_came_back(condition):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from barnax.checks import diagnose
+from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import Record, read_record
 
@@ -29,7 +29,7 @@ def survive(folder: Path, content: bytes) -> None:
     if record is not None:
         require_record(record)
     try:
-        diagnosis = diagnose(path)
+        diagnosis = check_file(path)
     except InputError:
         assert record is None
     else:

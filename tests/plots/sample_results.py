@@ -6,12 +6,12 @@ import numpy as np
 
 from barnax.cell import CircuitParameters
 from barnax.metrics import measure
-from barnax.model.inputs import Course
+from barnax.model.inputs import PreparedRecord
 from barnax.optimizers import make_optimizer
 from barnax.records.record import Decision, Record
 from barnax.search.evaluate import Evaluation
-from barnax.search.identify import Identification, SeedAnswer
-from barnax.search.refine import CrossCheck, Optimum
+from barnax.search.refine import Optimum, Refinement
+from barnax.search.seeds import Search, SeedAnswer
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
 
@@ -42,7 +42,7 @@ def make_evaluation(
     number = np.arange(record.samples)
     scored = np.ones(record.samples, bool) if scored is None else scored
     error_v = 5e-3 * np.sin(number / 50) if error_v is None else error_v
-    course = Course(
+    prepared = PreparedRecord(
         record=record,
         circuit="so-rc",
         first=0,
@@ -57,10 +57,10 @@ def make_evaluation(
         warnings=(),
     )
     simulated_v = record.voltage_v - error_v
-    return Evaluation(course, simulated_v, measure(record.voltage_v[scored], simulated_v[scored]))
+    return Evaluation(prepared, simulated_v, measure(record.voltage_v[scored], simulated_v[scored]))
 
 
-def make_identification(histories_v: list[list[float]], population: int = 10) -> Identification:
+def make_identification(histories_v: list[list[float]], population: int = 10) -> Search:
     """Seeds with these histories, each generation as large as the population."""
     seeds = tuple(
         SeedAnswer(history[-1], CIRCUIT, np.array(history), population * len(history), 0)
@@ -68,9 +68,9 @@ def make_identification(histories_v: list[list[float]], population: int = 10) ->
     )
     generations = len(histories_v[0]) - 1
     optimizer = make_optimizer("bmo", population, generations)
-    return Identification(cast(Any, None), optimizer, 0, seeds)
+    return Search(cast(Any, None), optimizer, 0, seeds)
 
 
-def make_cross_check(found: Identification, rmse_v: float) -> CrossCheck:
+def make_cross_check(found: Search, rmse_v: float) -> Refinement:
     optimum = Optimum(rmse_v, CIRCUIT, len(found.seeds), is_family=False)
-    return CrossCheck(found, (), (optimum,), (), "", "scan", 0)
+    return Refinement(found, (), (optimum,), (), "", "scan", 0)

@@ -39,24 +39,26 @@ def labels(axes):
 
 def test_the_condition_is_current_voltage_and_state_of_charge_over_time():
     scored = np.arange(600) >= 100
-    course = make_evaluation(make_record(600), scored).course
-    figure = plot_condition(course)
+    prepared = make_evaluation(make_record(600), scored).prepared
+    figure = plot_condition(prepared)
     drawn = [axes.get_lines()[0] for axes in figure.axes]
-    for each, values in zip(drawn, (course.current_a, course.voltage_v, course.soc), strict=True):
-        np.testing.assert_array_equal(each.get_xdata(), course.time_s)
+    for each, values in zip(
+        drawn, (prepared.current_a, prepared.voltage_v, prepared.soc), strict=True
+    ):
+        np.testing.assert_array_equal(each.get_xdata(), prepared.time_s)
         np.testing.assert_array_equal(each.get_ydata(), values)
     assert labels(figure.axes[0]) == ["not scored"]
 
 
 def test_a_condition_that_counts_throughout_needs_no_legend():
-    assert plot_condition(make_evaluation(make_record(600)).course).legends == []
+    assert plot_condition(make_evaluation(make_record(600)).prepared).legends == []
 
 
 def test_every_row_s_voltage_is_drawn_over_the_measured_one():
     rows = make_rows(2e-3, 5e-3)
     whole = plot_compared_voltages(rows).axes[0]
     first = rows["row 0"]
-    np.testing.assert_array_equal(line(whole, "measured").get_ydata(), first.course.voltage_v)
+    np.testing.assert_array_equal(line(whole, "measured").get_ydata(), first.prepared.voltage_v)
     for label, each in rows.items():
         name = f"{label} ({1e3 * each.metrics.rmse_v:.3g} mV)"
         np.testing.assert_array_equal(line(whole, name).get_ydata(), each.simulated_v)
@@ -102,7 +104,7 @@ def test_every_row_s_errors_have_a_strip_on_one_scale():
     assert len(axes) == 4
     for (over_time, over_soc), each in zip(np.reshape(axes, (-1, 2)), rows.values(), strict=True):
         np.testing.assert_array_equal(over_time.get_lines()[0].get_ydata(), 1e3 * each.error_v)
-        np.testing.assert_array_equal(over_soc.get_lines()[0].get_xdata(), each.course.soc)
+        np.testing.assert_array_equal(over_soc.get_lines()[0].get_xdata(), each.prepared.soc)
         np.testing.assert_allclose(
             line(over_time, "± RMSE").get_ydata()[0], 1e3 * each.metrics.rmse_v
         )

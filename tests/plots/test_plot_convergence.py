@@ -8,7 +8,7 @@ from sample_results import make_cross_check, make_identification
 
 from barnax.plots import plot_convergence
 from barnax.results import make_result
-from barnax.search.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 
@@ -113,11 +113,11 @@ def test_stats_of_another_solver_are_refused():
         plot_convergence({"num_steps": 3, "evaluations": 30})
 
 
-def test_a_stored_result_is_drawn_as_the_search_it_holds(checked, tmp_path):
-    problem = checked.found.problem
-    result = make_result(checked, [evaluate_course(problem.course, checked.parameters)])
+def test_a_stored_result_is_drawn_as_the_search_it_holds(refinement, tmp_path):
+    problem = refinement.search.problem
+    result = make_result(refinement, [evaluate(problem.prepared, refinement.parameters)])
     (tmp_path / "result.json").write_text(result.to_json())
-    expected = plot_convergence(checked.found, checked)
+    expected = plot_convergence(refinement.search, refinement)
     for stored in (result, tmp_path / "result.json"):
         figure = plot_convergence(stored)
         for ours, drawn in zip(expected.axes, figure.axes, strict=True):

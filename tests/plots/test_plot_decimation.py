@@ -43,6 +43,8 @@ def test_a_long_record_is_drawn_with_few_points(plot):
     lines = [line for line in plot(evaluation).axes[0].get_lines() if len(line.get_xdata()) > 2]
     assert lines
     assert all(len(line.get_xdata()) <= 8000 for line in lines)
-    highest = evaluation.error_v.max() if plot is plot_error else evaluation.course.voltage_v.max()
+    highest = (
+        evaluation.error_v.max() if plot is plot_error else evaluation.prepared.voltage_v.max()
+    )
     drawn = max(np.nanmax(line.get_ydata()) for line in lines)
     assert drawn >= highest

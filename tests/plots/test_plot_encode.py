@@ -8,7 +8,7 @@ from barnax.plots import plot_error, plot_hysteresis, plot_ocv
 from barnax.plots.sources import Illustration, cell_of
 from barnax.plots.style import encode
 from barnax.results import Result, make_result
-from barnax.search.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
@@ -42,7 +42,7 @@ def test_an_illustration_has_every_form_of_its_figure():
 def test_the_cell_of_a_result_or_of_its_file_is_drawn_as_the_cell_itself(
     checked, short_problem, tmp_path
 ):
-    evaluation = evaluate_course(short_problem.course, checked.parameters)
+    evaluation = evaluate(short_problem.prepared, checked.parameters)
     result = make_result(checked, [evaluation])
     path = tmp_path / "result.json"
     path.write_text(result.to_json())

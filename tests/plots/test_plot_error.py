@@ -17,7 +17,7 @@ def line(axes, label):
 def test_the_line_is_the_error_in_millivolt():
     evaluation = make_evaluation(make_record(600))
     drawn = line(plot_error(evaluation).axes[0], "scored error")
-    np.testing.assert_array_equal(drawn.get_xdata(), evaluation.course.time_s)
+    np.testing.assert_array_equal(drawn.get_xdata(), evaluation.prepared.time_s)
     np.testing.assert_array_equal(drawn.get_ydata(), 1e3 * evaluation.error_v)
 
 
@@ -36,8 +36,8 @@ def test_scored_and_unscored_samples_together_are_all_samples():
         )
     assert np.count_nonzero(np.isnan(emphasized.get_ydata())) == 1
     points, grey_points = over_soc.get_lines()[:2]
-    np.testing.assert_array_equal(points.get_xdata(), evaluation.course.soc[scored])
-    np.testing.assert_array_equal(grey_points.get_xdata(), evaluation.course.soc[~scored])
+    np.testing.assert_array_equal(points.get_xdata(), evaluation.prepared.soc[scored])
+    np.testing.assert_array_equal(grey_points.get_xdata(), evaluation.prepared.soc[~scored])
 
 
 def test_the_dashed_lines_are_the_rmse_of_the_scored_samples():

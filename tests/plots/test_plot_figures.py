@@ -35,7 +35,7 @@ def make_all_figures() -> dict[str, Figure]:
         "ocv": plots.plot_ocv(cell),
         "hysteresis": plots.plot_hysteresis(cell),
         "convergence": plots.plot_convergence(found, make_cross_check(found, 0.01)),
-        "condition": plots.plot_condition(evaluation.course),
+        "condition": plots.plot_condition(evaluation.prepared),
         "voltages": plots.plot_compared_voltages({"a": evaluation, "b": evaluation}),
         "errors": plots.plot_compared_errors({"a": evaluation, "b": evaluation}),
         "convergences": plots.plot_compared_convergence(comparison),

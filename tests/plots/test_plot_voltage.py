@@ -13,8 +13,8 @@ from barnax.plots.voltage import lively_stretch
 def test_the_lines_are_the_measured_and_the_simulated_voltage():
     evaluation = make_evaluation(make_record(600))
     measured, simulated = plot_voltage(evaluation).axes[0].get_lines()
-    np.testing.assert_array_equal(measured.get_xdata(), evaluation.course.time_s)
-    np.testing.assert_array_equal(measured.get_ydata(), evaluation.course.voltage_v)
+    np.testing.assert_array_equal(measured.get_xdata(), evaluation.prepared.time_s)
+    np.testing.assert_array_equal(measured.get_ydata(), evaluation.prepared.voltage_v)
     np.testing.assert_array_equal(simulated.get_ydata(), evaluation.simulated_v)
 
 
@@ -25,9 +25,9 @@ def test_the_magnified_stretch_is_a_part_of_the_record_on_the_same_clock():
     origin_h = float(figure.axes[3].get_xlabel().split()[2])
     time_s = measured.get_xdata() + 3600 * origin_h
     start = round(time_s[0] - 1000.0)
-    stretch = slice(start, start + 200)
-    np.testing.assert_allclose(time_s, evaluation.course.time_s[stretch], rtol=1e-12)
-    np.testing.assert_array_equal(measured.get_ydata(), evaluation.course.voltage_v[stretch])
+    span = slice(start, start + 200)
+    np.testing.assert_allclose(time_s, evaluation.prepared.time_s[span], rtol=1e-12)
+    np.testing.assert_array_equal(measured.get_ydata(), evaluation.prepared.voltage_v[span])
 
 
 @pytest.mark.parametrize(("samples", "label"), [(7200, "Time [s]"), (7201, "Time [h]")])
@@ -40,7 +40,7 @@ def test_the_current_panel_says_which_sign_is_discharge():
     evaluation = make_evaluation(make_record(600))
     axes = plot_voltage(evaluation).axes[2]
     assert axes.get_ylabel() == "Current [A]\n(discharge > 0)"
-    np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), evaluation.course.current_a)
+    np.testing.assert_array_equal(axes.get_lines()[0].get_ydata(), evaluation.prepared.current_a)
 
 
 def test_ten_samples_are_drawn_without_a_magnified_stretch():
@@ -71,11 +71,11 @@ def test_the_magnified_stretch_is_scored_and_lively():
     current_a[500:900] = np.tile([4.0, -4.0], 200)
     current_a[2000:2400] = np.tile([1.0, -1.0], 200)
     scored = np.arange(3000) >= 1000
-    stretch = lively_stretch(current_a, scored)
-    assert stretch is not None
-    assert stretch.stop - stretch.start == 200
-    assert stretch.start >= 2000 - 5
-    assert stretch.stop <= 2400 + 5
+    span = lively_stretch(current_a, scored)
+    assert span is not None
+    assert span.stop - span.start == 200
+    assert span.start >= 2000 - 5
+    assert span.stop <= 2400 + 5
 
 
 def test_dollar_signs_and_length_of_a_file_name_do_no_harm():

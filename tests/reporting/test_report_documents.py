@@ -9,7 +9,7 @@ import pytest
 from report_reader import ReportReader
 
 from barnax.cell import CircuitParameters
-from barnax.global_optimum import GlobalOptimum, Landscape, global_optimum
+from barnax.global_optimum import GlobalOptimum, Landscape, find_global_optimum
 from barnax.plots.sources import record_roles
 from barnax.reporting import (
     comparison_document,
@@ -22,8 +22,8 @@ from barnax.reporting import (
 from barnax.reporting.document import Bullets, Picture
 from barnax.reporting.identification import validation_sentences
 from barnax.results import JointPart, MetricsPart, Result, make_result
-from barnax.search.evaluate import Evaluation, evaluate_course
-from barnax.search.refine import CrossCheck, Optimum
+from barnax.search.evaluate import Evaluation, evaluate
+from barnax.search.refine import Optimum, Refinement
 from sample_comparisons import CITY, DRIVE, make_comparison, make_failure, make_row
 
 LARGEST_REPORT = 4_000_000
@@ -33,21 +33,23 @@ HOSTILE = "<b>&amp; {{ drive }}|*.csv"
 @pytest.fixture(scope="module")
 def comparison():
     rows = [
-        make_row("ibmo so-rc", 25.0, 13.0, regret=0.02),
-        make_row("ibmo iso-rc", 23.7, 13.5, regret=0.0),
+        make_row("ibmo so-rc", 25.0, 13.0, optimality_gap=0.02),
+        make_row("ibmo iso-rc", 23.7, 13.5, optimality_gap=0.0),
         make_failure("rls iso-rc", "No circuit belongs to its poles."),
     ]
     return make_comparison(rows, optima_mv={"so-rc": 24.5})
 
 
 @pytest.fixture(scope="module")
-def identified(checked: CrossCheck) -> Evaluation:
-    return evaluate_course(checked.found.problem.course, checked.parameters)
+def identified(refinement: Refinement) -> Evaluation:
+    return evaluate(refinement.search.problem.prepared, refinement.parameters)
 
 
 @pytest.fixture(scope="module")
-def result(checked: CrossCheck, identified: Evaluation) -> Result:
-    return make_result(checked, [identified], [identified], command=["barnax", "identify", "a b"])
+def result(refinement: Refinement, identified: Evaluation) -> Result:
+    return make_result(
+        refinement, [identified], [identified], command=["barnax", "identify", "a b"]
+    )
 
 
 def titles(document):
@@ -165,8 +167,8 @@ def test_hostile_names_of_files_stay_names():
     assert [tag for tag, _ in page.tags] == [tag for tag, _ in plain.tags]
 
 
-def test_an_identification_s_report_has_every_part_and_figure(checked, identified, result):
-    drawn = identification_illustrations(checked, [identified], [identified])
+def test_an_identification_s_report_has_every_part_and_figure(refinement, identified, result):
+    drawn = identification_illustrations(refinement, [identified], [identified])
     document = identification_document(result, drawn)
     assert titles(document) == [
         "Verdict",
@@ -194,16 +196,16 @@ def test_an_identification_s_report_tells_its_numbers(result):
 
 
 def test_an_identification_s_report_tells_how_far_it_is_from_the_global_optimum(
-    checked, identified
+    refinement, identified
 ):
-    optimum = global_optimum(checked.found.problem, prove=False)
-    result = make_result(checked, [identified], optimum=optimum)
+    optimum = find_global_optimum(refinement.search.problem, prove=False)
+    result = make_result(refinement, [identified], optimum=optimum)
     text = to_markdown(identification_document(result))
     assert f"The lowest RMSE in the box is {1e3 * optimum.rmse_v:.6g} mV" in text
-    seeds_v = [seed.rmse_v for seed in checked.found.seeds]
-    regret = 100 * (np.median(seeds_v) / optimum.rmse_v - 1)
-    assert f"median seed {regret:.2g} %" in text
-    assert result.global_optimum.median_regret == pytest.approx(regret / 100)
+    seeds_v = [seed.rmse_v for seed in refinement.search.seeds]
+    optimality_gap = 100 * (np.median(seeds_v) / optimum.rmse_v - 1)
+    assert f"median seed {optimality_gap:.2g} %" in text
+    assert result.global_optimum.median_gap == pytest.approx(optimality_gap / 100)
 
 
 def test_what_was_made_from_python_has_no_command(result):

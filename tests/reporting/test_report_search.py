@@ -12,13 +12,13 @@ from barnax.reporting.comparison_sentences import (
 from sample_comparisons import make_comparison, make_errors, make_failure, make_row
 
 
-def regrets(*rows, optima_mv=None):
+def optimality_gaps(*rows, optima_mv=None):
     return list(regret_sentences(make_comparison(rows, optima_mv=optima_mv)))
 
 
 def test_rows_at_the_optimum_are_said_to_reach_it():
-    rows = [make_row(f"{name} so-rc", 20.0, regret=0.0005) for name in ("lm", "varpro")]
-    assert regrets(*rows, optima_mv={"so-rc": 20.0}) == [
+    rows = [make_row(f"{name} so-rc", 20.0, optimality_gap=0.0005) for name in ("lm", "varpro")]
+    assert optimality_gaps(*rows, optima_mv={"so-rc": 20.0}) == [
         "By itself, every row reaches the global optimum of so-rc, 20.00 mV, to 0.1 %. Refined, "
         "every row reaches it, to 0.1 %."
     ]
@@ -26,11 +26,11 @@ def test_rows_at_the_optimum_are_said_to_reach_it():
 
 def test_rows_above_the_optimum_are_told_by_how_much():
     rows = [
-        make_row("bmo so-rc", 22.0, regret=0.1, refined_rmse_v=0.02),
-        make_row("lm so-rc", 20.0, regret=0.0),
-        make_row("pso so-rc", 21.0, regret=0.05, refined_rmse_v=0.023),
+        make_row("bmo so-rc", 22.0, optimality_gap=0.1, refined_rmse_v=0.02),
+        make_row("lm so-rc", 20.0, optimality_gap=0.0),
+        make_row("pso so-rc", 21.0, optimality_gap=0.05, refined_rmse_v=0.023),
     ]
-    assert regrets(*rows, optima_mv={"so-rc": 20.0}) == [
+    assert optimality_gaps(*rows, optima_mv={"so-rc": 20.0}) == [
         "By itself, lm so-rc reaches the global optimum of so-rc, 20.00 mV, to 0.1 %; the excess "
         "is 10 % for bmo so-rc and 5 % for pso so-rc. Refined, bmo so-rc and lm so-rc reach it, "
         "to 0.1 %; the excess is 15 % for pso so-rc."
@@ -38,8 +38,9 @@ def test_rows_above_the_optimum_are_told_by_how_much():
 
 
 def test_where_no_row_reaches_the_optimum_it_is_said():
-    (sentence,) = regrets(
-        make_row("bmo so-rc", 22.0, regret=0.1, refined_rmse_v=None), optima_mv={"so-rc": 20.0}
+    (sentence,) = optimality_gaps(
+        make_row("bmo so-rc", 22.0, optimality_gap=0.1, refined_rmse_v=None),
+        optima_mv={"so-rc": 20.0},
     )
     assert sentence == (
         "By itself, no row reaches the global optimum of so-rc, 20.00 mV; the excess is 10 % for "
@@ -48,15 +49,19 @@ def test_where_no_row_reaches_the_optimum_it_is_said():
 
 
 def test_a_model_without_a_known_optimum_is_said_to_have_none():
-    sentences = regrets(
-        make_row("lm so-rc", 20.0, regret=0.0), make_row("lm esc", 19.0), optima_mv={"so-rc": 20.0}
+    sentences = optimality_gaps(
+        make_row("lm so-rc", 20.0, optimality_gap=0.0),
+        make_row("lm esc", 19.0),
+        optima_mv={"so-rc": 20.0},
     )
     assert len(sentences) == 2
     assert sentences[1].startswith("The global optimum of esc is not known")
 
 
 def test_an_optimum_is_told_with_how_sure_it_is():
-    result = make_comparison([make_row("lm so-rc", 20.0, regret=0.0)], optima_mv={"so-rc": 20.0})
+    result = make_comparison(
+        [make_row("lm so-rc", 20.0, optimality_gap=0.0)], optima_mv={"so-rc": 20.0}
+    )
     sure = {"optimum_status": "certified", "optimum_verdict": "Certified by a proof"}
     models = {"so-rc": result.models["so-rc"].model_copy(update=sure)}
     result = result.model_copy(update={"models": models})
@@ -65,7 +70,7 @@ def test_an_optimum_is_told_with_how_sure_it_is():
 
 
 def test_models_without_a_known_optimum_are_told_together():
-    (sentence,) = regrets(make_row("lm so-rc", 20.0), make_row("lm esc", 19.0))
+    (sentence,) = optimality_gaps(make_row("lm so-rc", 20.0), make_row("lm esc", 19.0))
     assert sentence.startswith("The global optimum of so-rc and esc is not known")
 
 

@@ -79,7 +79,7 @@ def test_the_lowest_error_is_the_one_to_be_read_first():
 
 
 def test_the_search_table_holds_the_spread_the_regret_and_the_time():
-    rows = [make_row("a so-rc", 20.0, regret=0.021, refined_rmse_v=0.0199)]
+    rows = [make_row("a so-rc", 20.0, optimality_gap=0.021, refined_rmse_v=0.0199)]
     rows.append(make_row("b so-rc", 20.0, seeds=1, spread=None, evaluations=None))
     table = search_table(make_comparison(rows), {"a so-rc": 1.234})
     assert table.rows == (

@@ -7,13 +7,13 @@ from barnax.reporting import identification_document
 from barnax.reporting.document import Bullets, Table
 from barnax.reporting.identification import trust_section
 from barnax.results import make_result
-from barnax.search.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate
 from barnax.uncertainty import assess, examine
 
 
 @pytest.fixture(scope="module")
 def result(checked):
-    identified = evaluate_course(checked.found.problem.course, checked.parameters)
+    identified = evaluate(checked.search.problem.prepared, checked.parameters)
     assessment = assess(checked)
     examination = examine(checked, assessment, key=jax.random.key(0))
     return make_result(checked, [identified], assessment=assessment, examination=examination)
@@ -50,5 +50,5 @@ def test_every_band_has_its_row(result):
 
 
 def test_a_result_that_was_not_assessed_has_no_such_section(checked):
-    identified = evaluate_course(checked.found.problem.course, checked.parameters)
+    identified = evaluate(checked.search.problem.prepared, checked.parameters)
     assert trust_section(make_result(checked, [identified])) == []

@@ -7,8 +7,8 @@ import jax
 
 from ..model.problem import Problem
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
-from ..search.identify import identify
 from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
+from ..search.seeds import search_seeds
 from .method import Answer, Budget, Method, MethodFailure, Progress, generator_of, random_circuits
 
 
@@ -27,7 +27,7 @@ def population_method(name: str) -> Method:
                 f"it evaluates {cost} candidates a generation, more than the budget of "
                 f"{budget.evaluations} a seed holds; raise --iterations"
             )
-        found = identify(
+        found = search_seeds(
             problem,
             make_optimizer(name, budget.population, iterations),
             key=jax.random.key(budget.key),
@@ -103,7 +103,7 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
             f"the budget of {budget.evaluations} evaluations a seed holds no swarm and a descent; "
             "raise --iterations"
         )
-    found = identify(
+    found = search_seeds(
         problem,
         make_optimizer("pso", budget.population, iterations),
         key=jax.random.key(budget.key),

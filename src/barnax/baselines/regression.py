@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float
 
 from ..cell import CircuitParameters
 from ..execution import in_float64
-from ..model.inputs import Course
+from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
-from ..search.evaluate import evaluate_course
+from ..search.evaluate import evaluate
 from .method import Answer, Budget, Method, MethodFailure, Progress, Trajectory
 
 # Intervals this close to the median, relative to it, are taken as it; a tester's clock jitters.
@@ -39,19 +39,19 @@ class EvenSamples:
     notes: tuple[str, ...]
 
 
-def even_samples(course: Course, lags: int) -> EvenSamples:
+def even_samples(prepared: PreparedRecord, lags: int) -> EvenSamples:
     """The scored samples of a record, those marked whose `lags` intervals are even.
 
     Nothing is resampled: a voltage between samples was not measured, and interpolating it biases
     the poles. Raises `MethodFailure` where too few samples are left, and for a circuit whose
     source depends on what is identified.
     """
-    if course.hysteresis_amplitude_v is not None:
+    if prepared.hysteresis_amplitude_v is not None:
         raise MethodFailure(
             "it needs the open-circuit voltage beforehand, and a dynamic hysteresis moves it"
         )
-    interval_s = np.diff(course.time_s)
-    scored = course.scored
+    interval_s = np.diff(prepared.time_s)
+    scored = prepared.scored
     within = scored[1:] & scored[:-1]
     if not np.any(within):
         raise MethodFailure("no scored samples follow one another")
@@ -70,12 +70,12 @@ def even_samples(course: Course, lags: int) -> EvenSamples:
     if rows < samples - lags:
         notes = (f"fitted to the {rows} of {samples} scored samples that are evenly spaced",)
     return EvenSamples(
-        time_s=course.time_s,
-        drop_v=course.source_v - course.voltage_v,
-        current_a=course.current_a,
+        time_s=prepared.time_s,
+        drop_v=prepared.source_v - prepared.voltage_v,
+        current_a=prepared.current_a,
         is_row=is_row,
         interval_s=median_s,
-        is_forward=course.record.hold.value == "forward",
+        is_forward=prepared.record.hold.value == "forward",
         notes=notes,
     )
 
@@ -183,7 +183,7 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     del budget
     require_all_free(problem)
     pairs = problem.bounds.pairs
-    samples = even_samples(problem.course, pairs)
+    samples = even_samples(problem.prepared, pairs)
     columns, target = regression(samples, pairs)
     # Columns in volts, amperes and their differences span many decades.
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
@@ -193,7 +193,7 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     return [
         Answer(
             parameters=parameters,
-            rmse_v=evaluate_course(problem.course, parameters).metrics.rmse_v,
+            rmse_v=evaluate(problem.prepared, parameters).metrics.rmse_v,
             evaluations=0,
             notes=samples.notes + outside_box(parameters, problem),
         )
@@ -231,7 +231,7 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
     del budget
     require_all_free(problem)
     pairs = problem.bounds.pairs
-    samples = even_samples(problem.course, pairs)
+    samples = even_samples(problem.prepared, pairs)
     columns, target = regression(samples, pairs)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     coefficients = np.asarray(_track(jnp.asarray(columns / scale), jnp.asarray(target))) / scale
@@ -254,7 +254,7 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
     return [
         Answer(
             parameters=parameters,
-            rmse_v=evaluate_course(problem.course, parameters).metrics.rmse_v,
+            rmse_v=evaluate(problem.prepared, parameters).metrics.rmse_v,
             evaluations=0,
             trajectory=Trajectory(
                 time_s=samples.time_s[samples.is_row],

@@ -14,9 +14,9 @@ from scipy.optimize import least_squares, lsq_linear
 from ..cell import CircuitParameters
 from ..execution import in_float64
 from ..model.problem import Problem
-from ..model.search_space import SplitBox
-from ..model.simulate import Drive, Impedance, overpotential, unit_response
-from ..search.evaluate import evaluate_course
+from ..model.search_space import ResistanceBounds
+from ..model.simulate import RCParameters, SimulationInput, overpotential, unit_response
+from ..search.evaluate import evaluate
 from .method import Answer, Budget, Method, Progress
 
 
@@ -29,22 +29,22 @@ class Separable:
     the RMSE squared.
     """
 
-    drive: Drive
-    box: SplitBox
+    inputs: SimulationInput
+    box: ResistanceBounds
 
     @classmethod
     def of(cls, problem: Problem) -> "Separable":
         """The problem by the scan, whatever its own objective."""
-        return cls(problem.drives[0], SplitBox(problem.bounds))
+        return cls(problem.all_inputs[0], ResistanceBounds(problem.bounds))
 
     @property
     def current(self) -> Float[np.ndarray, "samples"]:
-        return self._scored(self.drive.current_a)
+        return self._scored(self.inputs.current_a)
 
     @in_float64
     def answers(self, tau_s: Float[np.ndarray, "taus"]) -> Float[np.ndarray, "samples taus"]:
         """What a pair of 1 ohm answers, for every time constant."""
-        return np.stack([self._scored(row) for row in _answers(jnp.asarray(tau_s), self.drive)], 1)
+        return np.stack([self._scored(row) for row in _answers(jnp.asarray(tau_s), self.inputs)], 1)
 
     @in_float64
     def bases(
@@ -55,12 +55,12 @@ class Separable:
         One column for a circuit without dynamic hysteresis.
         """
         if gammas is None:
-            return self._scored(self.drive.base_error_v)[:, None]
-        rows = _bases(jnp.asarray(gammas), self.drive)
+            return self._scored(self.inputs.base_error_v)[:, None]
+        rows = _bases(jnp.asarray(gammas), self.inputs)
         return np.stack([self._scored(row) for row in rows], axis=1)
 
     def _scored(self, signal) -> Float[np.ndarray, "samples"]:
-        weight = self.drive.weight
+        weight = self.inputs.weight
         chosen = np.asarray(signal)
         chosen = chosen if weight is None else chosen[np.asarray(weight) > 0]
         return chosen / np.sqrt(len(chosen))
@@ -104,16 +104,18 @@ def triangular_factor(
 
 
 @eqx.filter_jit
-def _answers(tau_s: Float[Array, "taus"], drive: Drive) -> Float[Array, "taus samples"]:
-    return jax.vmap(lambda tau: unit_response(tau, drive.held_a, drive.intervals))(tau_s)
+def _answers(tau_s: Float[Array, "taus"], inputs: SimulationInput) -> Float[Array, "taus samples"]:
+    return jax.vmap(lambda tau: unit_response(tau, inputs.held_a, inputs.intervals))(tau_s)
 
 
 @eqx.filter_jit
-def _bases(gammas: Float[Array, "gammas"], drive: Drive) -> Float[Array, "gammas samples"]:
-    no_current = Impedance(r0=jnp.asarray(0.0), r=(), tau=())
+def _bases(
+    gammas: Float[Array, "gammas"], inputs: SimulationInput
+) -> Float[Array, "gammas samples"]:
+    no_current = RCParameters(r0=jnp.asarray(0.0), r=(), tau=())
 
     def base(gamma):
-        return drive.base_error_v + overpotential(replace(no_current, gamma=gamma), drive)
+        return inputs.base_error_v + overpotential(replace(no_current, gamma=gamma), inputs)
 
     return jax.vmap(base)(gammas)
 
@@ -147,7 +149,7 @@ def variable_projection(problem: Problem, budget: Budget, progress: Progress) ->
     return [
         Answer(
             parameters=parameters,
-            rmse_v=evaluate_course(problem.course, parameters).metrics.rmse_v,
+            rmse_v=evaluate(problem.prepared, parameters).metrics.rmse_v,
             evaluations=search.evaluations,
         )
     ]

@@ -1,19 +1,19 @@
-"""The data doctor: what is wrong with a file, what mends it, and what it can serve as."""
+"""What is wrong with a file, what mends it, and what it can serve as."""
 
-from .case import Case, Check
-from .diagnose import Diagnosis, Facts, diagnose
+from .check_file import Facts, FileCheck, check_file
+from .check_input import Check, CheckInput
 from .finding import Finding, Severity
 from .registry import CHECKS
 from .roles import Role
 
 __all__ = [
     "CHECKS",
-    "Case",
     "Check",
-    "Diagnosis",
+    "CheckInput",
     "Facts",
+    "FileCheck",
     "Finding",
     "Role",
     "Severity",
-    "diagnose",
+    "check_file",
 ]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .case import Case
+from .check_input import CheckInput
 from .finding import Finding, Severity, counted
 
 _WIDTHS = (1, 2, 3)
@@ -17,41 +17,41 @@ _STEADY, _EXPLAINED = 0.4, 0.3
 Channel = Float[np.ndarray, "samples"]
 
 
-def find_voltage_spikes(case: Case) -> Iterator[Finding]:
+def find_voltage_spikes(given: CheckInput) -> Iterator[Finding]:
     """Voltages that leave the course of their neighbors, and no current says why."""
-    spiked = voltage_spikes(case)
+    spiked = voltage_spikes(given)
     if spiked.any():
-        yield _spike_finding(case, spiked, "voltage", case.record.voltage_v, "V")
+        yield _spike_finding(given, spiked, "voltage", given.record.voltage_v, "V")
 
 
-def find_current_spikes(case: Case) -> Iterator[Finding]:
+def find_current_spikes(given: CheckInput) -> Iterator[Finding]:
     """Currents that leave the course of their neighbors, and the voltage does not answer."""
-    if not case.resistance_ohm:
+    if not given.resistance_ohm:
         return
-    ohmic_v = case.record.current_a * case.resistance_ohm
-    spiked = _spikes(ohmic_v, _least_v(case), case.record.voltage_v)
+    ohmic_v = given.record.current_a * given.resistance_ohm
+    spiked = _spikes(ohmic_v, _least_v(given), given.record.voltage_v)
     if spiked.any():
-        yield _spike_finding(case, spiked, "current", case.samples.current_a, "A")
+        yield _spike_finding(given, spiked, "current", given.samples.current_a, "A")
 
 
-def voltage_spikes(case: Case) -> Bool[np.ndarray, "samples"]:
+def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
     """Where the voltage spikes."""
-    ohmic_v = case.record.current_a * case.resistance_ohm
-    return _spikes(case.record.voltage_v + ohmic_v, _least_v(case), ohmic_v)
+    ohmic_v = given.record.current_a * given.resistance_ohm
+    return _spikes(given.record.voltage_v + ohmic_v, _least_v(given), ohmic_v)
 
 
-def _least_v(case: Case) -> float:
-    return max(_HEIGHT_V, _HEIGHT_NOISE * case.noise_v)
+def _least_v(given: CheckInput) -> float:
+    return max(_HEIGHT_V, _HEIGHT_NOISE * given.noise_v)
 
 
 def _spike_finding(
-    case: Case, spiked: Bool[np.ndarray, "samples"], channel: str, values: Channel, unit: str
+    given: CheckInput, spiked: Bool[np.ndarray, "samples"], channel: str, values: Channel, unit: str
 ) -> Finding:
     at = int(np.argmax(spiked))
     beside = values[at - 1]
     which = counted(int(spiked.sum()), "sample")
     other = "no current explains it" if channel == "voltage" else "the voltage does not answer"
-    return case.at(
+    return given.at(
         at,
         "warning",
         f"the {channel} spikes to {values[at]:.5g} {unit} beside {beside:.5g} {unit}, and {other} "
@@ -96,11 +96,11 @@ _JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
 Runs = tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]
 
 
-def find_stuck_voltage(case: Case) -> Iterator[Finding]:
+def find_stuck_voltage(given: CheckInput) -> Iterator[Finding]:
     """A voltage of one and the same reading while the current moves."""
-    if not case.resistance_ohm:
+    if not given.resistance_ohm:
         return
-    voltage_v, current_a = case.record.voltage_v, case.record.current_a
+    voltage_v, current_a = given.record.voltage_v, given.record.current_a
     first, last = equal_runs(voltage_v)
     # At its ends a run may hold samples that were taken just before and after.
     inner = last - first >= _FEWEST_SAMPLES + 1
@@ -108,41 +108,41 @@ def find_stuck_voltage(case: Case) -> Iterator[Finding]:
     if not len(first):
         return
     swing_a = _range(current_a, first, last)
-    least_v = max(_EXPECTED_V, _EXPECTED_STEPS * case.resolution_v)
-    is_stuck = swing_a * case.resistance_ohm > least_v
+    least_v = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v)
+    is_stuck = swing_a * given.resistance_ohm > least_v
     # A tester that holds a voltage lets the current fall, and never rise.
     is_stuck &= ~_only_tapers(current_a, first, last)
     if not is_stuck.any():
         return
-    expected_v = float(np.max(swing_a[is_stuck])) * case.resistance_ohm
-    yield _stuck_finding(case, "voltage", voltage_v, first[is_stuck], last[is_stuck], expected_v)
+    expected_v = float(np.max(swing_a[is_stuck])) * given.resistance_ohm
+    yield _stuck_finding(given, "voltage", voltage_v, first[is_stuck], last[is_stuck], expected_v)
 
 
-def find_stuck_current(case: Case) -> Iterator[Finding]:
+def find_stuck_current(given: CheckInput) -> Iterator[Finding]:
     """A current of one and the same reading while the voltage jumps up and down."""
-    current_a = case.record.current_a
+    current_a = given.record.current_a
     first, last = equal_runs(current_a)
     is_long = last - first >= _FEWEST_SAMPLES
     first, last = first[is_long], last[is_long]
     if not len(first):
         return
-    step_v = case.step_v.copy()
+    step_v = given.step_v.copy()
     # A spike of the voltage is a fault of the voltage.
-    spiked = voltage_spikes(case)
+    spiked = voltage_spikes(given)
     step_v[spiked[1:] | spiked[:-1]] = 0
-    least_v = max(_JUMP_V, _JUMP_NOISE * case.noise_v, 3 * case.resolution_v)
+    least_v = max(_JUMP_V, _JUMP_NOISE * given.noise_v, 3 * given.resolution_v)
     up, down = _count(step_v > least_v, first, last), _count(step_v < -least_v, first, last)
     is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
     if not is_stuck.any():
         return
     jump_v = float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
     yield _stuck_finding(
-        case, "current", case.samples.current_a, first[is_stuck], last[is_stuck], jump_v
+        given, "current", given.samples.current_a, first[is_stuck], last[is_stuck], jump_v
     )
 
 
 def _stuck_finding(
-    case: Case,
+    given: CheckInput,
     channel: str,
     values: Channel,
     first: Int[np.ndarray, "runs"],
@@ -158,17 +158,17 @@ def _stuck_finding(
     kind = "stops at" if is_limit and value[0] != 0 else "stands still at"
     what = (
         f"the {channel} {kind} {value[worst]:.6g} {unit} over {samples} samples in "
-        f"{counted(len(first), 'place')} (rows {int(case.record.row[first[worst]])} to "
-        f"{int(case.record.row[last[worst]])}), where "
+        f"{counted(len(first), 'place')} (rows {int(given.record.row[first[worst]])} to "
+        f"{int(given.record.row[last[worst]])}), where "
     )
     what += (
         f"the current should move it by {1e3 * moved_v:.3g} mV"
         if channel == "voltage"
         else f"the voltage jumps by {1e3 * moved_v:.3g} mV"
     )
-    severity: Severity = "error" if samples > 0.01 * case.record.samples else "warning"
+    severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
     remedy = "measure again with a wider range" if is_limit and value[0] else "check the sensor"
-    return case.at(
+    return given.at(
         int(first[0]),
         severity,
         what,
@@ -224,24 +224,24 @@ _ELSEWHERE, _FEWEST_ELSEWHERE = 0.02, 100
 _LOADED = 0.05
 
 
-def find_clipped_current(case: Case) -> Iterator[Finding]:
+def find_clipped_current(given: CheckInput) -> Iterator[Finding]:
     """Currents that read exactly the largest value again and again, while others vary."""
-    current_a = case.samples.current_a
+    current_a = given.samples.current_a
     first, last = equal_runs(current_a)
     is_alike = last - first + 1 >= _ALIKE
     in_run = np.repeat(is_alike, last - first + 1)
-    is_loaded = np.abs(current_a) > _LOADED * case.peak_a
+    is_loaded = np.abs(current_a) > _LOADED * given.peak_a
     for limit_a in (current_a.max(), current_a.min()):
         at_limit = is_alike & (current_a[first] == limit_a)
         elsewhere = is_loaded & (current_a != limit_a)
         # Both ends of the range may be clipped.
         elsewhere &= current_a != -limit_a
-        if abs(limit_a) <= _LOADED * case.peak_a or at_limit.sum() < _FEWEST_PLACES:
+        if abs(limit_a) <= _LOADED * given.peak_a or at_limit.sum() < _FEWEST_PLACES:
             continue
         if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:
             continue
         samples = int(np.sum((last - first + 1)[at_limit]))
-        yield case.at(
+        yield given.at(
             int(first[at_limit][0]),
             "error",
             f"the current stops at {limit_a:.6g} A: {samples} samples in "

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from ..cell.ocv_points import CHARGE, DISCHARGE
 from ..cell.soc_axis import CAPACITY_WARNING, CLOSURE
 from ..records.conventions import counter_quantum_ah
-from ..records.rests import stretches
-from .case import STEADY_SHARE, Case
+from ..records.rests import runs
+from .check_input import STEADY_SHARE, CheckInput
 from .finding import Finding, counted
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that
@@ -23,35 +23,35 @@ _BEGUN_SHARE = 0.01
 _HARDLY_MOVES = 0.02
 
 
-def find_counters(case: Case) -> Iterator[Finding]:
+def find_counters(given: CheckInput) -> Iterator[Finding]:
     """Counters of the tester that disagree with the integrated current, or began before."""
-    counters = case.samples.counters
+    counters = given.samples.counters
     if counters.charged_ah is None or counters.discharged_ah is None:
         return
     counted = _gain_ah(counters.charged_ah), _gain_ah(counters.discharged_ah)
     if sum(counted) > 0:
-        yield from _against_integral(case, counted)
+        yield from _against_integral(given, counted)
     begun = [
         f"{counter[0]:.4g} Ah {word}"
         for counter, word in ((counters.charged_ah, "in"), (counters.discharged_ah, "out"))
-        if counter[0] > _BEGUN_SHARE * case.scale_ah
+        if counter[0] > _BEGUN_SHARE * given.scale_ah
     ]
     if begun:
-        yield case.at(
+        yield given.at(
             0,
             "note",
             f"the record begins within a test: the tester had counted {' and '.join(begun)}, its "
-            f"clock was at {case.record.time_s[0]:.6g} s",
+            f"clock was at {given.record.time_s[0]:.6g} s",
             "give the file of the test's beginning too, where it matters",
         )
 
 
-def _against_integral(case: Case, counted: tuple[float, float]) -> Iterator[Finding]:
-    integrated = case.charged_ah, case.discharged_ah
+def _against_integral(given: CheckInput, counted: tuple[float, float]) -> Iterator[Finding]:
+    integrated = given.charged_ah, given.discharged_ah
     total_ah = sum(counted)
     # The names of the counters are the tester's; the sign of the current is settled elsewhere.
     apart_ah = max(abs(a - b) for a, b in zip(integrated, counted, strict=True))
-    if apart_ah <= _QUANTA * counter_quantum_ah(case.samples.counters):
+    if apart_ah <= _QUANTA * counter_quantum_ah(given.samples.counters):
         return
     apart = apart_ah / total_ah
     swapped = max(abs(a - b) for a, b in zip(integrated, counted[::-1], strict=True)) / total_ah
@@ -61,47 +61,47 @@ def _against_integral(case: Case, counted: tuple[float, float]) -> Iterator[Find
     )
     if swapped < min(apart, _COUNTERS_DIFFER) and apart > _COUNTERS_DIFFER:
         what = f"{figures}: its counters of charge and discharge are exchanged"
-        yield case.at(0, "note", what)
+        yield given.at(0, "note", what)
         return
     ratio = sum(integrated) / total_ah
     if 1 / 5000 < ratio < 1 / 200:
         what = f"{figures}: the counters look like mAh"
-        yield case.at(0, "warning", what, "write their unit into their names, as mAh")
+        yield given.at(0, "warning", what, "write their unit into their names, as mAh")
     elif apart > _COUNTERS_DIFFER:
-        other = "forward" if case.record.hold.value == "backward" else "backward"
-        held = _throughput_ah(case, other)
+        other = "forward" if given.record.hold.value == "backward" else "backward"
+        held = _throughput_ah(given, other)
         remedy = "look for gaps and for a current offset; trust the counters before the integral"
         if abs(held / total_ah - 1) < abs(ratio - 1) / 3:
             remedy = f"--current-hold {other}, which gives {held:.4g} Ah in and out"
-        yield case.at(0, "warning", f"{figures}: {100 * apart:.1f} % apart", remedy)
+        yield given.at(0, "warning", f"{figures}: {100 * apart:.1f} % apart", remedy)
     elif apart > _COUNTERS_NOTED:
-        yield case.at(0, "note", f"{figures}: {100 * apart:.1f} % apart")
+        yield given.at(0, "note", f"{figures}: {100 * apart:.1f} % apart")
 
 
-def find_capacity(case: Case) -> Iterator[Finding]:
+def find_capacity(given: CheckInput) -> Iterator[Finding]:
     """Charge that does not fit the given capacity."""
-    if case.capacity_ah is None or case.span_ah == 0:
+    if given.capacity_ah is None or given.span_ah == 0:
         return
-    share = case.span_ah / case.capacity_ah
-    moves = f"the record moves {case.span_ah:.4g} Ah between its extremes, {100 * share:.1f} %"
+    share = given.span_ah / given.capacity_ah
+    moves = f"the record moves {given.span_ah:.4g} Ah between its extremes, {100 * share:.1f} %"
     if share > 1 + CAPACITY_WARNING:
-        discharged_ah = case.record.discharged_ah
+        discharged_ah = given.record.discharged_ah
         at = max(int(np.argmax(discharged_ah)), int(np.argmin(discharged_ah)))
-        yield case.at(
+        yield given.at(
             at,
             "warning",
-            f"{moves} of the capacity of {case.capacity_ah:.4g} Ah",
+            f"{moves} of the capacity of {given.capacity_ah:.4g} Ah",
             "correct --capacity, or the current's range, offset or unit",
         )
     elif share < _HARDLY_MOVES:
-        yield case.at(0, "note", f"{moves} of the capacity: little of the cell is seen")
+        yield given.at(0, "note", f"{moves} of the capacity: little of the cell is seen")
 
 
-def find_closure(case: Case) -> Iterator[Finding]:
+def find_closure(given: CheckInput) -> Iterator[Finding]:
     """A full discharge and a full charge in one record that do not pass the same charge."""
-    if isinstance(case.sweeps, str):
+    if isinstance(given.sweeps, str):
         return
-    by_direction = {sweep.direction: sweep for sweep in case.sweeps}
+    by_direction = {sweep.direction: sweep for sweep in given.sweeps}
     if len(by_direction) < 2:
         return
     out, into = by_direction[DISCHARGE], by_direction[CHARGE]
@@ -113,8 +113,8 @@ def find_closure(case: Case) -> Iterator[Finding]:
         for sweep in (out, into)
     ]
     later = max(out.points[0].row, into.points[0].row)
-    at = int(np.searchsorted(case.record.row, later)) if len(case.samples.sheets) < 2 else 0
-    yield case.at(
+    at = int(np.searchsorted(given.record.row, later)) if len(given.samples.sheets) < 2 else 0
+    yield given.at(
         at,
         "warning",
         f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
@@ -124,10 +124,10 @@ def find_closure(case: Case) -> Iterator[Finding]:
     )
 
 
-def _throughput_ah(case: Case, hold: str) -> float:
-    current_a = case.record.current_a
+def _throughput_ah(given: CheckInput, hold: str) -> float:
+    current_a = given.record.current_a
     flowed_a = current_a[:-1] if hold == "forward" else current_a[1:]
-    return float(np.sum(np.abs(flowed_a) * case.record.interval_s)) / 3600
+    return float(np.sum(np.abs(flowed_a) * given.record.interval_s)) / 3600
 
 
 def _gain_ah(counter_ah: Float[np.ndarray, "samples"]) -> float:
@@ -160,47 +160,47 @@ class _Rest:
     length_s: float
 
 
-def find_rests(case: Case) -> Iterator[Finding]:
+def find_rests(given: CheckInput) -> Iterator[Finding]:
     """A current that is not zero while the cell rests, or so noisy that it hides the rests."""
-    current_a = case.record.current_a
-    rests = _rests(case)
+    current_a = given.record.current_a
+    rests = _rests(given)
     if rests:
-        yield from _offset(case, rests)
-    if case.rest_current_a > 1.01 * case.scale_ah / 100:
-        first = int(np.argmax(case.is_rested))
-        yield case.at(
+        yield from _offset(given, rests)
+    if given.rest_current_a > 1.01 * given.scale_ah / 100:
+        first = int(np.argmax(given.is_rested))
+        yield given.at(
             first,
             "note",
-            f"the current is noisy at rest: below {1e3 * case.rest_current_a:.3g} mA counts as "
+            f"the current is noisy at rest: below {1e3 * given.rest_current_a:.3g} mA counts as "
             "rest, C/100 does not",
-            f"--rest-current {case.rest_current_a:.2g} says so, or another value",
+            f"--rest-current {given.rest_current_a:.2g} says so, or another value",
         )
     is_zero = current_a == 0
-    is_minus = is_zero & np.signbit(case.samples.current_a)
+    is_minus = is_zero & np.signbit(given.samples.current_a)
     # Rounded noise gives some; a tester that turns the sign of its readings gives nearly all.
     if is_minus.sum() > max(_FEWEST, 0.9 * is_zero.sum()):
         what = (
             f"the resting current is written -0 ({counted(int(is_minus.sum()), 'time')}), read as 0"
         )
-        yield case.at(int(np.argmax(is_minus)), "note", what)
+        yield given.at(int(np.argmax(is_minus)), "note", what)
 
 
-def _doubt_a(case: Case, rests: list[_Rest]) -> float:
+def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
     """How far from zero noise may put the median of the rests' currents."""
-    is_small = np.abs(case.record.current_a) < _SMALL_SHARE * case.peak_a
-    quiet_a = case.step_a[is_small[1:] & (np.abs(case.step_a) < STEADY_SHARE * case.peak_a)]
+    is_small = np.abs(given.record.current_a) < _SMALL_SHARE * given.peak_a
+    quiet_a = given.step_a[is_small[1:] & (np.abs(given.step_a) < STEADY_SHARE * given.peak_a)]
     noise_a = 1.4826 * float(np.median(np.abs(quiet_a))) / np.sqrt(2)
     samples = sum(rest.last - rest.first + 1 for rest in rests)
     return _SIGMAS * 1.25 * noise_a / float(np.sqrt(samples))
 
 
-def _rests(case: Case) -> list[_Rest]:
+def _rests(given: CheckInput) -> list[_Rest]:
     """The stretches that look like rests."""
-    record = case.record
-    small_a = min(_turnover_ah(case) / _LOAD_HOURS, _SMALL_SHARE * case.peak_a)
+    record = given.record
+    small_a = min(_turnover_ah(given) / _LOAD_HOURS, _SMALL_SHARE * given.peak_a)
     is_small = np.abs(record.current_a) < small_a
-    is_quiet = is_small[1:] & is_small[:-1] & (np.abs(case.step_a) < STEADY_SHARE * case.peak_a)
-    first, last_interval = stretches(is_quiet)
+    is_quiet = is_small[1:] & is_small[:-1] & (np.abs(given.step_a) < STEADY_SHARE * given.peak_a)
+    first, last_interval = runs(is_quiet)
     last = last_interval + 1
     length_s = record.time_s[last] - record.time_s[first]
     chosen = last - first + 1 >= _FEWEST
@@ -216,44 +216,44 @@ def _rests(case: Case) -> list[_Rest]:
         middle_a = float(np.median(current_a))
         third = max(len(current_a) // 3, 1)
         drift_a = abs(float(np.median(current_a[:third]) - np.median(current_a[-third:])))
-        is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * case.resolution_a
-        is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * case.noise_v
-        if is_steady and is_settled and not _is_counted(case, a, b):
+        is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * given.resolution_a
+        is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.noise_v
+        if is_steady and is_settled and not _is_counted(given, a, b):
             found.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
     return found
 
 
-def _turnover_ah(case: Case) -> float:
+def _turnover_ah(given: CheckInput) -> float:
     """The capacity, or the charge that went either way: an offset may cancel the net charge."""
-    return case.capacity_ah or max(case.charged_ah, case.discharged_ah)
+    return given.capacity_ah or max(given.charged_ah, given.discharged_ah)
 
 
-def _is_counted(case: Case, first: int, last: int) -> bool:
+def _is_counted(given: CheckInput, first: int, last: int) -> bool:
     """Whether the tester itself counted the charge of a stretch, which is then no rest."""
-    counters = case.samples.counters
+    counters = given.samples.counters
     if counters.charged_ah is None or counters.discharged_ah is None:
         return False
     counted = (counters.charged_ah, counters.discharged_ah)
     counted_ah = sum(float(counter[last] - counter[first]) for counter in counted)
-    moved_ah = abs(float(np.diff(case.record.discharged_ah[[first, last]])[0]))
+    moved_ah = abs(float(np.diff(given.record.discharged_ah[[first, last]])[0]))
     return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
 
-def _offset(case: Case, rests: list[_Rest]) -> Iterator[Finding]:
+def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
     """An offset, if most of the rests have it and hardly any is without."""
     values_a = np.array([rest.current_a for rest in rests])
     lengths_s = np.array([rest.length_s for rest in rests])
     order = np.argsort(values_a)
     middle = int(np.searchsorted(np.cumsum(lengths_s[order]), lengths_s.sum() / 2))
     offset_a = float(values_a[order[middle]])
-    near_a = _SPREAD * abs(offset_a) + 2 * case.resolution_a
+    near_a = _SPREAD * abs(offset_a) + 2 * given.resolution_a
     is_alike = np.abs(values_a - offset_a) <= near_a
     is_zero = np.abs(values_a) <= near_a
     alike_s, zero_s = lengths_s[is_alike].sum(), lengths_s[is_zero].sum()
     if alike_s < _MOST * lengths_s.sum() or zero_s > _FEW * lengths_s.sum():
         return
-    record = case.record
-    if abs(offset_a) <= max(_OFFSET_QUANTA * case.resolution_a, _doubt_a(case, rests)):
+    record = given.record
+    if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, _doubt_a(given, rests)):
         return
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
     first = rests[int(np.argmax(is_alike))].first
@@ -262,11 +262,11 @@ def _offset(case: Case, rests: list[_Rest]) -> Iterator[Finding]:
         f"the current is {value:.3g} mA while the cell rests, "
         f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
     )
-    if abs(offset_a) >= _turnover_ah(case) / 100:
+    if abs(offset_a) >= _turnover_ah(given) / 100:
         limit_a = 1.5 * abs(offset_a)
         remedy = f"subtract it from the current, or --rest-current {limit_a:.2g} to see the rests"
-        yield case.at(first, "warning", what, remedy)
-    elif drift_ah > _DRIFT * _turnover_ah(case):
-        yield case.at(first, "warning", what, "subtract it from the current")
-    elif drift_ah > _NOTED_DRIFT * _turnover_ah(case):
-        yield case.at(first, "note", what, "subtract it from the current if it is none")
+        yield given.at(first, "warning", what, remedy)
+    elif drift_ah > _DRIFT * _turnover_ah(given):
+        yield given.at(first, "warning", what, "subtract it from the current")
+    elif drift_ah > _NOTED_DRIFT * _turnover_ah(given):
+        yield given.at(first, "note", what, "subtract it from the current if it is none")

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-from .case import Check
 from .channels import (
     find_clipped_current,
     find_current_spikes,
@@ -11,6 +10,7 @@ from .channels import (
     find_voltage_spikes,
 )
 from .charge import find_capacity, find_closure, find_counters, find_rests
+from .check_input import Check
 from .sampling import (
     find_coarse_intervals,
     find_gaps,

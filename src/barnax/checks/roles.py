@@ -11,7 +11,7 @@ from jaxtyping import Int
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V, WORD, Sweep, join_sweeps
 from ..cell.soc_axis import decide_capacity
 from ..errors import InputError
-from .case import Case, bulk_time_s
+from .check_input import CheckInput, bulk_time_s
 
 # Current steps inside a step of the tester that make it a profile.
 _FEWEST_STEPS = 10
@@ -29,86 +29,86 @@ class Window:
     reason: str
 
 
-def suggest_window(case: Case) -> Window:
+def suggest_window(given: CheckInput) -> Window:
     """The options that start the simulation where the charge is known and score the profile."""
-    record = case.record
-    numbers = _profile_numbers(case)
+    record = given.record
+    numbers = _profile_numbers(given)
     if record.step is None or not len(numbers):
-        return _from_the_beginning(case)
+        return _from_the_beginning(given)
     inside = np.flatnonzero(np.isin(record.step, numbers))
     first, last = int(inside[0]), int(inside[-1])
     if last - first + 1 >= _WHOLE * record.samples:
-        return _from_the_beginning(case)
+        return _from_the_beginning(given)
     # Steps that are met inside the profile only belong to it.
     outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
     own = [str(number) for number in np.setdiff1d(record.step[first : last + 1], outside)]
     score = f"--score-steps {','.join(own)}"
-    at, rest_s = _rest_before(case, first)
+    at, rest_s = _rest_before(given, first)
     is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
     rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
     if not rest_s:
         rest = "without a rest before it"
     profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(own)}, {rest}"
-    full = _full_step(case, first)
+    full = _full_step(given, first)
     if full is not None:
         return Window(
             (f"--start-after-step {full}", "--initial-soc 1", score),
             f"{profile}; the cell is full at the end of step {full}",
         )
     if is_settled:
-        start = f"--start-time {_clock_before(case, at)}"
+        start = f"--start-time {_clock_before(given, at)}"
         return Window((start, score), f"{profile} at {record.voltage_v[at]:.4f} V")
     # Ampere-hours carry the charge from the record's own beginning.
-    start = _from_the_beginning(case)
+    start = _from_the_beginning(given)
     return Window((*start.options, score), f"{profile}; {start.reason}")
 
 
-def _from_the_beginning(case: Case) -> Window:
+def _from_the_beginning(given: CheckInput) -> Window:
     """How a simulation of the whole record learns its state of charge."""
-    record = case.record
-    if not case.is_rested[0]:
+    record = given.record
+    if not given.is_rested[0]:
         return Window(("--initial-soc SOC",), "it starts under load")
-    loaded = np.flatnonzero(~case.is_rested)
+    loaded = np.flatnonzero(~given.is_rested)
     at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
     first_v, last_v = record.voltage_v[0], record.voltage_v[at]
     if abs(last_v - first_v) <= SETTLED_V:
         return Window((), f"it starts at rest at {first_v:.4f} V")
     moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
     if record.time_s[at] - record.time_s[0] >= MINIMUM_REST_S - CLOCK_SLACK_S:
-        return Window((f"--start-time {_clock_before(case, at)}",), moves)
+        return Window((f"--start-time {_clock_before(given, at)}",), moves)
     return Window(("--initial-soc SOC",), moves)
 
 
-def _rest_before(case: Case, first: int) -> tuple[int, float]:
+def _rest_before(given: CheckInput, first: int) -> tuple[int, float]:
     """The last rested sample before the profile's load, and how long the rest had been."""
-    loaded = np.flatnonzero(~case.is_rested)
+    loaded = np.flatnonzero(~given.is_rested)
     before, after = loaded[loaded < first], loaded[loaded >= first]
     at = int(after[0]) - 1 if len(after) else first
     if not len(before) or at <= before[-1]:
         return max(at, 0), 0.0
-    return at, float(case.record.time_s[at] - case.record.time_s[before[-1]])
+    return at, float(given.record.time_s[at] - given.record.time_s[before[-1]])
 
 
-def _clock_before(case: Case, at: int) -> str:
+def _clock_before(given: CheckInput, at: int) -> str:
     """A time that selects the sample `at` as the first one not before it."""
-    time_s = case.record.time_s
+    time_s = given.record.time_s
     short = math.floor(time_s[at] * 1e3) / 1e3
     return f"{short:.10g}" if at == 0 or short > time_s[at - 1] else repr(float(time_s[at]))
 
 
-def _profile_numbers(case: Case) -> Int[np.ndarray, "numbers"]:
+def _profile_numbers(given: CheckInput) -> Int[np.ndarray, "numbers"]:
     """The tester's step numbers inside which the current steps about."""
-    step = case.record.step
+    step = given.record.step
     if step is None:
         return np.zeros(0, int)
-    is_inside = case.is_step & (np.diff(step) == 0)
+    is_inside = given.is_step & (np.diff(step) == 0)
     numbers, times = np.unique(step[1:][is_inside], return_counts=True)
     return numbers[times >= _FEWEST_STEPS]
 
 
-def _full_step(case: Case, before: int) -> int | None:
+def _full_step(given: CheckInput, before: int) -> int | None:
     """The number of the step that ends full: a charge at a held voltage, its current tapered."""
-    record = case.record
+    record = given.record
     step = record.step
     if step is None:
         return None
@@ -154,19 +154,19 @@ class Role:
         return {"usable": self.is_usable, "reason": self.reason, "options": list(self.options)}
 
 
-def find_roles(case: Case) -> tuple[Role, ...]:
+def find_roles(given: CheckInput) -> tuple[Role, ...]:
     """Every role, usable or not."""
-    return (_ocv_test(case), *_drives(case))
+    return (_ocv_test(given), *_drives(given))
 
 
-def _ocv_test(case: Case) -> Role:
+def _ocv_test(given: CheckInput) -> Role:
     name = "OCV test"
-    if isinstance(case.sweeps, str):
-        return Role(name, False, case.sweeps)
+    if isinstance(given.sweeps, str):
+        return Role(name, False, given.sweeps)
     try:
-        by_direction = _by_direction(case.sweeps)
-        if case.capacity_ah is not None:
-            decide_capacity(by_direction, case.capacity_ah)
+        by_direction = _by_direction(given.sweeps)
+        if given.capacity_ah is not None:
+            decide_capacity(by_direction, given.capacity_ah)
     except InputError as problem:
         return Role(name, False, str(problem))
     reason = "; ".join(_sweep_words(sweep) for sweep in by_direction.values())
@@ -190,16 +190,16 @@ def _sweep_words(sweep: Sweep) -> str:
     return f"{kind}, {sweep.passed_ah:.4g} Ah, {start_v:.3f} to {end_v:.3f} V"
 
 
-def _drives(case: Case) -> tuple[Role, Role]:
-    record = case.record
-    is_fine = case.is_step & (record.interval_s <= _FINE_S)
+def _drives(given: CheckInput) -> tuple[Role, Role]:
+    record = given.record
+    is_fine = given.is_step & (record.interval_s <= _FINE_S)
     steps = int(is_fine.sum())
-    loaded_s = record.interval_s[~case.is_rested[1:]]
+    loaded_s = record.interval_s[~given.is_rested[1:]]
     interval_s = float(np.median(loaded_s)) if len(loaded_s) else np.inf
     seen = f"{steps} current steps, sampled every {interval_s:.3g} s under load"
-    reason = _too_little(case)
-    window = suggest_window(case)
-    moves = f"{seen}; it moves {case.span_ah:.3g} Ah; {window.reason}"
+    reason = _too_little(given)
+    window = suggest_window(given)
+    moves = f"{seen}; it moves {given.span_ah:.3g} Ah; {window.reason}"
     roles = []
     for name, fewest in (("identification", _STEPS), ("validation", _VALIDATION_STEPS)):
         few = f"{steps} current steps sampled finely enough, and {name} wants {fewest}"
@@ -210,17 +210,17 @@ def _drives(case: Case) -> tuple[Role, Role]:
     return roles[0], roles[1]
 
 
-def _too_little(case: Case) -> str:
+def _too_little(given: CheckInput) -> str:
     """Why the record shows too little of the cell, if it does."""
-    if not isinstance(case.sweeps, str) and all(sweep.kind == "slow" for sweep in case.sweeps):
+    if not isinstance(given.sweeps, str) and all(sweep.kind == "slow" for sweep in given.sweeps):
         return "a slow sweep does not show what follows a step of current"
-    bulk_s, travel_v = bulk_time_s(case.samples)
+    bulk_s, travel_v = bulk_time_s(given.samples)
     if 0 < bulk_s < _STEEP_S:
         return (
-            f"the cell stands at a steep end: {case.span_ah:.3g} Ah move its voltage by "
+            f"the cell stands at a steep end: {given.span_ah:.3g} Ah move its voltage by "
             f"{travel_v:.2g} V"
         )
-    if case.capacity_ah is not None and case.span_ah < _LEAST_SHARE * case.capacity_ah:
-        share = 100 * case.span_ah / case.capacity_ah
-        return f"it moves {case.span_ah:.3g} Ah, {share:.2g} % of the capacity"
+    if given.capacity_ah is not None and given.span_ah < _LEAST_SHARE * given.capacity_ah:
+        share = 100 * given.span_ah / given.capacity_ah
+        return f"it moves {given.span_ah:.3g} Ah, {share:.2g} % of the capacity"
     return ""

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
-from .case import Case
+from .check_input import CheckInput
 from .finding import Finding, counted
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
@@ -18,9 +18,9 @@ _COARSE_S, _FINE_SHARE = 30.0, 0.1
 Intervals = Float[np.ndarray, "intervals"]
 
 
-def find_gaps(case: Case) -> Iterator[Finding]:
+def find_gaps(given: CheckInput) -> Iterator[Finding]:
     """Intervals without samples where samples were to be expected."""
-    record = case.record
+    record = given.record
     interval_s = record.interval_s
     gaps = _gaps(interval_s)
     if not len(gaps):
@@ -29,15 +29,15 @@ def find_gaps(case: Case) -> Iterator[Finding]:
     beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
     doubt_a = np.ptp(record.current_a[beside], axis=1)
     doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
-    source_v = record.voltage_v + case.resistance_ohm * record.current_a
+    source_v = record.voltage_v + given.resistance_ohm * record.current_a
     jump_v = np.abs(np.diff(source_v)[gaps])
     worst = gaps[int(np.argmax(interval_s[gaps]))]
     where = f"{counted(len(gaps), 'gap')}, the longest {interval_s[worst]:.4g} s"
     if len(gaps) > 1:
         where += f" before row {int(record.row[worst + 1])}"
     first = int(gaps[0]) + 1
-    if doubt_ah > _HIDDEN_SHARE * case.scale_ah or np.any(jump_v > _HIDDEN_V):
-        yield case.at(
+    if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
+        yield given.at(
             first,
             "warning",
             f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and up to "
@@ -45,20 +45,20 @@ def find_gaps(case: Case) -> Iterator[Finding]:
             "score one side only (--score-from, --score-to), or start behind it (--start-time)",
         )
     else:
-        yield case.at(first, "note", f"{where}; nothing happens in them that shows")
+        yield given.at(first, "note", f"{where}; nothing happens in them that shows")
 
 
-def find_coarse_intervals(case: Case) -> Iterator[Finding]:
+def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
     """Long intervals under load in a record that is elsewhere sampled finely."""
-    record = case.record
+    record = given.record
     interval_s = record.interval_s
-    is_loaded = ~case.is_rested[1:] & ~case.is_rested[:-1]
+    is_loaded = ~given.is_rested[1:] & ~given.is_rested[:-1]
     is_coarse = is_loaded & (interval_s >= _COARSE_S)
     fine_s = float(np.quantile(interval_s, 0.1))
     if is_coarse.sum() < 2 or fine_s > _FINE_SHARE * _COARSE_S:
         return
     long_s = float(np.median(interval_s[is_coarse]))
-    yield case.at(
+    yield given.at(
         int(np.argmax(is_coarse)) + 1,
         "note",
         f"{int(is_coarse.sum())} intervals of {long_s:.3g} s under load beside others of "
@@ -67,12 +67,12 @@ def find_coarse_intervals(case: Case) -> Iterator[Finding]:
     )
 
 
-def find_rebuilt_clock(case: Case) -> Iterator[Finding]:
+def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
     """A clock laid evenly inside each step, at a slightly different pace in each.
 
     A tester's clock jitters, or ticks at one pace throughout.
     """
-    record = case.record
+    record = given.record
     if record.step is None:
         return
     starts = np.flatnonzero(np.diff(record.step, prepend=record.step[0] - 1) != 0)
@@ -89,7 +89,7 @@ def find_rebuilt_clock(case: Case) -> Iterator[Finding]:
     is_even = high_s - low_s <= 1e-6 * high_s
     spread = float(np.ptp(low_s)) / float(np.median(low_s))
     if is_even.all() and 1e-5 < spread < 0.05:
-        yield case.at(
+        yield given.at(
             int(starts[0]),
             "note",
             f"time is laid evenly inside each of {len(starts)} steps, at {low_s.min():.6g} to "
@@ -119,31 +119,31 @@ _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
 _TEMPERATURE_DEGC = (-60.0, 120.0)
 
 
-def find_resolution(case: Case) -> Iterator[Finding]:
+def find_resolution(given: CheckInput) -> Iterator[Finding]:
     """Readings so coarse that they show in the results."""
-    magnitude_a = np.abs(case.record.current_a)
-    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * case.peak_a]))
-    share = case.resolution_a / loaded_a
-    if case.resolution_v < _COARSE_V and share < _COARSE_SHARE:
+    magnitude_a = np.abs(given.record.current_a)
+    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * given.peak_a]))
+    share = given.resolution_a / loaded_a
+    if given.resolution_v < _COARSE_V and share < _COARSE_SHARE:
         return
     yield Finding(
         "note",
-        f"coarse readings: voltage in steps of {1e3 * case.resolution_v:.2g} mV, current in steps "
-        f"of {1e3 * case.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)",
+        f"coarse readings: voltage in steps of {1e3 * given.resolution_v:.2g} mV, current in steps "
+        f"of {1e3 * given.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)",
         "no fit can be better than its readings",
     )
 
 
-def find_temperature(case: Case) -> Iterator[Finding]:
+def find_temperature(given: CheckInput) -> Iterator[Finding]:
     """Temperatures that no cell has."""
-    temperature = case.record.temperature_degc
+    temperature = given.record.temperature_degc
     if temperature is None:
         return
     low, high = _TEMPERATURE_DEGC
     outside = (temperature < low) | (temperature > high)
     if outside.any():
         first = int(np.argmax(outside))
-        yield case.at(
+        yield given.at(
             first,
             "warning",
             f"a temperature of {temperature[first]:.4g} degC ({int(outside.sum())} samples outside "

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..records.conventions import CHARGE, DISCHARGE, PROMISED
 from ..records.record import voltage_noise_v
 from ..records.samples import Samples
-from .case import STEADY_SHARE, STEP_SHARE, Case
+from .check_input import STEADY_SHARE, STEP_SHARE, CheckInput
 from .finding import Finding, found_at
 
 # How many steps of either kind make a pattern, and how far each kind must agree.
@@ -50,11 +50,11 @@ def examine_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
     return replace(samples, current_a=turned_a), [finding]
 
 
-def find_sign(case: Case) -> Iterator[Finding]:
+def find_sign(given: CheckInput) -> Iterator[Finding]:
     """A current without a sign, of doubtful sign, or of another than its column's name means."""
-    samples, sign = case.samples, case.record.sign
+    samples, sign = given.samples, given.record.sign
     at, votes = _votes(samples)
-    unsigned = _unsigned(case, votes)
+    unsigned = _unsigned(given, votes)
     if unsigned is not None:
         yield unsigned
         return
@@ -63,11 +63,11 @@ def find_sign(case: Case) -> Iterator[Finding]:
     if sign.strength in ("weak", "assumed"):
         strength = {"weak": "weak evidence", "assumed": "no evidence"}[sign.strength]
         what = f"the current is taken as {sign.value} on {strength}: {reason}"
-        yield case.at(start, "warning", what, f"say so: --current-sign {sign.value}")
+        yield given.at(start, "warning", what, f"say so: --current-sign {sign.value}")
         return
     promised = PROMISED[samples.dialect]
     if samples.dialect != "plain" and sign.value != promised:
-        yield case.at(
+        yield given.at(
             start,
             "warning",
             f"the current is {sign.value}, but {samples.dialect} names mean {promised}: {reason}",
@@ -75,7 +75,7 @@ def find_sign(case: Case) -> Iterator[Finding]:
             "sign in the file",
         )
     elif sign.value == DISCHARGE and samples.dialect == "plain":
-        yield case.at(start, "note", f"the current is {sign.value}: {reason}")
+        yield given.at(start, "note", f"the current is {sign.value}: {reason}")
 
 
 def _votes(samples: Samples) -> tuple[np.ndarray, Votes]:
@@ -87,16 +87,16 @@ def _votes(samples: Samples) -> tuple[np.ndarray, Votes]:
     return at, np.sign(step_a[at] * step_v[at])
 
 
-def _unsigned(case: Case, votes: Votes) -> Finding | None:
+def _unsigned(given: CheckInput, votes: Votes) -> Finding | None:
     """An error where the current never changes its sign although the cell is charged too."""
-    current_a = case.samples.current_a
-    if min(-current_a.min(), current_a.max()) > _NEVER_SHARE * case.peak_a:
+    current_a = given.samples.current_a
+    if min(-current_a.min(), current_a.max()) > _NEVER_SHARE * given.peak_a:
         return None
     rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))
     if min(rising, falling) < max(_FEWEST, _MINORITY * len(votes)):
         return None
     never = "negative" if current_a.max() > 0 else "positive"
-    return case.at(
+    return given.at(
         int(np.argmax(np.abs(current_a))),
         "error",
         f"the current is never {never}, yet it lifts the voltage at {rising} of its steps and "

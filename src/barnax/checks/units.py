@@ -14,7 +14,7 @@ from ..records.plausibility import (
     throughput_ratio,
 )
 from ..records.samples import Samples
-from .case import STEP_SHARE, bulk_time_s, span_ah, step_resistance_ohm
+from .check_input import STEP_SHARE, bulk_time_s, span_ah, step_resistance_ohm
 from .finding import Finding, Severity, counted, found_at
 
 # A cell's volts divided by a thousand once too often.

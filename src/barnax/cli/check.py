@@ -44,7 +44,7 @@ def check(
     """
     session = Session(is_quiet=quiet or as_json)
     with session.stage("Loading"):
-        from ..checks import diagnose
+        from ..checks import check_file
         from .check_report import diagnosis_report, finding_line, verdict_sentence
 
     if capacity is not None and not capacity > 0:
@@ -54,7 +54,7 @@ def check(
     for file in files:
         try:
             with session.stage(f"Looking at {file.name}"):
-                diagnosis = diagnose(file, capacity_ah=capacity)
+                diagnosis = check_file(file, capacity_ah=capacity)
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": file.name, "unreadable": str(problem)})

@@ -7,13 +7,13 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ..checks import Diagnosis, Facts, Finding, Role
+from ..checks import Facts, FileCheck, Finding, Role
 from ..reporting.terminal import LAYOUT
 
 STYLE = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
-def diagnosis_report(diagnosis: Diagnosis) -> list[RenderableType]:
+def diagnosis_report(diagnosis: FileCheck) -> list[RenderableType]:
     """What the file is, what was found in it, and what it can serve as."""
     blocks: list[RenderableType] = [Text(diagnosis.file, style="bold")]
     if diagnosis.facts:
@@ -27,7 +27,7 @@ def diagnosis_report(diagnosis: Diagnosis) -> list[RenderableType]:
     return blocks
 
 
-def verdict_sentence(diagnoses: Sequence[Diagnosis]) -> str:
+def verdict_sentence(diagnoses: Sequence[FileCheck]) -> str:
     """How much was found in all files."""
     found = [finding.severity for diagnosis in diagnoses for finding in diagnosis.findings]
     counts = [_counted(found.count(severity), severity) for severity in STYLE]
@@ -68,7 +68,7 @@ def _findings_table(findings: Sequence[Finding]) -> Table:
     return table
 
 
-def _roles_table(diagnosis: Diagnosis) -> Table:
+def _roles_table(diagnosis: FileCheck) -> Table:
     is_sick = any(finding.severity == "error" for finding in diagnosis.findings)
     table = Table(caption="once the errors are mended" if is_sick else None, **LAYOUT)
     table.add_column("it can serve as", no_wrap=True)

@@ -33,11 +33,11 @@ def warn_of_doubts(
 def _doubts_of(
     path: Path, name: str, wanted: str, capacity_ah: float | None, has_window: bool
 ) -> Iterator[str]:
-    from ..checks import diagnose
+    from ..checks import check_file
     from .check_report import finding_line
 
     try:
-        diagnosis = diagnose(path, capacity_ah=capacity_ah)
+        diagnosis = check_file(path, capacity_ah=capacity_ah)
     except InputError:
         # It was read, so what stands in the way of a diagnosis is no fault of the record.
         return

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
     from ..results import Result
     from ..search.evaluate import Evaluation
-    from ..search.refine import CrossCheck
+    from ..search.refine import Refinement
 
 
 def cell_figures(cell: "CellModel") -> dict[str, bytes]:
@@ -22,7 +22,7 @@ def cell_figures(cell: "CellModel") -> dict[str, bytes]:
 
 
 def found_figures(
-    checked: "CrossCheck",
+    refinement: "Refinement",
     identified: "list[Evaluation]",
     validated: "list[Evaluation]",
 ) -> dict[str, bytes]:
@@ -30,7 +30,7 @@ def found_figures(
     from ..plots import plot_convergence, plot_error, plot_voltage
     from ..plots.sources import record_roles
 
-    figures = {"convergence": plot_convergence(checked.found, checked)}
+    figures = {"convergence": plot_convergence(refinement.search, refinement)}
     roles = record_roles(len(identified), len(validated))
     for role, evaluation in zip(roles, [*identified, *validated], strict=True):
         figures[f"{role}-voltage"] = plot_voltage(evaluation)
@@ -40,7 +40,7 @@ def found_figures(
 
 def report_with_figures(
     result: "Result",
-    checked: "CrossCheck",
+    refinement: "Refinement",
     identified: "list[Evaluation]",
     validated: "list[Evaluation]",
     optimum: "GlobalOptimum | None",
@@ -48,7 +48,7 @@ def report_with_figures(
     """The report in both forms and its figures, by their path below the results folder."""
     from ..reporting import identification_document, identification_illustrations
 
-    drawn = identification_illustrations(checked, identified, validated, optimum)
+    drawn = identification_illustrations(refinement, identified, validated, optimum)
     return report_files(identification_document(result, drawn), drawn)
 
 

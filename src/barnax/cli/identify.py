@@ -26,7 +26,7 @@ from .session import (
 if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
     from ..model.problem import Problem
-    from ..search.refine import CrossCheck
+    from ..search.refine import Refinement
     from ..uncertainty.assessment import Assessment
 
 
@@ -109,14 +109,14 @@ def identify(
         import jax
 
         from ..cell import CIRCUITS
-        from ..model.inputs import make_course
+        from ..model.inputs import prepare_record
         from ..model.problem import make_problem
         from ..optimizers import OPTIMIZERS, make_optimizer
         from ..reporting.terminal import identification_report, trust_report
         from ..results import make_result
-        from ..search.evaluate import evaluate_course
-        from ..search.identify import identify as search
+        from ..search.evaluate import evaluate
         from ..search.refine import Descent, refine
+        from ..search.seeds import search_seeds as search
         from ..uncertainty import compile_linearization, examine
 
     require_choice("--model", model, CIRCUITS)
@@ -156,7 +156,9 @@ def identify(
             source=box.source,
         )
         # A validation record that does not fit the window is refused before the search, not after.
-        courses = [make_course(other, inputs.cell, model, window) for other in inputs.validation]
+        prepared_records = [
+            prepare_record(other, inputs.cell, model, window) for other in inputs.validation
+        ]
     # Once, and not by two threads at the same time; who needs it says why there is none.
     with suppress(InputError):
         _ = problem.compressed
@@ -176,27 +178,27 @@ def identify(
                 progress=advance,
             )
         with session.bar("Cross-checking", seeds) as advance:
-            checked = refine(found, descent=compiling.result(), progress=advance)
-        assessing = beside.submit(_assessed, checked, session)
+            refinement = refine(found, descent=compiling.result(), progress=advance)
+        assessing = beside.submit(_assessed, refinement, session)
         with session.stage("Waiting for the global optimum"):
             optimum = looking.result()
         with session.stage("Validating"):
             identified, validated = (
-                [evaluate_course(course, checked.parameters) for course in each]
-                for each in (problem.courses, courses)
+                [evaluate(prepared, refinement.parameters) for prepared in each]
+                for each in (problem.prepared_records, prepared_records)
             )
         written = {}
         if drawing is not None:
             with session.stage("Drawing figures"):
-                written = drawing.result() | found_figures(checked, identified, validated)
+                written = drawing.result() | found_figures(refinement, identified, validated)
         with session.stage("Waiting for the assessment"):
             assessment = assessing.result()
     examination = None
     if trust == "full":
         with session.stage("Fitting again"):
-            examination = examine(checked, assessment, key=jax.random.key(key))
+            examination = examine(refinement, assessment, key=jax.random.key(key))
     result = make_result(
-        checked,
+        refinement,
         identified,
         validated,
         optimum=optimum,
@@ -209,30 +211,30 @@ def identify(
         written["result.json"] = result.to_json().encode()
         if report:
             with session.stage("Drawing figures"):
-                written |= report_with_figures(result, checked, identified, validated, optimum)
+                written |= report_with_figures(result, refinement, identified, validated, optimum)
         written["timings.json"] = session.timings_json()
         folder = write_folder(folder, written, force, session)
     if as_json:
         typer.echo(result.to_json(), nl=False)
     told = [*trust_report(assessment, examination)]
-    session.show(identification_report(checked, [*identified, *validated], optimum, told))
+    session.show(identification_report(refinement, [*identified, *validated], optimum, told))
     session.warn(result.warnings)
     session.show([f"Results are in [bold]{escape(str(folder))}[/bold]."])
 
 
 def _best_there_is(problem: "Problem", session: Session) -> "GlobalOptimum | None":
     """The global optimum, None where the box is too wide to look for it."""
-    from ..global_optimum import global_optimum
+    from ..global_optimum import find_global_optimum
 
     try:
         with session.timed("Looking for the global optimum"):
-            return global_optimum(problem)
+            return find_global_optimum(problem)
     except InputError:
         return None
 
 
-def _assessed(checked: "CrossCheck", session: Session) -> "Assessment":
+def _assessed(refinement: "Refinement", session: Session) -> "Assessment":
     from ..uncertainty import assess
 
     with session.timed("Assessing"):
-        return assess(checked)
+        return assess(refinement)

@@ -81,7 +81,7 @@ def validate(
     if as_json:
         typer.echo(metrics_part(evaluation).model_dump_json(by_alias=True, indent=1))
     session.show([metrics_table([evaluation])])
-    session.warn([*measured.warnings, *evaluation.course.warnings])
+    session.warn([*measured.warnings, *evaluation.prepared.warnings])
 
 
 def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":

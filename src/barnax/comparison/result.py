@@ -99,8 +99,8 @@ class RowPart(ComparisonPart):
 
     `failure` says why there is no answer; then all that follows it is empty or None.
     `spread` is None for a method that draws nothing. `evaluations` are the median seed's, and
-    `at_bound` names which of its parameters are at an end of the box. `regret` is the RMSE over
-    the global optimum's, minus one. `source` says where the method comes from.
+    `at_bound` names which of its parameters are at an end of the box. `optimality_gap` is the
+    RMSE over the global optimum's, minus one. `source` says where the method comes from.
     """
 
     model: str
@@ -118,7 +118,7 @@ class RowPart(ComparisonPart):
     validation: tuple[RecordErrorsPart, ...] = ()
     refined_rmse_v: Volts | None = None
     refined_parameters: Parameters | None = None
-    regret: float | None = None
+    optimality_gap: float | None = None
     seeds: tuple[SeedAnswerPart, ...] = ()
 
     @property
@@ -246,7 +246,7 @@ def make_comparison_result(
     problems = {row.model: row.problem for row in comparison.rows}
     first = next(iter(problems.values()))
     budget = comparison.budget
-    records = [("identification", first.course.record)]
+    records = [("identification", first.prepared.record)]
     records += [("validation", record) for record in validation]
     records += [("ocv", record) for record in ocv]
     return ComparisonResult(
@@ -264,8 +264,8 @@ def make_comparison_result(
         ),
         cell=first.cell.to_dict(),
         window=first.window,
-        initial_soc=first.course.initial_soc,
-        initial_soc_reason=first.course.initial_soc_reason,
+        initial_soc=first.prepared.initial_soc,
+        initial_soc_reason=first.prepared.initial_soc_reason,
         inputs=tuple(input_part(role, record) for role, record in records),
         warnings=comparison_warnings(comparison, [*ocv, *validation]),
         command=tuple(command),
@@ -279,7 +279,10 @@ def comparison_warnings(comparison: Comparison, others: Sequence[Record]) -> tup
     problems: dict[str, Problem] = {row.model: row.problem for row in comparison.rows}
     texts += [text for problem in problems.values() for text in problem.warnings]
     texts += [
-        text for row in comparison.rows for each in row.evaluations for text in each.course.warnings
+        text
+        for row in comparison.rows
+        for each in row.evaluations
+        for text in each.prepared.warnings
     ]
     return tuple(dict.fromkeys(texts))
 
@@ -337,7 +340,7 @@ def _row_part(row: Row) -> RowPart:
         validation=tuple(validation),
         refined_rmse_v=row.refined.rmse_v if row.refined else None,
         refined_parameters=row.refined.parameters.to_dict() if row.refined else None,
-        regret=row.regret,
+        optimality_gap=row.optimality_gap,
         seeds=tuple(
             SeedAnswerPart(
                 rmse_v=answer.rmse_v,

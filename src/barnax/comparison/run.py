@@ -13,12 +13,12 @@ from ..baselines.regression import outside_box
 from ..cell import CellModel, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
-from ..global_optimum import GlobalOptimum, global_optimum, regret
-from ..model.inputs import Course, Window, make_course
+from ..global_optimum import GlobalOptimum, find_global_optimum, optimality_gap
+from ..model.inputs import PreparedRecord, Window, prepare_record
 from ..model.problem import Kind, Problem, make_problem
 from ..model.search_space import Bounds, Range, Scale
 from ..records import Record
-from ..search.evaluate import Evaluation, evaluate_course
+from ..search.evaluate import Evaluation, evaluate
 from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, RefinedSeed, at_bound
 from .statistics import (
     BandError,
@@ -38,8 +38,8 @@ class Row:
     it failed; then `failure` says why. `evaluations` are those of the median seed: on the
     identification record, then on each validation record. `bands` are its errors by SOC, a tuple
     for each of these records; `at_bound` names what is at an end of the box. `refined` is what
-    Levenberg-Marquardt makes of the median seed; `regret` is the median seed's RMSE over the
-    global optimum's, minus one.
+    Levenberg-Marquardt makes of the median seed; `optimality_gap` is the median seed's RMSE over
+    the global optimum's, minus one.
     """
 
     model: str
@@ -53,7 +53,7 @@ class Row:
     bands: tuple[tuple[BandError, ...], ...] = ()
     at_bound: tuple[str, ...] = ()
     refined: RefinedSeed | None = None
-    regret: float | None = None
+    optimality_gap: float | None = None
 
     @property
     def name(self) -> str:
@@ -172,12 +172,16 @@ def compare(
         objective=objective,
         source=source,
     )
-    courses = {
-        model: [problem.course, *(make_course(other, cell, model, window) for other in validation)]
+    prepared_records = {
+        model: [
+            problem.prepared,
+            *(prepare_record(other, cell, model, window) for other in validation),
+        ]
         for model, problem in problems.items()
     }
     answered = [
-        _run(problems[model], courses[model], method, budget, watch) for model, method in rows
+        _run(problems[model], prepared_records[model], method, budget, watch)
+        for model, method in rows
     ]
     with watch(CROSS_CHECK):
         refined = _refine(answered)
@@ -185,7 +189,7 @@ def compare(
         optima = _optima(problems)
     with watch(DIFFERENCES):
         differences = _differences(refined, budget.key)
-    measured = tuple(_with_regret(row, optima) for row in refined)
+    measured = tuple(_with_gap(row, optima) for row in refined)
     return Comparison(measured, budget, differences, optima)
 
 
@@ -238,7 +242,7 @@ def _names_of(model: str) -> set[str]:
 @in_float64
 def _run(
     problem: Problem,
-    courses: Sequence[Course],
+    prepared_records: Sequence[PreparedRecord],
     method: str,
     budget: Budget,
     watch: Watch,
@@ -251,9 +255,9 @@ def _run(
         except (MethodFailure, InputError, np.linalg.LinAlgError) as failure:
             return replace(row, failure=str(failure))
     row = replace(row, answers=tuple(answers))
-    evaluations = [evaluate_course(course, row.median.parameters) for course in courses]
+    evaluations = [evaluate(prepared, row.median.parameters) for prepared in prepared_records]
     bands = [
-        errors_by_soc(each.error_v, each.course.soc, each.course.scored) for each in evaluations
+        errors_by_soc(each.error_v, each.prepared.soc, each.prepared.scored) for each in evaluations
     ]
     parameters = row.median.parameters
     box = problem.objective_in("log").coordinates
@@ -294,14 +298,14 @@ def _optima(problems: Mapping[str, Problem]) -> dict[str, GlobalOptimum]:
     found = {}
     for model, problem in problems.items():
         with suppress(InputError):
-            found[model] = global_optimum(problem)
+            found[model] = find_global_optimum(problem)
     return found
 
 
-def _with_regret(row: Row, optima: Mapping[str, GlobalOptimum]) -> Row:
+def _with_gap(row: Row, optima: Mapping[str, GlobalOptimum]) -> Row:
     if row.failure is not None or row.model not in optima:
         return row
-    return replace(row, regret=regret(row.median.rmse_v, optima[row.model].rmse_v))
+    return replace(row, optimality_gap=optimality_gap(row.median.rmse_v, optima[row.model].rmse_v))
 
 
 def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
@@ -312,13 +316,13 @@ def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
         for place, evaluations in enumerate(
             zip(first.evaluations, second.evaluations, strict=True)
         ):
-            one, other = (each.error_v[each.course.scored] for each in evaluations)
+            one, other = (each.error_v[each.prepared.scored] for each in evaluations)
             over_seeds = compare_over_seeds(first.errors_v, second.errors_v)
             found.append(
                 Difference(
                     first=first.name,
                     second=second.name,
-                    record=evaluations[0].course.record.name,
+                    record=evaluations[0].prepared.record.name,
                     is_validation=place > 0,
                     over_time=compare_over_time(one, other, key),
                     over_seeds=None if place > 0 else over_seeds,

@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float
 from ..cell import CircuitParameters
 from ..model.compressed import TOLERANCE
 from ..model.exponentials import Lagrange, span_of
-from ..model.inputs import Course
+from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
-from ..model.search_space import SplitBox
+from ..model.search_space import ResistanceBounds
 
 # A column this dependent on those before it, relative to its own square, moves nothing.
 RIDGE = 1e-13
@@ -146,18 +146,18 @@ class Reduced:
     base: Float[np.ndarray, "rows"]
     current: Float[np.ndarray, "rows"]
     axes: tuple[Axis, ...]
-    box: SplitBox
+    box: ResistanceBounds
     is_ordered: bool
 
     @classmethod
     def of(cls, problem: Problem) -> "Reduced":
         """The columns. Raises `InputError` where the box is too wide to compress."""
-        short, box = problem.compressed, SplitBox(problem.bounds)
+        short, box = problem.compressed, ResistanceBounds(problem.bounds)
         unit = np.sqrt(float(short.scored))
         limits = problem.coordinates
-        largest_a = max(float(np.max(np.abs(drive.held_a))) for drive in problem.drives)
+        largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
         answers = _Interpolated(np.asarray(short.pairs) / unit, short.in_tau, 1)
-        current_a = min(largest_a, _earlier_rms_a(problem.courses))
+        current_a = min(largest_a, _earlier_rms_a(problem.prepared_records))
         error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
         axes = []
         for pair in range(problem.bounds.pairs):
@@ -168,8 +168,8 @@ class Reduced:
             low, high = box.gamma_range
             turned = _Interpolated(np.asarray(short.turns) / unit, short.in_rate, -1)
             largest_v = max(
-                float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.push)))
-                for moved in (drive.hysteresis for drive in problem.drives)
+                float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.hysteresis_input)))
+                for moved in (inputs.hysteresis for inputs in problem.all_inputs)
                 if moved is not None
             )
             error = span_of(1 / high, 1 / low, TOLERANCE).error
@@ -225,21 +225,21 @@ class _Interpolated:
         return (terms / np.sum(terms, axis=1, keepdims=True)) @ self.nodes.T
 
 
-def _earlier_rms_a(courses: Sequence[Course]) -> float:
+def _earlier_rms_a(prepared_records: Sequence[PreparedRecord]) -> float:
     """A bound on the RMS of the current that flowed some time before the scored samples.
 
     An interval counts as often as samples can be that time after it: as many as any stretch of its
     length holds.
     """
     squares, scored = 0.0, 0
-    for course in courses:
-        scored_s = course.time_s[course.scored]
+    for prepared in prepared_records:
+        scored_s = prepared.time_s[prepared.scored]
         # Few distinct lengths, none of them shortened.
-        length_s = np.exp2(np.ceil(8 * np.log2(np.diff(course.time_s))) / 8)
+        length_s = np.exp2(np.ceil(8 * np.log2(np.diff(prepared.time_s))) / 8)
         for each in np.unique(length_s):
             after = np.searchsorted(scored_s, scored_s + each)
             most = np.max(after - np.arange(len(scored_s)))
-            squares += most * np.sum(course.held_a[:-1][length_s == each] ** 2)
+            squares += most * np.sum(prepared.held_a[:-1][length_s == each] ** 2)
         scored += len(scored_s)
     return float(np.sqrt(squares / scored))
 

@@ -170,7 +170,7 @@ class GlobalOptimum:
     @property
     def proved_gap(self) -> float:
         """The largest share of the RMSE that a better circuit could save."""
-        return max(0.0, -regret(self.lower_bound_v, self.rmse_v))
+        return max(0.0, -optimality_gap(self.lower_bound_v, self.rmse_v))
 
     @property
     def status(self) -> Status:
@@ -182,19 +182,19 @@ class GlobalOptimum:
         return " ".join([_sureness(self), _other_optima(self), _at_bound(self)])
 
 
-def regret(rmse_v: float, optimum_v: float) -> float:
+def optimality_gap(rmse_v: float, optimum_v: float) -> float:
     """How far an RMSE is above the optimum's, as a share of it.
 
     An optimum below `SMALLEST_RMSE_V` counts as one of that: rounding is nothing to regret.
 
-    >>> round(regret(10.1e-3, 10e-3), 6)
+    >>> round(optimality_gap(10.1e-3, 10e-3), 6)
     0.01
     """
     return (rmse_v - optimum_v) / max(optimum_v, SMALLEST_RMSE_V)
 
 
 @in_float64
-def global_optimum(
+def find_global_optimum(
     problem: Problem, *, prove: bool = True, most_cells: int = MOST_CELLS
 ) -> GlobalOptimum:
     """The best circuit in the box: the landscape's minima polished, and a proof of it.
@@ -260,7 +260,7 @@ def _other_optima(found: GlobalOptimum) -> str:
     others, reach = found.local_optima, f"{100 * (FACTOR - 1):.0f} %"
     if not others:
         return f"No other local optimum was found up to {reach} above it."
-    nearest = f"{100 * regret(others[0].rmse_v, found.rmse_v):.2g} %"
+    nearest = f"{100 * optimality_gap(others[0].rmse_v, found.rmse_v):.2g} %"
     tau = " and ".join(f"{tau_s:.4g}" for tau_s in others[0].parameters.tau_s)
     count = "One other local optimum lies" if len(others) == 1 else f"{len(others)} others lie"
     where = f"{count} up to {reach} above it, the nearest {nearest} above at tau of {tau} s"

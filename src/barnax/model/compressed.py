@@ -22,7 +22,7 @@ from scipy.linalg import get_lapack_funcs, qr
 from ..execution import one_blas_thread
 from .exponentials import Lagrange, Span, span_of
 from .search_space import Coordinates
-from .simulate import AbstractEvaluator, Drive, Impedance, Intervals, respond
+from .simulate import AbstractEvaluator, Intervals, RCParameters, SimulationInput, respond
 
 # Bound on the error of a pair's answer, relative to the largest current.
 TOLERANCE = 1e-12
@@ -75,22 +75,22 @@ class Compressed(AbstractEvaluator):
     def base(self) -> Float[Array, "rows"]:
         return self.factor[:, -1]
 
-    def errors(self, impedance: Impedance) -> Float[Array, "rows"]:
+    def errors(self, rc: RCParameters) -> Float[Array, "rows"]:
         # All pairs at once, and counts times the factor rather than the reverse: fewer steps, and
         # nothing to transpose, in a program that spends microseconds on each.
-        answers = jax.vmap(self.in_tau.at)(jnp.stack(impedance.tau), jnp.stack(impedance.r))
+        answers = jax.vmap(self.in_tau.at)(jnp.stack(rc.tau), jnp.stack(rc.r))
         counts = [sum(answers[1:], answers[0])]
-        if self.in_rate is not None and impedance.gamma is not None:
-            counts.append(self.in_rate.at(1 / impedance.gamma))
-        counts.append(jnp.stack([impedance.r0, jnp.ones_like(impedance.r0)]))
+        if self.in_rate is not None and rc.gamma is not None:
+            counts.append(self.in_rate.at(1 / rc.gamma))
+        counts.append(jnp.stack([rc.r0, jnp.ones_like(rc.r0)]))
         return jnp.concatenate(counts) @ self.factor.T
 
-    def squared_error(self, impedance: Impedance) -> Scalar:
-        errors_v = self.errors(impedance)
+    def squared_error(self, rc: RCParameters) -> Scalar:
+        errors_v = self.errors(rc)
         return jnp.sum(errors_v * errors_v)
 
 
-def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
+def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compressed:
     """One or several records, reduced together. Call inside float64.
 
     The samples go through in blocks of `BLOCK`; nothing longer is ever held. Raises `InputError`
@@ -103,13 +103,13 @@ def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
         in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
     # One thread each: what a library does with several would change the last bits.
     with one_blas_thread():
-        factor = reduce(_extend, [_factor(drive, in_tau, in_rate) for drive in drives])
+        factor = reduce(_extend, [_factor(inputs, in_tau, in_rate) for inputs in all_inputs])
         count = len(in_tau.skeleton)
         columns = [factor[:, :count] @ in_tau.from_skeleton]
         if in_rate is not None:
             columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
         columns.append(factor[:, -2:])
-        scored = sum(float(drive.scored) for drive in drives)
+        scored = sum(float(inputs.scored) for inputs in all_inputs)
         factor = _shorten(np.concatenate(columns, axis=1), NEGLIGIBLE_V * math.sqrt(scored))
     return Compressed(
         scored=jnp.asarray(scored),
@@ -120,12 +120,12 @@ def compress(drives: Sequence[Drive], box: Coordinates) -> Compressed:
 
 
 def _factor(
-    drive: Drive, in_tau: Span, in_rate: Span | None
+    inputs: SimulationInput, in_tau: Span, in_rate: Span | None
 ) -> Float[np.ndarray, "columns columns"]:
     """The triangular factor of all scored samples of one record."""
     with ThreadPoolExecutor(CHAINS) as pool:
         chains: list = [None] * CHAINS
-        for number, block in enumerate(_blocks(drive, in_tau, in_rate)):
+        for number, block in enumerate(_blocks(inputs, in_tau, in_rate)):
             chain = number % CHAINS
             done = chains[chain]
             start = done.result() if done else np.zeros((block.shape[1],) * 2)
@@ -160,16 +160,16 @@ def _shorten(
 
 
 def _blocks(
-    drive: Drive, in_tau: Span, in_rate: Span | None
+    inputs: SimulationInput, in_tau: Span, in_rate: Span | None
 ) -> Iterator[Float[np.ndarray, "scored columns"]]:
     """The columns of the problem at the scored samples, block after block."""
-    pairs = _Answers(drive.held_a, drive.intervals, in_tau)
-    moved, turns, amplitude_v = drive.hysteresis, None, np.empty(0)
+    pairs = _Answers(inputs.held_a, inputs.intervals, in_tau)
+    moved, turns, amplitude_v = inputs.hysteresis, None, np.empty(0)
     if in_rate is not None and moved is not None:
-        turns = _Answers(moved.push, moved.intervals, in_rate)
+        turns = _Answers(moved.hysteresis_input, moved.intervals, in_rate)
         amplitude_v = np.asarray(moved.amplitude_v)
-    current_a, base_v = np.asarray(drive.current_a), np.asarray(drive.base_error_v)
-    weight = None if drive.weight is None else np.asarray(drive.weight)
+    current_a, base_v = np.asarray(inputs.current_a), np.asarray(inputs.base_error_v)
+    weight = None if inputs.weight is None else np.asarray(inputs.weight)
     for first in range(0, len(current_a), BLOCK):
         here = slice(first, first + BLOCK)
         columns = [pairs.next_block(here)]

@@ -12,7 +12,7 @@ from ..cell.ocv_points import MINIMUM_REST_S
 from ..errors import InputError
 from ..records import Record
 from ..records.rests import current_direction, is_rested, rest_current_a
-from .simulate import Drive, HysteresisDrive, Intervals
+from .simulate import HysteresisInput, Intervals, SimulationInput
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ NO_MARGIN = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class PreparedRecord:
     """The simulated stretch of one record, first to last scored sample.
 
     `source_v` is the open-circuit voltage with the circuit's hysteresis term, a dynamic one
@@ -189,20 +189,20 @@ class Course:
     warnings: tuple[str, ...]
 
     @property
-    def stretch(self) -> slice:
+    def span(self) -> slice:
         return slice(self.first, self.first + len(self.soc))
 
     @property
     def time_s(self) -> Float[np.ndarray, "simulated"]:
-        return self.record.time_s[self.stretch]
+        return self.record.time_s[self.span]
 
     @property
     def current_a(self) -> Float[np.ndarray, "simulated"]:
-        return self.record.current_a[self.stretch]
+        return self.record.current_a[self.span]
 
     @property
     def voltage_v(self) -> Float[np.ndarray, "simulated"]:
-        return self.record.voltage_v[self.stretch]
+        return self.record.voltage_v[self.span]
 
     @property
     def scored_duration_s(self) -> float:
@@ -213,12 +213,12 @@ class Course:
     def median_interval_s(self) -> float:
         return float(np.median(np.diff(self.time_s)))
 
-    def drive(self, shortest_tau_s: float, highest_gamma: float | None = None) -> Drive:
+    def inputs(self, shortest_tau_s: float, highest_gamma: float | None = None) -> SimulationInput:
         """The device arrays of this stretch, exact for time constants from `shortest_tau_s` on.
 
         With dynamic hysteresis, exact for rates up to `highest_gamma`.
         """
-        return Drive(
+        return SimulationInput(
             current_a=jnp.asarray(self.current_a),
             held_a=jnp.asarray(self.held_a),
             source_v=jnp.asarray(self.source_v),
@@ -235,19 +235,19 @@ class Course:
         last = slice(self.first, self.first + len(self.soc) - 1)
         return np.append(self.record.interval_current_a[last], 0.0)
 
-    def _hysteresis(self, highest_gamma: float) -> HysteresisDrive:
+    def _hysteresis(self, highest_gamma: float) -> HysteresisInput:
         # Below the rest current a cell keeps its direction: noise and offsets turn nothing.
         is_moving = (np.abs(self.held_a) >= self.rest_current_a) & (self.held_a != 0)
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)
         toward = np.where(is_moving, -np.sign(self.held_a), self.direction)
-        return HysteresisDrive(
+        return HysteresisInput(
             amplitude_v=jnp.asarray(self.hysteresis_amplitude_v),
-            push=jnp.asarray(toward - self.direction[0]),
+            hysteresis_input=jnp.asarray(toward - self.direction[0]),
             intervals=Intervals.gather(passed, 1 / highest_gamma, 0.0),
         )
 
 
-def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -> Course:
+def prepare_record(record: Record, cell: CellModel, circuit: str, window: Window) -> PreparedRecord:
     """A record made ready. Raises `InputError` where window, SOC or OCV range do not fit it."""
     rest_a = window.rest_current_a or rest_current_a(record, cell.capacity_ah)
     first = first_sample(record, window)
@@ -258,27 +258,27 @@ def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -
     warnings = _check_soc(record, cell, soc, scored)
     _require_positive_voltage(record, scored)
 
-    stretch = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
-    if np.count_nonzero(scored) < 10 or stretch.stop - first < 10:
+    span = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
+    if np.count_nonzero(scored) < 10 or span.stop - first < 10:
         raise InputError(
             f"{record.name}: fewer than 10 samples are left to score; widen the window"
         )
-    direction = direction[stretch]
+    direction = direction[span]
     model = get_circuit(circuit)
-    source_v = model.source_voltage(cell, soc[stretch], direction)
+    source_v = model.source_voltage(cell, soc[span], direction)
     amplitude_v = None
     if model.hysteresis_amplitude is not None:
-        amplitude_v = model.hysteresis_amplitude(cell, soc[stretch])
+        amplitude_v = model.hysteresis_amplitude(cell, soc[span])
         source_v = source_v + direction[0] * amplitude_v
-    return Course(
+    return PreparedRecord(
         record=record,
         circuit=circuit,
         first=first,
-        soc=soc[stretch],
+        soc=soc[span],
         direction=direction,
         source_v=source_v,
         hysteresis_amplitude_v=amplitude_v,
-        scored=scored[stretch],
+        scored=scored[span],
         rest_current_a=rest_a,
         initial_soc=start_soc,
         initial_soc_reason=reason,
@@ -286,12 +286,12 @@ def make_course(record: Record, cell: CellModel, circuit: str, window: Window) -
     )
 
 
-def require_changing_voltage(course: Course) -> None:
+def require_changing_voltage(prepared: PreparedRecord) -> None:
     """Raise `InputError` where the scored voltage is flat: errors on it mean nothing."""
-    voltage_v = course.voltage_v[course.scored]
+    voltage_v = prepared.voltage_v[prepared.scored]
     if np.ptp(voltage_v) == 0:
         raise InputError(
-            f"{course.record.name}: the voltage is {voltage_v[0]:g} V at every scored sample; "
+            f"{prepared.record.name}: the voltage is {voltage_v[0]:g} V at every scored sample; "
             "widen the window or check the file"
         )
 

@@ -7,11 +7,11 @@ from typing import Any, Self
 import equinox as eqx
 import jax.numpy as jnp
 
-from .simulate import AbstractEvaluator, Drive, Joint
+from .simulate import AbstractEvaluator, Joint, SimulationInput
 
 
 @dataclass(frozen=True)
-class Room:
+class PaddedSize:
     """What the largest of some drives takes: samples, and nodes of both its clocks."""
 
     samples: int
@@ -20,30 +20,30 @@ class Room:
     turning_nodes: int
 
     @classmethod
-    def of(cls, drives: Iterable[Drive]) -> Self:
+    def of(cls, all_inputs: Iterable[SimulationInput]) -> Self:
         """Room for every one of these."""
-        lengths = {len(drive.current_a) for drive in drives}
-        turning = [drive.hysteresis for drive in drives if drive.hysteresis is not None]
+        lengths = {len(inputs.current_a) for inputs in all_inputs}
+        turning = [inputs.hysteresis for inputs in all_inputs if inputs.hysteresis is not None]
         return cls(
             max(lengths),
             len(lengths) == 1,
-            max(len(drive.intervals.node_s) for drive in drives),
+            max(len(inputs.intervals.node_s) for inputs in all_inputs),
             max((len(each.intervals.node_s) for each in turning), default=0),
         )
 
-    def fill(self, drive: Drive) -> Drive:
+    def fill(self, inputs: SimulationInput) -> SimulationInput:
         """The drive, made as large as this; its errors keep their bits."""
         if not self.is_shared:
-            drive = drive.filled_up(self.samples)
-        drive = _with_nodes(drive, lambda drive: drive.intervals.node_s, self.nodes)
-        if drive.hysteresis is None:
-            return drive
+            inputs = inputs.padded_to(self.samples)
+        inputs = _with_nodes(inputs, lambda inputs: inputs.intervals.node_s, self.nodes)
+        if inputs.hysteresis is None:
+            return inputs
         return _with_nodes(
-            drive, lambda drive: drive.hysteresis.intervals.node_s, self.turning_nodes
+            inputs, lambda inputs: inputs.hysteresis.intervals.node_s, self.turning_nodes
         )
 
 
-def filler(
+def padding_for(
     evaluators: Iterable[AbstractEvaluator],
 ) -> Callable[[AbstractEvaluator], AbstractEvaluator]:
     """A function that makes each of these evaluators as large as the largest.
@@ -54,23 +54,25 @@ def filler(
     rows = [_drives(evaluator) for evaluator in evaluators]
     if not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         return lambda evaluator: evaluator
-    rooms = [Room.of(column) for column in zip(*rows, strict=True)]
+    rooms = [PaddedSize.of(column) for column in zip(*rows, strict=True)]
 
     def fill(evaluator: AbstractEvaluator) -> AbstractEvaluator:
         filled = zip(rooms, _drives(evaluator), strict=True)
-        return Joint.of(tuple(room.fill(drive) for room, drive in filled))
+        return Joint.of(tuple(room.fill(inputs) for room, inputs in filled))
 
     return fill
 
 
-def _drives(evaluator: AbstractEvaluator) -> tuple[Drive, ...]:
+def _drives(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
     parts = evaluator.parts if isinstance(evaluator, Joint) else (evaluator,)
-    drives = tuple(part for part in parts if isinstance(part, Drive))
-    return drives if len(drives) == len(parts) else ()
+    all_inputs = tuple(part for part in parts if isinstance(part, SimulationInput))
+    return all_inputs if len(all_inputs) == len(parts) else ()
 
 
-def _with_nodes(drive: Drive, nodes_of: Callable[[Any], Any], count: int) -> Drive:
-    missing = count - len(nodes_of(drive))
+def _with_nodes(
+    inputs: SimulationInput, nodes_of: Callable[[Any], Any], count: int
+) -> SimulationInput:
+    missing = count - len(nodes_of(inputs))
     return eqx.tree_at(
-        nodes_of, drive, replace_fn=lambda node_s: jnp.pad(node_s, (0, missing), mode="edge")
+        nodes_of, inputs, replace_fn=lambda node_s: jnp.pad(node_s, (0, missing), mode="edge")
     )

@@ -15,9 +15,9 @@ from ..cell import CellModel, CircuitParameters, get_circuit
 from ..execution import compile_for, in_float64, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
-from .inputs import Course, Window, make_course, require_changing_voltage
+from .inputs import PreparedRecord, Window, prepare_record, require_changing_voltage
 from .search_space import Bounds, Coordinates, Range, Scale
-from .simulate import AbstractEvaluator, Drive, Impedance, Joint
+from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 
 
 class Objective(eqx.Module):
@@ -50,7 +50,7 @@ class Problem:
     `kind` says which of two ways to compute one objective the search takes.
     """
 
-    courses: tuple[Course, ...]
+    prepared_records: tuple[PreparedRecord, ...]
     cell: CellModel
     window: Window
     bounds: Bounds
@@ -58,29 +58,29 @@ class Problem:
     kind: Kind = "scan"
 
     @property
-    def course(self) -> Course:
+    def prepared(self) -> PreparedRecord:
         """The first course, and the only one unless records are identified jointly."""
-        return self.courses[0]
+        return self.prepared_records[0]
 
     @property
     def circuit(self) -> str:
-        return self.course.circuit
+        return self.prepared.circuit
 
     @property
     def name(self) -> str:
         """The names of the records."""
-        return " + ".join(course.record.name for course in self.courses)
+        return " + ".join(prepared.record.name for prepared in self.prepared_records)
 
     @property
     def scored(self) -> int:
         """How many samples count."""
-        return sum(int(np.count_nonzero(course.scored)) for course in self.courses)
+        return sum(int(np.count_nonzero(prepared.scored)) for prepared in self.prepared_records)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        texts = [text for course in self.courses for text in course.record.warnings]
+        texts = [text for prepared in self.prepared_records for text in prepared.record.warnings]
         texts += self.cell.warnings
-        return (*texts, *(text for course in self.courses for text in course.warnings))
+        return (*texts, *(text for prepared in self.prepared_records for text in prepared.warnings))
 
     @cached_property
     @in_float64
@@ -90,22 +90,25 @@ class Problem:
 
     @cached_property
     @in_float64
-    def drives(self) -> tuple[Drive, ...]:
+    def all_inputs(self) -> tuple[SimulationInput, ...]:
         """Every course as the scan takes it, exact in the whole box."""
         box = self.coordinates
-        return tuple(course.drive(box.shortest_tau_s, box.highest_gamma) for course in self.courses)
+        return tuple(
+            prepared.inputs(box.shortest_tau_s, box.highest_gamma)
+            for prepared in self.prepared_records
+        )
 
     @cached_property
     @in_float64
     def scan(self) -> AbstractEvaluator:
         """The objective by simulating every sample: the reference."""
-        return Joint.of(self.drives)
+        return Joint.of(self.all_inputs)
 
     @cached_property
     @in_float64
     def compressed(self) -> Compressed:
         """The same objective from a small factor. Raises `InputError` where the box is too wide."""
-        return compress(self.drives, self.coordinates)
+        return compress(self.all_inputs, self.coordinates)
 
     @cached_property
     @in_float64
@@ -181,19 +184,19 @@ def _encode(
     def encode(row):
         gamma = row[-1] if coordinates.gamma_limits else None
         r, tau = row[1 : pairs + 1], row[pairs + 1 : 2 * pairs + 1]
-        return coordinates.encode(Impedance(row[0], tuple(r), tuple(tau), gamma))
+        return coordinates.encode(RCParameters(row[0], tuple(r), tuple(tau), gamma))
 
     return jax.vmap(encode)(values)
 
 
 @eqx.filter_jit
-def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> Impedance:
+def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RCParameters:
     return jax.vmap(coordinates.decode)(points)
 
 
-def impedance_of(parameters: CircuitParameters) -> Impedance:
+def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     """A circuit's values as the simulation takes them. Call inside float64."""
-    return Impedance(
+    return RCParameters(
         r0=jnp.asarray(parameters.r0),
         r=tuple(jnp.asarray(r) for r in parameters.r),
         tau=tuple(jnp.asarray(tau) for tau in parameters.tau_s),
@@ -228,19 +231,19 @@ def make_problem(
     records = (record,) if isinstance(record, Record) else tuple(record)
     if not records:
         raise ValueError("a problem needs at least one record")
-    courses = tuple(make_course(each, cell, circuit, window) for each in records)
-    for course in courses:
-        require_changing_voltage(course)
+    prepared_records = tuple(prepare_record(each, cell, circuit, window) for each in records)
+    for prepared in prepared_records:
+        require_changing_voltage(prepared)
     model = get_circuit(circuit)
     box = Bounds.default(
         cell.capacity_ah,
-        min(course.median_interval_s for course in courses),
-        max(course.scored_duration_s for course in courses),
+        min(prepared.median_interval_s for prepared in prepared_records),
+        max(prepared.scored_duration_s for prepared in prepared_records),
         pairs=model.pairs,
         has_rate=model.has_rate,
     )
     box = box.with_changes(bounds or {}, fixed or {}, source)
-    problem = Problem(courses, cell, window, box, coordinates, objective)
+    problem = Problem(prepared_records, cell, window, box, coordinates, objective)
     # What cannot be searched is refused here, not in the middle of a search.
     _ = problem.objective
     return problem

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..cell.parameters import MOST_PAIRS, RATE
 from ..errors import LONGEST_NAME, InputError, cut
-from .simulate import Impedance
+from .simulate import RCParameters
 
 RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
 # Each pair is bounded in its time constant or in its capacitance.
@@ -233,7 +233,7 @@ SCALES: tuple[Scale, ...] = ("rc", "log")
 
 
 class Coordinates(eqx.Module):
-    """A box of free parameters and the map from a point in it to an `Impedance`.
+    """A box of free parameters and the map from a point in it to an `RCParameters`.
 
     Parameters stand in the order R0, R1, X1, R2, X2 and so on, with gamma last where there is one.
     In `rc` coordinates X is a capacitance and all are raw, as in the paper. In `log` coordinates
@@ -303,7 +303,7 @@ class Coordinates(eqx.Module):
         """The largest rate in the box, None without dynamic hysteresis."""
         return None if self.gamma_limits is None else self.gamma_limits[1]
 
-    def decode(self, point: Float[Array, "free"]) -> Impedance:
+    def decode(self, point: Float[Array, "free"]) -> RCParameters:
         """The circuit at a point."""
         # Picked one by one: a scatter would cost more than many simulations' steps.
         chosen = [
@@ -316,15 +316,15 @@ class Coordinates(eqx.Module):
         for pair, (r, x) in enumerate(zip(resistances, rest[1::2], strict=True)):
             low, high = self.tau_limits_s[pair]
             tau.append(x if self.holds_tau[pair] else jnp.clip(r * x, low, high))
-        return Impedance(r0, tuple(resistances), tuple(tau), gamma)
+        return RCParameters(r0, tuple(resistances), tuple(tau), gamma)
 
-    def encode(self, impedance: Impedance) -> Float[Array, "free"]:
+    def encode(self, rc: RCParameters) -> Float[Array, "free"]:
         """The point of a circuit, moved into the box where it lies outside."""
-        values = [impedance.r0]
-        for pair, (r, tau) in enumerate(zip(impedance.r, impedance.tau, strict=True)):
+        values = [rc.r0]
+        for pair, (r, tau) in enumerate(zip(rc.r, rc.tau, strict=True)):
             values += [r, tau if self.holds_tau[pair] else tau / r]
-        if impedance.gamma is not None:
-            values.append(impedance.gamma)
+        if rc.gamma is not None:
+            values.append(rc.gamma)
         point = jnp.stack(values)[jnp.array(self.free)]
         point = jnp.log(point) if self.is_log else point
         return jnp.clip(point, self.lower, self.upper)
@@ -340,7 +340,7 @@ def _range(bounds: Bounds, name: str) -> tuple[str, float, float]:
 
 
 @dataclass(frozen=True)
-class SplitBox:
+class ResistanceBounds:
     """The ranges of tau and gamma, and which resistances are allowed at given time constants."""
 
     bounds: Bounds

@@ -1,8 +1,8 @@
 """One circuit driven by one record: one `lax.scan` over its samples.
 
 Everything that is the same for all candidates (SOC, open-circuit and hysteresis voltage, the
-intervals) is in a `Drive`, made once. A candidate's simulation is its RC states and its ohmic
-drop. Functions are written for one candidate; callers vmap them.
+intervals) is in a `SimulationInput`, made once. A candidate's simulation is its RC states and its
+ohmic drop. Functions are written for one candidate; callers vmap them.
 """
 
 import abc
@@ -65,7 +65,7 @@ class Intervals(eqx.Module):
         )
 
 
-class Impedance(eqx.Module):
+class RCParameters(eqx.Module):
     """Ohmic resistance and RC pairs in series; `tau` is each pair's R times C, in seconds.
 
     `gamma` is the rate of a dynamic hysteresis per unit of SOC, None for circuits without.
@@ -83,11 +83,11 @@ class AbstractEvaluator(eqx.Module):
     scored: AbstractVar[Scalar]
 
     @abc.abstractmethod
-    def squared_error(self, impedance: Impedance) -> Scalar:
+    def squared_error(self, rc: RCParameters) -> Scalar:
         """Sum of squared errors over the scored samples, in V^2."""
 
     @abc.abstractmethod
-    def errors(self, impedance: Impedance) -> Float[Array, "errors"]:
+    def errors(self, rc: RCParameters) -> Float[Array, "errors"]:
         """A vector in V, smooth in the circuit, whose sum of squares is `squared_error`."""
 
 
@@ -104,11 +104,11 @@ class Joint(AbstractEvaluator):
             return parts[0]
         return cls(sum((part.scored for part in parts[1:]), parts[0].scored), parts)
 
-    def squared_error(self, impedance: Impedance) -> Scalar:
-        return jnp.sum(jnp.stack([part.squared_error(impedance) for part in self.parts]))
+    def squared_error(self, rc: RCParameters) -> Scalar:
+        return jnp.sum(jnp.stack([part.squared_error(rc) for part in self.parts]))
 
-    def errors(self, impedance: Impedance) -> Float[Array, "errors"]:
-        return jnp.concatenate([part.errors(impedance) for part in self.parts])
+    def errors(self, rc: RCParameters) -> Float[Array, "errors"]:
+        return jnp.concatenate([part.errors(rc) for part in self.parts])
 
 
 # Samples to a turn of the loop, measured on two CPU cores for 8 to 900 candidates: these are
@@ -120,19 +120,20 @@ UNROLL_STACKED = 4
 State = tuple[tuple[Scalar, ...], Scalar]
 
 
-class HysteresisDrive(eqx.Module):
+class HysteresisInput(eqx.Module):
     """What moves a dynamic hysteresis state, and what it is worth in volts.
 
     With the state's initial value inside the source, the rest of it is the answer of an RC pair
-    of 1 ohm to `push` on a clock that counts SOC instead of seconds, 1 / gamma its time constant.
+    of 1 ohm to `hysteresis_input` on a clock that counts SOC instead of seconds, with the time
+    constant 1 / gamma.
     """
 
     amplitude_v: Float[Array, "samples"]
-    push: Float[Array, "samples"]
+    hysteresis_input: Float[Array, "samples"]
     intervals: Intervals
 
 
-class Drive(AbstractEvaluator):
+class SimulationInput(AbstractEvaluator):
     """What one record imposes on every candidate, at the samples that are simulated.
 
     `held_a` is the current that flows from a sample to the next, by the record's hold; the last
@@ -149,13 +150,13 @@ class Drive(AbstractEvaluator):
     weight: Float[Array, "samples"] | None
     scored: Scalar
     intervals: Intervals
-    hysteresis: HysteresisDrive | None = None
+    hysteresis: HysteresisInput | None = None
 
-    def map_samples(self, change: Callable[[Array], Array]) -> "Drive":
+    def map_samples(self, change: Callable[[Array], Array]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""
         return eqx.tree_at(_sample_arrays, self, replace_fn=change)
 
-    def filled_up(self, samples: int) -> "Drive":
+    def padded_to(self, samples: int) -> "SimulationInput":
         """The same in `samples` samples: those added at the end repeat the last and count nothing.
 
         Errors keep their bits: a weight of one is exact, and nothing but zeros is added.
@@ -164,44 +165,44 @@ class Drive(AbstractEvaluator):
         weight = jnp.ones_like(self.current_a) if self.weight is None else self.weight
         filled = self.map_samples(lambda array: jnp.pad(array, (0, missing), mode="edge"))
         return eqx.tree_at(
-            lambda drive: drive.weight,
+            lambda inputs: inputs.weight,
             filled,
             jnp.pad(weight, (0, missing)),
             is_leaf=lambda leaf: leaf is None,
         )
 
-    def squared_error(self, impedance: Impedance) -> Scalar:
-        return squared_error(impedance, self)
+    def squared_error(self, rc: RCParameters) -> Scalar:
+        return squared_error(rc, self)
 
-    def errors(self, impedance: Impedance) -> Float[Array, "samples"]:
-        error_v = self.base_error_v + overpotential(impedance, self)
+    def errors(self, rc: RCParameters) -> Float[Array, "samples"]:
+        error_v = self.base_error_v + overpotential(rc, self)
         return error_v if self.weight is None else self.weight * error_v
 
 
-def _sample_arrays(drive: Drive) -> list[Array]:
-    clocks = [drive.intervals]
-    arrays = [drive.current_a, drive.held_a, drive.source_v, drive.base_error_v]
-    if drive.weight is not None:
-        arrays.append(drive.weight)
-    if drive.hysteresis is not None:
-        arrays += [drive.hysteresis.amplitude_v, drive.hysteresis.push]
-        clocks.append(drive.hysteresis.intervals)
+def _sample_arrays(inputs: SimulationInput) -> list[Array]:
+    clocks = [inputs.intervals]
+    arrays = [inputs.current_a, inputs.held_a, inputs.source_v, inputs.base_error_v]
+    if inputs.weight is not None:
+        arrays.append(inputs.weight)
+    if inputs.hysteresis is not None:
+        arrays += [inputs.hysteresis.amplitude_v, inputs.hysteresis.hysteresis_input]
+        clocks.append(inputs.hysteresis.intervals)
     return arrays + [array for clock in clocks for array in (clock.node, clock.offset_s)]
 
 
-def overpotential(impedance: Impedance, drive: Drive) -> Float[Array, "samples"]:
+def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
     """Source minus terminal voltage at every sample, in V (Li et al., 2023, Eq. 2, 3).
 
     Ohmic and polarization drop, less what a dynamic hysteresis has moved. The recursion is exact
     for current held constant between samples. All RC pairs start at rest. Derivatives cost one
     more scan in all, not one a parameter.
     """
-    drop_v = impedance.r0 * drive.current_a
-    for r, tau in zip(impedance.r, impedance.tau, strict=True):
-        drop_v = drop_v + r * unit_response(tau, drive.held_a, drive.intervals)
-    moved = drive.hysteresis
-    if moved is not None and impedance.gamma is not None:
-        state = unit_response(1 / impedance.gamma, moved.push, moved.intervals)
+    drop_v = rc.r0 * inputs.current_a
+    for r, tau in zip(rc.r, rc.tau, strict=True):
+        drop_v = drop_v + r * unit_response(tau, inputs.held_a, inputs.intervals)
+    moved = inputs.hysteresis
+    if moved is not None and rc.gamma is not None:
+        state = unit_response(1 / rc.gamma, moved.hysteresis_input, moved.intervals)
         drop_v = drop_v - moved.amplitude_v * state
     return drop_v
 
@@ -240,20 +241,20 @@ def _unit_response_jvp(primals, tangents):
     return response_a, slope * tangents[0]
 
 
-def terminal_voltage(impedance: Impedance, drive: Drive) -> Float[Array, "samples"]:
+def terminal_voltage(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
     """Simulated terminal voltage at every sample, in V (Li et al., 2023, Eq. 1 and 5)."""
-    return drive.source_v - overpotential(impedance, drive)
+    return inputs.source_v - overpotential(rc, inputs)
 
 
-def squared_error(impedance: Impedance, drive: Drive, start: State | None = None) -> Scalar:
+def squared_error(rc: RCParameters, inputs: SimulationInput, start: State | None = None) -> Scalar:
     """Sum of squared errors over the scored samples, in V^2.
 
     `start` is the state at the first sample; without it all is at rest. The error is summed in
     the scan's carry: stacking the voltages first costs 4 to 40 times more.
     """
-    circuit = _Circuit(impedance, drive)
+    circuit = _Circuit(rc, inputs)
     samples = circuit.moving, circuit.counting
-    blocks, left = divmod(len(drive.current_a), BLOCK)
+    blocks, left = divmod(len(inputs.current_a), BLOCK)
     moving, counting = jax.tree.map(
         lambda array: array[: blocks * BLOCK].reshape(blocks, BLOCK), samples
     )
@@ -273,8 +274,8 @@ def squared_error(impedance: Impedance, drive: Drive, start: State | None = None
         state = lax.optimization_barrier(moved)
         return (state, circuit.add_errors(total, state, moving, counting, BLOCK)), None
 
-    total = jnp.zeros_like(impedance.r0)
-    state = ((total,) * len(impedance.r), total) if start is None else start
+    total = jnp.zeros_like(rc.r0)
+    state = ((total,) * len(rc.r), total) if start is None else start
     if blocks:
         is_first = jnp.arange(blocks) == 0
         turns = is_first, before, moving, counting
@@ -303,21 +304,19 @@ def _clocked(held: Float[Array, "samples"], intervals: Intervals):
 class _Circuit:
     """One candidate's RC pairs and hysteresis, and the error they make at a sample."""
 
-    def __init__(self, impedance: Impedance, drive: Drive):
-        clock, moved = drive.intervals, drive.hysteresis
-        self._r0 = impedance.r0
-        self._pairs = [
-            _Pair(r, tau, clock) for r, tau in zip(impedance.r, impedance.tau, strict=True)
-        ]
+    def __init__(self, rc: RCParameters, inputs: SimulationInput):
+        clock, moved = inputs.intervals, inputs.hysteresis
+        self._r0 = rc.r0
+        self._pairs = [_Pair(r, tau, clock) for r, tau in zip(rc.r, rc.tau, strict=True)]
         self._hysteresis, turning, amplitude_v = None, None, None
-        if moved is not None and impedance.gamma is not None:
-            one = jnp.ones_like(impedance.r0)
-            self._hysteresis = _Pair(one, 1 / impedance.gamma, moved.intervals)
-            turning = _clocked(moved.push, moved.intervals)
+        if moved is not None and rc.gamma is not None:
+            one = jnp.ones_like(rc.r0)
+            self._hysteresis = _Pair(one, 1 / rc.gamma, moved.intervals)
+            turning = _clocked(moved.hysteresis_input, moved.intervals)
             amplitude_v = moved.amplitude_v
         # What moves the state from sample to sample, and what an error depends on beside it.
-        self.moving = _clocked(drive.held_a, clock), turning
-        self.counting = drive.current_a, drive.base_error_v, drive.weight, amplitude_v
+        self.moving = _clocked(inputs.held_a, clock), turning
+        self.counting = inputs.current_a, inputs.base_error_v, inputs.weight, amplitude_v
 
     def advance(self, state: State, moving: PyTree, samples: int) -> State:
         """The state so many samples later."""

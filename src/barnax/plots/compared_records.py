@@ -74,7 +74,7 @@ def require_one_record(evaluations: Mapping[str, "Evaluation"]) -> None:
     if not evaluations:
         raise ValueError("there is no row to draw; give at least one evaluation")
     simulated = {
-        (each.course.record.name, each.course.first, len(each.simulated_v))
+        (each.prepared.record.name, each.prepared.first, len(each.simulated_v))
         for each in evaluations.values()
     }
     if len(simulated) > 1:
@@ -129,9 +129,9 @@ def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     require_one_record(evaluations)
     looks = row_looks(evaluations)
     shown = most_accurate(evaluations, MOST_ROWS)
-    course = next(iter(shown.values())).course
-    unit = choose_time_unit(course.time_s)
-    time, scored = course.time_s / unit.seconds, course.scored
+    prepared = next(iter(shown.values())).prepared
+    unit = choose_time_unit(prepared.time_s)
+    time, scored = prepared.time_s / unit.seconds, prepared.scored
     figure = make_figure(height_in=FURNITURE_IN + STRIP_IN * len(shown))
     panels = figure.subplots(
         len(shown), 2, squeeze=False, sharey=True, sharex="col", width_ratios=[1.9, 1.0]
@@ -142,8 +142,8 @@ def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
         for chosen, shade, layer in ((scored, color, 2.0), (~scored, GREY, 1.9)):
             line = broken_line(time, error_mv, chosen)
             over_time.plot(*line, color=shade, linewidth=0.7, zorder=layer)
-            draw_by_soc(over_soc, course.soc[chosen], error_mv[chosen], shade, layer)
-        draw_rmse_by_soc(over_soc, course.soc[scored], error_mv[scored], BLACK)
+            draw_by_soc(over_soc, prepared.soc[chosen], error_mv[chosen], shade, layer)
+        draw_rmse_by_soc(over_soc, prepared.soc[scored], error_mv[scored], BLACK)
         for axes in (over_time, over_soc):
             draw_rmse(axes, 1e3 * each.metrics.rmse_v, "± RMSE")
         over_time.set_ylim(limits)
@@ -154,7 +154,7 @@ def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     panels[-1, 1].set_xlabel("State of charge [-]")
     figure.supylabel("Error [mV] (measured − simulated)", fontsize=9)
     note = selection_note(len(shown), len(evaluations))
-    heading = f"{course.record.name}: {note}" if note else course.record.name
+    heading = f"{prepared.record.name}: {note}" if note else prepared.record.name
     finish_axes(*panels.flat)
     title(panels[0, 0], heading)
     legend_above(figure, *panels[0], columns=3)
@@ -165,7 +165,7 @@ def _common_limits(shown: Mapping[str, "Evaluation"]) -> tuple[float, float]:
     """One scale for all strips, from the rows that are not far off."""
     lowest_v = min(each.metrics.rmse_v for each in shown.values())
     near = [each for each in shown.values() if each.metrics.rmse_v <= FAR_OFF * lowest_v]
-    limits = np.array([scored_limits(1e3 * each.error_v[each.course.scored]) for each in near])
+    limits = np.array([scored_limits(1e3 * each.error_v[each.prepared.scored]) for each in near])
     return float(limits[:, 0].min()), float(limits[:, 1].max())
 
 
@@ -215,25 +215,25 @@ def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     require_one_record(evaluations)
     looks = row_looks(evaluations)
     shown = most_accurate(evaluations, MOST_VOLTAGES)
-    course = next(iter(shown.values())).course
-    unit = choose_time_unit(course.time_s)
-    time = course.time_s / unit.seconds
-    stretch = lively_stretch(course.current_a, course.scored)
+    prepared = next(iter(shown.values())).prepared
+    unit = choose_time_unit(prepared.time_s)
+    time = prepared.time_s / unit.seconds
+    span = lively_stretch(prepared.current_a, prepared.scored)
     figure = make_figure(height_in=HEIGHT_IN)
-    ratios = [1.0, 1.5] if stretch is not None else [1.0]
+    ratios = [1.0, 1.5] if span is not None else [1.0]
     whole, *close = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
 
-    _draw_rows(whole, time, slice(None), shown, looks, is_close=stretch is None)
-    shade_unscored(whole, time, course.scored)
+    _draw_rows(whole, time, slice(None), shown, looks, is_close=span is None)
+    shade_unscored(whole, time, prepared.scored)
     whole.set_xlabel(unit.label)
     note = selection_note(len(shown), len(evaluations))
-    title(whole, f"{course.record.name}: {note}" if note else course.record.name)
-    if stretch is not None:
-        origin = np.floor(course.time_s[stretch.start] / unit.seconds * 100) / 100
-        seconds = course.time_s - origin * unit.seconds
-        _draw_rows(close[0], seconds, stretch, shown, looks, is_close=True)
+    title(whole, f"{prepared.record.name}: {note}" if note else prepared.record.name)
+    if span is not None:
+        origin = np.floor(prepared.time_s[span.start] / unit.seconds * 100) / 100
+        seconds = prepared.time_s - origin * unit.seconds
+        _draw_rows(close[0], seconds, span, shown, looks, is_close=True)
         close[0].set_xlabel(f"Time after {origin:g} {unit.name} [s]")
-        _frame(whole, close[0], *time[[stretch.start, stretch.stop - 1]])
+        _frame(whole, close[0], *time[[span.start, span.stop - 1]])
     finish_axes(whole, *close)
     legend_above(figure, *close, whole, columns=3)
     return figure
@@ -249,7 +249,7 @@ def _draw_rows(
     is_close: bool,
 ) -> None:
     """The measured line and every row's; markers only where single samples can be seen."""
-    measured_v = next(iter(shown.values())).course.voltage_v
+    measured_v = next(iter(shown.values())).prepared.voltage_v
     _draw_line(
         axes, time, measured_v, samples, "measured", MEASURED, linewidth=3.2 if is_close else 1.6
     )

@@ -23,8 +23,8 @@ from .style import (
 
 if TYPE_CHECKING:
     from ..results import Result, SeedPart
-    from ..search.identify import Identification, SeedAnswer
-    from ..search.refine import CrossCheck
+    from ..search.refine import Refinement
+    from ..search.seeds import Search, SeedAnswer
 
 Histories = Float[np.ndarray, "seeds generations"]
 
@@ -34,13 +34,13 @@ LEAST_EXCESS_PERCENT = 1e-6
 
 @figure_style()
 def plot_convergence(
-    searches: "Identification | Result | str | Path | Mapping[str, Any]",
-    checked: "CrossCheck | None" = None,
+    searches: "Search | Result | str | Path | Mapping[str, Any]",
+    refinement: "Refinement | None" = None,
 ) -> Figure:
     """Best RMSE, or loss, of each seed over the evaluations it has spent, and the seeds' median.
 
     `searches` is an identification, drawn in mV, or the `stats` of population optimizers used
-    alone: those of one `optimistix.minimise`, or of many under `jax.vmap`. With `checked`, a
+    alone: those of one `optimistix.minimise`, or of many under `jax.vmap`. With `refinement`, a
     second panel shows how far each seed of an identification is above the refined RMSE, in
     percent; excesses under 1e-6 % are drawn there. A result, or the path of a `result.json`,
     holds both. Generations count as equally expensive.
@@ -53,7 +53,7 @@ def plot_convergence(
     if isinstance(searches, Mapping):
         panels = [_plot_losses(figure, searches)]
     else:
-        panels = _plot_errors(figure, *_runs(searches, checked))
+        panels = _plot_errors(figure, *_runs(searches, refinement))
     for axes in panels:
         axes.set_xlabel("Evaluations of one seed [-]")
         axes.set_xscale("log")
@@ -89,13 +89,13 @@ def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
 
 
 def _runs(
-    searches: "Identification | Result | str | Path", checked: "CrossCheck | None"
+    searches: "Search | Result | str | Path", refinement: "Refinement | None"
 ) -> "tuple[Sequence[SeedAnswer | SeedPart], int, float]":
     """The seeds, how many candidates each began with, and the refined RMSE in mV or zero."""
-    from ..search.identify import Identification
+    from ..search.seeds import Search
 
-    if isinstance(searches, Identification):
-        refined_mv = 0.0 if checked is None else 1e3 * checked.rmse_v
+    if isinstance(searches, Search):
+        refined_mv = 0.0 if refinement is None else 1e3 * refinement.rmse_v
         return searches.seeds, searches.optimizer.population, refined_mv
     result = result_of(searches)
     return result.search.seeds, result.search.population, 1e3 * result.refined.rmse_v

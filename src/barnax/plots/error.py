@@ -142,32 +142,32 @@ def plot_error(evaluation: "Evaluation") -> Figure:
     >>> [axes.get_xlabel() for axes in figure.axes]
     ['Time [h]', 'State of charge [-]']
     """
-    course = evaluation.course
-    unit = choose_time_unit(course.time_s)
-    time, error_mv = course.time_s / unit.seconds, 1e3 * evaluation.error_v
+    prepared = evaluation.prepared
+    unit = choose_time_unit(prepared.time_s)
+    time, error_mv = prepared.time_s / unit.seconds, 1e3 * evaluation.error_v
     figure = make_figure()
     over_time, over_soc = figure.subplots(2, 1, sharey=True)
 
-    not_scored = "_none" if course.scored.all() else NOT_SCORED
+    not_scored = "_none" if prepared.scored.all() else NOT_SCORED
     for chosen, color, label, layer in (
-        (course.scored, BLUE, "scored error", 2.0),
-        (~course.scored, GREY, not_scored, 1.9),
+        (prepared.scored, BLUE, "scored error", 2.0),
+        (~prepared.scored, GREY, not_scored, 1.9),
     ):
         line = broken_line(time, error_mv, chosen)
         over_time.plot(*line, color=color, linewidth=0.8, label=label, zorder=layer)
-        draw_by_soc(over_soc, course.soc[chosen], error_mv[chosen], color, layer)
+        draw_by_soc(over_soc, prepared.soc[chosen], error_mv[chosen], color, layer)
     rmse_mv = 1e3 * evaluation.metrics.rmse_v
-    draw_rmse_by_soc(over_soc, course.soc[course.scored], error_mv[course.scored])
+    draw_rmse_by_soc(over_soc, prepared.soc[prepared.scored], error_mv[prepared.scored])
     for axes in (over_time, over_soc):
         draw_rmse(axes, rmse_mv, f"± RMSE, {rmse_mv:.3g} mV")
         axes.set_ylabel(LABEL)
-    limits = scored_limits(error_mv[course.scored])
+    limits = scored_limits(error_mv[prepared.scored])
     over_soc.set_ylim(limits)
-    over_soc.set_title(outside_note(error_mv[course.scored], *limits), loc="right")
-    shade_unscored(over_time, time, course.scored)
+    over_soc.set_title(outside_note(error_mv[prepared.scored], *limits), loc="right")
+    shade_unscored(over_time, time, prepared.scored)
     over_time.set_xlabel(unit.label)
     over_soc.set_xlabel("State of charge [-]")
-    title(over_time, course.record.name)
+    title(over_time, prepared.record.name)
     finish_axes(over_time, over_soc)
     legend_above(figure, over_time, over_soc, columns=4)
     return figure

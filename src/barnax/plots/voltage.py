@@ -24,7 +24,7 @@ from .style import (
 )
 
 if TYPE_CHECKING:
-    from ..model.inputs import Course
+    from ..model.inputs import PreparedRecord
     from ..search.evaluate import Evaluation
 
 
@@ -105,36 +105,36 @@ def lively_stretch(current_a: Samples, scored: Bool[np.ndarray, "samples"]) -> s
 
 
 @figure_style()
-def plot_condition(course: "Course") -> Figure:
+def plot_condition(prepared: "PreparedRecord") -> Figure:
     """Current, measured voltage and state of charge of the simulated stretch of one record.
 
     As Fig. 8 and 9 of Li et al. (2023). Time is on the record's own clock, in seconds below two
     hours; discharge current is positive. Samples that do not count are shaded.
 
     >>> from barnax import Window, bundled_file, characterize, read_record
-    >>> from barnax.course import make_course
+    >>> from barnax.prepared import prepare_record
     >>> cell = characterize([read_record(bundled_file("ocv_discharge"))])
     >>> record = read_record(bundled_file("identification"))
-    >>> figure = plot_condition(make_course(record, cell, "so-rc", Window()))
+    >>> figure = plot_condition(prepare_record(record, cell, "so-rc", Window()))
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['Current [A]\\n(discharge > 0)', 'Voltage [V]', 'SOC [-]']
     """
-    unit = choose_time_unit(course.time_s)
-    time = course.time_s / unit.seconds
+    unit = choose_time_unit(prepared.time_s)
+    time = prepared.time_s / unit.seconds
     figure = make_figure()
     panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1.6, 1.0])
     current, voltage, charge = panels
-    draw_current(current, time, course.current_a, course.record.hold.value)
-    _draw(voltage, time, course.voltage_v, BLUE)
-    _draw(charge, time, course.soc, BLACK)
+    draw_current(current, time, prepared.current_a, prepared.record.hold.value)
+    _draw(voltage, time, prepared.voltage_v, BLUE)
+    _draw(charge, time, prepared.soc, BLACK)
     voltage.set_ylabel("Voltage [V]")
     charge.set_ylabel("SOC [-]")
     charge.set_xlabel(unit.label)
     for axes in panels:
-        shade_unscored(axes, time, course.scored)
-    title(current, course.record.name)
+        shade_unscored(axes, time, prepared.scored)
+    title(current, prepared.record.name)
     finish_axes(*panels)
-    if not course.scored.all():
+    if not prepared.scored.all():
         legend_above(figure, current, columns=1)
     return figure
 
@@ -177,11 +177,11 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
     >>> figure.axes[0].get_ylabel()
     'Voltage [V]'
     """
-    course = evaluation.course
-    unit = choose_time_unit(course.time_s)
-    stretch = lively_stretch(course.current_a, course.scored)
+    prepared = evaluation.prepared
+    unit = choose_time_unit(prepared.time_s)
+    span = lively_stretch(prepared.current_a, prepared.scored)
     figure = make_figure()
-    columns = 1 if stretch is None else 2
+    columns = 1 if span is None else 2
     panels = figure.subplots(
         2,
         columns,
@@ -191,26 +191,26 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
         height_ratios=[2.0, 1.0],
     )
     voltage, current = panels[:, 0]
-    time = course.time_s / unit.seconds
+    time = prepared.time_s / unit.seconds
     _draw_voltage(voltage, evaluation, time, slice(None))
     _draw_current(current, evaluation, time, slice(None))
     current.set_xlabel(unit.label)
     for axes in (voltage, current):
-        shade_unscored(axes, time, course.scored)
-    title(voltage, course.record.name)
-    if stretch is not None:
-        _draw_stretch(panels, evaluation, stretch)
+        shade_unscored(axes, time, prepared.scored)
+    title(voltage, prepared.record.name)
+    if span is not None:
+        _draw_stretch(panels, evaluation, span)
     finish_axes(*panels.flat)
     legend_above(figure, voltage, columns=3)
     return figure
 
 
 def _draw_voltage(
-    axes: Axes, evaluation: "Evaluation", time: np.ndarray, stretch: slice, width: float = 1.0
+    axes: Axes, evaluation: "Evaluation", time: np.ndarray, span: slice, width: float = 1.0
 ) -> None:
-    course = evaluation.course
+    prepared = evaluation.prepared
     drawn = {
-        "measured": (course.voltage_v, SKY_BLUE, 1.8 * width),
+        "measured": (prepared.voltage_v, SKY_BLUE, 1.8 * width),
         f"simulated (RMSE {1e3 * evaluation.metrics.rmse_v:.3g} mV)": (
             evaluation.simulated_v,
             BLACK,
@@ -218,10 +218,10 @@ def _draw_voltage(
         ),
     }
     for label, (voltage_v, color, line_width) in drawn.items():
-        kept = decimate(time[stretch], voltage_v[stretch])
+        kept = decimate(time[span], voltage_v[span])
         axes.plot(
-            time[stretch][kept],
-            voltage_v[stretch][kept],
+            time[span][kept],
+            voltage_v[span][kept],
             color=color,
             linewidth=line_width,
             label=label,
@@ -229,25 +229,25 @@ def _draw_voltage(
     axes.set_ylabel("Voltage [V]")
 
 
-def _draw_current(axes: Axes, evaluation: "Evaluation", time: np.ndarray, stretch: slice) -> None:
-    course = evaluation.course
-    draw_current(axes, time[stretch], course.current_a[stretch], course.record.hold.value)
+def _draw_current(axes: Axes, evaluation: "Evaluation", time: np.ndarray, span: slice) -> None:
+    prepared = evaluation.prepared
+    draw_current(axes, time[span], prepared.current_a[span], prepared.record.hold.value)
 
 
-def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", stretch: slice) -> None:
+def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> None:
     """The right column: one stretch, on the same clock, and its frame in the left column."""
-    course = evaluation.course
-    unit = choose_time_unit(course.time_s)
+    prepared = evaluation.prepared
+    unit = choose_time_unit(prepared.time_s)
     voltage, current = panels[:, 1]
     # Seconds after a round time: hours would need too many digits on so short an axis.
-    origin = np.floor(course.time_s[stretch.start] / unit.seconds * 100) / 100
-    time_s = course.time_s - origin * unit.seconds
-    _draw_voltage(voltage, evaluation, time_s, stretch, width=1.6)
-    _draw_current(current, evaluation, time_s, stretch)
+    origin = np.floor(prepared.time_s[span.start] / unit.seconds * 100) / 100
+    time_s = prepared.time_s - origin * unit.seconds
+    _draw_voltage(voltage, evaluation, time_s, span, width=1.6)
+    _draw_current(current, evaluation, time_s, span)
     current.set_xlabel(f"Time after {origin:g} {unit.name} [s]")
     for axes in (voltage, current):
         axes.set_ylabel("")
     title(voltage, "framed stretch")
-    edges = course.time_s[[stretch.start, stretch.stop - 1]] / unit.seconds
+    edges = prepared.time_s[[span.start, span.stop - 1]] / unit.seconds
     for axes in panels[:, 0]:
         axes.axvspan(*edges, facecolor="none", edgecolor=FRAME, linewidth=0.9, zorder=3)

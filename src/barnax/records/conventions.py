@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from ..errors import InputError
 from .record import Decision, Hold, voltage_noise_v
-from .rests import stretches
+from .rests import runs
 from .samples import Counters, Samples
 
 
@@ -192,7 +192,7 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
         is_loaded[1:] & is_loaded[:-1] & (np.abs(np.diff(current)) < 0.05 * np.abs(current[1:]))
     )
     noise_v = voltage_noise_v(np.diff(voltage), np.ones(len(voltage) - 1, bool))
-    first, last_interval = stretches(is_steady)
+    first, last_interval = runs(is_steady)
     last = last_interval + 1
     # Eight intervals keep single relaxations out; what moves less than the noise is no trend.
     is_long = last - first >= 8

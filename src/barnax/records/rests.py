@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float, Int
 from .record import Record
 
 
-def stretches(
+def runs(
     holds: Bool[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "stretches"], Int[np.ndarray, "stretches"]]:
     """First and last place of each unbroken stretch where `holds` is true, in order."""
@@ -95,5 +95,5 @@ def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
     >>> len(rest_blocks(record, threshold_a=0.02))
     22
     """
-    first, last = stretches(is_rested(record, threshold_a))
+    first, last = runs(is_rested(record, threshold_a))
     return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -135,7 +135,7 @@ def _results(
     roles = record_roles(1, len(records(result)) - 1)
     for record, (name, role) in enumerate(zip(records(result), roles, strict=True)):
         yield Section(
-            f"{'Identification' if record == 0 else 'Validation'}: {name}",
+            f"{'Search' if record == 0 else 'Validation'}: {name}",
             (
                 errors_table(result, record),
                 Paragraph(soc_sentence(result, record)),

@@ -198,7 +198,7 @@ def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
             continue
         sureness = f" ({model.optimum_status})" if model.optimum_status else ""
         optimum = f"the global optimum of {name}, {millivolt(model.optimum_rmse_v)}{sureness}"
-        own = {row.name: row.regret for row in mine if row.regret is not None}
+        own = {row.name: row.optimality_gap for row in mine if row.optimality_gap is not None}
         refined = {
             row.name: row.refined_rmse_v / model.optimum_rmse_v - 1
             for row in mine
@@ -212,15 +212,21 @@ def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
         )
 
 
-def _reach(how: str, regrets: dict[str, float], optimum: str) -> str:
-    if not regrets:
+def _reach(how: str, optimality_gaps: dict[str, float], optimum: str) -> str:
+    if not optimality_gaps:
         return ""
-    short = {name: regret for name, regret in regrets.items() if regret > REACHED}
-    there = [name for name in regrets if name not in short]
+    short = {
+        name: optimality_gap
+        for name, optimality_gap in optimality_gaps.items()
+        if optimality_gap > REACHED
+    }
+    there = [name for name in optimality_gaps if name not in short]
     if not short:
-        everyone = "every row reaches" if len(regrets) > 1 else f"{there[0]} reaches"
+        everyone = "every row reaches" if len(optimality_gaps) > 1 else f"{there[0]} reaches"
         return f"{how}, {everyone} {optimum}, to {percent(REACHED)}."
-    far = joined([f"{percent(regret)} for {name}" for name, regret in short.items()])
+    far = joined(
+        [f"{percent(optimality_gap)} for {name}" for name, optimality_gap in short.items()]
+    )
     if not there:
         return f"{how}, no row reaches {optimum}; the excess is {far}."
     verb = "reaches" if len(there) == 1 else "reach"

@@ -61,9 +61,9 @@ def _uncertainty_table(trust: "TrustPart") -> Table:
 
 def _estimate_cells(name: str, estimate: "EstimatePart") -> tuple[str, ...]:
     shown, scale = _readable(name)
-    if estimate.standard_error is None or estimate.plain_standard_error is None:
+    if estimate.standard_error is None or estimate.white_noise_standard_error is None:
         return (shown, significant(scale * estimate.value), *[NOTHING] * 5, estimate.held or "")
-    errors = (estimate.standard_error, estimate.plain_standard_error)
+    errors = (estimate.standard_error, estimate.white_noise_standard_error)
     return (
         shown,
         significant(scale * estimate.value),

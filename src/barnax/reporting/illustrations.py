@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from ..cell import CellModel
     from ..comparison import Comparison, ComparisonResult
     from ..global_optimum import GlobalOptimum
-    from ..model.inputs import Course
+    from ..model.inputs import PreparedRecord
     from ..search.evaluate import Evaluation
-    from ..search.refine import CrossCheck
+    from ..search.refine import Refinement
 
 
 def cell_illustrations(cell: "CellModel") -> Iterator[Illustration]:
@@ -50,13 +50,15 @@ def cell_illustrations(cell: "CellModel") -> Iterator[Illustration]:
     )
 
 
-def condition_illustrations(courses: "Mapping[str, Course]") -> Iterator[Illustration]:
+def condition_illustrations(
+    prepared_records: "Mapping[str, PreparedRecord]",
+) -> Iterator[Illustration]:
     """Current, voltage and state of charge of every record, by its role."""
-    for role, course in courses.items():
+    for role, prepared in prepared_records.items():
         yield Illustration(
             f"{role}-condition",
-            plot_condition(course),
-            f"The working condition of {course.record.name}: current, measured voltage and state "
+            plot_condition(prepared),
+            f"The working condition of {prepared.record.name}: current, measured voltage and state "
             "of charge.",
             "Current, voltage and state of charge over time",
         )
@@ -88,7 +90,7 @@ def landscape_illustration(
 
 
 def identification_illustrations(
-    checked: "CrossCheck",
+    refinement: "Refinement",
     identified: "Sequence[Evaluation]",
     validated: "Sequence[Evaluation]",
     optimum: "GlobalOptimum | None" = None,
@@ -99,10 +101,10 @@ def identification_illustrations(
     """
     roles = record_roles(len(identified), len(validated))
     evaluations = dict(zip(roles, [*identified, *validated], strict=True))
-    figures = [*cell_illustrations(checked.found.problem.cell)]
-    figures += condition_illustrations({role: each.course for role, each in evaluations.items()})
+    figures = [*cell_illustrations(refinement.search.problem.cell)]
+    figures += condition_illustrations({role: each.prepared for role, each in evaluations.items()})
     for role, each in evaluations.items():
-        name = each.course.record.name
+        name = each.prepared.record.name
         figures += [
             Illustration(
                 f"{role}-voltage",
@@ -122,17 +124,17 @@ def identification_illustrations(
     figures.append(
         Illustration(
             "convergence",
-            plot_convergence(checked.found, checked),
+            plot_convergence(refinement.search, refinement),
             "How the best RMSE of every seed fell during the search, and how far each stayed "
             "above the refined answer.",
             "Best RMSE of every seed over evaluations",
         )
     )
     if optimum is not None:
-        method, _ = describe(checked.found.optimizer)
-        answers = {method: [seed.parameters for seed in checked.found.seeds]}
-        circuit = checked.found.problem.circuit
-        figures += landscape_illustration(circuit, optimum, answers, [checked.parameters])
+        method, _ = describe(refinement.search.optimizer)
+        answers = {method: [seed.parameters for seed in refinement.search.seeds]}
+        circuit = refinement.search.problem.circuit
+        figures += landscape_illustration(circuit, optimum, answers, [refinement.parameters])
     return figures
 
 
@@ -150,8 +152,8 @@ def comparison_illustrations(
     if comparison is not None and comparison.answered:
         evaluations = comparison.answered[0].evaluations
         roles = record_roles(1, len(evaluations) - 1)
-        courses = [each.course for each in evaluations]
-        figures += condition_illustrations(dict(zip(roles, courses, strict=True)))
+        prepared_records = [each.prepared for each in evaluations]
+        figures += condition_illustrations(dict(zip(roles, prepared_records, strict=True)))
         for record, role in enumerate(roles):
             figures += _rows_on(comparison, record, role)
     if any(row.seeds for row in result.rows):
@@ -178,7 +180,7 @@ def comparison_illustrations(
 
 def _rows_on(comparison: "Comparison", record: int, role: str) -> Iterator[Illustration]:
     evaluations = {row.name: row.evaluations[record] for row in comparison.answered}
-    name = comparison.answered[0].evaluations[record].course.record.name
+    name = comparison.answered[0].evaluations[record].prepared.record.name
     yield Illustration(
         f"{role}-voltages",
         plot_compared_voltages(evaluations),

@@ -123,7 +123,7 @@ def errors_table(result: "ComparisonResult", record: int) -> Table:
 def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None = None) -> Table:
     """What every row's search gave and cost on the identification record."""
     rows = answered(result)
-    has_regret = any(row.regret is not None for row in rows)
+    has_regret = any(row.optimality_gap is not None for row in rows)
     columns = (
         ROW,
         Column("median", "mV"),
@@ -236,7 +236,9 @@ def _search_cells(
     row: "RowPart", seconds: Mapping[str, float] | None, has_regret: bool
 ) -> tuple[str, ...]:
     spread = row.spread
-    regret = NOTHING if row.regret is None else percent(row.regret).removesuffix(" %")
+    optimality_gap = (
+        NOTHING if row.optimality_gap is None else percent(row.optimality_gap).removesuffix(" %")
+    )
     time = (fixed(seconds.get(row.name), 2),) if seconds else ()
     return (
         row.name,
@@ -244,7 +246,7 @@ def _search_cells(
         _millivolts(spread and spread.best_rmse_v),
         _millivolts(spread and spread.worst_rmse_v),
         _millivolts(spread and spread.deviation_v),
-        *((regret,) if has_regret else ()),
+        *((optimality_gap,) if has_regret else ()),
         _millivolts(row.refined_rmse_v),
         str(len(row.seeds)),
         NOTHING if row.evaluations is None else str(row.evaluations),

@@ -15,7 +15,7 @@ from ..comparison import ComparisonResult
 from ..global_optimum import GlobalOptimum
 from ..results import describe, global_part
 from ..search.evaluate import Evaluation
-from ..search.refine import CrossCheck
+from ..search.refine import Refinement
 from ..uncertainty import Assessment, Estimate, Examination
 from . import document
 from .comparison import comparison_document
@@ -38,31 +38,31 @@ TOO_WIDE = "not known, the box is too wide for it."
 
 
 def identification_report(
-    checked: CrossCheck,
+    refinement: Refinement,
     evaluations: Sequence[Evaluation],
     optimum: GlobalOptimum | None = None,
     trust: Sequence[RenderableType] = (),
 ) -> list[RenderableType]:
     """What was decided, the parameters, the errors and the verdict. The evaluations of the
     identification records come first; `trust` stands after the parameters."""
-    problem = checked.found.problem
+    problem = refinement.search.problem
     return [
-        _decisions(checked),
-        seeds_table(checked),
+        _decisions(refinement),
+        seeds_table(refinement),
         *trust,
         metrics_table(evaluations),
-        Text(f"Verdict: {checked.verdict}"),
-        Text(f"Global optimum: {global_part(checked, optimum).words if optimum else TOO_WIDE}"),
+        Text(f"Verdict: {refinement.verdict}"),
+        Text(f"Global optimum: {global_part(refinement, optimum).words if optimum else TOO_WIDE}"),
         Text(ocv_sentence(problem.cell)),
     ]
 
 
-def seeds_table(checked: CrossCheck) -> Table:
+def seeds_table(refinement: Refinement) -> Table:
     """Refined values, and the spread of the seeds' own answers before refinement."""
-    method, _ = describe(checked.found.optimizer)
-    seeds = len(checked.found.seeds)
+    method, _ = describe(refinement.search.optimizer)
+    seeds = len(refinement.search.seeds)
     table = Table(
-        title=f"Parameters of {checked.found.problem.circuit}",
+        title=f"Parameters of {refinement.search.problem.circuit}",
         caption=f"median, lowest, highest: {seeds} seeds of {method}, before refinement",
         **LAYOUT,
     )
@@ -71,13 +71,13 @@ def seeds_table(checked: CrossCheck) -> Table:
     table.add_column("refined", justify="right", style="bold")
     for head in ("median", "lowest", "highest"):
         table.add_column(head, justify="right")
-    answers = [_values(seed.parameters) for seed in checked.found.seeds]
-    for name, (unit, value) in _values(checked.parameters).items():
+    answers = [_values(seed.parameters) for seed in refinement.search.seeds]
+    for name, (unit, value) in _values(refinement.parameters).items():
         spread = np.array([answer[name][1] for answer in answers])
         figures = (value, np.median(spread), spread.min(), spread.max())
         table.add_row(name, unit, *(f"{figure:.5g}" for figure in figures))
-    before_mv = 1e3 * np.array([seed.rmse_v for seed in checked.found.seeds])
-    figures = (1e3 * checked.rmse_v, np.median(before_mv), before_mv.min(), before_mv.max())
+    before_mv = 1e3 * np.array([seed.rmse_v for seed in refinement.search.seeds])
+    figures = (1e3 * refinement.rmse_v, np.median(before_mv), before_mv.min(), before_mv.max())
     table.add_section()
     table.add_row("RMSE", "mV", *(f"{figure:.4f}" for figure in figures))
     return table
@@ -100,7 +100,7 @@ def metrics_table(evaluations: Sequence[Evaluation]) -> Table:
     for evaluation in evaluations:
         metrics = evaluation.metrics
         table.add_row(
-            Text(evaluation.course.record.name),
+            Text(evaluation.prepared.record.name),
             f"{1e3 * metrics.rmse_v:.3f}",
             f"{metrics.r2:.5f}",
             f"{metrics.r2_paper:.5f}",
@@ -124,31 +124,33 @@ def ocv_sentence(cell: CellModel) -> str:
     )
 
 
-def _decisions(checked: CrossCheck) -> RenderableType:
-    problem = checked.found.problem
+def _decisions(refinement: Refinement) -> RenderableType:
+    problem = refinement.search.problem
     lines = []
-    for course in problem.courses:
-        record = course.record
+    for prepared in problem.prepared_records:
+        record = prepared.record
         lines += [
-            f"Record {record.name}: {int(course.scored.sum())} scored of {len(course.soc)} "
-            f"simulated samples, SOC {course.initial_soc:.3f} at the start "
-            f"({course.initial_soc_reason}).",
+            f"Record {record.name}: {int(prepared.scored.sum())} scored of {len(prepared.soc)} "
+            f"simulated samples, SOC {prepared.initial_soc:.3f} at the start "
+            f"({prepared.initial_soc_reason}).",
             f"Current is {record.sign.value} in the file ({record.sign.strength}: "
             f"{record.sign.reason}); held {record.hold.value} ({record.hold.reason}).",
         ]
     lines += [
         f"Capacity {problem.cell.capacity_ah:.4f} Ah ({problem.cell.capacity_origin}); rest is "
-        f"under {1e3 * problem.course.rest_current_a:.3g} mA.",
-        f"{checked.found.evaluations} simulations in the search by the {problem.kind} objective, "
-        f"{checked.evaluations} in the cross-check by the {checked.objective} one; key "
-        f"{checked.found.key}. Errors are the scan's.",
+        f"under {1e3 * problem.prepared.rest_current_a:.3g} mA.",
+        f"{refinement.search.evaluations} simulations in the search by the {problem.kind} objective, "
+        f"{refinement.evaluations} in the cross-check by the {refinement.objective} one; key "
+        f"{refinement.search.key}. Errors are the scan's.",
     ]
     if problem.kind == "scan" and problem.scored >= LONG:
         lines.append(
             "--objective compressed searches the same objective in a fraction of the time."
         )
-    if len(problem.courses) > 1:
-        lines.append(f"The circuit is identified on {len(problem.courses)} records jointly.")
+    if len(problem.prepared_records) > 1:
+        lines.append(
+            f"The circuit is identified on {len(problem.prepared_records)} records jointly."
+        )
     return Text("\n".join(lines))
 
 
@@ -220,13 +222,13 @@ def examination_table(examination: Examination) -> Table:
 
 
 def _errors(estimate: Estimate, scale: float) -> list[str]:
-    if estimate.relative_error is None or estimate.plain_relative_error is None:
+    if estimate.relative_error is None or estimate.white_noise_relative_error is None:
         return [estimate.held or "", "", "", "", ""]
     ends = [
         "open" if end is None else f"{scale * end:.4g}" for end in (estimate.low, estimate.high)
     ]
     times = "" if estimate.inflation is None else f"{estimate.inflation:.1f}"
-    shares = map(_percent, (estimate.relative_error, estimate.plain_relative_error))
+    shares = map(_percent, (estimate.relative_error, estimate.white_noise_relative_error))
     return [*ends, *shares, times]
 
 

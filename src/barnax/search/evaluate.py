@@ -10,8 +10,8 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters
 from ..execution import in_float64
 from ..metrics import Metrics, measure
-from ..model.inputs import Course, Window, make_course, require_changing_voltage
-from ..model.problem import impedance_of
+from ..model.inputs import PreparedRecord, Window, prepare_record, require_changing_voltage
+from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..records import Record
 
@@ -20,24 +20,24 @@ from ..records import Record
 class Evaluation:
     """Simulated voltage at every simulated sample of a record, and metrics over the scored ones."""
 
-    course: Course
+    prepared: PreparedRecord
     simulated_v: Float[np.ndarray, "simulated"]
     metrics: Metrics
 
     @property
     def error_v(self) -> Float[np.ndarray, "simulated"]:
         """Measured minus simulated voltage."""
-        return self.course.voltage_v - self.simulated_v
+        return self.prepared.voltage_v - self.simulated_v
 
 
 @in_float64
-def evaluate_course(course: Course, parameters: CircuitParameters) -> Evaluation:
+def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluation:
     """The errors of a circuit on a record made ready. Raises `InputError` for a flat voltage."""
-    require_changing_voltage(course)
-    drive = course.drive(min(parameters.tau_s), parameters.gamma)
-    simulated_v = np.asarray(_simulate(impedance_of(parameters), drive))
-    metrics = measure(course.voltage_v[course.scored], simulated_v[course.scored])
-    return Evaluation(course, simulated_v, metrics)
+    require_changing_voltage(prepared)
+    inputs = prepared.inputs(min(parameters.tau_s), parameters.gamma)
+    simulated_v = np.asarray(_simulate(rc_parameters(parameters), inputs))
+    metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])
+    return Evaluation(prepared, simulated_v, metrics)
 
 
 _simulate = eqx.filter_jit(terminal_voltage)
@@ -45,8 +45,8 @@ _simulate = eqx.filter_jit(terminal_voltage)
 
 def pooled(evaluations: Sequence[Evaluation]) -> Metrics:
     """The metrics over all scored samples of several records."""
-    scored = [each.course.scored for each in evaluations]
-    measured_v = [e.course.voltage_v[s] for e, s in zip(evaluations, scored, strict=True)]
+    scored = [each.prepared.scored for each in evaluations]
+    measured_v = [e.prepared.voltage_v[s] for e, s in zip(evaluations, scored, strict=True)]
     simulated_v = [e.simulated_v[s] for e, s in zip(evaluations, scored, strict=True)]
     return measure(np.concatenate(measured_v), np.concatenate(simulated_v))
 
@@ -62,4 +62,4 @@ def validate(
 
     Raises `InputError` where window or OCV range do not fit the record.
     """
-    return evaluate_course(make_course(record, cell, circuit, window or Window()), parameters)
+    return evaluate(prepare_record(record, cell, circuit, window or Window()), parameters)

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, compile_for, in_float64, run_blocks, wanted_rows
 from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
 from ..model.search_space import Coordinates
-from .identify import Identification
+from .seeds import Search
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
@@ -179,14 +179,14 @@ class Optimum:
 
 
 @dataclass(frozen=True, eq=False)
-class CrossCheck:
+class Refinement:
     """The refined answer and what the seeds agree on. `optima` begins with the best.
 
     `evaluations` counts the simulations of the whole cross-check, a Jacobian as one per free
     parameter; `objective` says how they were computed.
     """
 
-    found: Identification
+    search: Search
     refined: tuple[RefinedSeed, ...]
     optima: tuple[Optimum, ...]
     at_bound: tuple[str, ...]
@@ -205,11 +205,11 @@ class CrossCheck:
 
 @in_float64
 def refine(
-    found: Identification,
+    search: Search,
     *,
     descent: Descent | None = None,
     progress: Callable[[int], None] | None = None,
-) -> CrossCheck:
+) -> Refinement:
     """Refine every seed's best circuit by optimistix's Levenberg-Marquardt.
 
     It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
@@ -219,8 +219,8 @@ def refine(
     compiled beforehand; `progress` is called with the number of seeds finished since the last
     call.
     """
-    descent = descent or Descent(found.problem)
-    answers = [answer.parameters for answer in found.seeds]
+    descent = descent or Descent(search.problem)
+    answers = [answer.parameters for answer in search.seeds]
     refined = descent(answers, SEED_TOLERANCE, progress=progress)
     spent = sum(seed.evaluations for seed in refined)
     # Along a bound the sine is flat, and a descent wanders there without an end of its own.
@@ -242,8 +242,8 @@ def refine(
     ended = [best if seed == leader else refined[seed] for seed in range(len(refined))]
     optima = distinct_optima(ended)
     bounded = at_bound(descent.objective.coordinates, best.parameters)
-    verdict = _verdict(found, ended, optima, bounded)
-    return CrossCheck(found, tuple(refined), optima, bounded, verdict, descent.kind, spent)
+    verdict = _verdict(search, ended, optima, bounded)
+    return Refinement(search, tuple(refined), optima, bounded, verdict, descent.kind, spent)
 
 
 def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
@@ -292,13 +292,13 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]
 
 
 def _verdict(
-    found: Identification,
+    search: Search,
     ended: Sequence[RefinedSeed],
     optima: Sequence[Optimum],
     at_bound: Sequence[str],
 ) -> str:
     total, best = len(ended), optima[0]
-    gap = 100 * (found.best.rmse_v / best.rmse_v - 1)
+    gap = 100 * (search.best.rmse_v / best.rmse_v - 1)
     others = optima[1:]
     unsettled = total - sum(optimum.seeds for optimum in optima)
     if total == 1:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..execution import one_blas_thread
-from ..search.refine import CrossCheck
-from .covariance import Uncertainty, uncertainty
+from ..search.refine import Refinement
+from .covariance import Uncertainty, estimate_uncertainty
 from .diagnostics import Diagnostics, diagnostics
 from .identifiability import Identifiability, identifiability
 from .linearization import Linearization, linearize
@@ -15,7 +15,7 @@ from .linearization import Linearization, linearize
 class Assessment:
     """What can be said of a refined answer without fitting anything again."""
 
-    near: Linearization
+    linearization: Linearization
     uncertainty: Uncertainty
     identifiability: Identifiability
     diagnostics: Diagnostics
@@ -34,15 +34,15 @@ class Assessment:
         }
 
 
-def assess(checked: CrossCheck) -> Assessment:
+def assess(refinement: Refinement) -> Assessment:
     """The assessment of a cross-checked answer; it costs one Jacobian and some transforms."""
-    near = linearize(checked.found.problem, checked.parameters)
+    linearization = linearize(refinement.search.problem, refinement.parameters)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        sure = uncertainty(checked.parameters, near)
+        uncertainty = estimate_uncertainty(refinement.parameters, linearization)
         return Assessment(
-            near=near,
-            uncertainty=sure,
-            identifiability=identifiability(checked, near, sure),
-            diagnostics=diagnostics(checked, near, sure.noise),
+            linearization=linearization,
+            uncertainty=uncertainty,
+            identifiability=identifiability(refinement, linearization, uncertainty),
+            diagnostics=diagnostics(refinement, linearization, uncertainty.noise),
         )

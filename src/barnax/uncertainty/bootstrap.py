@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 
 from ..execution import in_float64
-from ..search.refine import CrossCheck
+from ..search.refine import Refinement
 from .assessment import Assessment, assess
 from .covariance import CONFIDENCE, direction_of, named_values
 from .linearization import Linearization
@@ -68,7 +68,7 @@ class Bootstrap:
 
 @in_float64
 def bootstrap(
-    checked: CrossCheck,
+    refinement: Refinement,
     *,
     key: Key[Array, ""],
     replicates: int = REPLICATES,
@@ -79,38 +79,40 @@ def bootstrap(
 
     Intervals are the basic bootstrap's in logarithms; `key` decides which blocks are drawn.
     """
-    assessment = assessment or assess(checked)
-    near = assessment.near
-    refit = refit or Refit(checked.found.problem)
-    length, is_cut = block_length(near, assessment.uncertainty.noise)
-    blocks = math.ceil(near.samples / length)
-    first = np.asarray(jr.randint(key, (replicates, blocks), 0, near.samples))
-    drawn = (first[:, :, None] + np.arange(length)).reshape(replicates, -1)[:, : near.samples]
-    drawn %= near.samples
-    centered_v = near.error_v - np.mean(near.error_v)
-    fitted_v = refit.voltages.own_v - near.error_v
+    assessment = assessment or assess(refinement)
+    linearization = assessment.linearization
+    refit = refit or Refit(refinement.search.problem)
+    length, is_cut = block_length(linearization, assessment.uncertainty.noise)
+    blocks = math.ceil(linearization.samples / length)
+    first = np.asarray(jr.randint(key, (replicates, blocks), 0, linearization.samples))
+    drawn = (first[:, :, None] + np.arange(length)).reshape(replicates, -1)[
+        :, : linearization.samples
+    ]
+    drawn %= linearization.samples
+    centered_v = linearization.error_v - np.mean(linearization.error_v)
+    fitted_v = refit.voltages.own_v - linearization.error_v
     base_v = np.concatenate(
         # A few at a time: a replicate is as long as the record.
         [refit.voltages.project(fitted_v + centered_v[few]) for few in np.array_split(drawn, 10)]
     )
-    matrix, shift = holding(near)
-    starts = np.broadcast_to(near.point, (replicates, len(near.point)))
+    matrix, shift = holding(linearization)
+    starts = np.broadcast_to(linearization.point, (replicates, len(linearization.point)))
     ends = refit(starts, base_v=base_v, matrix=matrix, shift=np.broadcast_to(shift, starts.shape))
-    moved = ends.points[:, list(near.free)] - near.logarithms
+    moved = ends.points[:, list(linearization.free)] - linearization.logarithms
     return Bootstrap(
-        block_s=length * float(np.median(np.diff(near.time_s))),
+        block_s=length * float(np.median(np.diff(linearization.time_s))),
         is_cut=is_cut,
         replicates=replicates,
         converged=int(np.count_nonzero(ends.has_converged)),
         parameters={
-            name: _resampled(value, moved @ direction_of(name, near)[0])
-            for name, value in named_values(checked.parameters).items()
-            if np.any(direction_of(name, near)[0])
+            name: _resampled(value, moved @ direction_of(name, linearization)[0])
+            for name, value in named_values(refinement.parameters).items()
+            if np.any(direction_of(name, linearization)[0])
         },
     )
 
 
-def block_length(near: Linearization, noise: Noise) -> tuple[int, bool]:
+def block_length(linearization: Linearization, noise: Noise) -> tuple[int, bool]:
     """Samples a block, and whether the record was too short for as many as the rule asks.
 
     (2 G^2 / D)^(1/3) n^(1/3) with G the sum of |lag| times autocovariance and D = 4/3 of the
@@ -118,15 +120,15 @@ def block_length(near: Linearization, noise: Noise) -> tuple[int, bool]:
     by Patton, Politis and White, 28 (2009) 372), both from the fitted noise instead of from
     autocovariances up to some lag, which break off where correlations are long.
     """
-    interval_s = float(np.median(np.diff(near.time_s)))
+    interval_s = float(np.median(np.diff(linearization.time_s)))
     decay = np.zeros(len(noise.correlation_s))
     decay[1:] = np.exp(-interval_s / noise.correlation_s[1:])
     slope = 2 * float(noise.variance_v2 @ (decay / (1 - decay) ** 2))
     level = float(noise.variance_v2 @ ((1 + decay) / (1 - decay)))
     if level == 0:
         return 1, False
-    wanted = math.ceil((1.5 * (slope / level) ** 2 * near.samples) ** (1 / 3))
-    longest = max(near.samples // FEWEST_BLOCKS, 1)
+    wanted = math.ceil((1.5 * (slope / level) ** 2 * linearization.samples) ** (1 / 3))
+    longest = max(linearization.samples // FEWEST_BLOCKS, 1)
     return min(max(wanted, 1), longest), wanted > longest
 
 

@@ -29,8 +29,8 @@ WIDEST_FACTOR = 100.0
 class Estimate:
     """One parameter and how well the data determine it.
 
-    `relative_error` is the trusted standard error of the logarithm, `plain_relative_error` the one
-    for independent errors; `low` and `high` bound the confidence interval, None where the data
+    `relative_error` is the trusted standard error of the logarithm, `white_noise_relative_error`
+    the one for independent errors; `low` and `high` bound the confidence interval, None where the data
     leave it open. `held` says why a parameter was not free; those have no errors. A quantity made
     of free and held parameters has the errors of its free ones.
     """
@@ -38,7 +38,7 @@ class Estimate:
     name: str
     value: float
     held: str | None = None
-    plain_relative_error: float | None = None
+    white_noise_relative_error: float | None = None
     relative_error: float | None = None
     degrees_of_freedom: float | None = None
     low: float | None = None
@@ -47,9 +47,9 @@ class Estimate:
     @property
     def inflation(self) -> float | None:
         """How many times the trusted standard error is the plain one."""
-        if self.relative_error is None or not self.plain_relative_error:
+        if self.relative_error is None or not self.white_noise_relative_error:
             return None
-        return self.relative_error / self.plain_relative_error
+        return self.relative_error / self.white_noise_relative_error
 
     @property
     def is_determined(self) -> bool:
@@ -57,7 +57,7 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values; standard errors in the parameter's unit."""
-        trusted, plain = self.relative_error, self.plain_relative_error
+        trusted, plain = self.relative_error, self.white_noise_relative_error
         return {
             "value": self.value,
             "held": self.held,
@@ -74,13 +74,13 @@ class Estimate:
 class Uncertainty:
     """Errors of all parameters, of PyBaMM's names and the time constants.
 
-    `covariance` and `plain_covariance` are of the logarithms of `names`, the free parameters.
+    `covariance` and `white_noise_covariance` are of the logarithms of `names`, the free parameters.
     """
 
     estimates: tuple[Estimate, ...]
     names: tuple[str, ...]
     covariance: Float[np.ndarray, "free free"]
-    plain_covariance: Float[np.ndarray, "free free"]
+    white_noise_covariance: Float[np.ndarray, "free free"]
     noise: Noise
     samples: int
     _to_noise: Float[np.ndarray, "columns free"]
@@ -115,7 +115,7 @@ class Uncertainty:
 
     def of(self, name: str, value: float, direction: Float[np.ndarray, "free"]) -> Estimate:
         """The estimate of a quantity whose logarithm moves by `direction` . (free logarithms)."""
-        plain = math.sqrt(float(direction @ self.plain_covariance @ direction))
+        plain = math.sqrt(float(direction @ self.white_noise_covariance @ direction))
         trusted = math.sqrt(float(direction @ self.covariance @ direction))
         freedom = self.noise.degrees_of_freedom(self._to_noise @ direction)
         freedom = max(1.0, min(freedom, self.samples - len(self.names)))
@@ -125,7 +125,7 @@ class Uncertainty:
         return Estimate(
             name=name,
             value=value,
-            plain_relative_error=plain,
+            white_noise_relative_error=plain,
             relative_error=trusted,
             degrees_of_freedom=freedom,
             low=None if low is None else float(low),
@@ -146,25 +146,29 @@ class Uncertainty:
         }
 
 
-def uncertainty(parameters: CircuitParameters, near: Linearization) -> Uncertainty:
+def estimate_uncertainty(
+    parameters: CircuitParameters, linearization: Linearization
+) -> Uncertainty:
     """Standard errors, intervals and correlations of a refined circuit."""
-    values, vectors = _basis(near.slope_v)
-    noise = fit_noise(near.error_v, vectors, near.time_s, near.longest_s)
+    values, vectors = _basis(linearization.slope_v)
+    noise = fit_noise(linearization.error_v, vectors, linearization.time_s, linearization.longest_s)
     to_noise = np.linalg.inv(values).T
     spread = to_noise.T @ noise.spread_v2 @ to_noise
-    variance_v2 = float(near.error_v @ near.error_v) / max(near.samples - len(near.names), 1)
+    variance_v2 = float(linearization.error_v @ linearization.error_v) / max(
+        linearization.samples - len(linearization.names), 1
+    )
     bare = Uncertainty(
         estimates=(),
-        names=near.names,
+        names=linearization.names,
         covariance=spread,
-        plain_covariance=variance_v2 * to_noise.T @ to_noise,
+        white_noise_covariance=variance_v2 * to_noise.T @ to_noise,
         noise=noise,
-        samples=near.samples,
+        samples=linearization.samples,
         _to_noise=to_noise,
     )
     estimates = []
     for name, value in named_values(parameters).items():
-        direction, held = direction_of(name, near)
+        direction, held = direction_of(name, linearization)
         if held is not None and not np.any(direction):
             estimates.append(Estimate(name, value, held))
         else:
@@ -183,25 +187,27 @@ def named_values(parameters: CircuitParameters) -> dict[str, float]:
     return values
 
 
-def direction_of(name: str, near: Linearization) -> tuple[Float[np.ndarray, "free"], str | None]:
+def direction_of(
+    name: str, linearization: Linearization
+) -> tuple[Float[np.ndarray, "free"], str | None]:
     """How the logarithm of a parameter moves with the free ones', and why it is held if it is.
 
     C and tau of a pair follow from each other: ln tau = ln R + ln C.
     """
-    if name in near.names:
-        return _unit(name, near), None
-    if name in near.held:
-        return np.zeros(len(near.names)), near.held[name]
+    if name in linearization.names:
+        return _unit(name, linearization), None
+    if name in linearization.held:
+        return np.zeros(len(linearization.names)), linearization.held[name]
     pair = name[3] if name.startswith("tau") else name[1]
     resistance = f"R{pair} [Ohm]"
     other, sign = (f"C{pair} [F]", 1) if name.startswith("tau") else (f"tau{pair} [s]", -1)
-    moved, reason = direction_of(other, near)
-    by_resistance, why = direction_of(resistance, near)
+    moved, reason = direction_of(other, linearization)
+    by_resistance, why = direction_of(resistance, linearization)
     return moved + sign * by_resistance, reason or why
 
 
-def _unit(name: str, near: Linearization) -> Float[np.ndarray, "free"]:
-    return np.eye(len(near.names))[near.names.index(name)]
+def _unit(name: str, linearization: Linearization) -> Float[np.ndarray, "free"]:
+    return np.eye(len(linearization.names))[linearization.names.index(name)]
 
 
 def _basis(

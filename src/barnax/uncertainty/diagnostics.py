@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..model.inputs import Course
-from ..search.refine import CrossCheck
+from ..model.inputs import PreparedRecord
+from ..search.refine import Refinement
 from .linearization import Linearization
 from .noise import Noise
 
@@ -85,29 +85,31 @@ class Diagnostics:
         }
 
 
-def diagnostics(checked: CrossCheck, near: Linearization, noise: Noise) -> Diagnostics:
+def diagnostics(refinement: Refinement, linearization: Linearization, noise: Noise) -> Diagnostics:
     """The residuals of a refined answer over the scored samples of its records."""
-    problem = checked.found.problem
-    courses = problem.courses
+    problem = refinement.search.problem
+    prepared_records = problem.prepared_records
     capacity_ah = problem.cell.capacity_ah
-    interval_s = float(np.median(np.diff(near.time_s)))
+    interval_s = float(np.median(np.diff(linearization.time_s)))
     time_s = noise.integrated_time(interval_s)
-    rest_c = max(course.rest_current_a for course in courses) / capacity_ah
-    rate = _scored(courses, "current_a") / capacity_ah
+    rest_c = max(prepared.rest_current_a for prepared in prepared_records) / capacity_ah
+    rate = _scored(prepared_records, "current_a") / capacity_ah
     return Diagnostics(
         lags_s=noise.lags_s,
         autocorrelation=noise.autocorrelation,
         integrated_time_s=time_s,
-        effective_samples=near.samples * interval_s / max(time_s, interval_s),
-        samples=near.samples,
-        by_soc=_soc_bands(_scored(courses, "soc"), near.error_v),
-        by_current=_current_bands(rate, near.error_v, rest_c),
-        by_temperature=_temperature_bands(courses, near.error_v),
+        effective_samples=linearization.samples * interval_s / max(time_s, interval_s),
+        samples=linearization.samples,
+        by_soc=_soc_bands(_scored(prepared_records, "soc"), linearization.error_v),
+        by_current=_current_bands(rate, linearization.error_v, rest_c),
+        by_temperature=_temperature_bands(prepared_records, linearization.error_v),
     )
 
 
-def _scored(courses: Sequence[Course], name: str) -> Float[np.ndarray, "scored"]:
-    return np.concatenate([getattr(course, name)[course.scored] for course in courses])
+def _scored(prepared_records: Sequence[PreparedRecord], name: str) -> Float[np.ndarray, "scored"]:
+    return np.concatenate(
+        [getattr(prepared, name)[prepared.scored] for prepared in prepared_records]
+    )
 
 
 def _soc_bands(soc: np.ndarray, error_v: np.ndarray) -> tuple[Band, ...]:
@@ -129,14 +131,16 @@ def _current_bands(rate: np.ndarray, error_v: np.ndarray, rest_c: float) -> tupl
     return _bands(rate, error_v, edges, labels)
 
 
-def _temperature_bands(courses: Sequence[Course], error_v: np.ndarray) -> tuple[Band, ...] | None:
-    measured = [course.record.temperature_degc for course in courses]
+def _temperature_bands(
+    prepared_records: Sequence[PreparedRecord], error_v: np.ndarray
+) -> tuple[Band, ...] | None:
+    measured = [prepared.record.temperature_degc for prepared in prepared_records]
     parts = [
-        each[course.stretch][course.scored]
-        for each, course in zip(measured, courses, strict=True)
+        each[prepared.span][prepared.scored]
+        for each, prepared in zip(measured, prepared_records, strict=True)
         if each is not None
     ]
-    if len(parts) < len(courses):
+    if len(parts) < len(prepared_records):
         return None
     temperature = np.concatenate(parts)
     low, high = np.nanmin(temperature), np.nanmax(temperature)

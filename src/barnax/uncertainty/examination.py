@@ -5,7 +5,7 @@ from typing import Any
 
 from jaxtyping import Array, Key
 
-from ..search.refine import CrossCheck
+from ..search.refine import Refinement
 from .assessment import Assessment
 from .bootstrap import Bootstrap, bootstrap
 from .profile import Profile, profile
@@ -36,17 +36,17 @@ class Examination:
         }
 
 
-def examine(checked: CrossCheck, assessment: Assessment, *, key: Key[Array, ""]) -> Examination:
+def examine(refinement: Refinement, assessment: Assessment, *, key: Key[Array, ""]) -> Examination:
     """The examination of a cross-checked answer: some hundred fits, and two or three programs to
     compile for circuits with one part more. `key` decides what the bootstrap draws.
     """
-    refit = Refit(checked.found.problem)
+    refit = Refit(refinement.search.problem)
     names = [each.name for each in assessment.uncertainty.estimates if each.relative_error]
     return Examination(
         profiles=tuple(
-            profile(checked, name, assessment=assessment, refit=refit) for name in names
+            profile(refinement, name, assessment=assessment, refit=refit) for name in names
         ),
-        bootstrap=bootstrap(checked, key=key, assessment=assessment, refit=refit),
-        suggestions=suggestions(checked, refit=refit),
-        rmse_v=checked.rmse_v,
+        bootstrap=bootstrap(refinement, key=key, assessment=assessment, refit=refit),
+        suggestions=suggestions(refinement, refit=refit),
+        rmse_v=refinement.rmse_v,
     )

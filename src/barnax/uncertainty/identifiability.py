@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..search.refine import CrossCheck
+from ..search.refine import Refinement
 from .covariance import WIDEST_FACTOR, Estimate, Uncertainty, direction_of, named_values
 from .linearization import Linearization
 
@@ -53,13 +53,16 @@ SHARPER = 1 / 3
 
 
 def sum_of(
-    names: Sequence[str], values: dict[str, float], near: Linearization, sure: Uncertainty
+    names: Sequence[str],
+    values: dict[str, float],
+    linearization: Linearization,
+    uncertainty: Uncertainty,
 ) -> Estimate:
     """Some resistances together in ohm, with the interval of the sum."""
     total = sum(values[name] for name in names)
-    direction = sum(values[name] / total * direction_of(name, near)[0] for name in names)
+    direction = sum(values[name] / total * direction_of(name, linearization)[0] for name in names)
     label = " + ".join(symbol(name) for name in names)
-    return sure.of(f"{label} [Ohm]", total, np.asarray(direction))
+    return uncertainty.of(f"{label} [Ohm]", total, np.asarray(direction))
 
 
 def is_sharper(total: Estimate, members: list[Estimate]) -> bool:
@@ -71,21 +74,26 @@ def is_sharper(total: Estimate, members: list[Estimate]) -> bool:
 
 
 def sharper_words(
-    names: Sequence[str], values: dict[str, float], near: Linearization, sure: Uncertainty
+    names: Sequence[str],
+    values: dict[str, float],
+    linearization: Linearization,
+    uncertainty: Uncertainty,
 ) -> str:
     """What to append on a sum of resistances or a capacitance among `names` known far better."""
     found = []
     resistances = [name for name in names if name.startswith("R")]
     for size in range(2, len(resistances) + 1):
         for members in combinations(sorted(resistances), size):
-            total = sum_of(members, values, near, sure)
-            if is_sharper(total, [sure[name] for name in members]):
+            total = sum_of(members, values, linearization, uncertainty)
+            if is_sharper(total, [uncertainty[name] for name in members]):
                 found.append(total)
     for name in resistances:
         pair = name[1]
         members = [name, f"tau{pair} [s]"]
-        if members[1] in names and is_sharper(sure[f"C{pair} [F]"], [sure[m] for m in members]):
-            found.append(sure[f"C{pair} [F]"])
+        if members[1] in names and is_sharper(
+            uncertainty[f"C{pair} [F]"], [uncertainty[m] for m in members]
+        ):
+            found.append(uncertainty[f"C{pair} [F]"])
     if not found:
         return ""
     best = min(found, key=lambda each: each.relative_error)
@@ -155,13 +163,15 @@ class Identifiability:
         }
 
 
-def identifiability(checked: CrossCheck, near: Linearization, sure: Uncertainty) -> Identifiability:
+def identifiability(
+    refinement: Refinement, linearization: Linearization, uncertainty: Uncertainty
+) -> Identifiability:
     """What a refined answer's record determines and what it leaves open."""
-    values = named_values(checked.parameters)
-    courses = checked.found.problem.courses
-    interval_s = min(course.median_interval_s for course in courses)
-    duration_s = max(course.scored_duration_s for course in courses)
-    pairs = range(1, checked.parameters.pairs + 1)
+    values = named_values(refinement.parameters)
+    prepared_records = refinement.search.problem.prepared_records
+    interval_s = min(prepared.median_interval_s for prepared in prepared_records)
+    duration_s = max(prepared.scored_duration_s for prepared in prepared_records)
+    pairs = range(1, refinement.parameters.pairs + 1)
     told: set[str] = set()
     findings: list[Finding] = []
 
@@ -170,19 +180,31 @@ def identifiability(checked: CrossCheck, near: Linearization, sure: Uncertainty)
             findings.append(finding)
             told.update(finding.parameters)
 
-    add([each for k in pairs for each in _too_fast(k, values, near, sure, interval_s)])
-    add([each for k in pairs for each in _too_slow(k, values, near, sure, duration_s)])
-    add([each for k in pairs[:-1] for each in _alike(k, values, near, sure, told)])
-    add(_at_bounds(near, values, told))
-    add(_loose(sure, told, interval_s, duration_s))
-    add(_weak_directions(near, sure, values))
-    scaled = near.slope_v / np.linalg.norm(near.slope_v, axis=0)
+    add(
+        [
+            each
+            for k in pairs
+            for each in _too_fast(k, values, linearization, uncertainty, interval_s)
+        ]
+    )
+    add(
+        [
+            each
+            for k in pairs
+            for each in _too_slow(k, values, linearization, uncertainty, duration_s)
+        ]
+    )
+    add([each for k in pairs[:-1] for each in _alike(k, values, linearization, uncertainty, told)])
+    add(_at_bounds(linearization, values, told))
+    add(_loose(uncertainty, told, interval_s, duration_s))
+    add(_weak_directions(linearization, uncertainty, values))
+    scaled = linearization.slope_v / np.linalg.norm(linearization.slope_v, axis=0)
     return Identifiability(
         collinearity_index=collinearity(scaled),
         condition_number=_condition(scaled),
         collinear_pairs=tuple(
-            (near.names[i], near.names[j], index)
-            for i, j in combinations(range(len(near.names)), 2)
+            (linearization.names[i], linearization.names[j], index)
+            for i, j in combinations(range(len(linearization.names)), 2)
             if (index := collinearity(scaled[:, [i, j]])) > COLLINEAR
         ),
         findings=tuple(findings),
@@ -204,7 +226,7 @@ def _singular(scaled: np.ndarray) -> np.ndarray:
     return np.linalg.svd(scaled, compute_uv=False) if scaled.size else np.ones(1)
 
 
-def _too_fast(pair, values, near, sure, interval_s) -> list[Finding]:
+def _too_fast(pair, values, linearization, uncertainty, interval_s) -> list[Finding]:
     """A pair that is over within a sampling interval: below half of it, as the default box.
 
     Where a current is held from its sample on, such a pair still answers one sample after R0, and
@@ -213,62 +235,62 @@ def _too_fast(pair, values, near, sure, interval_s) -> list[Finding]:
     tau, resistance = f"tau{pair} [s]", f"R{pair} [Ohm]"
     if not values[tau] <= 0.5 * interval_s * (1 + NEAR_LIMIT):
         return []
-    if not _is_tight(sure[resistance]):
+    if not _is_tight(uncertainty[resistance]):
         members = ("R0 [Ohm]", resistance)
-        total = sum_of(members, values, near, sure)
-        if not is_sharper(total, [sure[name] for name in members]):
+        total = sum_of(members, values, linearization, uncertainty)
+        if not is_sharper(total, [uncertainty[name] for name in members]):
             return []
         text = (
             f"tau{pair} = {values[tau]:.2f} s cannot be told from a resistance at "
             f"{interval_s:.3g} s sampling: only R0 + R{pair} is determined"
         )
         return [Finding("too fast", (tau, *members[::-1]), f"{text}{value_words(total)}.")]
-    if _is_tight(sure[tau]) or near.held.get(tau) == "fixed":
+    if _is_tight(uncertainty[tau]) or linearization.held.get(tau) == "fixed":
         return []
     text = (
         f"tau{pair} = {values[tau]:.2f} s is shorter than {interval_s:.3g} s sampling can show: "
-        f"R{pair} is determined{value_words(sure[resistance])}, tau{pair} is not"
+        f"R{pair} is determined{value_words(uncertainty[resistance])}, tau{pair} is not"
     )
-    if tau in near.held:
-        text += f" (it is {near.held[tau]}; a wider box would tell how short it may be)"
+    if tau in linearization.held:
+        text += f" (it is {linearization.held[tau]}; a wider box would tell how short it may be)"
     return [Finding("too fast", (tau,), f"{text}.")]
 
 
-def _too_slow(pair, values, near, sure, duration_s) -> list[Finding]:
+def _too_slow(pair, values, linearization, uncertainty, duration_s) -> list[Finding]:
     """A pair that has no end within the record: to it, all that shows is its capacitance."""
     tau, resistance, capacitance = f"tau{pair} [s]", f"R{pair} [Ohm]", f"C{pair} [F]"
     if not values[tau] >= duration_s * (1 - 1e-3):
         return []
-    is_open = sure[capacitance].low is None
+    is_open = uncertainty[capacitance].low is None
     certainty = "shows, itself with an open interval" if is_open else "is determined"
     text = (
         f"tau{pair} = {with_unit(tau, values[tau])} is as long as the record, "
         f"{with_unit(tau, duration_s)}, or longer: only R{pair}/tau{pair} {certainty}, which is "
         f"the capacitance C{pair}"
     )
-    if tau in near.held:
+    if tau in linearization.held:
         text += (
             f" ({with_unit(capacitance, values[capacitance])} with tau{pair} held there; a wider "
             "box would tell it better)"
         )
     else:
-        text += value_words(sure[capacitance])
+        text += value_words(uncertainty[capacitance])
     return [Finding("too slow", (tau, resistance), f"{text}.")]
 
 
-def _alike(pair, values, near, sure, told) -> list[Finding]:
+def _alike(pair, values, linearization, uncertainty, told) -> list[Finding]:
     """Neighboring time constants whose ratio may as well be 1, where the sum is better known."""
     first, second = f"tau{pair} [s]", f"tau{pair + 1} [s]"
     if first in told or second in told:
         return []
     gap = math.log(values[second] / values[first])
-    direction = _direction(second, near) - _direction(first, near)
-    ratio = sure.of("ratio", math.exp(gap), direction)
+    direction = _direction(second, linearization) - _direction(first, linearization)
+    ratio = uncertainty.of("ratio", math.exp(gap), direction)
     if ratio.low is not None and ratio.high is not None and not ratio.low <= 1 <= ratio.high:
         return []
     resistances = (f"R{pair} [Ohm]", f"R{pair + 1} [Ohm]")
-    total = sum_of(resistances, values, near, sure)
-    if not is_sharper(total, [sure[name] for name in resistances]):
+    total = sum_of(resistances, values, linearization, uncertainty)
+    if not is_sharper(total, [uncertainty[name] for name in resistances]):
         return []
     text = (
         f"tau{pair} = {with_unit(first, values[first])} and tau{pair + 1} = "
@@ -278,7 +300,9 @@ def _alike(pair, values, near, sure, told) -> list[Finding]:
     return [Finding("alike", (first, second, *resistances), f"{text}{value_words(total)}.")]
 
 
-def _at_bounds(near: Linearization, values: dict[str, float], told: set[str]) -> list[Finding]:
+def _at_bounds(
+    linearization: Linearization, values: dict[str, float], told: set[str]
+) -> list[Finding]:
     return [
         Finding(
             "at bound",
@@ -286,16 +310,16 @@ def _at_bounds(near: Linearization, values: dict[str, float], told: set[str]) ->
             f"{symbol(name)} = {with_unit(name, values[name])} is {reason}: the box decides, "
             "not the data.",
         )
-        for name, reason in near.held.items()
+        for name, reason in linearization.held.items()
         if reason != "fixed" and name not in told and name in values
     ]
 
 
 def _loose(
-    sure: Uncertainty, told: set[str], interval_s: float, duration_s: float
+    uncertainty: Uncertainty, told: set[str], interval_s: float, duration_s: float
 ) -> list[Finding]:
     findings = []
-    for each in sure.estimates:
+    for each in uncertainty.estimates:
         if each.name in told or each.name.startswith("C") or each.relative_error is None:
             continue
         if each.low is None or each.high is None:
@@ -317,10 +341,10 @@ def _loose(
 
 
 def _weak_directions(
-    near: Linearization, sure: Uncertainty, values: dict[str, float]
+    linearization: Linearization, uncertainty: Uncertainty, values: dict[str, float]
 ) -> list[Finding]:
     """Changes of several parameters at once that the data do not notice."""
-    variances, directions = np.linalg.eigh(sure.covariance)
+    variances, directions = np.linalg.eigh(uncertainty.covariance)
     findings = []
     for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
         if not math.log(LOOSE_FACTOR) < math.sqrt(max(variance, 0.0)):
@@ -331,10 +355,14 @@ def _weak_directions(
         if len(moving) < 2:
             continue
         step = step * np.sign(step[moving[0]])
-        moves = [f"{symbol(near.names[k])} {_times(step[k])}" for k in moving]
+        moves = [f"{symbol(linearization.names[k])} {_times(step[k])}" for k in moving]
         text = f"{joined(moves)} at once is within one standard error"
-        text += sharper_words([near.names[k] for k in moving], values, near, sure)
-        findings.append(Finding("direction", tuple(near.names[k] for k in moving), f"{text}."))
+        text += sharper_words(
+            [linearization.names[k] for k in moving], values, linearization, uncertainty
+        )
+        findings.append(
+            Finding("direction", tuple(linearization.names[k] for k in moving), f"{text}.")
+        )
     return findings
 
 
@@ -350,5 +378,5 @@ def _is_tight(estimate: Estimate) -> bool:
     return estimate.low is not None and estimate.value / estimate.low <= LOOSE_FACTOR
 
 
-def _direction(name: str, near: Linearization) -> Float[np.ndarray, "free"]:
-    return direction_of(name, near)[0]
+def _direction(name: str, linearization: Linearization) -> Float[np.ndarray, "free"]:
+    return direction_of(name, linearization)[0]

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 
 from ..cell import CircuitParameters
 from ..execution import compile_for, in_float64
-from ..model.inputs import Course
-from ..model.problem import Objective, Problem, impedance_of, residuals
+from ..model.inputs import PreparedRecord
+from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
 from ..search.refine import AT_BOUND
 
@@ -57,11 +57,11 @@ def linearize(
     """
     objective = problem.objective_in("log", "scan")
     box = objective.coordinates
-    point = np.asarray(box.encode(impedance_of(parameters)))
+    point = np.asarray(box.encode(rc_parameters(parameters)))
     here = jnp.asarray(point)
     program = compile_for(_errors_and_slopes, here, objective)
     error, slope = (np.asarray(part) for part in program(here, objective))
-    scored = np.concatenate([course.scored for course in problem.courses])
+    scored = np.concatenate([prepared.scored for prepared in problem.prepared_records])
     unit = np.sqrt(problem.scored)
     error_v, slope_v = unit * error[scored], unit * slope[scored]
     held = dict.fromkeys(problem.bounds.fixed, "fixed") | _at_bound(box, point)
@@ -77,8 +77,8 @@ def linearize(
         free=free,
         names=tuple(box.names[index] for index in free),
         held=held,
-        time_s=_one_clock(problem.courses),
-        longest_s=max(course.scored_duration_s for course in problem.courses),
+        time_s=_one_clock(problem.prepared_records),
+        longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
         slope_v=slope_v[:, list(free)],
     )
@@ -106,12 +106,14 @@ def _at_bound(box: Coordinates, point: Float[np.ndarray, "coordinates"]) -> dict
     }
 
 
-def _one_clock(courses: tuple[Course, ...]) -> Float[np.ndarray, "scored"]:
+def _one_clock(prepared_records: tuple[PreparedRecord, ...]) -> Float[np.ndarray, "scored"]:
     """Times of all scored samples, no lag within a record being one between records."""
-    gap_s = max(course.scored_duration_s + 2 * course.median_interval_s for course in courses)
+    gap_s = max(
+        prepared.scored_duration_s + 2 * prepared.median_interval_s for prepared in prepared_records
+    )
     times, start_s = [], 0.0
-    for course in courses:
-        time_s = course.time_s[course.scored]
+    for prepared in prepared_records:
+        time_s = prepared.time_s[prepared.scored]
         times.append(start_s + time_s - time_s[0])
         start_s = times[-1][-1] + gap_s
     return np.concatenate(times)

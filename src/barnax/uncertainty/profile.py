@@ -13,9 +13,9 @@ from scipy.special import stdtrit
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.search_space import Coordinates
-from ..search.refine import CrossCheck
+from ..search.refine import Refinement
 from .assessment import Assessment, assess
-from .covariance import CONFIDENCE, direction_of, named_values, uncertainty
+from .covariance import CONFIDENCE, direction_of, estimate_uncertainty, named_values
 from .identifiability import symbol, with_unit
 from .linearization import Linearization, linearize
 from .refit import Refit, holding
@@ -64,7 +64,7 @@ class Profile:
 
 
 def profile(
-    checked: CrossCheck,
+    refinement: Refinement,
     name: str,
     *,
     assessment: Assessment | None = None,
@@ -77,43 +77,43 @@ def profile(
     one (Kent, Biometrika 69 (1982) 19). `assessment` and `refit` may be given where they exist
     already. Raises `InputError` for a name the circuit does not have or that is held.
     """
-    assessment = assessment or assess(checked)
-    near, sure = assessment.near, assessment.uncertainty
-    values = named_values(checked.parameters)
+    assessment = assessment or assess(refinement)
+    linearization, uncertainty = assessment.linearization, assessment.uncertainty
+    values = named_values(refinement.parameters)
     if name not in values:
         raise InputError(f"{name!r} is no parameter of this circuit; there are {', '.join(values)}")
-    if name in near.held:
+    if name in linearization.held:
         # At a bound: the profile is what tells how far inside the box it may lie.
-        near = linearize(checked.found.problem, checked.parameters, freed=(name,))
-        sure = uncertainty(checked.parameters, near)
-    direction, held = direction_of(name, near)
+        linearization = linearize(refinement.search.problem, refinement.parameters, freed=(name,))
+        uncertainty = estimate_uncertainty(refinement.parameters, linearization)
+    direction, held = direction_of(name, linearization)
     if not np.any(direction):
         raise InputError(f"{name!r} has no profile, for it is held: {held}")
-    refit = refit or Refit(checked.found.problem)
-    linear = sure[name]
-    freedom = max(near.samples - len(near.names), 1)
+    refit = refit or Refit(refinement.search.problem)
+    linear = uncertainty[name]
+    freedom = max(linearization.samples - len(linearization.names), 1)
     quantile = stdtrit(linear.degrees_of_freedom, (1 + CONFIDENCE) / 2)
     rise = (quantile * (linear.inflation or 1.0)) ** 2 / freedom
-    best_v = float(np.sqrt(np.mean(near.error_v**2)))
+    best_v = float(np.sqrt(np.mean(linearization.error_v**2)))
     threshold_v = best_v * math.sqrt(1 + rise)
 
-    is_ordered = checked.found.problem.bounds.pairs_are_alike
-    full = np.zeros(len(near.point))
-    full[list(near.free)] = direction
+    is_ordered = refinement.search.problem.bounds.pairs_are_alike
+    full = np.zeros(len(linearization.point))
+    full[list(linearization.free)] = direction
     # How the others follow to first order: along the plain covariance, which is what fits move by.
-    follow = np.zeros(len(near.point))
-    follow[list(near.free)] = sure.plain_covariance @ direction
+    follow = np.zeros(len(linearization.point))
+    follow[list(linearization.free)] = uncertainty.white_noise_covariance @ direction
     follow /= full @ follow
-    reach = np.array(_reach(full, near.point, refit))
+    reach = np.array(_reach(full, linearization.point, refit))
     half_width = REACH * quantile * (linear.relative_error or 0.0)
     steps = np.clip(np.linspace(-half_width, half_width, POINTS), *reach)
-    steps, rmse_v = _walk(np.unique(steps), full, follow, near, refit, is_ordered)
+    steps, rmse_v = _walk(np.unique(steps), full, follow, linearization, refit, is_ordered)
     for side, end in zip((-1, 1), reach, strict=True):
         is_there = (steps * side >= 0) & (rmse_v > threshold_v)
         outermost = np.max(steps * side, initial=0.0)
         if not np.any(is_there) and outermost < end * side * (1 - 1e-9):
             further = np.linspace(side * outermost, end, POINTS // 2 + 1)[1:]
-            more, more_v = _walk(further, full, follow, near, refit, is_ordered)
+            more, more_v = _walk(further, full, follow, linearization, refit, is_ordered)
             steps, rmse_v = np.append(steps, more), np.append(rmse_v, more_v)
     order = np.argsort(steps)
     steps, rmse_v = steps[order], rmse_v[order]
@@ -142,21 +142,21 @@ def _reach(full, point, refit: Refit) -> tuple[float, float]:
     return float(downward.sum()), float(upward.sum())
 
 
-def _walk(steps, full, follow, near: Linearization, refit: Refit, is_ordered: bool):
+def _walk(steps, full, follow, linearization: Linearization, refit: Refit, is_ordered: bool):
     """The refitted RMSE where the quantity's logarithm has moved by each of `steps`.
 
     Steps whose fit has its pairs in another order are left out: there the name belongs to another
     pair.
     """
-    matrix, shift = holding(near)
+    matrix, shift = holding(linearization)
     slot = int(np.argmax(np.abs(full)))
     others = np.where(np.arange(len(full)) == slot, 0.0, full) / full[slot]
     row = np.eye(len(full))[slot]
     constrained = matrix - np.outer(row, row @ matrix) - np.outer(row, others @ matrix)
-    targets = (full @ near.point + steps) / full[slot]
+    targets = (full @ linearization.point + steps) / full[slot]
     shifts = shift + np.outer(targets - others @ shift - shift[slot], row)
     box = refit.box
-    starts = np.clip(near.point + np.outer(steps, follow), box.lower, box.upper)
+    starts = np.clip(linearization.point + np.outer(steps, follow), box.lower, box.upper)
     ends = refit(starts, matrix=constrained, shift=shifts)
     is_kept = np.isfinite(ends.rmse_v)
     if is_ordered:

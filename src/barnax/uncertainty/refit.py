@@ -23,7 +23,7 @@ from ..execution import (
 )
 from ..model.compressed import Compressed
 from ..model.exponentials import Lagrange, span_of
-from ..model.problem import Objective, Problem, impedance_of, residuals
+from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
 from ..model.simulate import Intervals, unit_response
 from ..search.refine import AT_BOUND
@@ -56,15 +56,17 @@ class Voltages:
             slowest, fastest = box.gamma_limits
             in_rate = span_of(1 / fastest, 1 / slowest, PROJECTION_TOLERANCE)
         parts, own = [], []
-        for course, drive in zip(problem.courses, problem.drives, strict=True):
-            columns = [_answers(jnp.asarray(in_tau.skeleton_tau), drive.held_a, drive.intervals)]
-            moved = drive.hysteresis
+        for prepared, inputs in zip(problem.prepared_records, problem.all_inputs, strict=True):
+            columns = [_answers(jnp.asarray(in_tau.skeleton_tau), inputs.held_a, inputs.intervals)]
+            moved = inputs.hysteresis
             if in_rate is not None and moved is not None:
-                turns = _answers(jnp.asarray(in_rate.skeleton_tau), moved.push, moved.intervals)
+                turns = _answers(
+                    jnp.asarray(in_rate.skeleton_tau), moved.hysteresis_input, moved.intervals
+                )
                 columns.append(-moved.amplitude_v * turns)
-            columns.append(drive.current_a[None])
-            parts.append(np.asarray(jnp.concatenate(columns)).T[course.scored])
-            own.append(np.asarray(drive.base_error_v)[course.scored])
+            columns.append(inputs.current_a[None])
+            parts.append(np.asarray(jnp.concatenate(columns)).T[prepared.scored])
+            own.append(np.asarray(inputs.base_error_v)[prepared.scored])
         # One thread: what a library does with several would change the last bits.
         with one_blas_thread():
             basis, factor = np.linalg.qr(np.concatenate(parts))
@@ -151,7 +153,7 @@ class Refit:
     @in_float64
     def encode(self, parameters: CircuitParameters) -> Float[np.ndarray, "coordinates"]:
         """A circuit as a start."""
-        return np.asarray(self.box.encode(impedance_of(parameters)))
+        return np.asarray(self.box.encode(rc_parameters(parameters)))
 
     @in_float64
     def __call__(
@@ -190,10 +192,12 @@ class Refit:
         return Ends(np.stack(points), np.array(rmse_v), np.array(converged))
 
 
-def holding(near: Linearization) -> tuple[np.ndarray, np.ndarray]:
+def holding(linearization: Linearization) -> tuple[np.ndarray, np.ndarray]:
     """The constraint, matrix and shift, that holds what a linearization holds."""
-    is_free = np.isin(np.arange(len(near.point)), near.free)
-    return np.diag(is_free.astype(near.point.dtype)), np.where(is_free, 0.0, near.point)
+    is_free = np.isin(np.arange(len(linearization.point)), linearization.free)
+    return np.diag(is_free.astype(linearization.point.dtype)), np.where(
+        is_free, 0.0, linearization.point
+    )
 
 
 def _refit(

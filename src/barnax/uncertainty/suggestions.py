@@ -15,11 +15,11 @@ from ..cell import CircuitParameters
 from ..cell.parameters import MOST_PAIRS
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.inputs import make_course
-from ..model.problem import Problem, impedance_of
+from ..model.inputs import prepare_record
+from ..model.problem import Problem, rc_parameters
 from ..model.search_space import PAIRS, RATE, RATE_RANGE, RESISTANCES, Bounds
-from ..model.simulate import Drive, unit_response
-from ..search.refine import CrossCheck, Descent
+from ..model.simulate import SimulationInput, unit_response
+from ..search.refine import Descent, Refinement
 from .identifiability import joined, with_unit
 from .refit import Refit
 
@@ -45,26 +45,26 @@ class SocColumns:
 
 
 @in_float64
-def soc_columns(checked: CrossCheck) -> SocColumns | None:
+def soc_columns(refinement: Refinement) -> SocColumns | None:
     """The columns for `KNOTS` knots over the scored SOC; None where that hardly changes.
 
     A resistance between knots is interpolated. In an RC pair it multiplies the current that
     charges it, so the pair's voltage moves to a new resistance with its own time constant.
     """
-    problem = checked.found.problem
-    courses = problem.courses
-    soc = np.concatenate([course.soc[course.scored] for course in courses])
+    problem = refinement.search.problem
+    prepared_records = problem.prepared_records
+    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
     knots = np.linspace(soc.min(), soc.max(), KNOTS)
     if knots[-1] - knots[0] < NARROWEST:
         return None
-    impedance = impedance_of(checked.parameters)
+    rc = rc_parameters(refinement.parameters)
     base, constant, tabulated = [], [], []
-    for course, drive in zip(courses, problem.drives, strict=True):
-        hats = np.stack([np.interp(course.soc, knots, row) for row in np.eye(KNOTS)])
-        responses = np.asarray(_responses(jnp.stack(impedance.tau), jnp.asarray(hats), drive))
-        scored = course.scored
-        turned = 0.0 if impedance.gamma is None else _turned(impedance.gamma, drive)
-        base.append((np.asarray(drive.base_error_v) - turned)[scored])
+    for prepared, inputs in zip(prepared_records, problem.all_inputs, strict=True):
+        hats = np.stack([np.interp(prepared.soc, knots, row) for row in np.eye(KNOTS)])
+        responses = np.asarray(_responses(jnp.stack(rc.tau), jnp.asarray(hats), inputs))
+        scored = prepared.scored
+        turned = 0.0 if rc.gamma is None else _turned(rc.gamma, inputs)
+        base.append((np.asarray(inputs.base_error_v) - turned)[scored])
         constant.append(responses.sum(axis=1)[:, scored].T)
         tabulated.append(responses.reshape(-1, responses.shape[-1])[:, scored].T)
     return SocColumns(
@@ -78,23 +78,23 @@ def soc_columns(checked: CrossCheck) -> SocColumns | None:
 
 @eqx.filter_jit
 def _responses(
-    tau: Float[Array, "pairs"], hats: Float[Array, "knots samples"], drive: Drive
+    tau: Float[Array, "pairs"], hats: Float[Array, "knots samples"], inputs: SimulationInput
 ) -> Float[Array, "resistances knots samples"]:
     """The voltage over R0 and every pair of 1 ohm for the current around each knot."""
 
     def one(tau, hat):
-        return unit_response(tau, hat * drive.held_a, drive.intervals)
+        return unit_response(tau, hat * inputs.held_a, inputs.intervals)
 
     pairs = jax.vmap(jax.vmap(one, in_axes=(None, 0)), in_axes=(0, None))(tau, hats)
-    return jnp.concatenate([(hats * drive.current_a)[None], pairs])
+    return jnp.concatenate([(hats * inputs.current_a)[None], pairs])
 
 
 @eqx.filter_jit
-def _turned(gamma: Float[Array, ""], drive: Drive) -> Float[Array, "samples"]:
-    moved = drive.hysteresis
+def _turned(gamma: Float[Array, ""], inputs: SimulationInput) -> Float[Array, "samples"]:
+    moved = inputs.hysteresis
     if moved is None:
-        return jnp.zeros_like(drive.base_error_v)
-    return moved.amplitude_v * unit_response(1 / gamma, moved.push, moved.intervals)
+        return jnp.zeros_like(inputs.base_error_v)
+    return moved.amplitude_v * unit_response(1 / gamma, moved.hysteresis_input, moved.intervals)
 
 
 TOLERANCE = 1e-7
@@ -125,7 +125,7 @@ class Suggestion:
         }
 
 
-def suggestions(checked: CrossCheck, *, refit: Refit | None = None) -> tuple[Suggestion, ...]:
+def suggestions(refinement: Refinement, *, refit: Refit | None = None) -> tuple[Suggestion, ...]:
     """Changes of the model in the order of the error that each alone leaves, the lowest first.
 
     Tried are one more RC pair, dynamic hysteresis, another initial SOC, another capacity, and,
@@ -134,13 +134,13 @@ def suggestions(checked: CrossCheck, *, refit: Refit | None = None) -> tuple[Sug
     error here is where to look first, not yet a better model: validate it on another record.
     Where no other initial SOC or capacity fits better, they are left out.
     """
-    refit = refit or Refit(checked.found.problem)
+    refit = refit or Refit(refinement.search.problem)
     found = [
-        *_one_more_pair(checked),
-        *_dynamic_hysteresis(checked),
-        *_initial_soc(checked, refit),
-        *_capacity(checked, refit),
-        *_over_soc(checked),
+        *_one_more_pair(refinement),
+        *_dynamic_hysteresis(refinement),
+        *_initial_soc(refinement, refit),
+        *_capacity(refinement, refit),
+        *_over_soc(refinement),
     ]
     return tuple(sorted(found, key=lambda each: each.rmse_v))
 
@@ -158,8 +158,8 @@ def in_words(found: Sequence[Suggestion], before_v: float) -> str:
     return " ".join(sentences) or "Nothing that could lower the error applies here."
 
 
-def _one_more_pair(checked: CrossCheck) -> list[Suggestion]:
-    problem, circuit = checked.found.problem, checked.parameters
+def _one_more_pair(refinement: Refinement) -> list[Suggestion]:
+    problem, circuit = refinement.search.problem, refinement.parameters
     pairs = problem.bounds.pairs
     if pairs == MOST_PAIRS:
         return []
@@ -182,9 +182,9 @@ def _one_more_pair(checked: CrossCheck) -> list[Suggestion]:
     return [Suggestion("one more pair", text, best.rmse_v, 2)]
 
 
-def _dynamic_hysteresis(checked: CrossCheck) -> list[Suggestion]:
-    problem, circuit = checked.found.problem, checked.parameters
-    if problem.bounds.has_rate or not np.any(problem.cell.hysteresis_v(problem.course.soc)):
+def _dynamic_hysteresis(refinement: Refinement) -> list[Suggestion]:
+    problem, circuit = refinement.search.problem, refinement.parameters
+    if problem.bounds.has_rate or not np.any(problem.cell.hysteresis_v(problem.prepared.soc)):
         return []
     bounds = replace(problem.bounds, ranges=dict(problem.bounds.ranges) | {RATE: RATE_RANGE})
     turned = replace(_with_courses(problem, "esc"), bounds=bounds)
@@ -194,29 +194,29 @@ def _dynamic_hysteresis(checked: CrossCheck) -> list[Suggestion]:
     return [Suggestion("dynamic hysteresis", text, best.rmse_v, 1)]
 
 
-def _initial_soc(checked: CrossCheck, refit: Refit) -> list[Suggestion]:
-    problem = checked.found.problem
+def _initial_soc(refinement: Refinement, refit: Refit) -> list[Suggestion]:
+    problem = refinement.search.problem
 
     def moved(shift: float) -> Problem:
         return _with_courses(problem, problem.circuit, soc_shift=shift)
 
-    found = _best_along(checked, refit, moved, SOC_REACH)
+    found = _best_along(refinement, refit, moved, SOC_REACH)
     if found is None:
         return []
     shift, rmse_v = found
-    own = problem.course.initial_soc
+    own = problem.prepared.initial_soc
     text = f"initial SOC {own + shift:.3f} instead of {own:.3f}"
     return [Suggestion("initial SOC", text, rmse_v, 1)]
 
 
-def _capacity(checked: CrossCheck, refit: Refit) -> list[Suggestion]:
-    problem = checked.found.problem
+def _capacity(refinement: Refinement, refit: Refit) -> list[Suggestion]:
+    problem = refinement.search.problem
     own_ah = problem.cell.capacity_ah
 
     def scaled(change: float) -> Problem:
         return _with_courses(problem, problem.circuit, capacity_ah=own_ah * (1 + change))
 
-    found = _best_along(checked, refit, scaled, CAPACITY_REACH)
+    found = _best_along(refinement, refit, scaled, CAPACITY_REACH)
     if found is None:
         return []
     change, rmse_v = found
@@ -224,8 +224,8 @@ def _capacity(checked: CrossCheck, refit: Refit) -> list[Suggestion]:
     return [Suggestion("capacity", text, rmse_v, 1)]
 
 
-def _over_soc(checked: CrossCheck) -> list[Suggestion]:
-    columns = soc_columns(checked)
+def _over_soc(refinement: Refinement) -> list[Suggestion]:
+    columns = soc_columns(refinement)
     if columns is None:
         return []
     return [
@@ -261,23 +261,25 @@ def _best_of(problem: Problem, starts: Sequence[CircuitParameters]):
 
 
 def _best_along(
-    checked: CrossCheck, refit: Refit, changed: Callable[[float], Problem], reach: float
+    refinement: Refinement, refit: Refit, changed: Callable[[float], Problem], reach: float
 ) -> tuple[float, float] | None:
     """The change of one number with the lowest refitted error, and that error.
 
     It is sought with the refits' own hysteresis columns, which hardly depend on it, and the error
     is then that of the changed problem. None where even small changes leave the OCV curve.
     """
-    starts = _spread_starts(checked)
+    starts = _spread_starts(refinement)
     points = np.stack([refit.encode(start) for start in starts])
 
     def refitted(change: float) -> float:
-        courses = changed(float(change)).courses
-        base_v = np.concatenate([(each.voltage_v - each.source_v)[each.scored] for each in courses])
+        prepared_records = changed(float(change)).prepared_records
+        base_v = np.concatenate(
+            [(each.voltage_v - each.source_v)[each.scored] for each in prepared_records]
+        )
         lanes = np.broadcast_to(refit.voltages.project(base_v[None]), (len(starts), refit.rows))
         return float(np.nanmin(refit(points, base_v=lanes).rmse_v))
 
-    best, lowest_v = 0.0, checked.rmse_v
+    best, lowest_v = 0.0, refinement.rmse_v
     for end in (_furthest(changed, -reach), _furthest(changed, reach)):
         if end != 0:
             found: Any = minimize_scalar(
@@ -291,7 +293,7 @@ def _best_along(
     if best == 0:
         return None
     exact_v = _best_of(changed(best), starts).rmse_v
-    return (best, exact_v) if exact_v < checked.rmse_v else None
+    return (best, exact_v) if exact_v < refinement.rmse_v else None
 
 
 def _furthest(changed: Callable[[float], Problem], end: float) -> float:
@@ -313,17 +315,17 @@ def _furthest(changed: Callable[[float], Problem], end: float) -> float:
     return inside
 
 
-def _spread_starts(checked: CrossCheck) -> list[CircuitParameters]:
+def _spread_starts(refinement: Refinement) -> list[CircuitParameters]:
     """The refined circuit and others with their time constants all over the box.
 
     With another SOC the answer may be far from the refined one, which may sit at a bound.
     """
-    circuit = checked.parameters
-    low, high = checked.found.problem.bounds.tau_limits_s
+    circuit = refinement.parameters
+    low, high = refinement.search.problem.bounds.tau_limits_s
     places = np.arange(1, circuit.pairs + 1) / (circuit.pairs + 1)
     starts = [circuit]
-    for stretch in np.linspace(0.4, 1.2, STARTS - 1):
-        taus = low * (high / low) ** (stretch * places)
+    for span in np.linspace(0.4, 1.2, STARTS - 1):
+        taus = low * (high / low) ** (span * places)
         c = tuple(float(tau) / r for tau, r in zip(taus, circuit.r, strict=True))
         starts.append(replace(circuit, c=c))
     return starts
@@ -339,20 +341,20 @@ def _with_courses(
     """The same problem with its records made ready otherwise. Raises `InputError` where the state
     of charge then leaves the OCV curve."""
     cell = replace(problem.cell, capacity_ah=capacity_ah or problem.cell.capacity_ah)
-    courses = tuple(
-        make_course(
-            course.record,
+    prepared_records = tuple(
+        prepare_record(
+            prepared.record,
             cell,
             circuit,
             replace(
                 problem.window,
-                initial_soc=course.initial_soc + soc_shift,
-                rest_current_a=course.rest_current_a,
+                initial_soc=prepared.initial_soc + soc_shift,
+                rest_current_a=prepared.rest_current_a,
             ),
         )
-        for course in problem.courses
+        for prepared in problem.prepared_records
     )
-    return replace(problem, cell=cell, courses=courses)
+    return replace(problem, cell=cell, prepared_records=prepared_records)
 
 
 def _ordinal(number: int) -> str:

@@ -30,19 +30,19 @@ def test_bands_share_out_all_samples_and_all_squared_error(bands, colored):
 
 def test_a_band_holds_the_errors_of_its_samples(colored):
     checked, assessment = colored
-    course = checked.found.problem.course
-    error_v = assessment.near.error_v
+    prepared = checked.search.problem.prepared
+    error_v = assessment.linearization.error_v
     (rest,) = [band for band in assessment.diagnostics.by_current if band.label == "rest"]
-    inside = np.abs(course.current_a) < course.rest_current_a
+    inside = np.abs(prepared.current_a) < prepared.rest_current_a
     assert rest.samples == np.count_nonzero(inside)
     assert rest.mean_v == pytest.approx(np.mean(error_v[inside]))
     (top,) = [b for b in assessment.diagnostics.by_soc if b.label == "90 to 100 %"]
-    assert top.samples == np.count_nonzero(course.soc >= 0.9)
+    assert top.samples == np.count_nonzero(prepared.soc >= 0.9)
 
 
 def test_the_autocorrelation_is_the_residuals_own(colored):
     found = colored[1].diagnostics
-    error_v = colored[1].near.error_v
+    error_v = colored[1].linearization.error_v
     at_one = np.mean(error_v[1:] * error_v[:-1]) / np.mean(error_v**2)
     assert found.lags_s[:2].tolist() == [0.0, 1.0]
     assert found.autocorrelation[:2] == pytest.approx([1.0, at_one])
@@ -57,13 +57,15 @@ def test_the_integrated_time_is_about_twice_the_correlation_time(colored):
 def test_temperature_bands_appear_where_it_was_measured(colored):
     checked, assessment = colored
     assert assessment.diagnostics.by_temperature is None
-    problem = checked.found.problem
-    course = problem.course
-    degrees = np.linspace(20.0, 26.0, course.record.samples)
-    record = replace(course.record, temperature_degc=degrees)
-    warm = replace(problem, courses=(replace(course, record=record),))
-    again = replace(checked, found=replace(checked.found, problem=warm))
-    found = diagnostics(again, assessment.near, assessment.uncertainty.noise).by_temperature
+    problem = checked.search.problem
+    prepared = problem.prepared
+    degrees = np.linspace(20.0, 26.0, prepared.record.samples)
+    record = replace(prepared.record, temperature_degc=degrees)
+    warm = replace(problem, prepared_records=(replace(prepared, record=record),))
+    again = replace(checked, found=replace(checked.search, problem=warm))
+    found = diagnostics(
+        again, assessment.linearization, assessment.uncertainty.noise
+    ).by_temperature
     assert found is not None
     assert sum(band.samples for band in found) == 1501
     assert found[0].label == "20 to 21 degC"
@@ -71,7 +73,7 @@ def test_temperature_bands_appear_where_it_was_measured(colored):
 
 def test_a_band_that_holds_most_of_the_error_is_worth_a_sentence(short_problem):
     noise_v = np.random.default_rng(0).normal(0, 1e-3, 1501)
-    current_a = short_problem.course.current_a
+    current_a = short_problem.prepared.current_a
     # Large errors at large currents alone.
     noise_v[current_a > 2.0] *= 30
     found = assess(cross_check(made_problem(short_problem, noise_v))).diagnostics

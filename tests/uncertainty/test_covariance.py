@@ -25,18 +25,20 @@ def white(short_problem):
 
 def test_the_plain_covariance_is_that_of_curve_fit(white):
     checked, assessment = white
-    course = checked.found.problem.course
+    prepared = checked.search.problem.prepared
 
     def drop(current_a, *logarithms):
         r0, r1, tau1, r2, tau2 = np.exp(logarithms)
         return 1e3 * drop_v(filtered_response, 1.0, current_a, (r0, (r1, r2), (tau1, tau2)))
 
-    measured_mv = 1e3 * (course.source_v - course.voltage_v)
-    best, covariance = curve_fit(drop, course.current_a, measured_mv, LOGARITHMS, xtol=1e-12)
-    sure = assessment.uncertainty
-    assert sure.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
-    np.testing.assert_allclose(sure.plain_covariance, covariance, rtol=1e-3, atol=1e-9)
-    assert [sure[name].value for name in sure.names] == pytest.approx(np.exp(best), rel=1e-5)
+    measured_mv = 1e3 * (prepared.source_v - prepared.voltage_v)
+    best, covariance = curve_fit(drop, prepared.current_a, measured_mv, LOGARITHMS, xtol=1e-12)
+    uncertainty = assessment.uncertainty
+    assert uncertainty.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
+    np.testing.assert_allclose(uncertainty.white_noise_covariance, covariance, rtol=1e-3, atol=1e-9)
+    assert [uncertainty[name].value for name in uncertainty.names] == pytest.approx(
+        np.exp(best), rel=1e-5
+    )
 
 
 def test_white_noise_needs_no_inflation(white):
@@ -48,13 +50,15 @@ def test_white_noise_needs_no_inflation(white):
 
 def test_capacitances_follow_from_resistances_and_time_constants(white):
     _, assessment = white
-    sure = assessment.uncertainty
-    first, second = sure.names.index("R1 [Ohm]"), sure.names.index("tau1 [s]")
+    uncertainty = assessment.uncertainty
+    first, second = uncertainty.names.index("R1 [Ohm]"), uncertainty.names.index("tau1 [s]")
     difference = np.zeros(5)
     difference[[first, second]] = -1, 1
-    variance = difference @ sure.covariance @ difference
-    assert sure["C1 [F]"].relative_error == pytest.approx(np.sqrt(variance))
-    assert sure["C1 [F]"].value == pytest.approx(sure["tau1 [s]"].value / sure["R1 [Ohm]"].value)
+    variance = difference @ uncertainty.covariance @ difference
+    assert uncertainty["C1 [F]"].relative_error == pytest.approx(np.sqrt(variance))
+    assert uncertainty["C1 [F]"].value == pytest.approx(
+        uncertainty["tau1 [s]"].value / uncertainty["R1 [Ohm]"].value
+    )
 
 
 def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
@@ -76,13 +80,15 @@ def test_what_is_fixed_or_at_a_bound_has_no_interval_and_says_why(short_problem)
         fixed={"tau2 [s]": 120.0},
         bounds={"R0 [Ohm]": (0.01, 0.045)},
     )
-    sure = assess(cross_check(problem)).uncertainty
-    assert sure["tau2 [s]"].held == "fixed"
-    assert sure["R0 [Ohm]"].held == "at its upper bound"
-    assert sure["tau2 [s]"].low is None
+    uncertainty = assess(cross_check(problem)).uncertainty
+    assert uncertainty["tau2 [s]"].held == "fixed"
+    assert uncertainty["R0 [Ohm]"].held == "at its upper bound"
+    assert uncertainty["tau2 [s]"].low is None
     # What is made of a held and a free parameter has the free one's error.
-    assert sure["C2 [F]"].relative_error == pytest.approx(sure["R2 [Ohm]"].relative_error)
-    assert sure.names == ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]")
+    assert uncertainty["C2 [F]"].relative_error == pytest.approx(
+        uncertainty["R2 [Ohm]"].relative_error
+    )
+    assert uncertainty.names == ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]")
 
 
 def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
@@ -103,21 +109,22 @@ def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
 def test_the_noise_of_several_records_remembers_no_longer_than_one_of_them_lasts(short_problem):
     rng = np.random.default_rng(6)
     one, other = (made_problem(short_problem, rng.normal(0, 1e-3, 1501)) for _ in range(2))
-    records = [problem.course.record for problem in (one, other)]
-    window = replace(one.window, initial_soc=one.course.initial_soc)
+    records = [problem.prepared.record for problem in (one, other)]
+    window = replace(one.window, initial_soc=one.prepared.initial_soc)
     together = make_problem(records, one.cell, "so-rc", window=window)
     assessment = assess(cross_check(together))
-    noise, near = assessment.uncertainty.noise, assessment.near
-    assert near.samples == 2 * 1501
-    assert near.longest_s == pytest.approx(1500.0)
+    noise, linearization = assessment.uncertainty.noise, assessment.linearization
+    assert linearization.samples == 2 * 1501
+    assert linearization.longest_s == pytest.approx(1500.0)
     assert noise.correlation_s.max() == pytest.approx(1501 / 4)
     assert noise.lags_s.max() < 750.0
     # The first of the second record is further from the last of the first than either lasts.
-    assert near.time_s[1501] - near.time_s[1500] > near.longest_s
+    assert linearization.time_s[1501] - linearization.time_s[1500] > linearization.longest_s
     # Twice the data, independent: intervals are narrower by the square root of two.
     alone = assess(cross_check(one)).uncertainty
-    for name in near.names:
+    for name in linearization.names:
         narrower = (
-            alone[name].plain_relative_error / assessment.uncertainty[name].plain_relative_error
+            alone[name].white_noise_relative_error
+            / assessment.uncertainty[name].white_noise_relative_error
         )
         assert narrower == pytest.approx(np.sqrt(2), rel=0.1)

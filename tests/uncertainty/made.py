@@ -10,8 +10,8 @@ from barnax.model.inputs import Window
 from barnax.model.problem import Problem, make_problem
 from barnax.optimizers import make_optimizer
 from barnax.records.record import Decision, Hold
-from barnax.search.identify import Identification, SeedAnswer
-from barnax.search.refine import CrossCheck, refine
+from barnax.search.refine import Refinement, refine
+from barnax.search.seeds import Search, SeedAnswer
 from reference import drop_v, filtered_response
 
 TRUTH = CircuitParameters(r0=0.05, r=(0.02, 0.03), c=(10 / 0.02, 120 / 0.03))
@@ -39,17 +39,17 @@ def made_problem(
     **options,
 ) -> Problem:
     """The problem of finding `truth` on the current of `like`, its voltage simulated by SciPy."""
-    course = like.course
+    prepared = like.prepared
     values = (truth.r0, truth.r, truth.tau_s)
-    drop = drop_v(filtered_response, 1.0, course.current_a, values, hold)
-    voltage_v = course.record.voltage_v.copy()
-    voltage_v[course.stretch] = like.cell.average_ocv_v(course.soc) - drop + noise_v
-    record = replace(course.record, voltage_v=voltage_v, hold=Decision(hold, "given", "made so"))
-    window = Window(initial_soc=course.initial_soc, score_to_s=like.window.score_to_s)
+    drop = drop_v(filtered_response, 1.0, prepared.current_a, values, hold)
+    voltage_v = prepared.record.voltage_v.copy()
+    voltage_v[prepared.span] = like.cell.average_ocv_v(prepared.soc) - drop + noise_v
+    record = replace(prepared.record, voltage_v=voltage_v, hold=Decision(hold, "given", "made so"))
+    window = Window(initial_soc=prepared.initial_soc, score_to_s=like.window.score_to_s)
     return make_problem(record, like.cell, circuit, window=window, **options)
 
 
-def cross_check(problem: Problem, start: CircuitParameters = TRUTH) -> CrossCheck:
+def cross_check(problem: Problem, start: CircuitParameters = TRUTH) -> Refinement:
     """The refined answer of a search that has ended at `start`."""
     seed = SeedAnswer(1.0, start, np.ones(1), 0, 0)
-    return refine(Identification(problem, make_optimizer("ibmo", 12, 40), 0, (seed,)))
+    return refine(Search(problem, make_optimizer("ibmo", 12, 40), 0, (seed,)))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from barnax.checks import diagnose
+from barnax.checks import check_file
 
 from .faulty_records import counting, found
 
@@ -48,7 +48,7 @@ DIAGNOSES = {}
 def diagnosis(real_data, request):
     file = request.param
     if file not in DIAGNOSES:
-        DIAGNOSES[file] = diagnose(real_data / file)
+        DIAGNOSES[file] = check_file(real_data / file)
     return DIAGNOSES[file]
 
 
@@ -67,7 +67,7 @@ def words(diagnosis, check):
 
 @pytest.mark.parametrize("file", FILES)
 def test_a_measured_file_has_the_findings_it_should_have_and_no_others(real_data, file):
-    assert counting(diagnose(real_data / file)) == FINDINGS.get(file, {})
+    assert counting(check_file(real_data / file)) == FINDINGS.get(file, {})
 
 
 def test_every_measured_file_is_listed_here(real_data):
@@ -77,7 +77,7 @@ def test_every_measured_file_is_listed_here(real_data):
 
 @pytest.mark.parametrize("file", CLOSE)
 def test_samples_hard_upon_another_are_counted(real_data, file):
-    assert f"{CLOSE[file]} samples within" in found(diagnose(real_data / file), "repeats").what
+    assert f"{CLOSE[file]} samples within" in found(check_file(real_data / file), "repeats").what
 
 
 @of(*DRIVES, DST_80, DST_50)
@@ -118,7 +118,7 @@ def test_the_low_current_test_has_five_rows_twice_a_gap_and_coarse_readings(diag
 
 
 def test_the_low_current_test_passes_more_than_the_capacity(real_data):
-    diagnosis = diagnose(real_data / LOW_CURRENT, capacity_ah=2.0)
+    diagnosis = check_file(real_data / LOW_CURRENT, capacity_ah=2.0)
     assert "2.157 Ah between its extremes, 107.8 %" in found(diagnosis, "capacity").what
 
 
@@ -153,7 +153,7 @@ def test_the_a123_ocv_files_have_the_usual_sign_and_the_sweeps_are_known(diagnos
 
 @pytest.mark.parametrize("file", [OCV[1], OCV[3], DYNAMIC[1]])
 def test_a_residual_discharge_serves_for_nothing(real_data, file):
-    diagnosis = diagnose(real_data / file, capacity_ah=2.06)
+    diagnosis = check_file(real_data / file, capacity_ah=2.06)
     assert not any(role.is_usable for role in diagnosis.roles)
 
 

@@ -14,7 +14,7 @@ from ..records.plausibility import FEWEST_SAMPLES, check_samples
 from ..records.read import make_record, read_content
 from ..records.readers import read_table
 from ..records.samples import Samples, Table, samples_of, take_lines, take_samples
-from .case import Case
+from .check_input import CheckInput
 from .clock import examine_clock, examine_repeats
 from .finding import Finding
 from .registry import CHECKS
@@ -53,7 +53,7 @@ class Facts:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class FileCheck:
     """What was found in one file. `facts` is None, and `roles` empty, where too little is left.
 
     `findings` are ordered by severity, then by row. The roles are those of the file once its
@@ -81,17 +81,17 @@ class Diagnosis:
         }
 
 
-def facts_of(case: Case) -> Facts:
+def facts_of(given: CheckInput) -> Facts:
     """The facts of a case."""
-    record = case.record
+    record = given.record
     return Facts(
         samples=record.samples,
         first_s=float(record.time_s[0]),
         last_s=float(record.time_s[-1]),
         interval_s=float(np.median(record.interval_s)),
         voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
-        charged_ah=case.charged_ah,
-        discharged_ah=case.discharged_ah,
+        charged_ah=given.charged_ah,
+        discharged_ah=given.discharged_ah,
         current_sign=record.sign.value,
         current_hold=record.hold.value,
     )
@@ -100,7 +100,7 @@ def facts_of(case: Case) -> Facts:
 _ORDER = {"error": 0, "warning": 1, "note": 2}
 
 
-def diagnose(path: str | Path, *, capacity_ah: float | None = None) -> Diagnosis:
+def check_file(path: str | Path, *, capacity_ah: float | None = None) -> FileCheck:
     """Everything that is wrong with a cycler's file, and what it can serve as.
 
     Each fault is mended as far as it can be before the next is looked for, so that one does not
@@ -108,7 +108,7 @@ def diagnose(path: str | Path, *, capacity_ah: float | None = None) -> Diagnosis
     table to look at, or the capacity is not positive.
 
     >>> from barnax.bundled import bundled_file
-    >>> diagnosis = diagnose(bundled_file("identification"))
+    >>> diagnosis = check_file(bundled_file("identification"))
     >>> diagnosis.is_clean, [role.name for role in diagnosis.roles if role.is_usable]
     (True, ['identification', 'validation'])
     """
@@ -119,27 +119,27 @@ def diagnose(path: str | Path, *, capacity_ah: float | None = None) -> Diagnosis
         return _diagnosis(Path(path), capacity_ah)
 
 
-def _diagnosis(path: Path, capacity_ah: float | None) -> Diagnosis:
+def _diagnosis(path: Path, capacity_ah: float | None) -> FileCheck:
     content = read_content(path)
     table = read_table(content, path.name)
     findings = _named("format", examine_suffix(path.name, content))
     samples, columns, more = _examine_table(table, path.name)
     findings += more
-    case = None
+    given = None
     if samples is not None:
         samples, more = _mend(samples, columns, capacity_ah)
         findings += more
-        case = _case(samples, content, capacity_ah)
-    if case is not None:
+        given = _case(samples, content, capacity_ah)
+    if given is not None:
         for name, check in CHECKS.items():
-            findings += _named(name, check(case))
+            findings += _named(name, check(given))
     findings += _unexplained(table, path.name, findings)
     findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
-    return Diagnosis(
+    return FileCheck(
         file=path.name,
         findings=tuple(findings),
-        facts=facts_of(case) if case else None,
-        roles=find_roles(case) if case else (),
+        facts=facts_of(given) if given else None,
+        roles=find_roles(given) if given else (),
     )
 
 
@@ -178,7 +178,7 @@ def _mend(
     return samples, findings
 
 
-def _case(samples: Samples, content: bytes, capacity_ah: float | None) -> Case | None:
+def _case(samples: Samples, content: bytes, capacity_ah: float | None) -> CheckInput | None:
     """What the checks look at; None where too few samples are left, or no current flows."""
     try:
         samples = check_samples(samples)
@@ -186,7 +186,7 @@ def _case(samples: Samples, content: bytes, capacity_ah: float | None) -> Case |
         return None
     sign, _ = decide_sign(samples, "auto")
     record = make_record(samples, sign, decide_hold(samples, "auto"), content)
-    return Case(samples, record, capacity_ah)
+    return CheckInput(samples, record, capacity_ah)
 
 
 def _unexplained(table: Table, file: str, findings: list[Finding]) -> list[Finding]:

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 
 from barnax.bundled import bundled_file
-from barnax.checks import diagnose
+from barnax.checks import check_file
 
 TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
 CAPACITY_AH = 2.0
@@ -28,7 +28,7 @@ def diagnosed(folder, table, *, name="cell.csv", **options):
     """The diagnosis of a table written to a file."""
     path = folder / name
     table.write_parquet(path) if name.endswith(".parquet") else table.write_csv(path)
-    return diagnose(path, **options)
+    return check_file(path, **options)
 
 
 def found(diagnosis, check):

@@ -6,8 +6,8 @@ import pytest
 
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.cell import characterize
-from barnax.checks import diagnose
-from barnax.model.inputs import Window, make_course
+from barnax.checks import check_file
+from barnax.model.inputs import Window, prepare_record
 from barnax.records import read_record
 
 from .faulty_records import CURRENT, TIME, VOLTAGE, diagnosed, frame
@@ -19,7 +19,7 @@ def roles(diagnosis):
 
 @pytest.mark.parametrize("name", ["identification", "validation"])
 def test_a_drive_record_serves_to_identify_and_to_validate(name):
-    found = roles(diagnose(bundled_file(name)))
+    found = roles(check_file(bundled_file(name)))
     assert [found[role].is_usable for role in found] == [False, True, True]
     assert "its longest rest is" in found["OCV test"].reason
     assert "it starts at rest" in found["identification"].reason
@@ -30,7 +30,7 @@ def test_a_drive_record_serves_to_identify_and_to_validate(name):
     ("name", "words"), [("ocv_charge", "charge by 21 rests"), ("ocv_discharge", "by 22 rests")]
 )
 def test_a_pulse_test_serves_as_ocv_test(name, words):
-    found = roles(diagnose(bundled_file(name)))
+    found = roles(check_file(bundled_file(name)))
     assert found["OCV test"].is_usable
     assert words in found["OCV test"].reason
     assert "one direction only" in found["OCV test"].reason
@@ -49,13 +49,13 @@ def test_a_slow_sweep_is_an_ocv_test_and_nothing_else(tmp_path):
 
 
 def test_an_ocv_test_of_another_capacity_is_refused_as_such():
-    found = roles(diagnose(bundled_file("ocv_discharge"), capacity_ah=1.0))
+    found = roles(check_file(bundled_file("ocv_discharge"), capacity_ah=1.0))
     assert not found["OCV test"].is_usable
     assert "capacity 1 Ah was given" in found["OCV test"].reason
 
 
 def test_a_record_of_little_charge_does_not_serve_to_identify():
-    found = roles(diagnose(bundled_file("identification"), capacity_ah=100.0))
+    found = roles(check_file(bundled_file("identification"), capacity_ah=100.0))
     assert "1.9 % of the capacity" in found["identification"].reason
 
 
@@ -111,7 +111,7 @@ def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp
     cell = characterize([read_record(path) for path in BUNDLED.ocv])
     record = read_record(tmp_path / "cell.csv")
     window = Window(start_time_s=float(start.split()[1]), score_steps=(7,))
-    course = make_course(record, cell, "so-rc", window)
+    prepared = prepare_record(record, cell, "so-rc", window)
     # The start is the last sample of the rest and no other.
-    assert abs(record.current_a[course.first]) < 0.02 < abs(record.current_a[course.first + 1])
-    assert "from the rested voltage" in course.initial_soc_reason
+    assert abs(record.current_a[prepared.first]) < 0.02 < abs(record.current_a[prepared.first + 1])
+    assert "from the rested voltage" in prepared.initial_soc_reason

@@ -16,7 +16,7 @@ def colored(short_problem):
     """A known circuit under noise that remembers 12 s: cross-check, assessment and refits."""
     noise_v = colored_noise(np.random.default_rng(8), 1501, 12.0, 1e-3)[0]
     checked = cross_check(made_problem(short_problem, noise_v))
-    return checked, assess(checked), Refit(checked.found.problem)
+    return checked, assess(checked), Refit(checked.search.problem)
 
 
 def test_it_agrees_with_the_trusted_errors(colored):
@@ -42,15 +42,15 @@ def test_the_same_key_draws_the_same_blocks(colored):
 
 def test_the_block_length_is_that_of_the_rule_for_first_order_autoregression(colored):
     _, assessment, _ = colored
-    near, noise = assessment.near, assessment.uncertainty.noise
+    linearization, noise = assessment.linearization, assessment.uncertainty.noise
     rho = np.exp(-1 / noise.correlation_s[6])
     only = np.zeros_like(noise.variance_v2)
     only[6] = 1.0
     pure = type(noise)(**{**vars(noise), "variance_v2": only})
-    length, is_cut = block_length(near, pure)
+    length, is_cut = block_length(linearization, pure)
     # Sum of |lag| rho^|lag| over that of rho^|lag|.
     ratio = 2 * rho / (1 - rho) ** 2 / ((1 + rho) / (1 - rho))
-    assert length == np.ceil((1.5 * ratio**2 * near.samples) ** (1 / 3))
+    assert length == np.ceil((1.5 * ratio**2 * linearization.samples) ** (1 / 3))
     assert not is_cut
 
 

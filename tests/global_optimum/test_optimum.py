@@ -10,7 +10,7 @@ import pytest
 import barnax
 from barnax.cell import characterize
 from barnax.errors import InputError
-from barnax.global_optimum import Landscape, global_optimum, regret
+from barnax.global_optimum import Landscape, find_global_optimum, optimality_gap
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.records import read_record
@@ -21,7 +21,7 @@ SAME = 1e-8
 
 @pytest.fixture(scope="module")
 def short_optimum(short_problem):
-    return global_optimum(short_problem)
+    return find_global_optimum(short_problem)
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +29,12 @@ def problem_of(short_problem):
     """The bundled record's problem with another voltage, circuit or box; one shape for all."""
 
     def make(circuit="so-rc", voltage_v=None, **given):
-        record, course = short_problem.course.record, short_problem.course
+        record, prepared = short_problem.prepared.record, short_problem.prepared
         if voltage_v is not None:
             whole_v = record.voltage_v.copy()
-            whole_v[course.stretch] = voltage_v
+            whole_v[prepared.span] = voltage_v
             record = replace(record, voltage_v=whole_v)
-        window = Window(initial_soc=course.initial_soc, score_to_s=1500.5)
+        window = Window(initial_soc=prepared.initial_soc, score_to_s=1500.5)
         return make_problem(record, short_problem.cell, circuit, window=window, **given)
 
     return make
@@ -42,9 +42,9 @@ def problem_of(short_problem):
 
 def made_voltage_v(problem, r, tau, noise_v=1e-3):
     """The terminal voltage of a circuit without hysteresis, with noise."""
-    course = problem.course
-    drop = drop_v(filtered_response, 1.0, course.current_a, (r[0], r[1:], tau))
-    source_v = problem.cell.average_ocv_v(course.soc)
+    prepared = problem.prepared
+    drop = drop_v(filtered_response, 1.0, prepared.current_a, (r[0], r[1:], tau))
+    source_v = problem.cell.average_ocv_v(prepared.soc)
     return source_v - drop + np.random.default_rng(7).normal(0, noise_v, len(drop))
 
 
@@ -57,30 +57,30 @@ def assert_certified(optimum, problem):
     assert [each.rmse_v for each in optimum.optima] == pytest.approx(expected_v, rel=1e-12)
 
 
-def test_the_optimum_is_certified_and_no_seed_is_better(short_problem, short_optimum, checked):
+def test_the_optimum_is_certified_and_no_seed_is_better(short_problem, short_optimum, refinement):
     assert_certified(short_optimum, short_problem)
-    for seed in (*checked.refined, *checked.found.seeds):
-        assert regret(seed.rmse_v, short_optimum.rmse_v) > -SAME
+    for seed in (*refinement.refined, *refinement.search.seeds):
+        assert optimality_gap(seed.rmse_v, short_optimum.rmse_v) > -SAME
         assert seed.rmse_v >= short_optimum.lower_bound_v
-    assert regret(checked.rmse_v, short_optimum.rmse_v) < SAME
+    assert optimality_gap(refinement.rmse_v, short_optimum.rmse_v) < SAME
 
 
 # The narrow range puts the optimum on the upper end of R0.
 @pytest.mark.parametrize("r0_ohm", [None, (0.02, 0.05)])
 def test_scipys_many_starts_find_no_better_one(problem_of, r0_ohm):
     problem = problem_of(bounds={} if r0_ohm is None else {"R0 [Ohm]": r0_ohm})
-    course = problem.course
+    prepared = problem.prepared
     low, high = (end * 2.0 / problem.cell.capacity_ah for end in (1e-4, 0.2))
     r0_low, r0_high = r0_ohm or (low, high)
     rmse_v, _ = fit_circuit(
-        lambda *values: drop_v(filtered_response, 1.0, course.current_a, values),
-        course.source_v - course.voltage_v,
-        course.scored,
+        lambda *values: drop_v(filtered_response, 1.0, prepared.current_a, values),
+        prepared.source_v - prepared.voltage_v,
+        prepared.scored,
         [r0_low, low, low, 0.5, 0.5],
         [r0_high, high, high, 1500.0, 1500.0],
         starts=8,
     )
-    optimum = global_optimum(problem)
+    optimum = find_global_optimum(problem)
     assert optimum.rmse_v == pytest.approx(rmse_v, rel=1e-6)
     assert_certified(optimum, problem)
     assert ("R0 [Ohm] at its upper bound" in optimum.at_bound) == (r0_ohm is not None)
@@ -89,7 +89,7 @@ def test_scipys_many_starts_find_no_better_one(problem_of, r0_ohm):
 def test_a_known_circuit_is_found_again(problem_of, short_problem):
     r, tau = (0.03, 0.02, 0.025), (4.0, 150.0)
     problem = problem_of(voltage_v=made_voltage_v(short_problem, r, tau, noise_v=1e-5))
-    optimum = global_optimum(problem)
+    optimum = find_global_optimum(problem)
     assert_certified(optimum, problem)
     found = optimum.parameters
     assert (found.r0, *found.r, *found.tau_s) == pytest.approx((*r, *tau), rel=1e-2)
@@ -99,7 +99,7 @@ def test_a_known_circuit_is_found_again(problem_of, short_problem):
 def test_a_truth_outside_the_box_ends_at_its_bound(problem_of, short_problem):
     voltage_v = made_voltage_v(short_problem, (0.03, 0.02, 0.025), (4.0, 900.0))
     bounds = {"tau1 [s]": (0.5, 400.0), "tau2 [s]": (0.5, 400.0)}
-    optimum = global_optimum(problem_of(voltage_v=voltage_v, bounds=bounds))
+    optimum = find_global_optimum(problem_of(voltage_v=voltage_v, bounds=bounds))
     assert optimum.at_bound == ("tau2 [s] at its upper bound",)
     assert "tau2 [s] at its upper bound: the box, not the data" in optimum.verdict
     assert optimum.status == "certified"
@@ -107,44 +107,44 @@ def test_a_truth_outside_the_box_ends_at_its_bound(problem_of, short_problem):
 
 def test_a_record_without_noise_is_certified_down_to_rounding(problem_of, short_problem):
     voltage_v = made_voltage_v(short_problem, (0.03, 0.02, 0.025), (4.0, 150.0), noise_v=0.0)
-    optimum = global_optimum(problem_of(voltage_v=voltage_v))
+    optimum = find_global_optimum(problem_of(voltage_v=voltage_v))
     assert optimum.rmse_v < 1e-9
     assert optimum.status == "certified"
 
 
 def test_both_basins_of_the_bundled_cell_are_found(short_optimum):
     (other,) = short_optimum.local_optima
-    assert regret(other.rmse_v, short_optimum.rmse_v) == pytest.approx(0.006, abs=1e-3)
+    assert optimality_gap(other.rmse_v, short_optimum.rmse_v) == pytest.approx(0.006, abs=1e-3)
     assert "One other local optimum lies up to 50 % above it" in short_optimum.verdict
 
 
 def test_the_proof_finds_the_basin_that_the_grid_missed(short_problem, short_optimum, monkeypatch):
     minima = Landscape.minima
     monkeypatch.setattr(Landscape, "minima", lambda *given: minima(*given)[1:])
-    missed = global_optimum(short_problem, prove=False)
+    missed = find_global_optimum(short_problem, prove=False)
     assert missed.rmse_v == pytest.approx(short_optimum.local_optima[0].rmse_v, rel=SAME)
-    found = global_optimum(short_problem)
+    found = find_global_optimum(short_problem)
     assert found.rmse_v == pytest.approx(short_optimum.rmse_v, rel=SAME)
     assert_certified(found, short_problem)
 
 
 def test_fixed_and_bounded_capacitances_are_kept(problem_of):
     problem = problem_of(fixed={"C1 [F]": 600.0}, bounds={"C2 [F]": (2000.0, 4000.0)})
-    optimum = global_optimum(problem)
+    optimum = find_global_optimum(problem)
     assert_certified(optimum, problem)
     assert optimum.parameters.c[0] == pytest.approx(600.0, rel=1e-12)
     assert 2000.0 * (1 - 1e-9) <= optimum.parameters.c[1] <= 4000.0 * (1 + 1e-9)
 
 
 def test_without_a_proof_nothing_is_claimed(short_problem, short_optimum):
-    optimum = global_optimum(short_problem, prove=False)
+    optimum = find_global_optimum(short_problem, prove=False)
     assert (optimum.status, optimum.lower_bound_v) == ("grid-verified", 0.0)
     assert "nothing was proved" in optimum.verdict
     assert optimum.rmse_v == short_optimum.rmse_v
 
 
 def test_a_proof_that_ends_early_says_how_far_it_came(short_problem, short_optimum):
-    optimum = global_optimum(short_problem, most_cells=60)
+    optimum = find_global_optimum(short_problem, most_cells=60)
     assert optimum.status == "grid-verified"
     assert 0 < optimum.lower_bound_v < short_optimum.lower_bound_v
     assert "all that is proved" in optimum.verdict
@@ -153,7 +153,7 @@ def test_a_proof_that_ends_early_says_how_far_it_came(short_problem, short_optim
 @pytest.mark.parametrize("circuit", ["1rc", "3rc", "esc"])
 def test_other_circuits_are_certified_too(problem_of, circuit):
     problem = problem_of(circuit)
-    optimum = global_optimum(problem)
+    optimum = find_global_optimum(problem)
     assert_certified(optimum, problem)
     assert optimum.rmse_v <= np.nanmin(optimum.landscape.rmse_v) * (1 + SAME)
 
@@ -171,13 +171,13 @@ def test_records_together_have_one_optimum(bundled_record, bundled_cell):
         for name, part in (("first", slice(0, 900)), ("second", slice(0, 1400)))
     ]
     problem = make_problem(records, bundled_cell, "so-rc")
-    optimum = global_optimum(problem)
+    optimum = find_global_optimum(problem)
     assert_certified(optimum, problem)
-    assert len(problem.courses) == 2
+    assert len(problem.prepared_records) == 2
 
 
 def test_the_answer_does_not_depend_on_the_problems_own_objective(short_problem, short_optimum):
-    compressed = global_optimum(replace(short_problem, kind="compressed"))
+    compressed = find_global_optimum(replace(short_problem, kind="compressed"))
     assert compressed.parameters == short_optimum.parameters
     assert compressed.rmse_v == short_optimum.rmse_v
 
@@ -190,31 +190,31 @@ def test_another_problem_of_the_same_shape_compiles_nothing(problem_of, short_pr
     # The first may compile; so may the reductions, which are the problem's.
     for problem in problems:
         assert problem.compressed is not None
-    global_optimum(problems[0])
+    find_global_optimum(problems[0])
     with jax.log_compiles(True), caplog.at_level(logging.WARNING):
         for problem in problems[1:]:
-            global_optimum(problem)
+            find_global_optimum(problem)
     assert [each.getMessage() for each in caplog.records if "ompil" in each.getMessage()] == []
 
 
 def test_a_box_too_wide_to_compress_is_refused(problem_of):
     wide = {"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)}
     with pytest.raises(InputError, match="decades"):
-        global_optimum(problem_of(bounds=wide))
+        find_global_optimum(problem_of(bounds=wide))
 
 
 def test_regret_is_a_share_of_the_optimum():
-    assert regret(0.0101, 0.01) == pytest.approx(0.01)
-    assert regret(0.01, 0.01) == 0
+    assert optimality_gap(0.0101, 0.01) == pytest.approx(0.01)
+    assert optimality_gap(0.01, 0.01) == 0
 
 
 def test_there_is_nothing_to_regret_about_rounding():
-    assert regret(5e-13, 1e-13) < 1e-3
+    assert optimality_gap(5e-13, 1e-13) < 1e-3
 
 
 def test_it_is_reached_from_the_package():
     assert barnax.global_optimum is global_optimum
-    assert barnax.regret is regret
+    assert barnax.optimality_gap is optimality_gap
 
 
 def test_a_measured_cell_has_the_optimum_an_independent_fit_found(real_data):
@@ -223,7 +223,7 @@ def test_a_measured_cell_has_the_optimum_an_independent_fit_found(real_data):
     cell = characterize([ocv], capacity_ah=2.0, ocv_fit="interpolated")
     record = read_record(folder / "dst_25degC_80soc_SP20-2.parquet")
     window = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
-    optimum = global_optimum(make_problem(record, cell, "so-rc", window=window))
+    optimum = find_global_optimum(make_problem(record, cell, "so-rc", window=window))
     # SciPy from fourteen starts on simulations of its own.
     assert optimum.rmse_v == pytest.approx(26.782e-3, abs=1e-6)
     assert optimum.status == "certified"

@@ -14,7 +14,7 @@ from barnax.global_optimum.reduced import Axis, Reduced
 from barnax.global_optimum.search import landscape_of
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
-from barnax.model.search_space import Bounds, SplitBox
+from barnax.model.search_space import Bounds, ResistanceBounds
 from reference import banded_response, make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)
@@ -88,7 +88,7 @@ def test_the_third_derivative_of_a_pairs_kernel_is_bounded():
 @pytest.mark.parametrize("tau", [0.7, 3.0, 20.0, 150.0, 900.0])
 def test_no_answers_third_derivative_exceeds_its_bound(bundled_cell, tau):
     problem = make_problem(made_record(3), bundled_cell, "1rc", window=KNOWN_SOC)
-    record, step = problem.course.record, 1e-2
+    record, step = problem.prepared.record, 1e-2
     answers = [
         banded_response(record.time_s, record.current_a, tau * np.exp(k * step))
         for k in (-2, -1, 1, 2)
@@ -101,11 +101,11 @@ def test_no_answers_third_derivative_exceeds_its_bound(bundled_cell, tau):
 def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound(bundled_cell):
     window = replace(KNOWN_SOC, score_from_s=40.0, score_to_s=200.0)
     problem = make_problem(made_record(5), bundled_cell, "1rc", window=window)
-    course, bound = problem.course, Reduced.of(problem).axes[0].input_rms
-    scored_s = course.time_s[course.scored]
+    prepared, bound = problem.prepared, Reduced.of(problem).axes[0].input_rms
+    scored_s = prepared.time_s[prepared.scored]
     for lag_s in np.random.default_rng(0).uniform(0, 200, 400):
-        interval = np.searchsorted(course.time_s, scored_s - lag_s, side="right") - 1
-        earlier_a = np.where(interval >= 0, course.held_a[interval], 0.0)
+        interval = np.searchsorted(prepared.time_s, scored_s - lag_s, side="right") - 1
+        earlier_a = np.where(interval >= 0, prepared.held_a[interval], 0.0)
         assert np.sqrt(np.mean(earlier_a**2)) <= bound
 
 
@@ -124,7 +124,7 @@ def test_what_an_answer_does_between_the_three_places_is_allowed_for(wave, phase
 
     axis = Axis(0.0, 8.0, columns, wave**3 / THIRD_DERIVATIVE, wrong)
     resistances = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.5, 1.0), "tau1 [s]": (1.0, np.exp(8.0))}
-    box = SplitBox(Bounds(resistances, resistances["tau1 [s]"], pairs=1))
+    box = ResistanceBounds(Bounds(resistances, resistances["tau1 [s]"], pairs=1))
     reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box, is_ordered=True)
     places = np.linspace(0.0, 8.0, 20_001)
     sine = np.min(np.sin(wave * places + phase))

@@ -43,7 +43,7 @@ def test_what_the_data_determine_is_said_to_be_determined(short_problem):
 
 def relative_error_of_r1(problem, circuit, sd_v):
     """Its standard error by least squares with known time constants, in shares of its value."""
-    current_a, hold = problem.course.current_a, problem.course.record.hold.value
+    current_a, hold = problem.prepared.current_a, problem.prepared.record.hold.value
     answers = [filtered_response(1.0, current_a, tau, hold) for tau in circuit.tau_s]
     columns = np.stack([current_a, *answers], axis=1)
     return sd_v * np.sqrt(np.linalg.inv(columns.T @ columns)[1, 1]) / circuit.r[0]

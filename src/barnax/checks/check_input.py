@@ -24,7 +24,7 @@ _FEWEST_READINGS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CheckInput:
     """A file's samples, in its own sign of current, and the record made of them.
 
     Both have the same samples. `capacity_ah` is the one the user gave.
@@ -117,7 +117,7 @@ class Case:
         return found_at(self.samples, sample, severity, what, remedy)
 
 
-Check = Callable[[Case], Iterable[Finding]]
+Check = Callable[[CheckInput], Iterable[Finding]]
 
 
 def step_resistance_ohm(

@@ -22,9 +22,9 @@ def white(seed=3):
 def shifted(short_problem):
     """Suggestions for a known circuit whose initial SOC is given 3 % too low."""
     problem = made_problem(short_problem, white())
-    start = problem.course.initial_soc
+    start = problem.prepared.initial_soc
     window = replace(problem.window, initial_soc=start - 0.03)
-    wrong = make_problem(problem.course.record, problem.cell, "so-rc", window=window)
+    wrong = make_problem(problem.prepared.record, problem.cell, "so-rc", window=window)
     checked = cross_check(wrong)
     return start, checked, suggestions(checked)
 

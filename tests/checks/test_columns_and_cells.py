@@ -3,7 +3,7 @@
 import polars as pl
 import pytest
 
-from barnax.checks import diagnose
+from barnax.checks import check_file
 from barnax.errors import InputError
 from records.synthetic_records import workbook
 
@@ -56,7 +56,7 @@ def test_a_missing_column_of_a_workbook_is_found_too(tmp_path):
     table = frame()[:50].drop(CURRENT)
     path = tmp_path / "cell.xlsx"
     path.write_bytes(workbook({"data": [table.columns, *map(list, table.rows())]}))
-    assert "no column for the current" in found(diagnose(path), "columns").what
+    assert "no column for the current" in found(check_file(path), "columns").what
 
 
 def test_a_table_without_names_is_said_to_be_one(tmp_path):
@@ -81,7 +81,7 @@ def test_a_table_of_no_columns_is_unreadable(tmp_path):
 def test_what_is_no_table_is_unreadable(tmp_path, content):
     (tmp_path / "cell.csv").write_bytes(content)
     with pytest.raises(InputError):
-        diagnose(tmp_path / "cell.csv")
+        check_file(tmp_path / "cell.csv")
 
 
 def test_two_columns_of_one_used_name_are_a_warning(tmp_path):
@@ -89,7 +89,7 @@ def test_two_columns_of_one_used_name_are_a_warning(tmp_path):
     rows = [f"{line},{number}" for number, line in enumerate(lines)]
     rows[0] = f"{TIME},{CURRENT},{VOLTAGE},{VOLTAGE}"
     (tmp_path / "cell.csv").write_text("\n".join(rows))
-    columns = found(diagnose(tmp_path / "cell.csv"), "columns")
+    columns = found(check_file(tmp_path / "cell.csv"), "columns")
     assert columns.severity == "warning"
     assert f"2 columns are called '{VOLTAGE}'" in columns.what
 
@@ -137,6 +137,6 @@ def test_too_few_samples_are_an_error_and_no_crash(tmp_path, lines):
 @pytest.mark.parametrize("name", ["cell.xls", "cell.parquet"])
 def test_a_suffix_that_lies_is_a_note(tmp_path, name):
     (tmp_path / name).write_text(frame().write_csv())
-    diagnosis = diagnose(tmp_path / name)
+    diagnosis = check_file(tmp_path / name)
     assert diagnosis.is_clean
     assert "the content is text" in found(diagnosis, "format").what

@@ -18,7 +18,7 @@ def noisy(short_problem):
     """A known circuit under 1 mV of white noise: its cross-check, assessment and refits."""
     noise_v = np.random.default_rng(5).normal(0, 1e-3, 1501)
     checked = cross_check(made_problem(short_problem, noise_v))
-    return checked, assess(checked), Refit(checked.found.problem)
+    return checked, assess(checked), Refit(checked.search.problem)
 
 
 @pytest.mark.parametrize("name", ["R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "tau1 [s]", "C2 [F]"])
@@ -37,15 +37,15 @@ def test_where_little_is_unsure_the_profile_gives_the_linear_interval(name, nois
 @pytest.mark.parametrize("slot", [1, 4])
 def test_scipy_refits_the_others_to_the_same_error(slot, noisy):
     checked, assessment, refit = noisy
-    course = checked.found.problem.course
+    prepared = checked.search.problem.prepared
     name = ["R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]"][slot]
     found = profile(checked, name, assessment=assessment, refit=refit)
     start = np.log([TRUTH.r0, *TRUTH.r, *TRUTH.tau_s])
 
     def errors_mv(others, value):
         r0, r1, r2, tau1, tau2 = np.exp(np.insert(others, slot, np.log(value)))
-        drop = drop_v(filtered_response, 1.0, course.current_a, (r0, (r1, r2), (tau1, tau2)))
-        return 1e3 * (course.voltage_v - course.source_v + drop)
+        drop = drop_v(filtered_response, 1.0, prepared.current_a, (r0, (r1, r2), (tau1, tau2)))
+        return 1e3 * (prepared.voltage_v - prepared.source_v + drop)
 
     for value, rmse_v in zip(found.values[[1, -2]], found.rmse_v[[1, -2]], strict=True):
         fit = least_squares(errors_mv, np.delete(start, slot), args=(value,), xtol=1e-14)

@@ -22,15 +22,15 @@ def white(seed=0, sd_v=1e-3):
 def jointly(short_problem):
     """One circuit under two voltages of the same current."""
     first, second = (made_problem(short_problem, white(seed)) for seed in (0, 1))
-    return replace(first, courses=(*first.courses, *second.courses))
+    return replace(first, prepared_records=(*first.prepared_records, *second.prepared_records))
 
 
 @pytest.fixture(scope="module")
 def turning(short_problem):
     """A problem with dynamic hysteresis."""
-    course = short_problem.course
-    window = Window(initial_soc=course.initial_soc, score_from_s=200.0, score_to_s=1500.5)
-    return make_problem(course.record, short_problem.cell, "esc", window=window)
+    prepared = short_problem.prepared
+    window = Window(initial_soc=prepared.initial_soc, score_from_s=200.0, score_to_s=1500.5)
+    return make_problem(prepared.record, short_problem.cell, "esc", window=window)
 
 
 @pytest.mark.parametrize("kind", ["jointly", "turning"])
@@ -68,13 +68,13 @@ def test_how_many_fits_run_at_a_time_changes_no_bit(short_problem):
 def test_records_identified_jointly_are_assessed_together(jointly):
     checked = cross_check(jointly)
     together = assess(checked)
-    assert together.near.samples == 2 * 1501
-    assert np.all(np.diff(together.near.time_s) > 0)
+    assert together.linearization.samples == 2 * 1501
+    assert np.all(np.diff(together.linearization.time_s) > 0)
     # Two records tell more than one: errors shrink by about the root of two.
-    alone = assess(cross_check(replace(jointly, courses=jointly.courses[:1])))
+    alone = assess(cross_check(replace(jointly, prepared_records=jointly.prepared_records[:1])))
     ratio = [
-        together.uncertainty[name].plain_relative_error
-        / alone.uncertainty[name].plain_relative_error
+        together.uncertainty[name].white_noise_relative_error
+        / alone.uncertainty[name].white_noise_relative_error
         for name in together.uncertainty.names
     ]
     np.testing.assert_allclose(ratio, np.sqrt(0.5), rtol=0.15)

@@ -8,7 +8,7 @@ import pytest
 from barnax.baselines import METHODS, Budget, MethodFailure
 from barnax.baselines.method import generator_of, random_circuits
 from barnax.optimizers import OPTIMIZERS
-from barnax.search.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate
 
 # One budget and one length of record, so that all tests share each method's compiled program.
 BUDGET = Budget(population=8, iterations=60, seeds=3, key=7)
@@ -43,7 +43,7 @@ def test_progress_sums_to_the_answers(ran):
 def test_the_error_is_that_of_the_circuit(ran):
     _, problem, answers, _ = ran
     for answer in answers:
-        rmse_v = evaluate_course(problem.course, answer.parameters).metrics.rmse_v
+        rmse_v = evaluate(problem.prepared, answer.parameters).metrics.rmse_v
         assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-9)
 
 
@@ -112,7 +112,7 @@ def test_the_compressed_objective_gives_the_scans_errors(known_problem):
     problem = known_problem(circuit, noise_v=1e-3, objective="compressed")
     for name in ("de", "lm", "pso"):
         (answer,) = METHODS[name].run(problem, replace(BUDGET, seeds=1), lambda gained: None)
-        rmse_v = evaluate_course(problem.course, answer.parameters).metrics.rmse_v
+        rmse_v = evaluate(problem.prepared, answer.parameters).metrics.rmse_v
         assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-12)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from barnax.baselines import METHODS, Budget, MethodFailure
 from barnax.baselines.regression import even_samples
-from barnax.model.inputs import Window, make_course
+from barnax.model.inputs import Window, prepare_record
 from barnax.model.problem import make_problem
 from reference import banded_response, drop_v, make_record
 
@@ -60,8 +60,8 @@ def test_the_trajectory_of_recursive_least_squares_covers_the_record(known_probl
 
 def test_least_squares_equals_the_regression_in_lagged_samples(known_problem):
     problem = known_problem(CIRCUITS["1rc"], "1rc", noise_v=2e-4)
-    course = problem.course
-    drop, current = course.source_v - course.voltage_v, course.current_a
+    prepared = problem.prepared
+    drop, current = prepared.source_v - prepared.voltage_v, prepared.current_a
     columns = np.stack([drop[:-1], current[1:], current[:-1]], axis=1)
     pole, b0, b1 = np.linalg.lstsq(columns, drop[1:])[0]
     expected = [b0, (b1 + b0 * pole) / (1 - pole), -1 / np.log(pole)]
@@ -74,12 +74,12 @@ def test_noise_pulls_least_squares_toward_faster_poles(known_problem):
 
 
 def test_samples_beside_a_gap_are_left_out_and_the_rest_is_exact(known_problem, bundled_cell):
-    made = known_problem(TWO_PAIRS).course
+    made = known_problem(TWO_PAIRS).prepared
     time_s = made.time_s + 60.0 * (np.arange(len(made.time_s)) > 1000)
     drop = drop_v(banded_response, time_s, made.current_a, TWO_PAIRS)
     window = Window(initial_soc=1.0)
     flat = make_record(time_s, made.current_a)
-    source_v = make_course(flat, bundled_cell, "so-rc", window).source_v
+    source_v = prepare_record(flat, bundled_cell, "so-rc", window).source_v
     record = make_record(time_s, made.current_a, source_v - drop)
     answer = answer_of("ls", make_problem(record, bundled_cell, "so-rc", window=window))
     assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=1e-6)
@@ -87,12 +87,12 @@ def test_samples_beside_a_gap_are_left_out_and_the_rest_is_exact(known_problem, 
 
 
 def test_rows_need_every_interval_even_and_every_sample_scored(known_problem):
-    course = known_problem(TWO_PAIRS).course
-    scored = course.scored.copy()
+    prepared = known_problem(TWO_PAIRS).prepared
+    scored = prepared.scored.copy()
     scored[2000:2010] = False
-    time_s = course.time_s + 0.2 * (np.arange(len(scored)) > 1000)
+    time_s = prepared.time_s + 0.2 * (np.arange(len(scored)) > 1000)
     samples = even_samples(
-        replace(course, scored=scored, record=replace(course.record, time_s=time_s)), 2
+        replace(prepared, scored=scored, record=replace(prepared.record, time_s=time_s)), 2
     )
     left_out = {0, 1, 1001, 1002, *range(2000, 2012)}
     assert set(np.flatnonzero(~samples.is_row)) == left_out
@@ -100,10 +100,10 @@ def test_rows_need_every_interval_even_and_every_sample_scored(known_problem):
 
 def test_an_uneven_clock_is_a_failure_that_says_so(known_problem):
     problem = known_problem(TWO_PAIRS)
-    time_s = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, len(problem.course.time_s)))
-    course = replace(problem.course, record=replace(problem.course.record, time_s=time_s))
+    time_s = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, len(problem.prepared.time_s)))
+    prepared = replace(problem.prepared, record=replace(problem.prepared.record, time_s=time_s))
     with pytest.raises(MethodFailure, match="the clock is uneven"):
-        even_samples(course, 2)
+        even_samples(prepared, 2)
 
 
 @pytest.mark.parametrize("method", ["ls", "rls"])

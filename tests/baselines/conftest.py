@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from barnax.model.inputs import Window, make_course
+from barnax.model.inputs import Window, prepare_record
 from barnax.model.problem import Problem, make_problem
 from reference import drop_v, filtered_response, make_record
 
@@ -21,7 +21,7 @@ def known_problem(bundled_record, bundled_cell) -> Callable[..., Problem]:
         time_s = np.arange(SAMPLES, dtype=float)
         current_a = bundled_record.current_a[:SAMPLES]
         flat = make_record(time_s, current_a, hold=hold)
-        source_v = make_course(flat, bundled_cell, model, WINDOW).source_v
+        source_v = prepare_record(flat, bundled_cell, model, WINDOW).source_v
         noise = np.random.default_rng(5).normal(0, noise_v, SAMPLES)
         drop = drop_v(filtered_response, 1.0, current_a, circuit, hold)
         record = make_record(time_s, current_a, source_v - drop + noise, hold=hold)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.bundled import BUNDLED_NAMES, bundled_file
-from barnax.checks import CHECKS, diagnose
+from barnax.checks import CHECKS, check_file
 from barnax.errors import InputError
 from barnax.records import read_record
 
@@ -38,7 +38,7 @@ FAULTS = {
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 @pytest.mark.parametrize("capacity_ah", [None, 2.0])
 def test_the_bundled_records_are_clean(name, capacity_ah):
-    diagnosis = diagnose(bundled_file(name), capacity_ah=capacity_ah)
+    diagnosis = check_file(bundled_file(name), capacity_ah=capacity_ah)
     assert diagnosis.is_clean
     assert not counting(diagnosis)
 
@@ -85,13 +85,13 @@ def test_every_finding_that_counts_has_a_remedy(tmp_path):
 def test_rows_are_the_file_s_own_below_a_preamble(tmp_path):
     text = "Tester 7\nChannel 3\n\n" + changed(frame(), TIME, 12.5, [500]).write_csv()
     (tmp_path / "cell.csv").write_text(text)
-    (clock,) = [finding for finding in diagnose(tmp_path / "cell.csv").findings if finding.counts]
+    (clock,) = [finding for finding in check_file(tmp_path / "cell.csv").findings if finding.counts]
     assert clock.row == 505
     assert text.splitlines()[clock.row - 1].startswith("12.5,")
 
 
 def test_a_diagnosis_is_plain_values():
-    diagnosis = diagnose(bundled_file("ocv_charge"))
+    diagnosis = check_file(bundled_file("ocv_charge"))
     document = json.loads(json.dumps(diagnosis.to_dict()))
     assert document["clean"] is True
     assert document["facts"]["samples"] == 17_594
@@ -101,7 +101,7 @@ def test_a_diagnosis_is_plain_values():
 @pytest.mark.parametrize("capacity_ah", [0.0, -2.0, float("nan")])
 def test_a_capacity_that_is_none_is_refused(capacity_ah):
     with pytest.raises(InputError, match="must be positive"):
-        diagnose(bundled_file("validation"), capacity_ah=capacity_ah)
+        check_file(bundled_file("validation"), capacity_ah=capacity_ah)
 
 
 def test_every_check_has_a_name_of_its_own():
@@ -109,7 +109,7 @@ def test_every_check_has_a_name_of_its_own():
 
 
 def test_the_example_runs():
-    assert doctest.testmod(importlib.import_module("barnax.checks.diagnose")).failed == 0
+    assert doctest.testmod(importlib.import_module("barnax.checks.check_file")).failed == 0
 
 
 @pytest.mark.slow
@@ -119,7 +119,7 @@ def test_a_million_rows_take_seconds(tmp_path):
     assert table.height > 1_000_000
     # Processor seconds: the machine may be busy with other things.
     start = time.process_time()
-    diagnose(tmp_path / "long.parquet")
+    check_file(tmp_path / "long.parquet")
     assert time.process_time() - start < 10
 
 
@@ -169,4 +169,4 @@ def test_any_bytes_are_diagnosed_or_refused(tmp_path_factory, content):
     path = tmp_path_factory.mktemp("bytes") / "cell.csv"
     path.write_bytes(content)
     with contextlib.suppress(InputError):
-        diagnose(path)
+        check_file(path)

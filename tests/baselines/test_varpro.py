@@ -18,16 +18,16 @@ def varpro(problem):
 
 def test_it_meets_scipys_optimum_of_the_whole_problem(known_problem):
     problem = known_problem(NOISY, noise_v=2e-3)
-    course, ranges = problem.course, problem.bounds.ranges
+    prepared, ranges = problem.prepared, problem.bounds.ranges
     names = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]")
     lower, upper = np.transpose([ranges[name] for name in names])
 
     def drop_of(r0, r, tau_s):
-        return drop_v(filtered_response, 1.0, course.current_a, (r0, r, tau_s))
+        return drop_v(filtered_response, 1.0, prepared.current_a, (r0, r, tau_s))
 
-    base_v = course.source_v - course.voltage_v
+    base_v = prepared.source_v - prepared.voltage_v
     rmse_v, (r0, r1, r2, tau1, tau2) = fit_circuit(
-        drop_of, base_v, course.scored, lower, upper, starts=4
+        drop_of, base_v, prepared.scored, lower, upper, starts=4
     )
     answer = varpro(problem)
     assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-9)
@@ -46,14 +46,14 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
 
     from barnax.cell import CircuitParameters
     from barnax.model.problem import make_problem
-    from barnax.search.evaluate import evaluate_course
+    from barnax.search.evaluate import evaluate
 
     made = CircuitParameters(0.05, (0.02, 0.03), (400.0, 3000.0), 120.0)
     problem = make_problem(bundled_record, bundled_cell, "esc", window=short_problem.window)
     simulated_v = bundled_record.voltage_v.copy()
-    simulated_v[problem.course.stretch] = evaluate_course(problem.course, made).simulated_v
+    simulated_v[problem.prepared.span] = evaluate(problem.prepared, made).simulated_v
     record = replace(bundled_record, voltage_v=simulated_v)
-    window = replace(short_problem.window, initial_soc=problem.course.initial_soc)
+    window = replace(short_problem.window, initial_soc=problem.prepared.initial_soc)
     answer = varpro(make_problem(record, bundled_cell, "esc", window=window))
     assert answer.parameters.to_dict() == pytest.approx(made.to_dict(), rel=1e-3)
 

@@ -9,7 +9,7 @@ from barnax.errors import InputError
 from barnax.global_optimum import Landscape, make_landscape
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
-from barnax.search.evaluate import evaluate_course
+from barnax.search.evaluate import evaluate
 from reference import make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)
@@ -74,13 +74,13 @@ def errors_of(problem, resistances, taus, gamma):
     r0, *r = (float(each) for each in resistances)
     c = tuple(tau / each for tau, each in zip(taus, r, strict=True))
     found = [
-        evaluate_course(course, CircuitParameters(r0, tuple(r), c, gamma))
-        for course in problem.courses
+        evaluate(prepared, CircuitParameters(r0, tuple(r), c, gamma))
+        for prepared in problem.prepared_records
     ]
     return np.concatenate(
         [
-            (course.voltage_v - each.simulated_v)[course.scored]
-            for course, each in zip(problem.courses, found, strict=True)
+            (prepared.voltage_v - each.simulated_v)[prepared.scored]
+            for prepared, each in zip(problem.prepared_records, found, strict=True)
         ]
     )
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Key
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
-from ..model.padding import filler
+from ..model.padding import padding_for
 from ..model.problem import Objective, Problem, rmse, rmse_by_scan
 from ..model.simulate import AbstractEvaluator
 from ..optimizers import AbstractPopulationMinimiser
@@ -34,7 +34,7 @@ class SeedAnswer:
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Search:
     """The answers of all seeds, in the order of the seeds."""
 
     problem: Problem
@@ -51,31 +51,31 @@ class Identification:
         return sum(answer.evaluations for answer in self.seeds)
 
 
-def identify(
+def search_seeds(
     problem: Problem,
     optimizer: AbstractPopulationMinimiser,
     *,
     key: Key[Array, ""],
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
-) -> Identification:
+) -> Search:
     """Search with `seeds` independent runs; seed k draws from `fold_in(key, k)`.
 
     `progress` is called with the number of seeds finished since the last call. Raises
     `InputError` where no seed finds a single finite error.
     """
-    return identify_many([problem], optimizer, key=key, seeds=seeds, progress=progress)[0]
+    return search_many([problem], optimizer, key=key, seeds=seeds, progress=progress)[0]
 
 
 @in_float64
-def identify_many(
+def search_many(
     problems: Sequence[Problem],
     optimizer: AbstractPopulationMinimiser,
     *,
     key: Key[Array, ""],
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
-) -> list[Identification]:
+) -> list[Search]:
     """`identify` for every problem, with the bits each would have alone.
 
     Problems of one kind share one compiled program, however long their records: compressed
@@ -89,8 +89,8 @@ def identify_many(
         for block in seed_blocks(seeds)
     ]
 
-    fill = filler(problem.objective.evaluator for problem in problems)
-    fill_scan = filler(problem.scan for problem in problems)
+    fill = padding_for(problem.objective.evaluator for problem in problems)
+    fill_scan = padding_for(problem.scan for problem in problems)
 
     @in_float64  # the setting belongs to a thread
     def run(work):
@@ -113,13 +113,13 @@ def _identification(
     key: Key[Array, ""],
     outcomes,
     fill: Callable[[AbstractEvaluator], AbstractEvaluator],
-) -> Identification:
+) -> Search:
     points, histories, evaluations, failures = zip(*outcomes, strict=True)
     circuits = problem.parameters_at(points, problem.objective.coordinates)
     errors_v = [float(history_v[-1]) for history_v in histories]
     if not np.isfinite(errors_v).any():
         raise InputError(
-            f"{problem.course.record.name}: no candidate gave a finite error; check the record's "
+            f"{problem.prepared.record.name}: no candidate gave a finite error; check the record's "
             "values and the bounds"
         )
     if problem.kind != "scan":
@@ -130,7 +130,7 @@ def _identification(
             errors_v, circuits, histories, evaluations, failures, strict=True
         )
     ]
-    return Identification(problem, optimizer, key_integer(key), tuple(answers))
+    return Search(problem, optimizer, key_integer(key), tuple(answers))
 
 
 def _search(

@@ -15,6 +15,7 @@ from ..search.refine import (
     FINAL_ROUNDS,
     FINAL_TOLERANCE,
     SEED_TOLERANCE,
+    AtBound,
     Descent,
     Optimum,
     RefinedSeed,
@@ -145,7 +146,7 @@ class GlobalOptimum:
     """
 
     optima: tuple[Optimum, ...]
-    at_bound: tuple[str, ...]
+    at_bound: tuple[AtBound, ...]
     certificate: Certificate | None
     landscape: Landscape
 

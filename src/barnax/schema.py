@@ -39,6 +39,8 @@ UNITS = {
     "percent": "%",
     "degc": "degC",
 }
+# Shorter than their names would give.
+KEYS = {"history_v": "history"}
 _UNIT = re.compile(rf"_({'|'.join(UNITS)})$")
 
 
@@ -48,7 +50,7 @@ def key_of(name: str) -> str:
     >>> key_of("rmse_v"), key_of("samples"), key_of("mape_percent")
     ('rmse [V]', 'samples', 'mape [%]')
     """
-    return _UNIT.sub(lambda unit: f" [{UNITS[unit[1]]}]", name)
+    return KEYS.get(name) or _UNIT.sub(lambda unit: f" [{UNITS[unit[1]]}]", name)
 
 
 class _Array:
@@ -57,7 +59,7 @@ class _Array:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         del source, handler
         return core_schema.no_info_plain_validator_function(
-            lambda given: np.array(given, dtype=float),
+            lambda given: np.array(given, dtype=float),  # None becomes NaN
             serialization=core_schema.plain_serializer_function_ser_schema(_listed),
         )
 
@@ -70,7 +72,9 @@ ARRAY = _Array()
 
 
 def _listed(array: np.ndarray) -> list[Any]:
-    return np.where(np.isfinite(array), array.astype(object), None).tolist()
+    values = array.astype(object)
+    values[~np.isfinite(array)] = None
+    return values.tolist()
 
 
 # An error that may be infinite, where nothing could be simulated; JSON has null for that.

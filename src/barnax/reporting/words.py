@@ -67,3 +67,29 @@ def significant(value: float | None, digits: int = 5) -> str:
     ('–', '1.9679e+05', '0.1')
     """
     return NOTHING if value is None else f"{value:.{digits}g}"
+
+
+def three_digits(value: float) -> str:
+    """Three digits, with the commas of thousands and without an exponent where it can be helped.
+
+    >>> three_digits(50.63), three_digits(0.1), three_digits(212403.8), three_digits(9.994e12)
+    ('50.6', '0.1', '212,000', '9.99e+12')
+    """
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.0f}" if 1000 <= abs(rounded) < 1e9 else f"{rounded:.3g}"
+
+
+def milliohm(value_ohm: float) -> str:
+    """Ohms in milliohms, to three digits."""
+    return three_digits(1e3 * value_ohm)
+
+
+def duration(value_s: float) -> str:
+    """Seconds, minutes or hours, as one would say it.
+
+    >>> duration(46.8), duration(1500), duration(19679)
+    ('46.8 s', '25 min', '5.47 h')
+    """
+    if value_s < 600:
+        return f"{value_s:.3g} s"
+    return f"{value_s / 60:.3g} min" if value_s < 7200 else f"{value_s / 3600:.3g} h"

@@ -1,0 +1,192 @@
+"""From files to checked records and the cell they show: each file is read once."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from .bundled import BUNDLED
+from .cell import CellModel, characterize
+from .cell.curves import OcvFit
+from .cell.hysteresis import HysteresisFit
+from .checks import FileCheck, check_file
+from .errors import InputError
+from .model.inputs import Window
+from .records import Record, read_record
+
+# A file, a `Record`, or a data frame.
+Source = Any
+Watch = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+
+
+def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
+    """Watch nothing."""
+    del title, total
+    return nullcontext(lambda gained: None)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How files are read: the signs of current in them, and their hold; "auto" finds out."""
+
+    current_sign: str = "auto"
+    ocv_current_sign: str = "auto"
+    validate_current_sign: str = "auto"
+    current_hold: str = "auto"
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What was in the files: records to identify and to validate on, OCV tests, and the cell."""
+
+    records: list[Record]
+    ocv: list[Record]
+    validation: list[Record]
+    cell: CellModel
+    warnings: tuple[str, ...]
+
+    @property
+    def names(self) -> set[str]:
+        return {record.name for record in (*self.records, *self.validation)}
+
+
+def read_inputs(
+    records: Source | Sequence[Source],
+    ocv: Source | Sequence[Source],
+    validate: Source | Sequence[Source],
+    reading: Reading,
+    *,
+    capacity: float | None,
+    ocv_capacity: float | None,
+    ocv_fit: OcvFit,
+    hysteresis_fit: HysteresisFit,
+    window: Window | Mapping[str, Window] | None,
+    watch: Watch = unwatched,
+) -> Inputs:
+    """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
+    given, tests, others = (_listed(each) for each in (records, ocv, validate))
+    is_bundled = not given
+    if is_bundled:
+        if tests or others:
+            raise InputError("give a record to identify on; `ocv` and `validate` only go with one")
+        given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
+    elif not tests:
+        raise InputError(
+            f"{_name_of(given[0])}: an OCV test of the same cell is needed as well; give it with "
+            "`ocv`"
+        )
+    names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
+    warnings: list[str] = []
+
+    def read(source: Source, sign: str, role: str) -> Record:
+        record, found = _read(source, sign, reading.current_hold, capacity)
+        if isinstance(source, str | Path):
+            record = replace(record, name=names[Path(source)])
+        if found is not None and not is_bundled:
+            warnings.extend(input_warnings(found, record.name, role, window))
+        return record
+
+    with watch("Reading records", 0):
+        ocv_records = [read(each, reading.ocv_current_sign, "OCV test") for each in tests]
+        dynamic = [read(each, reading.current_sign, "identification") for each in given]
+        further = [read(each, reading.validate_current_sign, "validation") for each in others]
+        _require_different([*dynamic, *further])
+        _require_different(ocv_records)
+    with watch("Characterizing the cell", 0):
+        first = window if isinstance(window, Window) else (window or {}).get("")
+        cell = characterize(
+            ocv_records,
+            capacity_ah=capacity,
+            ocv_fit=ocv_fit,
+            hysteresis_fit=hysteresis_fit,
+            rest_current_a=None if first is None else first.rest_current_a,
+        )
+    return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
+
+
+def read_validation(
+    source: Source, reading: Reading, window: Window | Mapping[str, Window] | None
+) -> tuple[Record, list[str]]:
+    """A record to validate on, and what the checks have against it."""
+    record, found = _read(source, reading.validate_current_sign, reading.current_hold, None)
+    if found is None:
+        return record, []
+    return record, input_warnings(found, record.name, "validation", window)
+
+
+def input_warnings(
+    found: FileCheck, name: str, role: str, window: Window | Mapping[str, Window] | None
+) -> list[str]:
+    """What the checks of a file have against the role that it is given."""
+    texts = [f"{name}: {each.text}" for each in found.findings if each.severity != "note"]
+    for each in found.roles:
+        if each.name == role and not each.is_usable:
+            texts.append(f"{name}: is not fit for {role}: {each.reason}")
+        elif each.name == role and each.options and window is None:
+            texts.append(f"{name}: {each.reason}; {' '.join(each.options)}")
+    return texts
+
+
+def windows_of(
+    inputs: Inputs, window: Window | Mapping[str, Window] | None, capacity: float | None
+) -> dict[str, Window]:
+    """The window of every record. Raises `InputError` where one is for a record there is not."""
+    if isinstance(window, Window | None):
+        window = {"": window or Window()}
+    unknown = sorted(window.keys() - inputs.names - {""})
+    if unknown:
+        raise InputError(
+            f"a window is given for {unknown[0]!r}; the records are "
+            f"{', '.join(sorted(inputs.names))}"
+        )
+    common = window.get("", Window())
+    chosen = {name: window.get(name, common) for name in inputs.names}
+    return {
+        name: each if each.capacity_ah else replace(each, capacity_ah=capacity)
+        for name, each in chosen.items()
+    }
+
+
+def _read(
+    source: Source, sign: Any, hold: Any, capacity: float | None
+) -> tuple[Record, FileCheck | None]:
+    """A record, and what the checks say of it where it comes from a file."""
+    if isinstance(source, Record):
+        return source, None
+    record = read_record(source, current_sign=sign, current_hold=hold)
+    return record, check_file(source, capacity_ah=capacity)
+
+
+def _listed(sources: Source | Sequence[Source]) -> list[Source]:
+    return list(sources) if isinstance(sources, list | tuple) else [sources]
+
+
+def _name_of(source: Source) -> str:
+    return source.name if isinstance(source, Record) else str(source)
+
+
+def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
+    """What each file is called: its name, with folders where names are shared."""
+    distinct = {Path(path) for path in paths}
+    return {path: _shortest_own_name(path, distinct - {path}) for path in distinct}
+
+
+def _shortest_own_name(path: Path, others: set[Path]) -> str:
+    parts = path.absolute().parts
+    for count in range(1, len(parts)):
+        if all(other.absolute().parts[-count:] != parts[-count:] for other in others):
+            return "/".join(parts[-count:])
+    return path.name
+
+
+def _require_different(records: Sequence[Record]) -> None:
+    """Raise `InputError` where two records are the same bytes: they would count twice."""
+    seen: dict[str, str] = {}
+    for record in records:
+        if record.sha256 in seen:
+            raise InputError(
+                f"{record.name}: is the same record as {seen[record.sha256]}, byte for byte; give "
+                "each once, and validate on another"
+            )
+        seen[record.sha256] = record.name

@@ -119,7 +119,11 @@ def input_warnings(
     found: FileCheck, name: str, role: str, window: Window | Mapping[str, Window] | None
 ) -> list[str]:
     """What the checks of a file have against the role that it is given."""
-    texts = [f"{name}: {each.text}" for each in found.findings if each.severity != "note"]
+    texts = [
+        f"{name}: {each.what}{f'; {each.remedy}' if each.remedy else ''}"
+        for each in found.findings
+        if each.severity != "note"
+    ]
     for each in found.roles:
         if each.name == role and not each.is_usable:
             texts.append(f"{name}: is not fit for {role}: {each.reason}")

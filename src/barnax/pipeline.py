@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import jax
 import numpy as np
@@ -47,6 +47,7 @@ from .search.refine import Descent, Refinement, refine
 from .search.seeds import Search, search_seeds
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
+Chosen = TypeVar("Chosen")
 # A direction is the better one where it lowers the RMSE by more than this.
 SAME_FIT = 1e-6
 
@@ -145,10 +146,11 @@ def identify(
     return make_result(run, command)
 
 
-def _with_options(settings: Any, options: dict[str, Any]) -> Any:
+def _with_options(settings: Chosen, options: dict[str, Any]) -> Chosen:
     """The settings with the options that are theirs, which are taken out."""
     own = {name: options.pop(name) for name in list(options) if hasattr(settings, name)}
-    return replace(settings, **own)
+    changed: Any = settings
+    return replace(changed, **own)
 
 
 def _problem(

@@ -104,7 +104,7 @@ class GlobalPart(Part):
     status: Literal["certified", "grid-verified"]
     lower_bound_v: Volts
     proved_gap: float
-    proof_cells: Count
+    cells: Count | None
     local_optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
     median_gap: float
@@ -128,10 +128,11 @@ class MetricsPart(Part):
 
 
 class MetricsBlock(Part):
-    """Errors of the answer; `together` over all samples of several records identified jointly."""
+    """Errors of the answer: over all samples identified on, and where these are of several records,
+    `jointly` on each of them."""
 
-    identification: tuple[MetricsPart, ...] = Field(min_length=1)
-    together: MetricsPart
+    identification: MetricsPart
+    jointly: tuple[MetricsPart, ...] = ()
     validation: tuple[MetricsPart, ...]
 
 
@@ -317,8 +318,10 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
         answer_source=run.answer.source,
         at_bound=run.answer.at_bound,
         metrics=MetricsBlock(
-            identification=tuple(metrics_part(each) for each in run.identification),
-            together=joint_metrics(problem.name, run.identification),
+            identification=joint_metrics(problem.name, run.identification),
+            jointly=tuple(
+                metrics_part(each) for each in run.identification if len(run.identification) > 1
+            ),
             validation=tuple(metrics_part(each) for each in run.validation),
         ),
         global_optimum=_global_part(run.refinement, run.optimum) if run.optimum else None,
@@ -389,7 +392,7 @@ def _global_part(refinement: Refinement, optimum: GlobalOptimum) -> GlobalPart:
         status=optimum.status,
         lower_bound_v=optimum.lower_bound_v,
         proved_gap=optimum.proved_gap,
-        proof_cells=0 if optimum.certificate is None else optimum.certificate.cells,
+        cells=None if optimum.certificate is None else optimum.certificate.cells,
         local_optima=tuple(sorted(local, key=lambda each: each.rmse_v)),
         at_bound=optimum.at_bound,
         median_gap=float(np.median(gaps)),

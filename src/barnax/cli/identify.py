@@ -170,7 +170,7 @@ def _show(
 
 def _next(result: "Result") -> str:
     """What to do next, as a command that runs as printed."""
-    from ..reporting.sentences import next_step
+    from ..reporting.verdict import next_step
 
     words, advice = next_step(result)
     if not words:

@@ -148,7 +148,7 @@ def rerun(
     if repeated.to_json() == stored.to_json():
         session.show(["The same bytes came out."])
         return
-    old_v, new_v = (each.metrics.together.rmse_v for each in (stored, repeated))
+    old_v, new_v = (each.metrics.identification.rmse_v for each in (stored, repeated))
     session.show(_differences(stored, repeated))
     if abs(new_v / old_v - 1) <= SAME_RMSE:
         session.show([f"The error agrees to {abs(new_v / old_v - 1):.1e}."])

@@ -98,7 +98,7 @@ class Problem:
         """Every course as the scan takes it, exact in the whole box."""
         box = self.coordinates
         return tuple(
-            prepared.inputs(box.shortest_tau_s, box.highest_gamma)
+            prepared.simulation_input(box.shortest_tau_s, box.highest_gamma)
             for prepared in self.prepared_records
         )
 

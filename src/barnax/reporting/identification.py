@@ -17,21 +17,22 @@ from .decisions import (
 )
 from .document import Bullets, Column, Document, Pictures, Section, Table
 from .sentences import (
+    BandQuantity,
+    band_label,
     diagnostics_sentences,
-    finding_sentence,
-    optimum_sentence,
+    held_words,
+    identifiability_sentences,
     profile_sentence,
-    seeds_sentence,
     suggestion_sentences,
     uncertainty_sentence,
-    weakest_point,
 )
 from .tables import METRICS, circuits_table, metrics_cells
+from .verdict import best_possible, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
 if TYPE_CHECKING:
     from ..results import AssessmentPart, MetricsPart, Result
-    from ..uncertainty import Estimate, Examination
+    from ..uncertainty import Band, Estimate, Examination
 
 # Errors that agree this closely, relative, are told to be the same.
 ALIKE = 0.01
@@ -76,7 +77,7 @@ def identification_document(
         Section(
             "Search",
             (
-                Bullets((seeds_sentence(result), _search_sentence(result))),
+                Bullets((*seeds_sentences(result), _search_sentence(result))),
                 seeds_table(result),
                 optima_table(result),
                 *pictures.of("convergence"),
@@ -90,10 +91,10 @@ def identification_document(
 
 def verdict_sentences(result: "Result") -> Iterator[str]:
     """How good the answer is, on the records it was fitted to and on others."""
-    own = result.metrics.together
+    own = result.metrics.identification
     yield f"On {own.record} {result.model} errs by {millivolt(own.rmse_v)} (RMSE)."
     yield from validation_sentences(own, result.metrics.validation)
-    yield optimum_sentence(result)
+    yield f"Best possible: {best_possible(result)}"
     weakest = weakest_point(result)
     if weakest:
         yield f"Weakest point: {weakest}"
@@ -147,7 +148,7 @@ def _estimate_cells(each: "Estimate") -> tuple[str, ...]:
     shown, scale = _shown(each.name)
     value = significant(scale * each.value)
     if each.relative_error is None or each.white_noise_relative_error is None:
-        return (shown, value, *[NOTHING] * 5, each.held or "")
+        return (shown, value, *[NOTHING] * 5, held_words(each.held) if each.held else "")
     return (
         shown,
         value,
@@ -167,7 +168,7 @@ def seeds_table(result: "Result") -> Table:
         spread = np.array([seed[name] for seed in seeds])
         rows.append((name, *map(significant, (value, np.median(spread), *_range(spread)))))
     errors_mv = 1e3 * np.array([seed.rmse_v for seed in result.search.seeds])
-    own_mv = 1e3 * result.metrics.together.rmse_v
+    own_mv = 1e3 * result.metrics.identification.rmse_v
     figures = (own_mv, np.median(errors_mv), *_range(errors_mv))
     rows.append(("RMSE [mV]", *(f"{value:.4f}" for value in figures)))
     return Table(
@@ -183,9 +184,8 @@ def seeds_table(result: "Result") -> Table:
 
 def errors_table(result: "Result") -> Table:
     """Errors of the answer on every record (Li et al., 2023, Eq. 22 to 26)."""
-    rows = [(each, "identification") for each in result.metrics.identification]
-    if len(rows) > 1:
-        rows.append((result.metrics.together, "all of these"))
+    rows = [(each, "identification") for each in result.metrics.jointly]
+    rows.append((result.metrics.identification, "all of these" if rows else "identification"))
     rows += [(each, "validation") for each in result.metrics.validation]
     return Table(
         caption="Errors on every record.",
@@ -212,13 +212,13 @@ def _uncertainty_section(result: "Result") -> list[Section]:
     if found is None:
         return []
     sentences = [uncertainty_sentence(found.uncertainty)]
-    sentences += [finding_sentence(each) for each in found.identifiability.findings]
-    if not found.identifiability.findings:
-        sentences.append("The data determine every free parameter.")
+    sentences += identifiability_sentences(found.identifiability)
     sentences += diagnostics_sentences(found.diagnostics)
     blocks = []
     if found.examination is not None:
-        sentences += suggestion_sentences(found.examination)
+        sentences += suggestion_sentences(
+            found.examination.suggestions, result.metrics.identification.rmse_v
+        )
         sentences += [profile_sentence(each) for each in found.examination.profiles]
         blocks.append(_examination_table(found.examination))
     told = Bullets(tuple(each for each in sentences if each))
@@ -252,7 +252,10 @@ def _examination_table(examination: "Examination") -> Table:
 
 def _bands_table(found: "AssessmentPart") -> Table:
     by = found.diagnostics
-    kinds = [("SOC", by.by_soc), ("current", by.by_current)]
+    kinds: list[tuple[BandQuantity, tuple[Band, ...]]] = [
+        ("SOC", by.by_soc),
+        ("current", by.by_current),
+    ]
     if by.by_temperature is not None:
         kinds.append(("temperature", by.by_temperature))
     return Table(
@@ -269,7 +272,7 @@ def _bands_table(found: "AssessmentPart") -> Table:
         rows=tuple(
             (
                 kind,
-                band.label,
+                band_label(kind, band),
                 str(band.samples),
                 millivolt(band.rmse_v),
                 millivolt(band.mean_v),
@@ -282,10 +285,10 @@ def _bands_table(found: "AssessmentPart") -> Table:
 
 
 def _summary(result: "Result") -> str:
-    own, others = result.metrics.together, result.metrics.validation
+    own, others = result.metrics.identification, result.metrics.validation
     parts = [f"{millivolt(own.rmse_v)} on {own.record}"]
     parts += [f"{millivolt(each.rmse_v)} on {each.record}" for each in others]
-    return f"RMSE {joined(parts)}. {optimum_sentence(result)}"
+    return f"RMSE {joined(parts)}. Best possible: {best_possible(result)}"
 
 
 def _decisions(result: "Result") -> Iterator[str]:

@@ -11,8 +11,8 @@ from rich.table import Table as Shown
 from rich.text import Text
 
 from .document import Bullets, Document, Listing, Paragraph, Table
-from .sentences import optimum_sentence, weakest_point
-from .words import duration, milliohm, three_digits
+from .verdict import best_possible, weakest_point
+from .words import duration, figures, milliohm
 
 if TYPE_CHECKING:
     from ..results import InputPart, MetricsPart, Result
@@ -39,7 +39,7 @@ def first_screen(result: "Result") -> Iterator[RenderableType]:
     yield Text()
     yield _indented(_parameters_table(result))
     yield Text()
-    lines = [("Best possible", optimum_sentence(result))]
+    lines = [("Best possible", best_possible(result))]
     weakest = weakest_point(result)
     if weakest:
         lines.append(("Weakest point", weakest))
@@ -130,11 +130,10 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
 
 
 def _errors_table(result: "Result") -> Shown:
-    own, others = result.metrics.identification, result.metrics.validation
+    several, others = result.metrics.jointly, result.metrics.validation
     rows: list[tuple[str, MetricsPart]] = []
-    rows += zip(_numbered("identification", len(own)), own, strict=True)
-    if len(own) > 1:
-        rows.append(("together", result.metrics.together))
+    rows += zip(_numbered("identification", len(several)), several, strict=True)
+    rows.append(("together" if several else "identification", result.metrics.identification))
     rows += zip(_numbered("validation", len(others)), others, strict=True)
     table = Shown(**BARE)
     table.add_column("")
@@ -170,7 +169,7 @@ def _parameters_table(result: "Result") -> Shown:
             right = (f"tau{pair}", duration(tau_s), _tau_interval(name, estimates, bounds, result))
         table.add_row(*left, *right)
     if circuit.gamma is not None:
-        value = f"{three_digits(circuit.gamma)} /SOC"
+        value = f"{figures(circuit.gamma)} /SOC"
         table.add_row("gamma", value, _interval("gamma", estimates, bounds, 1.0), "", "", "")
     return table
 
@@ -183,7 +182,7 @@ def _interval(name: str, estimates: dict, bounds: dict, scale: float) -> str:
         return "" if each is None else "held"
     if each.low is None or each.high is None:
         return "not determined"
-    return f"{three_digits(scale * each.low)} to {three_digits(scale * each.high)}"
+    return f"{figures(scale * each.low)} to {figures(scale * each.high)}"
 
 
 def _tau_interval(name: str, estimates: dict, bounds: dict, result: "Result") -> str:
@@ -196,7 +195,7 @@ def _tau_interval(name: str, estimates: dict, bounds: dict, result: "Result") ->
 
 
 def _millivolt(value_v: float) -> str:
-    return f"{three_digits(1e3 * value_v)} mV"
+    return f"{figures(1e3 * value_v)} mV"
 
 
 def _short(name: str) -> str:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from barnax.cell.curves import stored_number, stored_numbers, stored_texts
+from barnax.cell.stored import stored_number, stored_numbers, stored_texts
 from barnax.errors import InputError
 
 

@@ -11,8 +11,9 @@ from ..records.record import Record
 from .curves import AbstractCurve, OcvFit, curve_warnings, fit_curve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError, fit_error
-from .ocv_points import CHARGE, DISCHARGE, WORD, Sweep, find_sweeps, join_sweeps
+from .ocv_points import find_sweeps
 from .soc_axis import OcvPoint, decide_capacity, place_on_soc, scale_warnings
+from .sweeps import CHARGE, DISCHARGE, WORD, Sweep, join_sweeps
 
 SAME_POINT = 1e-6
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..errors import InputError
-from .ocv_points import CHARGE, DISCHARGE, WORD, Sweep
+from .sweeps import CHARGE, DISCHARGE, WORD, Sweep
 
 AGREEMENT = 0.10
 CAPACITY_WARNING = 0.05

@@ -185,8 +185,10 @@ def curve_from_dict(stored: Mapping[str, Any]) -> AbstractCurve:
 def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     """Where the curve falls with SOC, leaves the range of neighboring points or misses them.
 
-    An OCV rises with SOC; what falls between good points is the fit, not the cell.
+    `name` is the branch's, if it has one. An OCV rises with SOC; what falls between good points
+    is the fit, not the cell.
     """
+    name = f"{name} " if name else ""
     found = []
     grid = np.concatenate(
         [
@@ -201,7 +203,7 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     if fall_v[worst] > FALL_TOLERANCE_V:
         top = int(np.argmax(voltage_v[:worst]))
         found.append(
-            f"the {name} OCV curve falls by {1e3 * fall_v[worst]:.1f} mV from SOC "
+            f"the {name}OCV curve falls by {1e3 * fall_v[worst]:.1f} mV from SOC "
             f"{grid[top]:.3f} to {grid[worst]:.3f}"
         )
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
@@ -213,14 +215,14 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     gap = int(np.argmax(beyond_v - margin_v))
     if beyond_v[gap] > margin_v[gap]:
         found.append(
-            f"the {name} OCV curve leaves its points by {1e3 * beyond_v[gap]:.1f} mV between SOC "
+            f"the {name}OCV curve leaves its points by {1e3 * beyond_v[gap]:.1f} mV between SOC "
             f"{curve.soc[gap]:.3f} and {curve.soc[gap + 1]:.3f}"
         )
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
         found.append(
-            f"the {name} OCV curve misses its points by up to {1e3 * errors_v[missed]:.1f} mV, "
+            f"the {name}OCV curve misses its points by up to {1e3 * errors_v[missed]:.1f} mV, "
             f"at SOC {curve.soc[missed]:.3f}"
         )
     if isinstance(curve, PolynomialCurve):

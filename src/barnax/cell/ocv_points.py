@@ -178,7 +178,7 @@ def _nothing_found(rests_s: list[float], directions: list[int]) -> str:
         return f"its longest rest is {max(rests_s) / 60:.1f} min"
     found = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)
     most = max((last - first + 1 for first, last in found), default=1)
-    return f"it has {counted(long, 'rest')} of at least 30 min, and {most} of them in one direction"
+    return f"it has {counted(long, 'rest')} of at least 30 min, at most {most} in one direction"
 
 
 # C/10 with the slack of a cell that holds a little less than its rating.

@@ -72,9 +72,9 @@ def decide_capacity(
         )
         if not agrees and main.kind != "slow":
             raise InputError(
-                f"{main.source}: the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but charged "
-                f"{sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: give it "
-                "as `capacity`, in Ah"
+                f"{main.source}: the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but "
+                f"charged {sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: "
+                "give it as `capacity`, in Ah"
             )
         if spans:
             return Capacity(main.passed_ah, f"measured: {measured}", main.passed_ah, warnings)

@@ -158,10 +158,10 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
         first = int(np.argmax(bad))
         cell = lines.cell(name, first)
         stands = "nothing" if cell is None else repr(cell)
-        what = (
-            f"{stands} stands under '{column.header}', where a number below {LARGEST_NUMBER:g} is "
-            f"needed ({counted(int(bad.sum()), 'cell')})"
-        )
+        is_large = np.abs(lines.values[name][first]) > LARGEST_NUMBER
+        number = f"a number below {LARGEST_NUMBER:g}" if is_large else "a number"
+        cells = counted(int(bad.sum()), "cell")
+        what = f"{stands} stands under '{column.header}', where {number} is needed ({cells})"
         if not column.quantity.is_required:
             lines = lines.without(name)
             what += "; the column is left out"

@@ -111,7 +111,7 @@ def _restart(samples: Samples, falls: np.ndarray, is_midnight: bool) -> tuple[st
         what = f"'{name}' starts again with each step ({times})"
         return what, "give the test's own clock, not the step's"
     return (
-        f"the clock starts again {times}",
+        f"the clock starts again ({times})",
         "split joined tests into files of their own, or give the test's own clock",
     )
 
@@ -182,12 +182,12 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
         return replace(samples, time_s=_spread(samples.time_s)), [finding]
     findings = []
     for is_repeat, words in (
-        (repeats.is_exact, "exactly the row before"),
-        (repeats.is_near, "the row before, within the tester's resolution"),
+        (repeats.is_exact, "exact repeats of the row before"),
+        (repeats.is_near, "repeats of the row before within the tester's resolution"),
     ):
         if is_repeat.any():
             first = int(np.argmax(is_repeat)) + 1
-            what = f"{counted(int(is_repeat.sum()), 'row')} logged twice and merged: {words}"
+            what = f"{counted(int(is_repeat.sum()), 'row')} merged: {words}"
             findings.append(found_at(samples, first, "note", what, is_told=True))
     if repeats.is_other.any():
         first = int(np.argmax(repeats.is_other)) + 1
@@ -202,7 +202,11 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
 
 
 def _two_values(samples: Samples, at: int) -> str:
-    values = [f"{samples.current_a[k]:.6g} A, {samples.voltage_v[k]:.6g} V" for k in (at - 1, at)]
+    values = [
+        # Adding zero turns a resting tester's -0 into 0.
+        f"{samples.current_a[k] + 0.0:.6g} A, {samples.voltage_v[k]:.6g} V"
+        for k in (at - 1, at)
+    ]
     return (
         f"time {samples.time_s[at]:.10g} s stands twice with different values ({values[0]}, then "
         f"{values[1]})"

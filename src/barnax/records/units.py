@@ -23,24 +23,24 @@ def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
     middle_v = float(np.median(samples.voltage_v))
     findings = []
     if middle_v < 0:
-        what = f"the voltage in '{name}' is negative, {middle_v:.6g} V in the middle"
+        what = f"the median voltage in '{name}' is negative, {middle_v:.6g} V"
         remedy = "turn its sign (the sense leads were swapped), or give the right column"
         findings.append(_of_column(samples, what, remedy))
         samples, middle_v = _scaled(samples, -1.0), -middle_v
     if middle_v > _MILLIVOLT_V:
-        what = f"the voltage in '{name}' is {middle_v:.6g} in the middle: millivolts, not volts"
+        what = f"the median voltage in '{name}' is {middle_v:.6g}: millivolts, not volts"
         findings.append(_of_column(samples, what, "rename the column to 'Voltage / mV'"))
         samples = _scaled(samples, 1e-3)
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         what = (
-            f"the voltage in '{name}' is {middle_v:.6g} V in the middle, too much for one cell: "
+            f"the median voltage in '{name}' is {middle_v:.6g} V, too much for one cell: "
             f"about {cells} in series"
         )
         findings.append(_of_column(samples, what, "give the voltage of one cell"))
         samples = _scaled(samples, 1 / cells)
     elif 0 < middle_v < _KILOVOLT_V:
-        what = f"the voltage in '{name}' is {middle_v:.4g} V in the middle: kilovolts, not volts"
+        what = f"the median voltage in '{name}' is {middle_v:.4g} V: kilovolts, not volts"
         remedy = "multiply it by 1000, or name the unit that its values have"
         findings.append(_of_column(samples, what, remedy))
         samples = _scaled(samples, 1e3)

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from barnax.cell import characterize
 from barnax.errors import InputError
-
-from .pulse_rest import (
+from helpers.ocv_tests import (
     CAPACITY_AH,
     W_NODES_V,
     average_v,
@@ -231,7 +230,7 @@ def test_a_capacity_that_is_not_positive_is_refused(capacity_ah):
 
 
 def test_directions_that_disagree_ask_for_the_capacity():
-    with pytest.raises(InputError, match="--capacity"):
+    with pytest.raises(InputError, match="`capacity`"):
         characterize([both_ways(returned=0.5)])
 
 
@@ -261,7 +260,7 @@ def test_a_record_without_current_is_refused():
 
 def test_too_few_long_rests_are_refused_with_their_number():
     record = record_of(pulses(-1, 2), start_soc=1.0, direction=1)
-    with pytest.raises(InputError, match="of its 2 rests"):
+    with pytest.raises(InputError, match="it has 2 rests"):
         characterize([record])
 
 
@@ -271,7 +270,7 @@ def test_no_record_at_all_is_refused():
 
 
 def test_few_points_suggest_interpolation():
-    with pytest.raises(InputError, match="--ocv-fit interpolated"):
+    with pytest.raises(InputError, match="`ocv_fit='interpolated'`"):
         characterize([both_ways(count=5)])
 
 

@@ -57,7 +57,7 @@ def test_errors_at_the_points_are_curve_minus_measurement():
 
 
 def test_a_polynomial_through_too_few_points_suggests_interpolation():
-    with pytest.raises(InputError, match="--ocv-fit interpolated"):
+    with pytest.raises(InputError, match="`ocv_fit='interpolated'`"):
         PolynomialCurve.fit(SOC[:7], VOLTAGE_V[:7])
 
 
@@ -119,7 +119,7 @@ def test_a_falling_polynomial_is_warned_about_where_it_falls():
     steep_v = 3.0 + np.tanh(30 * soc) + 0.01 * soc
     (first, *_) = curve_warnings(PolynomialCurve.fit(soc, steep_v), "charge")
     assert "charge OCV curve falls by" in first
-    assert "--ocv-fit interpolated" in first
+    assert "`ocv_fit='interpolated'`" in first
 
 
 @pytest.mark.parametrize("side", [-1, 1])

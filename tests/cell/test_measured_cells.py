@@ -97,7 +97,7 @@ def test_the_leaf_hppc_test_is_a_discharge_of_long_rests(real_data: Path):
 @pytest.mark.parametrize(
     ("name", "found"),
     [
-        ("calce-inr18650-20r/dst_25degC_80soc_SP20-2.parquet", "of its 2 rests"),
+        ("calce-inr18650-20r/dst_25degC_80soc_SP20-2.parquet", "it has 2 rests"),
         ("calce-inr18650-20r/us06_25degC_50soc_SP20-2.parquet", "longest rest is 10.1 min"),
         ("plett-a123-26650/dyn-s1_25degC.parquet", "longest rest is 15.0 min"),
     ],

@@ -7,8 +7,7 @@ import pytest
 from barnax.cell import CIRCUITS, CellModel, FitError, PolynomialCurve, characterize, get_circuit
 from barnax.cell.model import fit_error
 from barnax.errors import InputError
-
-from .pulse_rest import average_v, both_ways, branch_v, discharge_only, hysteresis_v
+from helpers.ocv_tests import average_v, both_ways, branch_v, discharge_only, hysteresis_v
 
 GRID = np.linspace(0.0, 1.0, 21)
 
@@ -83,7 +82,7 @@ def test_a_rested_voltage_can_be_read_on_one_branch(cell, direction):
 def test_a_rested_voltage_is_the_nearest_end_up_to_50_mv_outside(cell, end, outward):
     end_v = float(average_v(np.array(end)))
     assert cell.soc_from_rest_voltage(end_v + outward * 49.9e-3) == end
-    with pytest.raises(InputError, match="--initial-soc"):
+    with pytest.raises(InputError, match="`initial_soc`"):
         cell.soc_from_rest_voltage(end_v + outward * 50.1e-3)
 
 

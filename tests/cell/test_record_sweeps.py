@@ -7,8 +7,7 @@ import pytest
 
 from barnax.cell import characterize
 from barnax.errors import InputError
-
-from .pulse_rest import (
+from helpers.ocv_tests import (
     CAPACITY_AH,
     both_ways,
     branch_v,
@@ -92,7 +91,7 @@ def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
 
 @pytest.mark.parametrize("rest_current_a", [0.0, -0.1, float("nan")])
 def test_a_rest_current_that_is_not_positive_is_refused(rest_current_a):
-    with pytest.raises(InputError, match="rest current must be positive"):
+    with pytest.raises(InputError, match="`rest_current` must be positive"):
         characterize([discharge_only()], rest_current_a=rest_current_a)
 
 
@@ -104,5 +103,5 @@ def test_a_rest_current_up_to_that_of_the_pulses_serves(test, rest_current_a):
 
 
 def test_a_rest_current_above_every_current_is_refused():
-    with pytest.raises(InputError, match="lower --rest-current"):
+    with pytest.raises(InputError, match="lower `rest_current"):
         characterize([both_ways()], rest_current_a=5.0)

@@ -7,8 +7,7 @@ import pytest
 
 from barnax.cell.ocv_points import find_rest_sweeps
 from barnax.errors import InputError
-
-from .pulse_rest import CAPACITY_AH, pulses, record_of, stepwise
+from helpers.ocv_tests import CAPACITY_AH, pulses, record_of, stepwise
 
 DOWN, UP = [[-0.05]] * 20, [[0.05]] * 20
 # What a sweep in the other direction begins with; the SOC it begins at.
@@ -68,9 +67,9 @@ def test_four_points_are_a_sweep_and_three_are_none(hold):
 
 def test_too_short_runs_are_refused_with_the_longest():
     cycle = [-0.05, 0.05]
-    with pytest.raises(InputError, match=r"of its 4 rests .* has 3\."):
+    with pytest.raises(InputError, match=r"4 rests of at least 30 min, at most 3 in"):
         sweeps_of([cycle, [-0.1], [-0.1]], start_soc=1.0)
-    with pytest.raises(InputError, match=r"of its 1 rests .* has 1\."):
+    with pytest.raises(InputError, match=r"1 rest of at least 30 min, at most 1 in"):
         sweeps_of([[-1.0]], start_soc=1.0, rest_s=60.0)
 
 

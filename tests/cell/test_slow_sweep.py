@@ -8,8 +8,7 @@ import pytest
 from barnax.cell import characterize
 from barnax.cell.ocv_points import find_slow_sweeps
 from barnax.errors import InputError
-
-from .pulse_rest import (
+from helpers.ocv_tests import (
     CAPACITY_AH,
     RESISTANCE_OHM,
     branch_v,

@@ -9,8 +9,7 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.errors import InputError
 from barnax.records import read_record
-
-from .pulse_rest import CAPACITY_AH, both_ways, charge_only, discharge_only, pulses, record_of
+from helpers.ocv_tests import CAPACITY_AH, both_ways, charge_only, discharge_only, pulses, record_of
 
 REST = np.zeros(60)
 
@@ -52,7 +51,7 @@ def test_half_a_discharge_without_capacity_is_warned_about_with_its_voltages(way
     high_v, low_v = record.voltage_v[0], cell.discharge_points[0].voltage_v
     (text,) = assumptions(cell)
     assert f"{high_v:.4g} to {low_v:.4g} V and 1 Ah, is taken as full to empty" in text
-    assert "--capacity" in text
+    assert "`capacity`" in text
     assert cell.capacity_origin.startswith("assumed")
 
 
@@ -78,11 +77,43 @@ def test_a_given_capacity_that_the_test_passes_is_taken_without_a_word():
     assert (cell.capacity_origin, cell.warnings) == ("given", ())
 
 
-@pytest.mark.parametrize("test", [both_ways, slow_discharge])
-@pytest.mark.parametrize("ratio", [0.79, 1.21])
-def test_a_given_capacity_off_by_more_than_a_fifth_is_refused(test, ratio):
-    with pytest.raises(InputError, match="check the capacity"):
-        characterize([test()], capacity_ah=CAPACITY_AH / ratio)
+def test_a_given_capacity_off_by_more_than_a_fifth_is_refused():
+    for ratio in (0.79, 1.21):
+        with pytest.raises(InputError, match="check the capacity"):
+            characterize([both_ways()], capacity_ah=CAPACITY_AH / ratio)
+
+
+@pytest.mark.parametrize("test", [between_cutoffs, slow_discharge])
+def test_only_a_factor_of_two_is_refused_of_a_test_that_spans_both_ends(test):
+    whole = characterize([test()], ocv_fit="interpolated")
+    for ratio in (0.49, 2.05):
+        with pytest.raises(InputError, match="check the capacity"):
+            characterize([test()], capacity_ah=whole.capacity_ah / ratio)
+
+
+@pytest.mark.parametrize("test", [between_cutoffs, slow_discharge])
+@pytest.mark.parametrize("ratio", [0.6, 0.9, 1.1, 1.9])
+def test_the_record_s_capacity_does_not_stretch_a_test_that_spans_both_ends(test, ratio):
+    whole = characterize([test()], ocv_fit="interpolated")
+    other = characterize([test()], capacity_ah=ratio * whole.capacity_ah, ocv_fit="interpolated")
+    assert other.capacity_ah == ratio * whole.capacity_ah
+    assert other.discharge_points == whole.discharge_points
+    assert other.charge_points == whole.charge_points
+
+
+def test_the_capacity_of_the_ocv_test_scales_one_that_does_not_span_both_ends():
+    test = record_of(half_discharge(), start_soc=1.0, direction=1)
+    cell = characterize([test], capacity_ah=1.8, ocv_capacity_ah=2.0)
+    assert cell.capacity_ah == 1.8
+    assert cell.soc_range == pytest.approx((0.5, 1.0))
+    alone = characterize([test], ocv_capacity_ah=2.0)
+    assert (alone.capacity_ah, alone.discharge_points) == (2.0, cell.discharge_points)
+
+
+def test_the_capacity_of_an_ocv_test_that_spans_both_ends_is_not_used_and_said_so():
+    cell = characterize([between_cutoffs()], ocv_capacity_ah=1.5)
+    assert cell.soc_range == characterize([between_cutoffs()]).soc_range
+    assert any("`ocv_capacity` is not used" in text for text in cell.warnings)
 
 
 @pytest.mark.parametrize("test", [both_ways, slow_discharge])
@@ -102,7 +133,7 @@ def test_a_lone_discharge_may_stop_early_but_not_pass_a_fifth_more_than_the_capa
 
 def test_directions_within_a_tenth_tell_the_capacity_and_others_do_not():
     assert characterize([both_ways(returned=0.91)]).capacity_ah == pytest.approx(CAPACITY_AH)
-    with pytest.raises(InputError, match="--capacity"):
+    with pytest.raises(InputError, match="`capacity`"):
         characterize([both_ways(returned=0.89)])
 
 

@@ -16,8 +16,7 @@ from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.checks import CHECKS, check_file
 from barnax.errors import InputError
 from barnax.records import read_record
-
-from .faulty_records import CURRENT, TIME, VOLTAGE, changed, counting, diagnosed, frame
+from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, frame
 
 FAULTS = {
     "none": lambda table: table,
@@ -45,7 +44,7 @@ def test_the_bundled_records_are_clean(name, capacity_ah):
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_what_the_reader_refuses_is_an_error_and_what_is_none_it_reads(tmp_path, fault):
-    diagnosis = diagnosed(tmp_path, FAULTS[fault](frame()))
+    diagnosis = checked(tmp_path, FAULTS[fault](frame()))
     try:
         read_record(tmp_path / "cell.csv")
         is_read = True
@@ -61,7 +60,7 @@ def test_many_faults_are_all_found_at_once(tmp_path):
     table = changed(table, CURRENT, -1000 * table[CURRENT].to_numpy())
     table = changed(table, VOLTAGE, table[VOLTAGE].to_numpy() * 1000)
     table = changed(table, VOLTAGE, 4500.0, [3001])
-    diagnosis = diagnosed(tmp_path, pl.concat([table[:9000], table[9600:]]))
+    diagnosis = checked(tmp_path, pl.concat([table[:9000], table[9600:]]))
     assert counting(diagnosis) == {
         "cells": "error",
         "clock": "error",
@@ -77,7 +76,7 @@ def test_many_faults_are_all_found_at_once(tmp_path):
 
 def test_every_finding_that_counts_has_a_remedy(tmp_path):
     for fault in FAULTS.values():
-        for finding in diagnosed(tmp_path, fault(frame())).findings:
+        for finding in checked(tmp_path, fault(frame())).findings:
             # What only the reader says carries its remedy in its words.
             assert finding.remedy or not finding.counts or finding.check == "reading"
 
@@ -142,7 +141,7 @@ def test_a_table_of_any_numbers_is_diagnosed_without_a_crash(
 ):
     names = (TIME, CURRENT, VOLTAGE, "Charging Capacity / Ah", "Discharging Capacity / Ah")
     table = pl.DataFrame(dict(zip(names, columns, strict=True)))
-    diagnosis = diagnosed(tmp_path_factory.mktemp("any"), table, capacity_ah=capacity_ah)
+    diagnosis = checked(tmp_path_factory.mktemp("any"), table, capacity_ah=capacity_ah)
     assert json.dumps(diagnosis.to_dict())
 
 
@@ -160,7 +159,7 @@ def test_a_rough_record_of_any_shape_is_diagnosed_without_a_crash(tmp_path_facto
             "Step Index / 1": rng.integers(0, 4, rows),
         }
     )
-    assert json.dumps(diagnosed(tmp_path_factory.mktemp("rough"), table).to_dict())
+    assert json.dumps(checked(tmp_path_factory.mktemp("rough"), table).to_dict())
 
 
 @settings(max_examples=100, deadline=None)

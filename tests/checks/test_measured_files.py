@@ -3,8 +3,7 @@
 import pytest
 
 from barnax.checks import check_file
-
-from .faulty_records import counting, found
+from helpers.records import counting, found
 
 CALCE, PLETT, LEAF = "calce-inr18650-20r", "plett-a123-26650", "nissan-leaf-lmo-33ah"
 DRIVES = [
@@ -85,7 +84,7 @@ def test_a_calce_drive_test_is_cut_to_its_profile(diagnosis):
     for role in ("identification", "validation"):
         assert roles(diagnosis)[role].options == (
             "--start-after-step 3",
-            "--initial-soc 1",
+            "`initial_soc` 1",
             "--score-steps 7,8",
         )
     assert not roles(diagnosis)["OCV test"].is_usable

@@ -9,8 +9,7 @@ from barnax.cell import characterize
 from barnax.checks import check_file
 from barnax.model.inputs import Window, prepare_record
 from barnax.records import read_record
-
-from .faulty_records import CURRENT, TIME, VOLTAGE, diagnosed, frame
+from helpers.records import CURRENT, TIME, VOLTAGE, checked, frame
 
 
 def roles(diagnosis):
@@ -41,7 +40,7 @@ def test_a_slow_sweep_is_an_ocv_test_and_nothing_else(tmp_path):
     table = pl.DataFrame(
         {TIME: hours * 3600, CURRENT: 0 * hours - 0.1, VOLTAGE: 4.1 - 0.05 * hours}
     )
-    found = roles(diagnosed(tmp_path, table))
+    found = roles(checked(tmp_path, table))
     assert found["OCV test"].is_usable
     assert "slow discharge, 1.999 Ah" in found["OCV test"].reason
     assert not found["identification"].is_usable
@@ -60,15 +59,15 @@ def test_a_record_of_little_charge_does_not_serve_to_identify():
 
 
 def test_a_record_of_few_steps_does_not_serve_to_identify(tmp_path):
-    found = roles(diagnosed(tmp_path, frame()[:300]))
+    found = roles(checked(tmp_path, frame()[:300]))
     assert "identification wants 20" in found["identification"].reason
 
 
 def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):
     table = frame()
     start = int(np.flatnonzero(np.abs(table[CURRENT].to_numpy()) > 1)[0])
-    found = roles(diagnosed(tmp_path, table[start:]))
-    assert found["identification"].options == ("--initial-soc SOC",)
+    found = roles(checked(tmp_path, table[start:]))
+    assert found["identification"].options == ("`initial_soc` SOC",)
 
 
 def whole_test(rest_s=7200):
@@ -97,15 +96,15 @@ def whole_test(rest_s=7200):
 
 @pytest.mark.parametrize("rest_s", [60, 7200])
 def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest_s):
-    role = roles(diagnosed(tmp_path, whole_test(rest_s)))["identification"]
-    assert role.options == ("--start-after-step 3", "--initial-soc 1", "--score-steps 7")
+    role = roles(checked(tmp_path, whole_test(rest_s)))["identification"]
+    assert role.options == ("--start-after-step 3", "`initial_soc` 1", "--score-steps 7")
     assert "the cell is full at the end of step 3" in role.reason
     assert ("too short to settle" in role.reason) == (rest_s < 1800)
 
 
 def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp_path):
     table = whole_test().filter(pl.col("Step Index / 1") > 4)
-    role = roles(diagnosed(tmp_path, table))["identification"]
+    role = roles(checked(tmp_path, table))["identification"]
     (start, score) = role.options
     assert score == "--score-steps 7"
     cell = characterize([read_record(path) for path in BUNDLED.ocv])

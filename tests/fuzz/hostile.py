@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from hypothesis import strategies as st
 
-from records.synthetic_records import arbin_rows, pulse_frame, workbook
+from helpers.records import arbin_rows, pulse_frame, workbook
 
 TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
 FRAME = pulse_frame(40)

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.records import read_record
-
-from .synthetic_records import arbin_rows, pulse_frame, pulses_a, simulated_cell
+from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell
 
 
 def counted(hold, *, seed=0, dtype=pl.Float64, digits=None, resets=False, net=False, sign=1.0):

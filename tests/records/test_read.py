@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.records import read_record
-
-from .synthetic_records import arbin_rows, pulse_frame, pulses_a, simulated_cell, workbook
+from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell, workbook
 
 LABELS = {
     "labels": ("Test Time / s", "Current / A", "Voltage / V"),

@@ -7,8 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from barnax.records import read_record
-
-from .synthetic_records import pulse_frame, pulses_a, simulated_cell
+from helpers.records import pulse_frame, pulses_a, simulated_cell
 
 SIGNS = ["charge-positive", "discharge-positive"]
 NAMES = {

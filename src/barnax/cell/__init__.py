@@ -5,6 +5,7 @@ from .circuits import CIRCUITS, Circuit, get_circuit
 from .curves import AbstractCurve, InterpolatedCurve, OcvFit, PolynomialCurve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError
+from .ocv_table import OcvTable, read_ocv_table, read_ocv_test
 from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
 
@@ -19,9 +20,12 @@ __all__ = [
     "InterpolatedCurve",
     "OcvFit",
     "OcvPoint",
+    "OcvTable",
     "PolynomialCurve",
     "SegmentedHysteresis",
     "characterize",
     "get_circuit",
     "parameter_names",
+    "read_ocv_table",
+    "read_ocv_test",
 ]

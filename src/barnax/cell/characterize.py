@@ -1,4 +1,4 @@
-"""From the records of an OCV test to a characterized cell."""
+"""From an OCV test, as records or as a table, to a characterized cell."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,49 +11,72 @@ from ..records.record import Record
 from .curves import AbstractCurve, OcvFit, curve_warnings, fit_curve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError, fit_error
-from .ocv_points import CHARGE, DISCHARGE, WORD, Sweep, find_sweeps, join_sweeps
-from .soc_axis import OcvPoint, decide_capacity, place_on_soc, scale_warnings
+from .ocv_points import find_sweeps
+from .ocv_table import EITHER, OcvTable
+from .soc_axis import Capacity, OcvPoint, decide_capacity, place_on_soc, scale_warnings
+from .sweeps import CHARGE, DISCHARGE, WORD, Sweep, join_sweeps
 
 SAME_POINT = 1e-6
 
 
 def characterize(
-    records: Sequence[Record],
+    tests: Sequence[Record | OcvTable],
     *,
     capacity_ah: float | None = None,
+    ocv_capacity_ah: float | None = None,
     ocv_fit: OcvFit = "polynomial",
     hysteresis_fit: HysteresisFit = "continuous",
     rest_current_a: float | None = None,
 ) -> CellModel:
-    """The cell that an OCV test shows: one or several records, in any order.
+    """The cell that an OCV test shows: one or several records or tables, in any order.
 
     Each record is a pulse-rest test or a slow sweep, of either direction or both. The cell rests
-    below `rest_current_a`, by default C/100 and never under five times the noise at rest. Raises
-    `InputError` that names the record where it is neither, and `ValueError` for an unknown fit.
+    below `rest_current_a`, by default C/100 and never under five times the noise at rest.
+    `capacity_ah` is the cell's capacity where it is simulated. It does not stretch the SOC axis of
+    a test that spans both ends, which its own charge scales; `ocv_capacity_ah`, by default
+    `capacity_ah`, scales one that does not. A table has its SOC, and no capacity. Raises
+    `InputError` that names the record where it is no test, and `ValueError` for an unknown fit.
     """
-    if not records:
+    if not tests:
         raise InputError("an OCV test is needed; no record was given")
-    if capacity_ah is not None and not capacity_ah > 0:
-        raise InputError(f"the capacity must be positive, in Ah; {capacity_ah} was given")
-    if rest_current_a is not None and not rest_current_a > 0:
-        raise InputError(f"the rest current must be positive, in A; {rest_current_a} was given")
-    tests = [find_sweeps(record, capacity_ah, rest_current_a) for record in records]
-    found = [sweep for of_record, _ in tests for sweep in of_record]
+    _require_positive("capacity", capacity_ah, "Ah")
+    _require_positive("ocv_capacity", ocv_capacity_ah, "Ah")
+    _require_positive("rest_current", rest_current_a, "A")
+    tables = [test for test in tests if isinstance(test, OcvTable)]
+    records = [test for test in tests if isinstance(test, Record)]
+    found = [find_sweeps(record, capacity_ah, rest_current_a) for record in records]
     sweeps = {
         direction: join_sweeps(same)
         for direction in (DISCHARGE, CHARGE)
-        if (same := [sweep for sweep in found if sweep.direction == direction])
+        if (same := [sweep for one, _ in found for sweep in one if sweep.direction == direction])
     }
-    capacity = decide_capacity(sweeps, capacity_ah)
-    shares_axis = len(records) == 1
-    points = place_on_soc(sweeps, capacity, shares_axis)
-    measured = {direction: _curve(branch, ocv_fit) for direction, branch in points.items()}
-    warnings = [text for _, of_record in tests for text in of_record]
-    warnings.extend(capacity.warnings)
-    warnings.extend(scale_warnings(sweeps, capacity, shares_axis))
-    warnings.extend(_kind_warnings(sweeps))
+    warnings = [text for table in tables for text in table.warnings]
+    warnings.extend(text for _, of_record in found for text in of_record)
+    points = _tabled(tables)
+    if sweeps:
+        capacity = decide_capacity(sweeps, capacity_ah, ocv_capacity_ah)
+        warnings.extend(capacity.warnings)
+        warnings.extend(scale_warnings(sweeps, capacity, len(records) == 1))
+        placed = place_on_soc(sweeps, capacity, len(records) == 1)
+        _require_one_each(tables, points, placed)
+        points |= placed
+    elif capacity_ah is not None:
+        capacity = Capacity(capacity_ah, "given", capacity_ah)
+    else:
+        raise InputError(
+            f"{tables[0].name}: an OCV table does not tell the capacity; give it as `capacity`, "
+            "in Ah"
+        )
+    warnings.extend(_kind_warnings(sweeps, points))
+    measured = {
+        direction: _curve(points[direction], ocv_fit)
+        for direction in (DISCHARGE, CHARGE, EITHER)
+        if direction in points
+    }
     for direction, curve in measured.items():
-        warnings.extend(curve_warnings(curve, WORD[direction]))
+        source = _sources(points[direction])
+        of_curve = curve_warnings(curve, WORD.get(direction, ""))
+        warnings.extend(f"{source}: {text}" for text in of_curve)
     only = next(iter(measured.values()))
     charge, discharge = measured.get(CHARGE, only), measured.get(DISCHARGE, only)
     if len(measured) == 2:
@@ -68,10 +91,36 @@ def characterize(
         discharge=discharge,
         hysteresis=hysteresis,
         charge_points=points.get(CHARGE, ()),
-        discharge_points=points.get(DISCHARGE, ()),
+        discharge_points=points.get(DISCHARGE, points.get(EITHER, ())),
         errors=_errors(measured, hysteresis),
         warnings=tuple(warnings),
     )
+
+
+def _require_positive(option: str, value: float | None, unit: str) -> None:
+    if value is not None and not value > 0:
+        raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
+
+
+def _tabled(tables: Sequence[OcvTable]) -> dict[int, tuple[OcvPoint, ...]]:
+    """The branches that tables give."""
+    points: dict[int, tuple[OcvPoint, ...]] = {}
+    for table in tables:
+        _require_one_each(tables, points, table.branches)
+        points |= table.branches
+    return points
+
+
+def _require_one_each(
+    tables: Sequence[OcvTable], points: Mapping[int, object], more: Mapping[int, object]
+) -> None:
+    """Raise InputError where a branch is given twice, or a single curve beside another."""
+    if points and (points.keys() & more.keys() or EITHER in {*points, *more}):
+        names = ", ".join(table.name for table in tables)
+        raise InputError(
+            f"the OCV table {names} gives a branch that another OCV test gives too: give one of "
+            "them only"
+        )
 
 
 def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> AbstractCurve:
@@ -101,7 +150,10 @@ def _errors(
     measured: Mapping[int, AbstractCurve], hysteresis: SegmentedHysteresis
 ) -> dict[str, FitError]:
     """Errors at the points; those of the average against the mean of both branches' PCHIP."""
-    errors = {WORD[direction]: fit_error(curve.errors_v) for direction, curve in measured.items()}
+    errors = {
+        WORD.get(direction, "discharge"): fit_error(curve.errors_v)
+        for direction, curve in measured.items()
+    }
     curves = list(measured.values())
     if len(curves) == 2:
         soc = _shared_soc(measured[CHARGE], measured[DISCHARGE])
@@ -110,21 +162,28 @@ def _errors(
         errors["average"] = fit_error(np.mean(fitted_v, axis=0) - np.mean(through_v, axis=0))
         errors["hysteresis"] = fit_error(hysteresis.errors_v)
     else:
-        errors["average"] = errors[WORD[next(iter(measured))]]
+        (errors["average"],) = errors.values()
     return errors
 
 
-def _kind_warnings(sweeps: Mapping[int, Sweep]) -> list[str]:
-    if len(sweeps) == 1:
-        (only,) = sweeps.values()
+def _sources(points: Sequence[OcvPoint]) -> str:
+    """The files that the points come from."""
+    return ", ".join(dict.fromkeys(point.source for point in points))
+
+
+def _kind_warnings(
+    sweeps: Mapping[int, Sweep], points: Mapping[int, tuple[OcvPoint, ...]]
+) -> list[str]:
+    source = _sources([point for branch in points.values() for point in branch])
+    unknown = "the hysteresis voltage is unknown and taken as zero"
+    if EITHER in points:
+        return [f"{source}: the OCV table has one voltage for both directions: {unknown}"]
+    if len(points) == 1:
+        (only,) = points
+        return [f"{source}: only the {WORD[only]} was measured: {unknown}"]
+    if len({sweep.kind for sweep in sweeps.values()}) == 2:
         return [
-            f"only the {WORD[only.direction]} was measured: the hysteresis voltage is unknown and "
-            "taken as zero"
-        ]
-    kinds = {sweep.kind for sweep in sweeps.values()}
-    if len(kinds) == 2:
-        return [
-            "one branch comes from rests, the other from a slow sweep: the hysteresis voltage "
-            "holds the overpotential of the slow current"
+            f"{source}: one branch comes from rests, the other from a slow sweep: the hysteresis "
+            "voltage holds the overpotential of the slow current"
         ]
     return []

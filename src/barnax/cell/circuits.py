@@ -48,26 +48,9 @@ def average_ocv(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
     return cell.average_ocv_v(soc)
 
 
-ONE_RC = Circuit("1rc", "one RC pair, OCV averaged over charge and discharge", average_ocv, pairs=1)
-SO_RC = Circuit("so-rc", "two RC pairs, OCV averaged over charge and discharge", average_ocv)
-THREE_RC = Circuit(
-    "3rc", "three RC pairs, OCV averaged over charge and discharge", average_ocv, pairs=3
-)
-FOUR_RC = Circuit(
-    "4rc", "four RC pairs, OCV averaged over charge and discharge", average_ocv, pairs=4
-)
-
-
 def average_ocv_with_hysteresis(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
     """The average OCV in V, raised by W/2 after charging and lowered by it after discharging."""
     return cell.average_ocv_v(soc) + direction * cell.hysteresis_v(soc) / 2
-
-
-ISO_RC = Circuit(
-    name="iso-rc",
-    description="two RC pairs, average OCV and segmented hysteresis voltage",
-    source_voltage=average_ocv_with_hysteresis,
-)
 
 
 def half_hysteresis(cell: CellModel, soc: Samples) -> Samples:
@@ -75,13 +58,22 @@ def half_hysteresis(cell: CellModel, soc: Samples) -> Samples:
     return cell.hysteresis_v(soc) / 2
 
 
+_AVERAGED = "OCV averaged over charge and discharge"
+ISO_RC = Circuit(
+    "iso-rc",
+    "two RC pairs, average OCV and segmented hysteresis voltage",
+    average_ocv_with_hysteresis,
+)
+SO_RC = Circuit("so-rc", f"two RC pairs, {_AVERAGED}", average_ocv)
 ESC = Circuit(
-    name="esc",
-    description="two RC pairs, average OCV and dynamic hysteresis of rate gamma",
-    source_voltage=average_ocv,
+    "esc",
+    "two RC pairs, average OCV and dynamic hysteresis of rate gamma",
+    average_ocv,
     hysteresis_amplitude=half_hysteresis,
 )
-
+ONE_RC = Circuit("1rc", f"one RC pair, {_AVERAGED}", average_ocv, pairs=1)
+THREE_RC = Circuit("3rc", f"three RC pairs, {_AVERAGED}", average_ocv, pairs=3)
+FOUR_RC = Circuit("4rc", f"four RC pairs, {_AVERAGED}", average_ocv, pairs=4)
 
 CIRCUITS: Mapping[str, Circuit] = MappingProxyType(
     {circuit.name: circuit for circuit in (ISO_RC, SO_RC, ESC, ONE_RC, THREE_RC, FOUR_RC)}
@@ -97,6 +89,3 @@ def get_circuit(name: str) -> Circuit:
     if name not in CIRCUITS:
         raise ValueError(f"no circuit is called {name!r}; there are {', '.join(CIRCUITS)}")
     return CIRCUITS[name]
-
-
-__all__ = ["CIRCUITS", "Circuit", "get_circuit"]

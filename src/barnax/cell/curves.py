@@ -1,9 +1,7 @@
-"""Reading stored mappings back: every value is checked before it is believed."""
+"""OCV over SOC as a curve: a polynomial of degree 7, or a monotone interpolation."""
 
-import contextlib
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, Self
@@ -14,52 +12,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
-
-# No cell has more, between full and empty or beyond.
-LARGEST_V, LARGEST_SOC, LARGEST_AH = 100.0, 10.0, 1e12
-
-
-def stored_value(stored: Mapping[str, Any], key: str, what: str) -> Any:
-    """`stored[key]`. Raises `InputError` that names `what` where it is absent."""
-    if not isinstance(stored, Mapping) or key not in stored:
-        raise InputError(f"the stored {what} has no {key!r}; was the file written by barnax?")
-    return stored[key]
-
-
-def stored_number(stored: Mapping[str, Any], key: str, what: str) -> float:
-    """A finite number. Raises `InputError` for anything else."""
-    return _number(stored_value(stored, key, what), f"{key!r} of the stored {what}")
-
-
-def stored_numbers(
-    stored: Mapping[str, Any], key: str, what: str, largest: float = math.inf
-) -> tuple[float, ...]:
-    """A list of finite numbers, none beyond `largest`. Raises `InputError` for anything else."""
-    values = stored_value(stored, key, what)
-    if not isinstance(values, Iterable) or isinstance(values, str | Mapping):
-        raise InputError(f"{key!r} of the stored {what} must be a list of numbers, not {values!r}")
-    numbers = tuple(_number(value, f"{key!r} of the stored {what}") for value in values)
-    worst = max(map(abs, numbers), default=0.0)
-    if worst > largest:
-        raise InputError(f"{key!r} of the stored {what} reaches {worst:g}, beyond {largest:g}")
-    return numbers
-
-
-def stored_texts(stored: Mapping[str, Any], key: str, what: str) -> tuple[str, ...]:
-    """A list of texts. Raises `InputError` for anything else."""
-    values = stored_value(stored, key, what)
-    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-        raise InputError(f"{key!r} of the stored {what} must be a list of texts")
-    return tuple(values)
-
-
-def _number(value: Any, where: str) -> float:
-    # An integer too large for a float overflows where it is asked whether it is finite.
-    with contextlib.suppress(OverflowError):
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
-            return float(value)
-    raise InputError(f"{where} must hold finite numbers; it holds {str(value)[:80]}")
-
+from .stored import LARGEST_SOC, LARGEST_V, stored_numbers, stored_value
 
 OcvFit = Literal["polynomial", "interpolated"]
 
@@ -136,7 +89,7 @@ class PolynomialCurve(AbstractCurve):
         if len(soc) < needed:
             raise InputError(
                 f"a polynomial of degree {POLYNOMIAL_DEGREE} needs at least {needed} OCV points; "
-                f"there are {len(soc)}. Use --ocv-fit interpolated."
+                f"there are {len(soc)}. Use `ocv_fit='interpolated'`."
             )
         points = _points(soc, voltage_v)
         # Fitted on [-1, 1], where the powers are far from parallel; stored in powers of SOC.
@@ -232,8 +185,10 @@ def curve_from_dict(stored: Mapping[str, Any]) -> AbstractCurve:
 def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     """Where the curve falls with SOC, leaves the range of neighboring points or misses them.
 
-    An OCV rises with SOC; what falls between good points is the fit, not the cell.
+    `name` is the branch's, if it has one. An OCV rises with SOC; what falls between good points
+    is the fit, not the cell.
     """
+    name = f"{name} " if name else ""
     found = []
     grid = np.concatenate(
         [
@@ -248,7 +203,7 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     if fall_v[worst] > FALL_TOLERANCE_V:
         top = int(np.argmax(voltage_v[:worst]))
         found.append(
-            f"the {name} OCV curve falls by {1e3 * fall_v[worst]:.1f} mV from SOC "
+            f"the {name}OCV curve falls by {1e3 * fall_v[worst]:.1f} mV from SOC "
             f"{grid[top]:.3f} to {grid[worst]:.3f}"
         )
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
@@ -260,18 +215,18 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     gap = int(np.argmax(beyond_v - margin_v))
     if beyond_v[gap] > margin_v[gap]:
         found.append(
-            f"the {name} OCV curve leaves its points by {1e3 * beyond_v[gap]:.1f} mV between SOC "
+            f"the {name}OCV curve leaves its points by {1e3 * beyond_v[gap]:.1f} mV between SOC "
             f"{curve.soc[gap]:.3f} and {curve.soc[gap + 1]:.3f}"
         )
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
         found.append(
-            f"the {name} OCV curve misses its points by up to {1e3 * errors_v[missed]:.1f} mV, "
+            f"the {name}OCV curve misses its points by up to {1e3 * errors_v[missed]:.1f} mV, "
             f"at SOC {curve.soc[missed]:.3f}"
         )
     if isinstance(curve, PolynomialCurve):
-        return tuple(f"{text}: try --ocv-fit interpolated" for text in found)
+        return tuple(f"{text}: try `ocv_fit='interpolated'`" for text in found)
     return tuple(f"{text}: look at the points there" for text in found)
 
 

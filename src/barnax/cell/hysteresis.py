@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .curves import LARGEST_V, stored_numbers, stored_value
+from .stored import LARGEST_V, stored_numbers, stored_value
 
 HysteresisFit = Literal["continuous", "independent"]
 Values = Float[np.ndarray, "points"]

@@ -8,17 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .curves import (
-    LARGEST_AH,
-    AbstractCurve,
-    PolynomialCurve,
-    curve_from_dict,
-    stored_number,
-    stored_texts,
-    stored_value,
-)
+from .curves import AbstractCurve, PolynomialCurve, curve_from_dict
 from .hysteresis import SegmentedHysteresis
 from .soc_axis import OcvPoint
+from .stored import LARGEST_AH, stored_number, stored_texts, stored_value
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
@@ -81,7 +74,7 @@ class CellModel:
         if not low_v - REST_VOLTAGE_MARGIN_V <= voltage_v <= high_v + REST_VOLTAGE_MARGIN_V:
             raise InputError(
                 f"the rested voltage {voltage_v:.4f} V is outside the OCV of this cell, "
-                f"{low_v:.4f} to {high_v:.4f} V: give the SOC with --initial-soc"
+                f"{low_v:.4f} to {high_v:.4f} V: give the SOC there as `initial_soc`"
             )
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])

@@ -1,108 +1,27 @@
 """The points of an OCV test: rested voltages between pulses, or a slow sweep thinned."""
 
-from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..errors import InputError
+from ..errors import InputError, counted
 from ..records import rests
 from ..records.record import Record
-from ..records.rests import is_rested, rest_blocks
-
-CHARGE = 1
-DISCHARGE = -1
-WORD = {CHARGE: "charge", DISCHARGE: "discharge"}
-SAME_REST_V = 10e-3
-# A pulse below this fraction of all before it was cut short; timers hold to better than that.
-SHORT_PULSE = 0.99
-# Steps below this fraction of the sweep are no pulses.
-SAME_CHARGE = 1e-3
+from ..records.rests import is_rested, rest_blocks, runs
+from .sweeps import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
 
 
-@dataclass(frozen=True)
-class SweepPoint:
-    """One OCV reading.
+class NoOcvTest(InputError):
+    """A record shows no OCV points; `reason` says why."""
 
-    `discharged_ah` counts on the sweep's own axis; `row` is the row of the source file, `rest_s`
-    how long the cell had rested there, 0 for a slow sweep.
-    """
-
-    discharged_ah: float
-    voltage_v: float
-    source: str
-    row: int
-    rest_s: float
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """OCV points in the order they were met, in `direction` +1 (charge) or -1 (discharge).
-
-    `start_ah` and `end_ah` are where the sweep began and ended on the axis of discharged
-    ampere-hours; the first and last points may lie inside.
-    """
-
-    kind: Literal["rests", "slow"]
-    direction: int
-    source: str
-    start_ah: float
-    end_ah: float
-    points: tuple[SweepPoint, ...]
-
-    @property
-    def passed_ah(self) -> float:
-        """The charge of the whole sweep, positive."""
-        return abs(self.end_ah - self.start_ah)
-
-    @property
-    def stops_at_cutoff(self) -> bool:
-        """Whether it ran until full or empty, as far as its points tell.
-
-        A slow sweep does. Between rests a cut-off shortens the last pulse below all before it, or
-        the last but one where a taper at constant voltage follows.
-        """
-        if self.kind == "slow":
-            return True
-        at_ah = [point.discharged_ah for point in self.points]
-        steps_ah = [abs(after - before) for before, after in pairwise([*at_ah, self.end_ah])]
-        pulses_ah = [step_ah for step_ah in steps_ah if step_ah > SAME_CHARGE * self.passed_ah]
-        return any(
-            pulses_ah[last] < SHORT_PULSE * min(pulses_ah[:last])
-            for last in (-1, -2)
-            if pulses_ah[:last]
+    def __init__(self, record: str, reason: str) -> None:
+        super().__init__(
+            f"{record} is not an OCV test: {reason}. An OCV test needs rests of at least 30 min "
+            f"between its pulses, at least {MINIMUM_POINTS} in one direction, or one slow sweep at "
+            "C/10 or less."
         )
-
-
-def join_sweeps(sweeps: list[Sweep]) -> Sweep:
-    """One sweep of several of the same direction, each beginning at the rest where another ended.
-
-    Raises `InputError` where they do not meet, or where a slow sweep is among them.
-    """
-    if len(sweeps) == 1:
-        return sweeps[0]
-    word = WORD[sweeps[0].direction]
-    names = ", ".join(sweep.source for sweep in sweeps)
-    if any(sweep.kind == "slow" for sweep in sweeps):
-        raise InputError(f"there are {len(sweeps)} {word} sweeps ({names}): give one of them only")
-    ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)
-    joined = ordered[0]
-    for part in ordered[1:]:
-        before, after = joined.points[-1], part.points[0]
-        if abs(before.voltage_v - after.voltage_v) > SAME_REST_V:
-            raise InputError(
-                f"the {word} sweeps of {before.source} and {after.source} do not join: one ends "
-                f"at a rest of {before.voltage_v:.4f} V, the next begins at {after.voltage_v:.4f} "
-                "V. Give one test only, or all of its files."
-            )
-        shift_ah = before.discharged_ah - after.discharged_ah
-        moved = tuple(
-            replace(point, discharged_ah=point.discharged_ah + shift_ah) for point in part.points
-        )
-        joined = replace(joined, end_ah=part.end_ah + shift_ah, points=joined.points + moved[1:])
-    return joined
+        self.reason = reason
 
 
 MINIMUM_REST_S = 1800.0
@@ -136,10 +55,10 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
     directions = _directions(discharged_ah, lasts)
     sweeps = []
     for direction in (DISCHARGE, CHARGE):
-        runs = _runs(directions, direction)
-        if not runs:
+        found = _runs(directions, direction)
+        if not found:
             continue
-        first, last = max(runs, key=lambda run: run[1] - run[0])
+        first, last = max(found, key=lambda run: run[1] - run[0])
         if last - first + 1 < MINIMUM_POINTS:
             continue
         start_ah, end_ah = _extent(discharged_ah, lasts, directions, first, last, direction)
@@ -155,7 +74,7 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
         )
         sweeps.append(Sweep("rests", direction, record.name, start_ah, end_ah, points))
     if not sweeps:
-        raise InputError(_nothing_found(record, list(rests_s.values()), directions))
+        raise NoOcvTest(record.name, _nothing_found(list(rests_s.values()), directions))
     return sweeps
 
 
@@ -222,9 +141,8 @@ def _directions(discharged_ah: Charge, lasts: list[int]) -> list[int]:
 
 def _runs(directions: list[int], direction: int) -> list[tuple[int, int]]:
     """First and last point of each maximal run of `direction`."""
-    is_run = np.concatenate([[False], np.array(directions) == direction, [False]])
-    edges = np.flatnonzero(np.diff(is_run.astype(int)))
-    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+    first, last = runs(np.array(directions) == direction)
+    return list(zip(first.tolist(), (last + 1).tolist(), strict=True))
 
 
 def _extent(
@@ -251,25 +169,16 @@ def _extent(
     return float(start_ah), float(end_ah)
 
 
-def _nothing_found(record: Record, rests_s: list[float], directions: list[int]) -> str:
-    needed = (
-        "An OCV test needs rests of at least 30 min between its pulses, "
-        f"at least {MINIMUM_POINTS} in one direction, or one slow sweep at C/10 or less."
-    )
-    long = sum(_is_long(rest_s) for rest_s in rests_s)
+def _nothing_found(rests_s: list[float], directions: list[int]) -> str:
+    """Why the rests make no sweep."""
     if not rests_s:
-        return f"{record.name} is not an OCV test: it has no rests. {needed}"
+        return "it has no rests"
+    long = sum(_is_long(rest_s) for rest_s in rests_s)
     if not long:
-        return (
-            f"{record.name} is not an OCV test: its longest rest is {max(rests_s) / 60:.1f} min. "
-            f"{needed}"
-        )
-    runs = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)
-    most = max((last - first + 1 for first, last in runs), default=1)
-    return (
-        f"{record.name} is not an OCV test: of its {long} rests of at least 30 min the longest "
-        f"run in one direction has {most}. {needed}"
-    )
+        return f"its longest rest is {max(rests_s) / 60:.1f} min"
+    found = _runs(directions, DISCHARGE) + _runs(directions, CHARGE)
+    most = max((last - first + 1 for first, last in found), default=1)
+    return f"it has {counted(long, 'rest')} of at least 30 min, at most {most} in one direction"
 
 
 # C/10 with the slack of a cell that holds a little less than its rating.
@@ -280,7 +189,7 @@ PAUSES = 0.01
 # Half the window each point is averaged over, as a fraction of the sweep.
 HALF_WINDOW = 1e-3
 
-Places = Int[np.ndarray, "stretches"]
+Places = Int[np.ndarray, "runs"]
 
 
 def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: float) -> list[Sweep]:
@@ -292,7 +201,7 @@ def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: floa
     is_loaded = ~is_rested(record, rest_current_a)
     if not is_loaded.any():
         return []
-    first, last = _one_way_stretches(record, is_loaded, minimum_rest_s)
+    first, last = _one_way_runs(record, is_loaded, minimum_rest_s)
     is_backward = record.hold.value == "backward"
     begin = np.maximum(first - 1, 0) if is_backward else first
     end = last if is_backward else np.minimum(last + 1, record.samples - 1)
@@ -310,15 +219,15 @@ def find_slow_sweeps(record: Record, rest_current_a: float, minimum_rest_s: floa
 
 
 def _sums(values: np.ndarray, first: Places, last: Places) -> np.ndarray:
-    """The sum over each stretch."""
+    """The sum over each run."""
     total = np.concatenate([[0], np.cumsum(values)])
     return total[last + 1] - total[first]
 
 
-def _one_way_stretches(
+def _one_way_runs(
     record: Record, is_loaded: Bool[np.ndarray, "samples"], minimum_rest_s: float
 ) -> tuple[Places, Places]:
-    """First and last loaded sample of each stretch of one direction without a long rest."""
+    """First and last loaded sample of each run of one direction without a long rest."""
     loaded = np.flatnonzero(is_loaded)
     turns = np.diff(np.sign(record.current_a[loaded])) != 0
     # A gap of the logger is no rest: some samples in it must show no current.
@@ -379,10 +288,7 @@ def find_sweeps(
     """
     span_ah = float(np.ptp(record.discharged_ah))
     if span_ah == 0:
-        raise InputError(
-            f"{record.name} is not an OCV test: no charge passed; give the test that moves the "
-            "cell between full and empty"
-        )
+        raise NoOcvTest(record.name, "no charge passed")
     threshold_a = rest_current_a
     if threshold_a is None:
         # A capacity given in mAh would turn the whole record into one rest.
@@ -391,7 +297,7 @@ def find_sweeps(
     elif threshold_a > np.abs(record.current_a).max():
         raise InputError(
             f"{record.name}: no current reaches {threshold_a:.4g} A, so all of it is rest: give a "
-            "lower --rest-current"
+            "lower `rest_current`"
         )
     slow = find_slow_sweeps(record, threshold_a, MINIMUM_REST_S)
     if not slow:

@@ -4,12 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..errors import InputError
-from .ocv_points import CHARGE, DISCHARGE, WORD, Sweep
+from .sweeps import CHARGE, DISCHARGE, WORD, Sweep
 
+# How near two charges lie, as a fraction: within the first one capacity may have been measured
+# twice, within the last one it was.
 AGREEMENT = 0.10
+CLOSURE = 0.02
+# A capacity this far from the charge of the OCV test is a warning, or an error: of a test that
+# does not span both ends, and of one that does, where only another unit or cell explains it.
 CAPACITY_WARNING = 0.05
 CAPACITY_ERROR = 0.20
-CLOSURE = 0.02
 HALF = 0.5
 
 
@@ -26,54 +30,82 @@ class OcvPoint:
 
 @dataclass(frozen=True)
 class Capacity:
-    """The capacity in Ah and where it comes from, in words."""
+    """The cell's capacity in Ah, and where it comes from, in words.
+
+    `axis_ah` scales the OCV sweeps that do not span both ends.
+    """
 
     value_ah: float
     origin: str
-    warnings: tuple[str, ...]
+    axis_ah: float
+    warnings: tuple[str, ...] = ()
 
 
-def decide_capacity(sweeps: Mapping[int, Sweep], given_ah: float | None) -> Capacity:
+def decide_capacity(
+    sweeps: Mapping[int, Sweep], given_ah: float | None, ocv_given_ah: float | None = None
+) -> Capacity:
     """The given capacity, checked against the sweeps, or the one they measured.
 
-    `sweeps` maps the direction to its sweep. A sweep measures the capacity where the other sweep
-    passed the same charge within 10 %, where it is slow (cut-off to cut-off), or where it is
-    alone and no capacity was given. That it ran between full and empty is then an assumption,
-    and a warning, unless it is slow or both sweeps close and stop at a cut-off. Raises
-    `InputError` where the given capacity is off by more than 20 %, or where none was given and
-    none was measured.
+    `sweeps` maps the direction to its sweep. `given_ah` is the capacity of the cell in the record
+    that is simulated, which may be older or colder than in its OCV test; `ocv_given_ah` is the
+    cell's in the OCV test, where that does not span both ends.
+
+    A sweep measures the capacity where the other sweep passed the same charge within 10 %, where
+    it is slow (cut-off to cut-off), or where it is alone and no capacity was given. That it ran
+    between full and empty is then an assumption, and a warning, unless it is slow or both sweeps
+    close and stop at a cut-off. Raises `InputError` where the given capacity is off by more than
+    20 % (by a factor of 2, where the test spans both ends), or where none was given and none was
+    measured.
     """
     main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
-    agrees = len(sweeps) == 1 or _is_near(
-        sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
-    )
-    if given_ah is None:
+    passed = f"the {WORD[main.direction]} passed {main.passed_ah:.4g} Ah"
+    spans = spans_both_ends(sweeps)
+    warnings = _closure_warnings(sweeps)
+    if ocv_given_ah is not None and spans:
+        warnings += (f"{main.source}: `ocv_capacity` is not used: {passed}, from end to end",)
+        ocv_given_ah = None
+    axis_ah = ocv_given_ah or given_ah
+    if axis_ah is None:
+        agrees = len(sweeps) == 1 or _is_near(
+            sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
+        )
         if not agrees and main.kind != "slow":
             raise InputError(
-                f"the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but charged "
-                f"{sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: give it "
-                "with --capacity, in Ah"
+                f"{main.source}: the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but "
+                f"charged {sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: "
+                "give it as `capacity`, in Ah"
             )
-        warnings = _closure_warnings(sweeps)
-        if main.kind == "slow" or _runs_between_cutoffs(sweeps):
-            return Capacity(main.passed_ah, f"measured: {measured}", warnings)
+        if spans:
+            return Capacity(main.passed_ah, f"measured: {measured}", main.passed_ah, warnings)
         warnings += (_assumption(main),)
-        return Capacity(main.passed_ah, f"assumed: {measured}, taken as full to empty", warnings)
-    spans = main.kind == "slow" or (len(sweeps) == 2 and agrees)
+        origin = f"assumed: {measured}, taken as full to empty"
+        return Capacity(main.passed_ah, origin, main.passed_ah, warnings)
+    _require_possible(sweeps, axis_ah, spans)
+    if abs(main.passed_ah / axis_ah - 1) > CAPACITY_WARNING:
+        warnings += (f"{main.source}: capacity {axis_ah:.4g} Ah was given, but {passed}",)
+    return Capacity(given_ah or axis_ah, "given", axis_ah, warnings)
+
+
+def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) -> None:
+    """Raise InputError where the sweeps cannot be of a cell of that capacity."""
+    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
     most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
-    ratio = main.passed_ah / given_ah
-    is_wrong = abs(ratio - 1) > CAPACITY_ERROR if spans else ratio < HALF
-    if is_wrong or most.passed_ah > (1 + CAPACITY_ERROR) * given_ah:
-        raise InputError(
-            f"capacity {given_ah:.4g} Ah was given, but the OCV test passed "
-            f"{most.passed_ah:.4g} Ah ({WORD[most.direction]} of {most.source}): check the "
-            "capacity, its unit (Ah) and the unit of the current, or leave --capacity out"
+    ratio = main.passed_ah / axis_ah
+    if spans:
+        is_wrong = not HALF <= ratio <= 1 / HALF
+    else:
+        agrees = len(sweeps) == 2 and _is_near(
+            sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
         )
-    warnings = _closure_warnings(sweeps)
-    if abs(ratio - 1) > CAPACITY_WARNING:
-        warnings += (f"capacity {given_ah:.4g} Ah was given, but {measured}",)
-    return Capacity(given_ah, "given", warnings)
+        is_wrong = abs(ratio - 1) > CAPACITY_ERROR if agrees else ratio < HALF
+        is_wrong |= most.passed_ah > (1 + CAPACITY_ERROR) * axis_ah
+    if is_wrong:
+        raise InputError(
+            f"capacity {axis_ah:.4g} Ah was given, but the OCV test passed "
+            f"{most.passed_ah:.4g} Ah ({WORD[most.direction]} of {most.source}): check the "
+            "capacity, its unit (Ah) and the unit of the current, or leave `capacity` out"
+        )
 
 
 def place_on_soc(
@@ -81,18 +113,17 @@ def place_on_soc(
 ) -> dict[int, tuple[OcvPoint, ...]]:
     """The points of each direction with their SOC, increasing.
 
-    With `shares_axis`, all from one record, the rests lie on one ampere-hour axis scaled by the
-    capacity: 1 where the discharge begins, else 0 where the charge begins. Other sweeps stand
-    alone: a discharge begins at 1, a charge at 0, and each is scaled by its own charge when it
-    runs between full and empty (slow, or within 2 % of the capacity or of the other sweep), else
-    by the capacity.
+    With `shares_axis`, all from one record, the rests lie on one ampere-hour axis: 1 where the
+    discharge begins, else 0 where the charge begins. It is scaled by the test's own charge where
+    that spans both ends and the capacity is another (by over 2 %), else by the capacity. Other
+    sweeps stand alone: a discharge begins at 1, a charge at 0, and each is scaled by its own
+    charge when it runs between full and empty (slow, or within 2 % of the capacity or of the
+    other sweep), else by the capacity.
     """
     if _has_one_axis(sweeps, shares_axis):
         anchor = sweeps.get(DISCHARGE) or sweeps[CHARGE]
-        return {
-            direction: _place(sweep, anchor, capacity.value_ah)
-            for direction, sweep in sweeps.items()
-        }
+        scale_ah = _shared_scale_ah(anchor, sweeps, capacity)
+        return {direction: _place(sweep, anchor, scale_ah) for direction, sweep in sweeps.items()}
     return {
         direction: _place(sweep, sweep, _scale_ah(sweep, sweeps.get(-direction), capacity))
         for direction, sweep in sweeps.items()
@@ -110,13 +141,13 @@ def scale_warnings(
         return ()
     found = []
     for direction, sweep in sweeps.items():
-        if sweep.kind == "slow" or _is_near(sweep.passed_ah, capacity.value_ah, CLOSURE):
+        if sweep.kind == "slow" or _is_near(sweep.passed_ah, capacity.axis_ah, CLOSURE):
             continue
         scale_ah = _scale_ah(sweep, sweeps.get(-direction), capacity)
-        by = "the capacity" if scale_ah == capacity.value_ah else "its own charge, as both agree"
+        by = "the capacity" if scale_ah == capacity.axis_ah else "its own charge, as both agree"
         found.append(
-            f"the {WORD[direction]} of {sweep.source} passed {sweep.passed_ah:.4g} Ah, the "
-            f"capacity is {capacity.value_ah:.4g} Ah: its SOC is scaled by {by}"
+            f"{sweep.source}: the {WORD[direction]} passed {sweep.passed_ah:.4g} Ah, the "
+            f"capacity is {capacity.axis_ah:.4g} Ah: its SOC is scaled by {by}"
         )
     return tuple(found)
 
@@ -129,10 +160,16 @@ def _scale_ah(sweep: Sweep, other: Sweep | None, capacity: Capacity) -> float:
     """The charge that is SOC 1 for a sweep that stands alone."""
     is_whole = (
         sweep.kind == "slow"
-        or _is_near(sweep.passed_ah, capacity.value_ah, CLOSURE)
+        or _is_near(sweep.passed_ah, capacity.axis_ah, CLOSURE)
         or (other is not None and _is_near(sweep.passed_ah, other.passed_ah, CLOSURE))
     )
-    return sweep.passed_ah if is_whole else capacity.value_ah
+    return sweep.passed_ah if is_whole else capacity.axis_ah
+
+
+def _shared_scale_ah(anchor: Sweep, sweeps: Mapping[int, Sweep], capacity: Capacity) -> float:
+    """The charge that is SOC 1 for rests on one axis of ampere-hours."""
+    is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
+    return anchor.passed_ah if is_other and spans_both_ends(sweeps) else capacity.axis_ah
 
 
 def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]:
@@ -154,9 +191,14 @@ def _is_near(charge_ah: float, reference_ah: float, tolerance: float) -> bool:
     return abs(charge_ah - reference_ah) <= tolerance * reference_ah
 
 
-def _runs_between_cutoffs(sweeps: Mapping[int, Sweep]) -> bool:
-    """Whether both directions close and each stops at a cut-off: one at empty, one at full."""
-    return (
+def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
+    """Whether the test ran between full and empty.
+
+    A slow sweep does; so do two directions that close and each stop at a cut-off, one at empty and
+    one at full.
+    """
+    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
+    return main.kind == "slow" or (
         len(sweeps) == 2
         and _is_near(sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, CLOSURE)
         and all(sweep.stops_at_cutoff for sweep in sweeps.values())
@@ -167,9 +209,9 @@ def _assumption(main: Sweep) -> str:
     first_v, last_v = main.points[0].voltage_v, main.points[-1].voltage_v
     ends = "full to empty" if main.direction == DISCHARGE else "empty to full"
     return (
-        f"no capacity was given: the {WORD[main.direction]} of {main.source}, {first_v:.4g} to "
+        f"{main.source}: no capacity was given: the {WORD[main.direction]}, {first_v:.4g} to "
         f"{last_v:.4g} V and {main.passed_ah:.4g} Ah, is taken as {ends}; if it is not, give "
-        "--capacity, in Ah"
+        "`capacity`, in Ah"
     )
 
 
@@ -180,7 +222,8 @@ def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
     error = in_ah / out_ah - 1
     if abs(error) <= CLOSURE:
         return ()
+    names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
     return (
-        f"the OCV test does not close: {out_ah:.4g} Ah out, {in_ah:.4g} Ah in "
+        f"{names}: the OCV test does not close: {out_ah:.4g} Ah out, {in_ah:.4g} Ah in "
         f"({100 * error:+.1f} %)",
     )

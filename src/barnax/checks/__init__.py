@@ -1,10 +1,9 @@
 """What is wrong with a file, what mends it, and what it can serve as."""
 
-from .check_file import Facts, FileCheck, check_file
+from ..records.findings import Finding, Severity
+from .check_file import CHECKS, Facts, FileCheck, check_file
 from .check_input import Check, CheckInput
-from .finding import Finding, Severity
-from .registry import CHECKS
-from .roles import Role
+from .roles import Role, SuggestedWindow
 
 __all__ = [
     "CHECKS",
@@ -15,5 +14,6 @@ __all__ = [
     "Finding",
     "Role",
     "Severity",
+    "SuggestedWindow",
     "check_file",
 ]

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..errors import counted
+from ..records.findings import Finding, Severity
 from .check_input import CheckInput
-from .finding import Finding, Severity, counted
 
 _WIDTHS = (1, 2, 3)
 # A spike's height, in volts and in noise; how steady the three samples on either side must be, and
@@ -172,7 +173,7 @@ def _stuck_finding(
         int(first[0]),
         severity,
         what,
-        f"{remedy}; --score-from, --score-to or --score-steps leave these rows out",
+        f"{remedy}; `score_from`, `score_to` or `score_steps` leave these rows out",
     )
 
 
@@ -247,6 +248,6 @@ def find_clipped_current(given: CheckInput) -> Iterator[Finding]:
             f"the current stops at {limit_a:.6g} A: {samples} samples in "
             f"{counted(int(at_limit.sum()), 'place')} read exactly that, while other readings "
             "vary",
-            "measure again with a wider range; --score-from, --score-to or --score-steps leave "
+            "measure again with a wider range; `score_from`, `score_to` or `score_steps` leave "
             "such rows out",
         )

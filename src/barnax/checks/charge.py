@@ -4,14 +4,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from ..cell.ocv_points import CHARGE, DISCHARGE
 from ..cell.soc_axis import CAPACITY_WARNING, CLOSURE
-from ..records.conventions import counter_quantum_ah
+from ..cell.sweeps import CHARGE, DISCHARGE
+from ..errors import counted
+from ..records.counters import gain_ah
+from ..records.findings import Finding
 from ..records.rests import runs
-from .check_input import STEADY_SHARE, CheckInput
-from .finding import Finding, counted
+from ..records.samples import STEADY_SHARE
+from .check_input import CheckInput
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that
 # they log, so that a fast current and slow samples differ by a percent.
@@ -28,9 +29,9 @@ def find_counters(given: CheckInput) -> Iterator[Finding]:
     counters = given.samples.counters
     if counters.charged_ah is None or counters.discharged_ah is None:
         return
-    counted = _gain_ah(counters.charged_ah), _gain_ah(counters.discharged_ah)
-    if sum(counted) > 0:
-        yield from _against_integral(given, counted)
+    gains_ah = gain_ah(counters.charged_ah), gain_ah(counters.discharged_ah)
+    if sum(gains_ah) > 0:
+        yield from _against_integral(given, gains_ah)
     begun = [
         f"{counter[0]:.4g} Ah {word}"
         for counter, word in ((counters.charged_ah, "in"), (counters.discharged_ah, "out"))
@@ -46,18 +47,18 @@ def find_counters(given: CheckInput) -> Iterator[Finding]:
         )
 
 
-def _against_integral(given: CheckInput, counted: tuple[float, float]) -> Iterator[Finding]:
+def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Finding]:
     integrated = given.charged_ah, given.discharged_ah
-    total_ah = sum(counted)
+    total_ah = sum(gains_ah)
     # The names of the counters are the tester's; the sign of the current is settled elsewhere.
-    apart_ah = max(abs(a - b) for a, b in zip(integrated, counted, strict=True))
-    if apart_ah <= _QUANTA * counter_quantum_ah(given.samples.counters):
+    apart_ah = max(abs(a - b) for a, b in zip(integrated, gains_ah, strict=True))
+    if apart_ah <= _QUANTA * given.samples.counters.quantum_ah:
         return
     apart = apart_ah / total_ah
-    swapped = max(abs(a - b) for a, b in zip(integrated, counted[::-1], strict=True)) / total_ah
+    swapped = max(abs(a - b) for a, b in zip(integrated, gains_ah[::-1], strict=True)) / total_ah
     figures = (
         f"{integrated[0]:.4g} Ah in and {integrated[1]:.4g} Ah out by integration, "
-        f"{counted[0]:.4g} and {counted[1]:.4g} by the tester's counters"
+        f"{gains_ah[0]:.4g} and {gains_ah[1]:.4g} by the tester's counters"
     )
     if swapped < min(apart, _COUNTERS_DIFFER) and apart > _COUNTERS_DIFFER:
         what = f"{figures}: its counters of charge and discharge are exchanged"
@@ -72,7 +73,7 @@ def _against_integral(given: CheckInput, counted: tuple[float, float]) -> Iterat
         held = _throughput_ah(given, other)
         remedy = "look for gaps and for a current offset; trust the counters before the integral"
         if abs(held / total_ah - 1) < abs(ratio - 1) / 3:
-            remedy = f"--current-hold {other}, which gives {held:.4g} Ah in and out"
+            remedy = f"`current_hold='{other}'`, which gives {held:.4g} Ah in and out"
         yield given.at(0, "warning", f"{figures}: {100 * apart:.1f} % apart", remedy)
     elif apart > _COUNTERS_NOTED:
         yield given.at(0, "note", f"{figures}: {100 * apart:.1f} % apart")
@@ -91,7 +92,7 @@ def find_capacity(given: CheckInput) -> Iterator[Finding]:
             at,
             "warning",
             f"{moves} of the capacity of {given.capacity_ah:.4g} Ah",
-            "correct --capacity, or the current's range, offset or unit",
+            "correct `capacity`, or the current's range, offset or unit",
         )
     elif share < _HARDLY_MOVES:
         yield given.at(0, "note", f"{moves} of the capacity: little of the cell is seen")
@@ -128,10 +129,6 @@ def _throughput_ah(given: CheckInput, hold: str) -> float:
     current_a = given.record.current_a
     flowed_a = current_a[:-1] if hold == "forward" else current_a[1:]
     return float(np.sum(np.abs(flowed_a) * given.record.interval_s)) / 3600
-
-
-def _gain_ah(counter_ah: Float[np.ndarray, "samples"]) -> float:
-    return float(np.sum(np.maximum(np.diff(counter_ah), 0)))
 
 
 # A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many
@@ -173,7 +170,7 @@ def find_rests(given: CheckInput) -> Iterator[Finding]:
             "note",
             f"the current is noisy at rest: below {1e3 * given.rest_current_a:.3g} mA counts as "
             "rest, C/100 does not",
-            f"--rest-current {given.rest_current_a:.2g} says so, or another value",
+            f"`rest_current={given.rest_current_a:.2g}` says so, or give another value",
         )
     is_zero = current_a == 0
     is_minus = is_zero & np.signbit(given.samples.current_a)
@@ -264,7 +261,7 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
     )
     if abs(offset_a) >= _turnover_ah(given) / 100:
         limit_a = 1.5 * abs(offset_a)
-        remedy = f"subtract it from the current, or --rest-current {limit_a:.2g} to see the rests"
+        remedy = f"subtract it from the current, or `rest_current={limit_a:.2g}` to see the rests"
         yield given.at(first, "warning", what, remedy)
     elif drift_ah > _DRIFT * _turnover_ah(given):
         yield given.at(first, "warning", what, "subtract it from the current")

@@ -1,27 +1,57 @@
-"""From a file to its diagnosis, in one straight line that no fault interrupts."""
+"""Everything that is wrong with a file, and what it can serve as."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..records.columns import NEEDED
-from ..records.conventions import decide_hold, decide_sign
-from ..records.plausibility import FEWEST_SAMPLES, check_samples
-from ..records.read import make_record, read_content
-from ..records.readers import read_table
-from ..records.samples import Samples, Table, samples_of, take_lines, take_samples
-from .check_input import CheckInput
-from .clock import examine_clock, examine_repeats
-from .finding import Finding
-from .registry import CHECKS
+from ..records.findings import Finding, named
+from ..records.hold import decide_hold
+from ..records.read import Source, make_record, read_source
+from ..records.rules import examine
+from ..records.samples import Samples
+from ..records.sign import decide_sign
+from .channels import (
+    find_clipped_current,
+    find_current_spikes,
+    find_stuck_current,
+    find_stuck_voltage,
+    find_voltage_spikes,
+)
+from .charge import find_capacity, find_closure, find_counters, find_rests
+from .check_input import Check, CheckInput
 from .roles import Role, find_roles
-from .sign import examine_turn
-from .table import Columns, examine_cells, examine_columns, examine_suffix, examine_units
-from .units import examine_current_unit, examine_time_unit, examine_voltage
+from .sampling import (
+    find_coarse_intervals,
+    find_gaps,
+    find_rebuilt_clock,
+    find_resolution,
+    find_temperature,
+)
+from .sign import find_sign, find_turn
+
+# The registry of checks on a record, in the order in which they are told.
+CHECKS: Mapping[str, Check] = {
+    "sign": find_sign,
+    "gaps": find_gaps,
+    "coarse intervals": find_coarse_intervals,
+    "rebuilt clock": find_rebuilt_clock,
+    "rests": find_rests,
+    "clipped current": find_clipped_current,
+    "stuck voltage": find_stuck_voltage,
+    "stuck current": find_stuck_current,
+    "voltage spikes": find_voltage_spikes,
+    "current spikes": find_current_spikes,
+    "temperature": find_temperature,
+    "counters": find_counters,
+    "capacity": find_capacity,
+    "closure": find_closure,
+    "resolution": find_resolution,
+}
+_ORDER = {"error": 0, "warning": 1, "note": 2}
 
 
 @dataclass(frozen=True)
@@ -71,7 +101,7 @@ class FileCheck:
         return not any(finding.counts for finding in self.findings)
 
     def to_dict(self) -> dict[str, Any]:
-        """The diagnosis as plain values."""
+        """The outcome as plain values."""
         return {
             "file": self.file,
             "clean": self.is_clean,
@@ -81,8 +111,8 @@ class FileCheck:
         }
 
 
-def facts_of(given: CheckInput) -> Facts:
-    """The facts of a case."""
+def _facts(given: CheckInput) -> Facts:
+    """The facts of a record."""
     record = given.record
     return Facts(
         samples=record.samples,
@@ -97,108 +127,44 @@ def facts_of(given: CheckInput) -> Facts:
     )
 
 
-_ORDER = {"error": 0, "warning": 1, "note": 2}
-
-
-def check_file(path: str | Path, *, capacity_ah: float | None = None) -> FileCheck:
+def check_file(source: str | Path | Source, *, capacity_ah: float | None = None) -> FileCheck:
     """Everything that is wrong with a cycler's file, and what it can serve as.
 
-    Each fault is mended as far as it can be before the next is looked for, so that one does not
-    hide another. `capacity_ah` lets the charge be judged. Raises InputError where there is no
-    table to look at, or the capacity is not positive.
+    The rules are those of `read_record`, which raises the first error, and more that look at the
+    record as a whole. Each fault is mended as far as it can be before the next is looked for, so
+    that one does not hide another. `capacity_ah` lets the charge be judged. Raises InputError
+    where there is no table to look at, or the capacity is not positive.
 
     >>> from barnax.bundled import bundled_file
-    >>> diagnosis = check_file(bundled_file("identification"))
-    >>> diagnosis.is_clean, [role.name for role in diagnosis.roles if role.is_usable]
+    >>> checked = check_file(bundled_file("identification"))
+    >>> checked.is_clean, [role.name for role in checked.roles if role.is_usable]
     (True, ['identification', 'validation'])
     """
     if capacity_ah is not None and not capacity_ah > 0:
-        raise InputError(f"--capacity {capacity_ah} Ah must be positive")
+        raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
+    if not isinstance(source, Source):
+        source = read_source(source)
+    examined = examine(source.table, source.name, capacity_ah)
+    findings = [*source.findings, *examined.findings]
+    given = None
     # Absurd values overflow on their way to being found absurd.
     with np.errstate(all="ignore"):
-        return _diagnosis(Path(path), capacity_ah)
+        if examined.mended is not None:
+            samples, found = find_turn(examined.mended)
+            findings += named("sign", found)
+            given = _check_input(source, samples, capacity_ah)
+            for name, check in CHECKS.items():
+                findings += named(name, check(given))
+        findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
+        return FileCheck(
+            file=source.name,
+            findings=tuple(findings),
+            facts=_facts(given) if given else None,
+            roles=find_roles(given) if given else (),
+        )
 
 
-def _diagnosis(path: Path, capacity_ah: float | None) -> FileCheck:
-    content = read_content(path)
-    table = read_table(content, path.name)
-    findings = _named("format", examine_suffix(path.name, content))
-    samples, columns, more = _examine_table(table, path.name)
-    findings += more
-    given = None
-    if samples is not None:
-        samples, more = _mend(samples, columns, capacity_ah)
-        findings += more
-        given = _case(samples, content, capacity_ah)
-    if given is not None:
-        for name, check in CHECKS.items():
-            findings += _named(name, check(given))
-    findings += _unexplained(table, path.name, findings)
-    findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
-    return FileCheck(
-        file=path.name,
-        findings=tuple(findings),
-        facts=facts_of(given) if given else None,
-        roles=find_roles(given) if given else (),
-    )
-
-
-def _examine_table(table: Table, file: str) -> tuple[Samples | None, Columns, list[Finding]]:
-    """The samples that the table holds whole, if it has the columns, and its faults."""
-    columns, found = examine_columns(table, file)
-    findings = _named("columns", found) + _named("units", examine_units(columns))
-    lines, found = examine_cells(take_lines(table, columns, file))
-    findings += _named("cells", found)
-    if not columns.keys() >= NEEDED:
-        return None, columns, findings
-    return samples_of(lines), columns, findings
-
-
-def _mend(
-    samples: Samples, columns: Columns, capacity_ah: float | None
-) -> tuple[Samples, list[Finding]]:
-    """The samples as they would be without the faults that can be mended, and these faults."""
-    findings: list[Finding] = []
-    if len(samples.time_s) < FEWEST_SAMPLES:
-        return samples, findings
-    samples, found = examine_clock(samples)
-    findings += _named("clock", found)
-    samples, found = examine_voltage(samples)
-    findings += _named("voltage unit", found)
-    samples, found = examine_repeats(samples)
-    findings += _named("repeats", found)
-    if len(samples.time_s) < FEWEST_SAMPLES:
-        return samples, findings
-    samples, found = examine_time_unit(samples, columns)
-    findings += _named("time unit", found)
-    samples, found = examine_current_unit(samples, columns, capacity_ah)
-    findings += _named("current unit", found)
-    samples, found = examine_turn(samples)
-    findings += _named("sign", found)
-    return samples, findings
-
-
-def _case(samples: Samples, content: bytes, capacity_ah: float | None) -> CheckInput | None:
-    """What the checks look at; None where too few samples are left, or no current flows."""
-    try:
-        samples = check_samples(samples)
-    except InputError:
-        return None
-    sign, _ = decide_sign(samples, "auto")
-    record = make_record(samples, sign, decide_hold(samples, "auto"), content)
-    return CheckInput(samples, record, capacity_ah)
-
-
-def _unexplained(table: Table, file: str, findings: list[Finding]) -> list[Finding]:
-    """What stops barnax from reading the file, if no check has found an error in it."""
-    if any(finding.severity == "error" for finding in findings):
-        return []
-    try:
-        check_samples(take_samples(table, file))
-    except InputError as problem:
-        return [Finding("error", str(problem).removeprefix(f"{file}: "), check="reading")]
-    return []
-
-
-def _named(check: str, findings: Iterable[Finding]) -> list[Finding]:
-    return [replace(finding, check=check) for finding in findings]
+def _check_input(source: Source, samples: Samples, capacity_ah: float | None) -> CheckInput:
+    sign, doubts = decide_sign(samples, "auto", source.name)
+    record = make_record(source, samples, sign, decide_hold(samples, "auto"))
+    return CheckInput(samples, record, tuple(doubts), capacity_ah)

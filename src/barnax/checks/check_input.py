@@ -7,19 +7,13 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..cell.ocv_points import Sweep, find_sweeps
+from ..cell.ocv_points import NoOcvTest, find_sweeps
+from ..cell.sweeps import Sweep
 from ..errors import InputError
 from ..records import Record, is_rested, rest_current_a
-from ..records.record import voltage_noise_v
-from ..records.samples import Samples
-from .finding import Finding, Severity, found_at
+from ..records.findings import Finding, Severity, found_at
+from ..records.samples import Samples, step_resistance_ohm
 
-# A current step: a change by more than this share of the largest current.
-STEP_SHARE = 0.1
-# A current that stands still: it changes by less than this share.
-STEADY_SHARE = 0.01
-_FEWEST_STEPS = 3
-_AGREEING = 0.5
 _FEWEST_READINGS = 20
 
 
@@ -27,11 +21,13 @@ _FEWEST_READINGS = 20
 class CheckInput:
     """A file's samples, in its own sign of current, and the record made of them.
 
-    Both have the same samples. `capacity_ah` is the one the user gave.
+    Both have the same samples. `sign_doubts` is what was found when the sign was decided;
+    `capacity_ah` is the one the user gave.
     """
 
     samples: Samples
     record: Record
+    sign_doubts: tuple[Finding, ...]
     capacity_ah: float | None
 
     @cached_property
@@ -81,12 +77,12 @@ class CheckInput:
     @cached_property
     def is_step(self) -> Bool[np.ndarray, "intervals"]:
         """Where the current steps."""
-        return np.abs(self.step_a) > STEP_SHARE * self.peak_a
+        return self.samples.is_step
 
     @cached_property
     def noise_v(self) -> float:
         """The noise of a voltage step while the current stands still."""
-        return voltage_noise_v(self.step_v, np.abs(self.step_a) < STEADY_SHARE * self.peak_a)
+        return self.samples.noise_v
 
     @cached_property
     def resolution_v(self) -> float:
@@ -108,9 +104,10 @@ class CheckInput:
         """The OCV sweeps of the record, or why it is no OCV test."""
         try:
             return find_sweeps(self.record, self.capacity_ah)[0]
+        except NoOcvTest as problem:
+            return problem.reason
         except InputError as problem:
-            reason = str(problem).removeprefix(f"{self.record.name} is not an OCV test: ")
-            return reason.partition(". An OCV test needs")[0]
+            return str(problem)
 
     def at(self, sample: int, severity: Severity, what: str, remedy: str = "") -> Finding:
         """A finding at one sample."""
@@ -120,47 +117,8 @@ class CheckInput:
 Check = Callable[[CheckInput], Iterable[Finding]]
 
 
-def step_resistance_ohm(
-    step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"]
-) -> float:
-    """The median |dV/dI| of the larger half of the current steps; zero where they do not agree.
-
-    They agree where most of dI dV has one sign: small steps among relaxations are outweighed.
-    """
-    if len(step_a) < _FEWEST_STEPS:
-        return 0.0
-    product = step_a * step_v
-    if abs(product.sum()) < _AGREEING * np.abs(product).sum() or not product.any():
-        return 0.0
-    is_large = np.abs(step_a) >= np.median(np.abs(step_a))
-    return abs(float(np.median(step_v[is_large] / step_a[is_large])))
-
-
 def _resolution(readings: Float[np.ndarray, "samples"]) -> float:
     steps = np.diff(np.unique(readings))
     # Conversions leave differences in the last bits.
     steps = steps[steps > 1e-9]
     return float(steps.min()) if len(steps) >= _FEWEST_READINGS else 0.0
-
-
-def bulk_time_s(samples: Samples) -> tuple[float, float]:
-    """R dQ/dV over the record, in s, and the travel of its voltage without R I, in V.
-
-    The time is zero where the current's steps do not tell R.
-    """
-    step_a, step_v = np.diff(samples.current_a), np.diff(samples.voltage_v)
-    is_step = (np.abs(step_a) > STEP_SHARE * np.abs(samples.current_a).max()) & (step_v != 0)
-    resistance_ohm = step_resistance_ohm(step_a[is_step], step_v[is_step])
-    rising = np.sign(np.sum(step_a[is_step] * step_v[is_step]))
-    source_v = samples.voltage_v - rising * resistance_ohm * samples.current_a
-    low_v, high_v = np.quantile(source_v, [0.02, 0.98])
-    travel_v = float(high_v - low_v)
-    if not resistance_ohm or travel_v <= 0:
-        return 0.0, travel_v
-    return resistance_ohm * 3600 * span_ah(samples) / travel_v, travel_v
-
-
-def span_ah(samples: Samples) -> float:
-    """The charge between the fullest and emptiest moments."""
-    passed = np.cumsum(samples.current_a[1:] * np.diff(samples.time_s))
-    return float(np.ptp(passed)) / 3600

@@ -2,16 +2,18 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
-from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V, WORD, Sweep, join_sweeps
+from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
 from ..cell.soc_axis import decide_capacity
+from ..cell.sweeps import WORD, Sweep, join_sweeps
 from ..errors import InputError
-from .check_input import CheckInput, bulk_time_s
+from ..records.samples import bulk_time_s
+from .check_input import CheckInput
 
 # Current steps inside a step of the tester that make it a profile.
 _FEWEST_STEPS = 10
@@ -22,61 +24,78 @@ _HELD_V, _FULL_V, _TAPERED = 0.01, 0.06, 0.5
 
 
 @dataclass(frozen=True)
-class Window:
-    """How to cut a whole test to its profile: options of barnax, and the reason in words."""
+class SuggestedWindow:
+    """How to cut a whole test to its profile, and why.
 
-    options: tuple[str, ...]
+    The fields are those of `barnax.Window`; what is None stays at its default.
+    `needs_initial_soc` says that the record does not tell the state of charge at the start, so
+    that the user must.
+    """
+
     reason: str
+    start_time_s: float | None = None
+    start_after_step: int | None = None
+    initial_soc: float | None = None
+    score_steps: tuple[int, ...] | None = None
+    needs_initial_soc: bool = False
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What to give to `barnax.Window`."""
+        chosen = {
+            "start_time_s": self.start_time_s,
+            "start_after_step": self.start_after_step,
+            "initial_soc": self.initial_soc,
+            "score_steps": self.score_steps,
+        }
+        return {name: value for name, value in chosen.items() if value is not None}
 
 
-def suggest_window(given: CheckInput) -> Window:
-    """The options that start the simulation where the charge is known and score the profile."""
+def suggest_window(given: CheckInput) -> SuggestedWindow:
+    """The window that starts where the charge is known and scores the profile."""
     record = given.record
+    whole = _from_the_beginning(given)
     numbers = _profile_numbers(given)
     if record.step is None or not len(numbers):
-        return _from_the_beginning(given)
+        return whole
     inside = np.flatnonzero(np.isin(record.step, numbers))
     first, last = int(inside[0]), int(inside[-1])
     if last - first + 1 >= _WHOLE * record.samples:
-        return _from_the_beginning(given)
+        return whole
     # Steps that are met inside the profile only belong to it.
     outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
-    own = [str(number) for number in np.setdiff1d(record.step[first : last + 1], outside)]
-    score = f"--score-steps {','.join(own)}"
+    own = tuple(np.setdiff1d(record.step[first : last + 1], outside).tolist())
     at, rest_s = _rest_before(given, first)
     is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
     rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
     if not rest_s:
         rest = "without a rest before it"
-    profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(own)}, {rest}"
+    profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(map(str, own))}, {rest}"
     full = _full_step(given, first)
     if full is not None:
-        return Window(
-            (f"--start-after-step {full}", "--initial-soc 1", score),
-            f"{profile}; the cell is full at the end of step {full}",
-        )
+        reason = f"{profile}; the cell is full at the end of step {full}"
+        return SuggestedWindow(reason, start_after_step=full, initial_soc=1.0, score_steps=own)
     if is_settled:
-        start = f"--start-time {_clock_before(given, at)}"
-        return Window((start, score), f"{profile} at {record.voltage_v[at]:.4f} V")
+        reason = f"{profile} at {record.voltage_v[at]:.4f} V"
+        return SuggestedWindow(reason, start_time_s=_clock_before(given, at), score_steps=own)
     # Ampere-hours carry the charge from the record's own beginning.
-    start = _from_the_beginning(given)
-    return Window((*start.options, score), f"{profile}; {start.reason}")
+    return replace(whole, reason=f"{profile}; {whole.reason}", score_steps=own)
 
 
-def _from_the_beginning(given: CheckInput) -> Window:
+def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
     """How a simulation of the whole record learns its state of charge."""
     record = given.record
     if not given.is_rested[0]:
-        return Window(("--initial-soc SOC",), "it starts under load")
+        return SuggestedWindow("it starts under load", needs_initial_soc=True)
     loaded = np.flatnonzero(~given.is_rested)
     at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
     first_v, last_v = record.voltage_v[0], record.voltage_v[at]
     if abs(last_v - first_v) <= SETTLED_V:
-        return Window((), f"it starts at rest at {first_v:.4f} V")
+        return SuggestedWindow(f"it starts at rest at {first_v:.4f} V")
     moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
     if record.time_s[at] - record.time_s[0] >= MINIMUM_REST_S - CLOCK_SLACK_S:
-        return Window((f"--start-time {_clock_before(given, at)}",), moves)
-    return Window(("--initial-soc SOC",), moves)
+        return SuggestedWindow(moves, start_time_s=_clock_before(given, at))
+    return SuggestedWindow(moves, needs_initial_soc=True)
 
 
 def _rest_before(given: CheckInput, first: int) -> tuple[int, float]:
@@ -89,11 +108,11 @@ def _rest_before(given: CheckInput, first: int) -> tuple[int, float]:
     return at, float(given.record.time_s[at] - given.record.time_s[before[-1]])
 
 
-def _clock_before(given: CheckInput, at: int) -> str:
-    """A time that selects the sample `at` as the first one not before it."""
+def _clock_before(given: CheckInput, at: int) -> float:
+    """A time of few digits that selects the sample `at` as the first one not before it."""
     time_s = given.record.time_s
-    short = math.floor(time_s[at] * 1e3) / 1e3
-    return f"{short:.10g}" if at == 0 or short > time_s[at - 1] else repr(float(time_s[at]))
+    short = float(f"{math.floor(time_s[at] * 1e3) / 1e3:.10g}")
+    return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
 
 
 def _profile_numbers(given: CheckInput) -> Int[np.ndarray, "numbers"]:
@@ -121,7 +140,7 @@ def _full_step(given: CheckInput, before: int) -> int | None:
         is_held = np.ptp(voltage_v[1:]) < _HELD_V
         is_full = np.median(voltage_v) > record.voltage_v.max() - _FULL_V
         is_tapered = current_a.max() < 0 and current_a[-1] > _TAPERED * current_a[0]
-        # The last block of a step is what --start-after-step takes.
+        # The last block of a step is what `start_after_step` takes.
         if is_held and is_full and is_tapered and not np.any(step[end + 1 :] == step[start]):
             return int(step[start])
     return None
@@ -142,21 +161,26 @@ _LEAST_SHARE, _STEEP_S = 0.05, 20.0
 
 @dataclass(frozen=True)
 class Role:
-    """Whether a record can serve as `name`, why, and the options that it then needs."""
+    """Whether a record can serve as `name`, why, and the window that it then needs, if any."""
 
     name: str
     is_usable: bool
     reason: str
-    options: tuple[str, ...] = ()
+    window: SuggestedWindow | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The role as plain values."""
-        return {"usable": self.is_usable, "reason": self.reason, "options": list(self.options)}
+        return {
+            "usable": self.is_usable,
+            "reason": self.reason,
+            "window": self.window.options if self.window else {},
+            "needs initial SOC": bool(self.window and self.window.needs_initial_soc),
+        }
 
 
 def find_roles(given: CheckInput) -> tuple[Role, ...]:
     """Every role, usable or not."""
-    return (_ocv_test(given), *_drives(given))
+    return (_ocv_test(given), *_profiles(given))
 
 
 def _ocv_test(given: CheckInput) -> Role:
@@ -190,7 +214,7 @@ def _sweep_words(sweep: Sweep) -> str:
     return f"{kind}, {sweep.passed_ah:.4g} Ah, {start_v:.3f} to {end_v:.3f} V"
 
 
-def _drives(given: CheckInput) -> tuple[Role, Role]:
+def _profiles(given: CheckInput) -> tuple[Role, Role]:
     record = given.record
     is_fine = given.is_step & (record.interval_s <= _FINE_S)
     steps = int(is_fine.sum())
@@ -206,7 +230,7 @@ def _drives(given: CheckInput) -> tuple[Role, Role]:
         if reason or steps < fewest:
             roles.append(Role(name, False, reason or few))
         else:
-            roles.append(Role(name, True, moves, window.options))
+            roles.append(Role(name, True, moves, window))
     return roles[0], roles[1]
 
 

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..errors import counted
+from ..records.findings import Finding
 from .check_input import CheckInput
-from .finding import Finding, counted
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
 _GAP, _BESIDE = 3.0, 7
@@ -42,7 +43,7 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
             "warning",
             f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and up to "
             f"{doubt_ah:.2g} Ah are in doubt",
-            "score one side only (--score-from, --score-to), or start behind it (--start-time)",
+            "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)",
         )
     else:
         yield given.at(first, "note", f"{where}; nothing happens in them that shows")
@@ -63,7 +64,7 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
         "note",
         f"{int(is_coarse.sum())} intervals of {long_s:.3g} s under load beside others of "
         f"{fine_s:.3g} s: what happened inside them was not logged",
-        "leave them out with --score-steps, --score-from or --score-to",
+        "leave them out with `score_steps`, `score_from` or `score_to`",
     )
 
 

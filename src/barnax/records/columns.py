@@ -7,12 +7,9 @@ A column name is an alias and a unit, in any of the usual spellings: Battery Dat
 
 import difflib
 import re
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
-
-from ..errors import InputError, listed
 
 
 @dataclass(frozen=True)
@@ -169,6 +166,44 @@ QUANTITIES: tuple[Quantity, ...] = (
     ),
 )
 
+_FRACTION_UNITS = _spelled({_ONE: "1|-", Unit("%", 0.01): "%|percent|pct"})
+_BRANCHES = {"charge OCV": ("charge", "charging"), "discharge OCV": ("discharge", "discharging")}
+
+# What a table of OCV over SOC holds instead: SOC, and one voltage or one for each direction.
+OCV_QUANTITIES: tuple[Quantity, ...] = (
+    Quantity(
+        "SOC",
+        _ONE,
+        ("state of charge", "soc"),
+        _FRACTION_UNITS,
+        ("SOC [-]", "SOC / %"),
+        needs_unit=False,
+    ),
+    Quantity(
+        "OCV",
+        _VOLT,
+        ("open circuit voltage", "ocv", "voltage", "volts", "u", "v"),
+        _VOLTAGE_UNITS,
+        ("OCV [V]", "Voltage / V"),
+        self_explaining=frozenset({"volts"}),
+    ),
+    *(
+        Quantity(
+            name,
+            _VOLT,
+            tuple(
+                alias
+                for word in words
+                for voltage in ("ocv", "open circuit voltage", "voltage")
+                for alias in (f"{word} {voltage}", f"{voltage} {word}")
+            ),
+            _VOLTAGE_UNITS,
+            (f"{name} [V]",),
+        )
+        for name, words in _BRANCHES.items()
+    ),
+)
+
 
 Dialect = Literal["Battery Data Format", "Arbin", "PyBaMM", "plain"]
 
@@ -201,7 +236,9 @@ class Column:
     is_unit_assumed: bool
 
 
-def find_columns(header: Sequence[str]) -> dict[str, Column]:
+def find_columns(
+    header: Sequence[str], quantities: Sequence[Quantity] = QUANTITIES
+) -> dict[str, Column]:
     """The column of each quantity that the header names, by the quantity's name.
 
     Where several columns could hold one quantity, the more specific alias wins, then the column
@@ -210,7 +247,7 @@ def find_columns(header: Sequence[str]) -> dict[str, Column]:
     found: dict[str, Column] = {}
     names = {name: index for index, name in reversed(list(enumerate(header)))}
     normals = {name: _normal(name).replace("<", "").replace(">", "") for name in names}
-    for quantity in QUANTITIES:
+    for quantity in quantities:
         candidates = []
         for name, index in names.items():
             match = _match(name, normals[name], quantity)
@@ -223,23 +260,15 @@ def find_columns(header: Sequence[str]) -> dict[str, Column]:
     return found
 
 
-def require_columns(header: Sequence[str], file: str) -> dict[str, Column]:
-    """The same, with time, current and voltage certain to be there.
+def names_record(header: Sequence[str]) -> bool:
+    """Whether the header names time, current and voltage."""
+    return find_columns(header).keys() >= NEEDED
 
-    Raises InputError that names the missing quantity, what was found and what would be accepted.
-    """
-    found = find_columns(header)
-    missing = [quantity for quantity in QUANTITIES if quantity.is_required]
-    missing = [quantity for quantity in missing if quantity.name not in found]
-    if missing:
-        names = listed(name for name in header if name) or "none"
-        raise InputError(
-            f"{file}: no column for {', '.join(quantity.name for quantity in missing)}. "
-            f"Columns found: {names}. "
-            + " ".join(_advice(quantity, header) for quantity in missing)
-            + " Rename the columns so, in the file's first row."
-        )
-    return found
+
+def is_ocv_table(header: Sequence[str]) -> bool:
+    """Whether the header names SOC and a voltage, but no record."""
+    ocv = find_columns(header, OCV_QUANTITIES).keys()
+    return "SOC" in ocv and len(ocv) > 1 and not names_record(header)
 
 
 def has_arbin_header(header: Sequence[str]) -> bool:
@@ -281,17 +310,6 @@ def _match(name: str, normal: str, quantity: Quantity) -> tuple[int, Unit, bool]
             if unit is not None:
                 return rank, unit, False
     return None
-
-
-def _advice(quantity: Quantity, header: Sequence[str]) -> str:
-    examples = ", ".join(f"'{name}'" for name in quantity.examples)
-    units = ", ".join(dict.fromkeys(unit.symbol for unit in quantity.units.values()))
-    likely = [
-        f"'{textwrap.shorten(name, 60, placeholder=' ...')}'"
-        for name in likely_names(quantity, header)
-    ]
-    hint = f"Likely candidates for the {quantity.name}: {', '.join(likely)}. " if likely else ""
-    return f"{hint}Accepted names for the {quantity.name}: {examples} (units {units})."
 
 
 def likely_names(quantity: Quantity, header: Sequence[str]) -> list[str]:

@@ -1,20 +1,104 @@
-"""From a cycler's file to a checked record, in one straight line."""
+"""From a cycler's file or a data frame to a checked record."""
 
 import hashlib
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from ..errors import LARGEST_FILE, InputError
-from .conventions import CHARGE, DISCHARGE, Sign, decide_hold, decide_sign
-from .plausibility import check_samples
+import narwhals as nw
+import numpy as np
+import polars as pl
+
+from ..errors import LONGEST_NAME, InputError, cut, printable
+from .findings import Finding, raise_first_error, warnings_of
+from .hold import decide_hold
 from .readers import read_table
 from .record import Decision, Hold, Record
-from .samples import Samples, take_samples
+from .rules import examine, examine_suffix
+from .samples import Samples
+from .sign import CHARGE, DISCHARGE, Sign, decide_sign
+from .table import Table, table_sha256
+
+_LARGEST_FILE = 2_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
+
+    `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
+    frame's names and values.
+    """
+
+    name: str
+    table: Table
+    sha256: str
+    findings: tuple[Finding, ...] = ()
+
+
+def read_source(path: str | Path) -> Source:
+    """The table in a file, told by its content. Raises InputError where it cannot be read."""
+    path = Path(path)
+    name = printable(path.name)
+    content = _read_content(path)
+    return _clean(
+        Source(
+            name,
+            read_table(content, name),
+            hashlib.sha256(content).hexdigest(),
+            examine_suffix(name, content),
+        )
+    )
+
+
+def source_from_frame(frame: Any, name: str) -> Source:
+    """The table in a data frame of pandas, Polars or another library that narwhals reads.
+
+    A mapping of names to columns will do too. Rows count as in a file whose first row holds the
+    names.
+    """
+    table = pl.DataFrame(frame) if isinstance(frame, Mapping) else frame
+    try:
+        whole = nw.from_native(table)
+    except TypeError as error:
+        raise InputError(
+            f"{name}: is no data frame, but of type {type(frame).__name__}."
+        ) from error
+    whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
+    columns = tuple(_series(column) for column in whole.iter_columns())
+    header = tuple(str(column) for column in whole.columns)
+    made = Table(header, columns, np.arange(2, len(whole) + 2))
+    return _clean(Source(printable(name), made, table_sha256(made)))
+
+
+def _series(column: nw.Series[Any]) -> pl.Series:
+    if isinstance(native := column.to_native(), pl.Series):
+        return native
+    if column.dtype.is_numeric():
+        values = column.cast(nw.Float64).to_list()
+        return pl.Series(column.name, values, dtype=pl.Float64, nan_to_null=False)
+    return pl.Series(str(column.name), column.to_list(), strict=False)
+
+
+def _clean(source: Source) -> Source:
+    """The source with names that a message can quote."""
+    table = source.table
+    header = (" ".join(name.split()) if not name.isprintable() else name for name in table.header)
+    return replace(
+        source,
+        table=replace(
+            table,
+            header=tuple(printable(cut(name, LONGEST_NAME)) for name in header),
+            sheets=tuple((printable(cut(name, LONGEST_NAME)), n) for name, n in table.sheets),
+            notes=tuple(map(printable, table.notes)),
+        ),
+    )
 
 
 def read_record(
-    path: str | Path,
+    source: str | Path | Source,
     *,
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
@@ -36,20 +120,50 @@ def read_record(
     >>> record.sign.value, float(record.current_a.max())
     ('charge-positive', 0.001)
     """
-    _check_option("--current-sign", current_sign, ("auto", CHARGE, DISCHARGE))
-    _check_option("--current-hold", current_hold, ("auto", "forward", "backward"))
-    path = Path(path)
-    content = read_content(path)
-    samples = check_samples(take_samples(read_table(content, path.name), path.name))
-    sign, sign_warnings = decide_sign(samples, current_sign)
-    hold = decide_hold(samples, current_hold)
-    return make_record(samples.warn(*sign_warnings), sign, hold, content)
+    _check_option("current_sign", current_sign, ("auto", CHARGE, DISCHARGE))
+    _check_option("current_hold", current_hold, ("auto", "forward", "backward"))
+    if not isinstance(source, Source):
+        source = read_source(source)
+    examined = examine(source.table, source.name)
+    raise_first_error(examined.findings, source.name)
+    assert examined.samples is not None  # Where there are none, that is an error.
+    sign, doubts = decide_sign(examined.samples, current_sign, source.name)
+    record = make_record(
+        source, examined.samples, sign, decide_hold(examined.samples, current_hold)
+    )
+    return replace(record, warnings=warnings_of((*examined.findings, *doubts), source.name))
 
 
-def make_record(samples: Samples, sign: Decision, hold: Decision, content: bytes) -> Record:
-    """The record of checked samples, turned to discharge-positive; `content` is the file's."""
+def record_from_frame(
+    frame: Any,
+    *,
+    name: str = "data frame",
+    current_sign: Sign | Literal["auto"] = "auto",
+    current_hold: Hold | Literal["auto"] = "auto",
+) -> Record:
+    """The record in a data frame of pandas, Polars or another library that narwhals reads.
+
+    The same names and units of columns are understood as in a file, and the same rules hold.
+
+    >>> record = record_from_frame(
+    ...     {
+    ...         "Time [s]": range(20),
+    ...         "Current [A]": [0.0, 1.0] * 10,
+    ...         "Voltage [V]": [3.7, 3.65] * 10,
+    ...     },
+    ...     name="pulses",
+    ... )
+    >>> record.samples, record.sign.value
+    (20, 'discharge-positive')
+    """
+    source = source_from_frame(frame, name)
+    return read_record(source, current_sign=current_sign, current_hold=current_hold)
+
+
+def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision) -> Record:
+    """The record of a source's checked samples, turned to discharge-positive."""
     return Record(
-        name=samples.file,
+        name=source.name,
         time_s=samples.time_s,
         # Adding zero makes the -0.0 of a resting tester a plain zero.
         current_a=samples.current_a * (-1.0 if sign.value == CHARGE else 1.0) + 0.0,
@@ -59,35 +173,35 @@ def make_record(samples: Samples, sign: Decision, hold: Decision, content: bytes
         row=samples.row,
         sign=sign,
         hold=hold,
-        sha256=hashlib.sha256(content).hexdigest(),
-        warnings=samples.warnings,
+        sha256=source.sha256,
     )
 
 
 def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise InputError(f"{option} is {value!r}; it must be one of {', '.join(allowed)}.")
+        raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")
 
 
-def read_content(path: Path) -> bytes:
+def _read_content(path: Path) -> bytes:
     """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
+    shown = printable(str(path))
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             # A pipe or a device has no size, and the latter no end.
-            content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
+            content = b"" if size > _LARGEST_FILE else file.read(size or _LARGEST_FILE + 1)
     except IsADirectoryError:
-        raise InputError(
-            f"{path.name}: is a directory; give one file of measured samples."
-        ) from None
+        raise InputError(f"{shown}: is a directory; give one file of measured samples.") from None
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file; check the name and the folder.") from None
+        raise InputError(
+            f"{shown}: there is no such file; check the name and the folder."
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({reason}).") from error
-    if max(size, len(content)) > LARGEST_FILE:
+        raise InputError(f"{shown}: cannot be read ({reason}).") from error
+    if max(size, len(content)) > _LARGEST_FILE:
         raise InputError(
-            f"{path.name}: is larger than the {LARGEST_FILE / 1e9:g} GB that are read; give a part "
+            f"{shown}: is larger than the {_LARGEST_FILE / 1e9:g} GB that are read; give a part "
             "of the record."
         )
     return content

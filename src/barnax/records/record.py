@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 Hold = Literal["forward", "backward"]
 Strength = Literal["given", "strong", "weak", "assumed"]
@@ -70,18 +70,3 @@ class Record:
         """Ampere-hours taken out since the first sample."""
         passed = np.cumsum(self.interval_current_a * self.interval_s) / 3600
         return np.concatenate([np.zeros(1), passed])
-
-
-def voltage_noise_v(
-    step_v: Float[np.ndarray, "intervals"], quiet: Bool[np.ndarray, "intervals"]
-) -> float:
-    """Robust noise of one voltage step where nothing else happens, in V.
-
-    Never under half of the tester's resolution, which is the smallest such step.
-    """
-    steps = step_v[quiet]
-    moved = np.abs(steps[steps != 0])
-    if not len(moved):
-        return 0.0
-    spread_v = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
-    return max(spread_v, float(moved.min()) / 2)

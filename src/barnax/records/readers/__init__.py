@@ -4,10 +4,8 @@ A new format is one module with a `Reader` and one line here. Order matters: the
 comes last because almost anything without a signature could be text.
 """
 
-from dataclasses import replace
-
-from ...errors import LONGEST_NAME, InputError, cut
-from ..samples import Reader, Table
+from ...errors import InputError
+from ..table import Reader, Table
 from .parquet import PARQUET
 from .text import TEXT
 from .workbook import WORKBOOK
@@ -25,13 +23,7 @@ def read_table(content: bytes, file: str) -> Table:
         raise InputError(f"{file}: the file is empty; give a file that holds measured samples.")
     for reader in READERS:
         if reader.recognizes(content):
-            table = reader.read(content, file)
-            # Messages quote the names.
-            return replace(
-                table,
-                header=tuple(cut(name, LONGEST_NAME) for name in table.header),
-                sheets=tuple((cut(name, LONGEST_NAME), lines) for name, lines in table.sheets),
-            )
+            return reader.read(content, file)
     known = ", ".join(reader.name for reader in READERS)
     raise InputError(
         f"{file}: the content is binary and of no known format, whatever the file's suffix says. "

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, reason_of
-from ..samples import Reader, Table
+from ..table import Reader, Table
 
 # Polars panics, outside Exception, on some files damaged in their middle.
 _DAMAGE = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)

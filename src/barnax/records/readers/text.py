@@ -8,9 +8,9 @@ import re
 import numpy as np
 import polars as pl
 
-from ...errors import InputError, reason_of, require_size
-from ..columns import NEEDED, find_columns
-from ..samples import Reader, Table
+from ...errors import InputError, reason_of
+from ..columns import is_ocv_table, names_record
+from ..table import Reader, Table
 
 _DELIMITERS = ",;\t|"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -60,7 +60,6 @@ def _read(content: bytes, file: str) -> Table:
     above = _lines_above_names(text[lead:])
     head, _, body = text[lead:].split("\n", above)[-1].partition("\n")
     delimiter = max(_DELIMITERS, key=head.count)
-    require_size(body.count("\n") + 1, head.count(delimiter) + 1, file)
     header = _cells(head, delimiter)
     if not header:
         raise InputError(
@@ -91,7 +90,8 @@ def _lines_above_names(text: str) -> int:
     for number, line in enumerate(start.split("\n", _PREAMBLE_LINES)[:_PREAMBLE_LINES]):
         if len(line) > _LONGEST_HEADER:
             continue
-        if find_columns(_cells(line, max(_DELIMITERS, key=line.count))).keys() >= NEEDED:
+        cells = _cells(line, max(_DELIMITERS, key=line.count))
+        if names_record(cells) or is_ocv_table(cells):
             return number
     return 0
 

@@ -13,13 +13,14 @@ import fastexcel
 import numpy as np
 import polars as pl
 
-from ...errors import LARGEST_FILE, InputError, cut, listed, require_size
-from ..columns import NEEDED, find_columns, has_arbin_header
-from ..samples import Reader, Table
+from ...errors import InputError, cut, listed
+from ..columns import NEEDED, find_columns, has_arbin_header, is_ocv_table, names_record
+from ..table import Reader, Table
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 # More are read one by one, each from its whole sheet.
 _MOST_SHEETS = 100
+_LARGEST_UNPACKED = 2_000_000_000
 _CHANNEL = re.compile(r"^channel[ _]*(?P<channel>\d+(?:-\d+)?)?", re.IGNORECASE)
 
 
@@ -52,7 +53,6 @@ def _read(content: bytes, file: str) -> Table:
             f"{file}: the workbook is damaged or cut short; copy or export it again."
         ) from error
     header = headers[chosen[0]]
-    require_size(sum(body.height for body in bodies.values()), len(header), file)
     for name in chosen:
         if headers[name] != header:
             raise InputError(
@@ -68,7 +68,7 @@ def _require_unpacked_size(content: bytes, file: str) -> None:
         return
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         unpacked = sum(part.file_size for part in archive.infolist())
-    if unpacked > LARGEST_FILE:
+    if unpacked > _LARGEST_UNPACKED:
         raise InputError(
             f"{file}: unpacks to {unpacked / 1e9:.1f} GB, more than is read; give a part of the "
             "record, or export it as CSV."
@@ -105,7 +105,8 @@ def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
         )
     if arbin:
         return arbin
-    whole = [name for name, cells in headers.items() if find_columns(cells).keys() >= NEEDED]
+    whole = [name for name, cells in headers.items() if names_record(cells)]
+    whole = whole or [name for name, cells in headers.items() if is_ocv_table(cells)]
     if len(whole) == 1:
         return whole
     if whole:

@@ -1,19 +1,20 @@
-"""A clock that runs backwards, starts again, or stands still."""
+"""The rules on the clock: it never falls, and no sample stands in the record twice."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..records.plausibility import find_repeats
-from ..records.samples import Samples
-from .finding import Finding, counted, found_at
+from ..errors import counted
+from .findings import Finding, found_at
+from .samples import Samples
 
 _DAY_S = 86_400.0
 # More stamps out of line than three, or one in a hundred, are no slips.
 _SLIPS, _FEW = 3, 0.01
 
 Clock = Float[np.ndarray, "samples"]
+Intervals = Bool[np.ndarray, "intervals"]
 
 
 def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
@@ -102,7 +103,7 @@ def _is_shuffled(time: Clock, falls: int) -> bool:
 
 def _restart(samples: Samples, falls: np.ndarray, is_midnight: bool) -> tuple[str, str]:
     """What kind of clock starts again, and what to do about it."""
-    name, times = samples.names["time"], counted(len(falls), "time")
+    name, times = samples.header("time"), counted(len(falls), "time")
     if is_midnight:
         what = f"'{name}' is a time of day, past midnight {times}"
         return what, "give the time since the test began"
@@ -110,7 +111,7 @@ def _restart(samples: Samples, falls: np.ndarray, is_midnight: bool) -> tuple[st
         what = f"'{name}' starts again with each step ({times})"
         return what, "give the test's own clock, not the step's"
     return (
-        f"the clock starts again {times}",
+        f"the clock starts again ({times})",
         "split joined tests into files of their own, or give the test's own clock",
     )
 
@@ -123,60 +124,106 @@ def _running_on(time: Clock) -> Clock:
     return np.concatenate([time[:1], time[0] + passed])
 
 
+# What two samples of one time stamp may differ by and still be one sample, logged twice.
+_SAME_VOLTAGE_V, _SAME_CURRENT_SHARE = 2e-3, 0.02
+# Past this share of stamps with two different values the clock is printed with too few digits.
+_COARSE = 0.05
 # Both sides of a change of step are logged within some milliseconds.
 _CLOSE_S, _CLOSE_SHARE = 0.05, 0.1
-# Past this share of repeated stamps the clock is printed with too few digits.
-_COARSE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class _Repeats:
+    """Where, interval by interval, a sample has the time stamp of the one before.
+
+    `is_exact` where it repeats it wholly, `is_near` where current and voltage are alike within
+    the tester's resolution, `is_other` where they are not.
+    """
+
+    is_exact: Intervals
+    is_near: Intervals
+    is_other: Intervals
+
+    @property
+    def are_too_many(self) -> bool:
+        """Whether there are more different values of one stamp than a step's two sides explain."""
+        is_any = self.is_near | self.is_other
+        in_a_row = (self.is_other[1:] & is_any[:-1]) | (is_any[1:] & self.is_other[:-1])
+        return bool(in_a_row.any() or np.mean(self.is_other) > _COARSE)
+
+
+def _find_repeats(samples: Samples) -> _Repeats:
+    step_a, step_v = samples.step_a, samples.step_v
+    is_repeat = np.diff(samples.time_s) == 0
+    is_exact = is_repeat & (step_a == 0) & (step_v == 0)
+    is_near = (
+        is_repeat
+        & ~is_exact
+        & (np.abs(step_a) <= _SAME_CURRENT_SHARE * samples.peak_a * (1 + 1e-9))
+        & (np.abs(step_v) <= _SAME_VOLTAGE_V * (1 + 1e-9))
+    )
+    return _Repeats(is_exact, is_near, is_repeat & ~is_exact & ~is_near)
+
+
+def merge_repeats(samples: Samples) -> Samples:
+    """The samples without those that have the time stamp of the one before."""
+    return samples.keep(np.concatenate([[True], np.diff(samples.time_s) != 0]))
 
 
 def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples on a clock that strictly rises, and which of them were logged twice.
 
-    Samples that repeat another are dropped; those that differ from it are spread over the
-    interval that follows.
+    Of two samples of one time stamp the first is kept. Where there are too many for that, they
+    are spread over the interval that follows.
     """
-    repeats = find_repeats(samples)
-    conflicts = repeats.is_conflict
-    findings = [_conflict(samples, conflicts)] if conflicts.any() else []
-    if conflicts.mean() > _COARSE:
-        samples = replace(samples, time_s=_spread(samples.time_s))
-        return samples, findings
+    repeats = _find_repeats(samples)
+    if repeats.are_too_many:
+        finding = _too_few_digits(samples, repeats.is_other)
+        return replace(samples, time_s=_spread(samples.time_s)), [finding]
+    findings = []
     for is_repeat, words in (
-        (repeats.is_exact, "exactly the row before"),
-        (repeats.is_near, "the row before, within the tester's resolution"),
+        (repeats.is_exact, "exact repeats of the row before"),
+        (repeats.is_near, "repeats of the row before within the tester's resolution"),
     ):
         if is_repeat.any():
             first = int(np.argmax(is_repeat)) + 1
-            what = f"{counted(int(is_repeat.sum()), 'row')} logged twice: {words}"
-            findings.append(found_at(samples, first, "note", what, "merged by barnax"))
-    samples = samples.keep(np.concatenate([[True], ~(repeats.is_exact | repeats.is_near)]))
-    if conflicts.any():
-        samples = replace(samples, time_s=_spread(samples.time_s))
-    close = _close(samples)
-    return samples, [*findings, close] if close is not None else findings
+            what = f"{counted(int(is_repeat.sum()), 'row')} merged: {words}"
+            findings.append(found_at(samples, first, "note", what, is_told=True))
+    if repeats.is_other.any():
+        first = int(np.argmax(repeats.is_other)) + 1
+        what = (
+            f"{_two_values(samples, first)}: {counted(int(repeats.is_other.sum()), 'such row')} "
+            "merged, the first of the two kept"
+        )
+        remedy = "export the time with more digits to keep both"
+        findings.append(found_at(samples, first, "warning", what, remedy))
+    samples = merge_repeats(samples)
+    return samples, [*findings, *_close(samples)]
 
 
-def _conflict(samples: Samples, conflicts: Bool[np.ndarray, "intervals"]) -> Finding:
-    at = int(np.argmax(conflicts)) + 1
-    values = [f"{samples.current_a[k]:.6g} A, {samples.voltage_v[k]:.6g} V" for k in (at - 1, at)]
-    what = (
+def _two_values(samples: Samples, at: int) -> str:
+    values = [
+        # Adding zero turns a resting tester's -0 into 0.
+        f"{samples.current_a[k] + 0.0:.6g} A, {samples.voltage_v[k]:.6g} V"
+        for k in (at - 1, at)
+    ]
+    return (
         f"time {samples.time_s[at]:.10g} s stands twice with different values ({values[0]}, then "
-        f"{values[1]}); {counted(int(conflicts.sum()), 'such row')}"
-    )
-    if conflicts.mean() > _COARSE:
-        each = len(samples.time_s) / len(np.unique(samples.time_s))
-        what += f", about {each:.3g} rows a stamp: the clock has too few digits"
-        return found_at(samples, at, "error", what, "export the time with more digits")
-    return found_at(
-        samples,
-        at,
-        "error",
-        what,
-        "delete one of the two rows, or export the time with more digits",
+        f"{values[1]})"
     )
 
 
-def _spread(time_s: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:
+def _too_few_digits(samples: Samples, is_other: Intervals) -> Finding:
+    at = int(np.argmax(is_other)) + 1
+    each = len(samples) / len(np.unique(samples.time_s))
+    what = (
+        f"{_two_values(samples, at)}, and so do {counted(int(is_other.sum()), 'row')}, "
+        f"{each:.3g} rows a stamp: the clock has too few digits"
+    )
+    return found_at(samples, at, "error", what, "export the time with more digits")
+
+
+def _spread(time_s: Clock) -> Clock:
     """The clock with samples of one stamp laid evenly up to the next stamp."""
     stamps, place, times = np.unique(time_s, return_inverse=True, return_counts=True)
     gaps = np.diff(stamps)
@@ -185,20 +232,17 @@ def _spread(time_s: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"
     return time_s + np.append(gaps, last)[place] * within / times[place]
 
 
-def _close(samples: Samples) -> Finding | None:
+def _close(samples: Samples) -> list[Finding]:
     """A note of samples hard upon the one before, which testers log where a step ends."""
     interval_s = np.diff(samples.time_s)
     if not len(interval_s):
-        return None
+        return []
     is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * float(np.median(interval_s)))
     if not is_close.any():
-        return None
-    first = int(np.argmax(is_close)) + 1
-    return found_at(
-        samples,
-        first,
-        "note",
+        return []
+    what = (
         f"{counted(int(is_close.sum()), 'sample')} within "
         f"{1e3 * interval_s[is_close].max():.3g} ms of the one before, as testers log both sides "
-        "of a step",
+        "of a step"
     )
+    return [found_at(samples, int(np.argmax(is_close)) + 1, "note", what)]

@@ -1,4 +1,4 @@
-"""Records made from a formula, and the files they are written to."""
+"""Records made from a formula, the bundled ones with a fault, and the files they stand in."""
 
 import io
 import zipfile
@@ -6,6 +6,9 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 import polars as pl
+
+from barnax.bundled import bundled_file
+from barnax.checks import check_file
 
 
 def simulated_cell(current_a, interval_s=1.0, *, r0=0.05, capacity_ah=2.0, soc=0.6):
@@ -104,3 +107,81 @@ def _cell(value):
     if isinstance(value, str):
         return f'<c t="inlineStr"><is><t>{escape(value)}</t></is></c>'
     return f"<c><v>{value!r}</v></c>"
+
+
+def parquet(frame, **options):
+    """A table as a Parquet file's bytes."""
+    file = io.BytesIO()
+    frame.write_parquet(file, **options)
+    return file.getvalue()
+
+
+def sheet(frame, name="data"):
+    """A table as the bytes of a workbook of one sheet."""
+    return workbook({name: [frame.columns, *map(list, frame.rows())]})
+
+
+def good_files(samples=40):
+    """Good files of every format that can be written here, by its reader's name."""
+    table = pulse_frame(samples)
+    return {
+        "Parquet table": [
+            *(parquet(table, compression=kind) for kind in ("zstd", "snappy", "uncompressed")),
+            parquet(table, row_group_size=7, data_page_size=64, statistics=False),
+            parquet(table.with_columns(pl.lit("pause").alias("Mode"), pl.lit(7).alias("Step"))),
+        ],
+        "spreadsheet workbook": [
+            sheet(table),
+            workbook({"Info": [["x"]], "Channel_1-001": arbin_rows(table)}),
+        ],
+        "delimited text": [
+            table.write_csv().encode(),
+            table.write_csv(separator=";").encode("utf-16"),
+        ],
+    }
+
+
+TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
+CAPACITY_AH = 2.0
+
+
+def frame(name="identification"):
+    """A bundled record as a table."""
+    return pl.read_parquet(bundled_file(name))
+
+
+def changed(table, column, values, rows=None):
+    """The table with other values in a column, throughout or at some places (from 0)."""
+    if rows is not None:
+        column_values = table[column].to_numpy().copy()
+        column_values[rows] = values
+        values = column_values
+    return table.with_columns(pl.Series(column, values, strict=False))
+
+
+def checked(folder, table, *, name="cell.csv", **options):
+    """The check of a table written to a file."""
+    path = folder / name
+    table.write_parquet(path) if name.endswith(".parquet") else table.write_csv(path)
+    return check_file(path, **options)
+
+
+def found(checked_file, check):
+    """The only finding of a check."""
+    (finding,) = [finding for finding in checked_file.findings if finding.check == check]
+    return finding
+
+
+def counting(checked_file):
+    """The checks that found more than a note, and how severe it is."""
+    return {finding.check: finding.severity for finding in checked_file.findings if finding.counts}
+
+
+def with_counters(table, scale=1.0):
+    """The table with a tester's counters, under the forward hold of the bundled records."""
+    time_h, current_a = table[TIME].to_numpy() / 3600, table[CURRENT].to_numpy()
+    moved = np.concatenate([[0], current_a[:-1] * np.diff(time_h)]) * scale
+    return table.with_columns(
+        pl.Series("Charging Capacity / Ah", np.cumsum(np.maximum(moved, 0))),
+        pl.Series("Discharging Capacity / Ah", np.cumsum(np.maximum(-moved, 0))),
+    )

@@ -1,22 +1,16 @@
-"""Whether voltage, time and current are in the units that their names say."""
+"""The rules on units: whether voltage, time and current are in those that their names say."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from ..records.columns import Column
-from ..records.plausibility import (
-    CELL_RANGE_V,
-    MILLIVOLT_V,
-    MODULE_V,
-    milliampere_reasons,
-    throughput_ratio,
-)
-from ..records.samples import Samples
-from .check_input import STEP_SHARE, bulk_time_s, span_ah, step_resistance_ohm
-from .finding import Finding, Severity, counted, found_at
+from ..errors import counted
+from .findings import Finding, Severity, found_at
+from .samples import Samples, bulk_time_s, step_resistance_ohm
 
+# One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
+_CELL_RANGE_V = (0.5, 6.0)
+_MODULE_V, _MILLIVOLT_V = 10.0, 100.0
 # A cell's volts divided by a thousand once too often.
 _KILOVOLT_V = 0.01
 # What cells in series are counted by.
@@ -25,28 +19,28 @@ _NOMINAL_V = 3.6
 
 def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples with a voltage that can be one cell's, and what was wrong with it."""
-    name = samples.names["voltage"]
+    name = samples.header("voltage")
     middle_v = float(np.median(samples.voltage_v))
     findings = []
     if middle_v < 0:
-        what = f"the voltage in '{name}' is negative, {middle_v:.6g} V in the middle"
+        what = f"the median voltage in '{name}' is negative, {middle_v:.6g} V"
         remedy = "turn its sign (the sense leads were swapped), or give the right column"
         findings.append(_of_column(samples, what, remedy))
         samples, middle_v = _scaled(samples, -1.0), -middle_v
-    if middle_v > MILLIVOLT_V:
-        what = f"the voltage in '{name}' is {middle_v:.6g} in the middle: millivolts, not volts"
+    if middle_v > _MILLIVOLT_V:
+        what = f"the median voltage in '{name}' is {middle_v:.6g}: millivolts, not volts"
         findings.append(_of_column(samples, what, "rename the column to 'Voltage / mV'"))
         samples = _scaled(samples, 1e-3)
-    elif middle_v > MODULE_V:
+    elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         what = (
-            f"the voltage in '{name}' is {middle_v:.6g} V in the middle, too much for one cell: "
+            f"the median voltage in '{name}' is {middle_v:.6g} V, too much for one cell: "
             f"about {cells} in series"
         )
         findings.append(_of_column(samples, what, "give the voltage of one cell"))
         samples = _scaled(samples, 1 / cells)
     elif 0 < middle_v < _KILOVOLT_V:
-        what = f"the voltage in '{name}' is {middle_v:.4g} V in the middle: kilovolts, not volts"
+        what = f"the median voltage in '{name}' is {middle_v:.4g} V: kilovolts, not volts"
         remedy = "multiply it by 1000, or name the unit that its values have"
         findings.append(_of_column(samples, what, remedy))
         samples = _scaled(samples, 1e3)
@@ -54,19 +48,19 @@ def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
 
 
 def _within_a_cell(samples: Samples, findings: list[Finding]) -> tuple[Samples, list[Finding]]:
-    voltage, name = samples.voltage_v, samples.names["voltage"]
-    low_v, high_v = CELL_RANGE_V
+    voltage, name = samples.voltage_v, samples.header("voltage")
+    low_v, high_v = _CELL_RANGE_V
     outside = (voltage < low_v) | (voltage > high_v)
     if not outside.any():
         return samples, findings
-    impossible = np.abs(voltage) > MILLIVOLT_V
+    impossible = np.abs(voltage) > _MILLIVOLT_V
     first = int(np.argmax(impossible if impossible.any() else outside))
     what = (
         f"{voltage[first]:.6g} V in '{name}' is no cell's voltage "
         f"({counted(int(outside.sum()), 'sample')} outside {low_v} to {high_v} V)"
     )
     severity = "error" if impossible.any() else "warning"
-    remedy = "correct or delete these rows; --score-from and --score-to leave out an end"
+    remedy = "correct or delete these rows; `score_from` and `score_to` leave out an end"
     if outside.mean() > 0.5:
         remedy = "give the column of the cell's voltage, in volts"
     findings = [*findings, found_at(samples, first, severity, what, remedy)]
@@ -95,15 +89,13 @@ _LONG_S = 500.0
 _RATIO = 0.15
 
 
-def examine_time_unit(
-    samples: Samples, columns: Mapping[str, Column]
-) -> tuple[Samples, list[Finding]]:
+def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples with time in s, and whether its column's name was wrong."""
-    suspicion = _too_fast(samples) or _too_slow(samples, columns["time"].unit.factor)
+    suspicion = _too_fast(samples) or _too_slow(samples, samples.columns["time"].unit.factor)
     if suspicion is None:
         return samples, []
     words, symbol, factor, severity, reason = suspicion
-    what = f"'{columns['time'].header}' looks like {words}: {reason}"
+    what = f"'{samples.header('time')}' looks like {words}: {reason}"
     remedy = f"rename the column to 'Test Time / {symbol}'"
     mended = replace(samples, time_s=samples.time_s * factor)
     return mended, [found_at(samples, 0, severity, what, remedy)]
@@ -115,7 +107,7 @@ _Suspicion = tuple[str, str, float, Severity, str]
 def _too_fast(samples: Samples) -> _Suspicion | None:
     interval_s = float(np.median(np.diff(samples.time_s)))
     bulk_s, travel_v = bulk_time_s(samples)
-    ratio = throughput_ratio(samples)
+    ratio = _throughput_ratio(samples)
     is_steep = float(np.median(samples.voltage_v)) < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
     for words, symbol, factor, shortest_s in _LONGER:
         if ratio is not None:
@@ -144,7 +136,7 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
         words, symbol, factor = ("seconds", "s", 1 / stated_s)
     interval_s = float(np.median(np.diff(samples.time_s)))
     bulk_s, travel_v = bulk_time_s(samples)
-    ratio = throughput_ratio(samples)
+    ratio = _throughput_ratio(samples)
     if ratio is not None and abs(ratio * factor - 1) >= _RATIO:
         return None
     reason = f"samples lie {interval_s:.5g} s apart"
@@ -163,35 +155,34 @@ def _bulk(bulk_s: float) -> str:
 # Charge against the given capacity, in favor of a factor of a thousand either way.
 _TOO_MUCH, _TOO_LITTLE = 20.0, 0.01
 _MOVED_V = 0.3
+# The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
+# cell at 1C reads 2000 in milliamperes. A slow sweep of a small cell gives itself away by its
+# ampere-hours instead: 2 Ah read as 2000.
+_LOADED_A, _SWING_AH = 500.0, 1500.0
+# Far below what any tester resolves; squares of much less are lost.
+_LEAST_A = 1e-12
 # No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes.
 _LEAST_OHM, _HEAVY_A = 1e-4, 50.0
 
 
 def examine_current_unit(
-    samples: Samples, columns: Mapping[str, Column], capacity_ah: float | None
+    samples: Samples, capacity_ah: float | None
 ) -> tuple[Samples, list[Finding]]:
     """The samples with current in A, and whether its column's name was wrong."""
-    name = columns["current"].header
-    peak_a = float(np.abs(samples.current_a).max())
-    if peak_a == 0:
+    name = samples.header("current")
+    peak_a = samples.peak_a
+    if peak_a < _LEAST_A:
         what = f"every current in '{name}' is zero: nothing can be learned from the record"
         remedy = "give the column that holds the measured current"
         return samples, [found_at(samples, 0, "error", what, remedy)]
     at = int(np.argmax(np.abs(samples.current_a)))
-    reasons = milliampere_reasons(samples)
-    if capacity_ah is not None and span_ah(samples) > _TOO_MUCH * capacity_ah:
-        reasons.append(
-            f"the record moves {span_ah(samples):.4g} Ah of a cell of {capacity_ah:.4g} Ah"
-        )
-    resistance_ohm = _resistance_ohm(samples)
-    if 0 < resistance_ohm < _LEAST_OHM and peak_a > _HEAVY_A:
-        reasons.append(f"the cell's resistance would be {1e6 * resistance_ohm:.3g} microohm")
+    reasons = _milliampere_reasons(samples, capacity_ah)
     if reasons:
         what = f"'{name}' looks like milliamperes, not amperes: {'; '.join(reasons)}"
         finding = found_at(samples, at, "error", what, "rename the column to 'Current / mA'")
         return replace(samples, current_a=samples.current_a * 1e-3), [finding]
     reason = _amperes_reason(samples, capacity_ah)
-    if reason and columns["current"].unit.factor == 1e-3:
+    if reason and samples.columns["current"].unit.factor == 1e-3:
         what = f"'{name}' looks like amperes, not milliamperes: {reason}"
         finding = found_at(samples, at, "error", what, "rename the column to 'Current / A'")
         return replace(samples, current_a=samples.current_a * 1e3), [finding]
@@ -200,12 +191,12 @@ def examine_current_unit(
 
 def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
     """Why the current is a thousand times too small, if it is."""
-    ratio = throughput_ratio(samples)
+    ratio = _throughput_ratio(samples)
     if ratio is not None:
         is_small = 1 / 5000 < ratio < 1 / 200
         return f"it integrates to 1/{1 / ratio:.4g} of the tester's Ah" if is_small else ""
     _, travel_v = bulk_time_s(samples)
-    charge_ah = span_ah(samples)
+    charge_ah = samples.span_ah
     if capacity_ah is None or charge_ah > _TOO_LITTLE * capacity_ah or travel_v < _MOVED_V:
         return ""
     return (
@@ -213,7 +204,33 @@ def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
     )
 
 
-def _resistance_ohm(samples: Samples) -> float:
-    step_a, step_v = np.diff(samples.current_a), np.diff(samples.voltage_v)
-    is_step = np.abs(step_a) > STEP_SHARE * np.abs(samples.current_a).max()
-    return step_resistance_ohm(step_a[is_step], step_v[is_step])
+def _milliampere_reasons(samples: Samples, capacity_ah: float | None) -> list[str]:
+    """Why the currents look like milliamperes under an ampere's name; empty where they do not."""
+    magnitude_a = np.abs(samples.current_a)
+    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * magnitude_a.max()]))
+    moves = f"the record moves {samples.span_ah:.4g} Ah"
+    reasons = []
+    if loaded_a > _LOADED_A:
+        reasons.append(f"the current under load is {loaded_a:.6g} A")
+    if samples.span_ah > _SWING_AH:
+        reasons.append(f"{moves} one way")
+    ratio = _throughput_ratio(samples)
+    if ratio is not None and 200 < ratio < 5000:
+        reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
+    if capacity_ah is not None and samples.span_ah > _TOO_MUCH * capacity_ah:
+        reasons.append(f"{moves} of a cell of {capacity_ah:.4g} Ah")
+    is_step = samples.is_step
+    resistance_ohm = step_resistance_ohm(samples.step_a[is_step], samples.step_v[is_step])
+    if 0 < resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
+        reasons.append(f"the cell's resistance would be {1e6 * resistance_ohm:.3g} microohm")
+    return reasons
+
+
+def _throughput_ratio(samples: Samples) -> float | None:
+    """Integrated |I| over what the tester counted in and out, where it counted enough to tell."""
+    gains_ah = samples.counters.gains_ah
+    # A counter printed to 0.1 mAh that moved a few times proves nothing.
+    if gains_ah is None or sum(gains_ah) <= 1e-3:
+        return None
+    interval_h = np.diff(samples.time_s) / 3600
+    return float(np.sum(np.abs(samples.current_a[1:]) * interval_h)) / sum(gains_ah)

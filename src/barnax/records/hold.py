@@ -1,0 +1,144 @@
+"""Whether a sample's current flowed in the interval after it or before it.
+
+Testers that log a sample at the end of its interval (Arbin) prove it by their own ampere-hour
+counters: the increments follow the current of the interval's last sample.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .record import Decision, Hold
+from .samples import Samples
+
+Increments = Float[np.ndarray, "intervals"]
+
+# Inside a drive cycle that beats against the log, some dozens of intervals in a row can look like
+# either hold, so the intervals at large must agree far better than the changes of step.
+_AT_CHANGES = {"fewest": 2, "margin": 0.5}
+_ANYWHERE = {"fewest": 20, "margin": 0.05}
+_AGREEING = 0.8
+
+
+@dataclass(frozen=True)
+class _Ledger:
+    """Ah an interval: as counted, and by its last and its first sample's current."""
+
+    counted_ah: Increments
+    backward_ah: Increments
+    forward_ah: Increments
+
+    def at(self, chosen: Bool[np.ndarray, "intervals"]) -> "_Ledger":
+        return _Ledger(self.counted_ah[chosen], self.backward_ah[chosen], self.forward_ah[chosen])
+
+    def fractions(self) -> Increments:
+        """The share of each interval for which its last sample's current flowed."""
+        return (self.counted_ah - self.forward_ah) / (self.backward_ah - self.forward_ah)
+
+
+def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
+    """The record's hold: given, else proved by the counters, else by whose file it is."""
+    proof = _from_counters(samples)
+    if given != "auto":
+        reason = "given by the user"
+        if proof is not None and proof.value != given:
+            reason += f", although {proof.reason}"
+        return Decision(given, "given", reason)
+    if proof is not None:
+        return proof
+    if samples.dialect == "Arbin":
+        return Decision("backward", "weak", "Arbin testers log a sample at its interval's end")
+    return Decision(
+        "forward",
+        "assumed",
+        "no counters prove otherwise; `current_hold='backward'` is for testers that log a sample "
+        "at the end of its interval",
+    )
+
+
+def _from_counters(samples: Samples) -> Decision | None:
+    """The hold under which the current integrates to the tester's counters, with clear margin.
+
+    Where the tester's step number changes, the current switches in time with the log, so these
+    intervals decide. Inside a step that plays a drive cycle, the current switches on a clock of
+    its own and anywhere between two samples, which proves neither hold; such intervals are asked
+    only where the file has no step changes that tell.
+    """
+    everywhere, tells = _ledger(samples)
+    if not tells.any():
+        return None
+    telling = everywhere.at(tells)
+    weight = (telling.backward_ah - telling.forward_ah) ** 2
+    fraction = float(np.average(telling.fractions(), weights=weight))
+    decision = None
+    if samples.step is not None:
+        at_changes = everywhere.at(tells & (np.diff(samples.step) != 0))
+        decision = _verdict(at_changes, "changes of step", **_AT_CHANGES)
+    decision = decision or _verdict(telling, "intervals", **_ANYWHERE)
+    if decision is not None and 0.25 < fraction < 0.75:
+        reason = (
+            f"{decision.reason}; over all intervals the last sample's current flowed for "
+            f"{fraction:.0%} of the time, so that inside its steps the record fits neither hold "
+            "well"
+        )
+        return replace(decision, reason=reason)
+    return decision
+
+
+def _verdict(ledger: _Ledger, words: str, *, fewest: int, margin: float) -> Decision | None:
+    """The hold that these intervals prove, if they do.
+
+    Its residual must be below `margin` times the other's, and most intervals must agree, one by
+    one: a large one alone proves nothing.
+    """
+    count = len(ledger.counted_ah)
+    if count < fewest:
+        return None
+    backward = _rms(ledger.counted_ah - ledger.backward_ah)
+    forward = _rms(ledger.counted_ah - ledger.forward_ah)
+    is_backward = backward < forward
+    better, worse = sorted((backward, forward))
+    agreeing = float(np.mean((ledger.fractions() > 0.5) == is_backward))
+    if better > margin * worse or agreeing < _AGREEING:
+        return None
+    return Decision(
+        "backward" if is_backward else "forward",
+        "strong",
+        f"at {count} {words} the tester's Ah counters follow the current of the interval's "
+        f"{'last' if is_backward else 'first'} sample (off by {1e3 * better:.2g} mAh, by "
+        f"{1e3 * worse:.2g} mAh with the other)",
+    )
+
+
+def _ledger(samples: Samples) -> tuple[_Ledger, Bool[np.ndarray, "intervals"]]:
+    """Every interval's ampere-hours, and which intervals tell.
+
+    An interval tells where its two currents differ by far more than the counters resolve, and
+    where no counter was reset.
+    """
+    interval_h = np.diff(samples.time_s) / 3600
+    backward_ah = samples.current_a[1:] * interval_h
+    forward_ah = samples.current_a[:-1] * interval_h
+    counted_ah = samples.counters.increments_ah(with_net=True)
+    if counted_ah is None or not counted_ah.any():
+        nowhere = np.zeros(len(interval_h), bool)
+        return _Ledger(np.zeros_like(interval_h), backward_ah, forward_ah), nowhere
+    # The counters' own sign may be opposite to the file's.
+    if np.sum(counted_ah * (backward_ah + forward_ah)) < 0:
+        counted_ah = -counted_ah
+    quantum_ah = samples.counters.quantum_ah
+    largest_ah = np.maximum(np.abs(backward_ah), np.abs(forward_ah))
+    is_reset = np.abs(counted_ah) > 2 * largest_ah + quantum_ah
+    for counter_ah in (samples.counters.charged_ah, samples.counters.discharged_ah):
+        if counter_ah is not None:
+            is_reset |= np.diff(counter_ah) < 0
+    # A hundredth of the record's largest step of charge keeps the noise of the current out.
+    floor_ah = max(5 * quantum_ah, 0.01 * float(np.max(largest_ah)))
+    tells = ~is_reset & (np.abs(backward_ah - forward_ah) > floor_ah)
+    return _Ledger(counted_ah, backward_ah, forward_ah), tells
+
+
+def _rms(values: Increments) -> float:
+    return float(np.sqrt(np.mean(values**2)))

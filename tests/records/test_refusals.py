@@ -1,0 +1,197 @@
+"""Each bad file has a message that names file, place, value and remedy; what is merely odd has
+a warning that does.
+
+The words stand in `messages.txt`, written anew with BARNAX_WRITE_GOLDEN=1.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.errors import InputError
+from barnax.records import read_record
+from helpers.golden import require_golden
+from helpers.records import (
+    CURRENT,
+    TIME,
+    VOLTAGE,
+    arbin_rows,
+    changed,
+    frame,
+    parquet,
+    pulse_frame,
+    sheet,
+    workbook,
+)
+
+FRAME = pulse_frame()
+ROWS = arbin_rows(FRAME)
+SHORT = FRAME[:20]
+HOURS = np.linspace(0, 20, 2000)
+SWEEP = {TIME: HOURS * 3600, CURRENT: 0 * HOURS - 100, VOLTAGE: 4.1 - HOURS / 20}
+
+
+def csv(table):
+    return table.write_csv().encode()
+
+
+def scaled(column, factor):
+    return csv(FRAME.with_columns(pl.col(column) * factor))
+
+
+def one(column, line, value):
+    values = FRAME[column].to_list()
+    values[line] = value
+    return FRAME.with_columns(pl.Series(column, values, strict=False))
+
+
+def counted_milliamperes():
+    header, *rows = arbin_rows(pulse_frame(400))
+    table = pl.DataFrame(rows, schema=header, orient="row")
+    return csv(table.with_columns(pl.col("Current(A)") * 1000))
+
+
+def bad_later_sheet():
+    second = [ROWS[0], *ROWS[101:]]
+    second[30] = [*second[30][:5], "fault", *second[30][6:]]
+    return workbook({"Channel_1-001": ROWS[:101], "Channel_1-001_2": second})
+
+
+REFUSED = {
+    "a missing column": csv(FRAME.rename({CURRENT: "Current (C-rate)"})),
+    "a column in another language": csv(FRAME.rename({CURRENT: "Strom [A]"})),
+    "nothing like a record": b"name,colour\na,red\nb,blue\n",
+    "an OCV table": b"SOC [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
+    "a long header": b"<td>nothing</td> " * 500 + b"\n1\n",
+    "nan": csv(one(VOLTAGE, 40, float("nan"))),
+    "an empty cell": parquet(one(CURRENT, 7, None)),
+    "a word": csv(FRAME).replace(b"\n4.0,", b"\n4.0,OVERFLOW,"),
+    "a row cut off": csv(SHORT) + b"20.0,-0.1",
+    "dates": csv(FRAME.with_columns(pl.lit("2020-01-01 00:00:00").alias(TIME))),
+    "durations": parquet(FRAME.with_columns(pl.duration(seconds=pl.col(TIME)).alias(TIME))),
+    "units below the names": csv(FRAME).replace(b"V\n", b"V\ns,A,V\n", 1),
+    "a stamp backward": csv(one(TIME, 50, 12.5)),
+    "a clock that starts again": csv(pl.concat([FRAME, FRAME])),
+    "a clock of few digits": csv(FRAME.with_columns(pl.col(TIME).floordiv(10) * 10)),
+    "milliamperes": scaled(CURRENT, 1000),
+    "milliamperes of a slow sweep": csv(pl.DataFrame(SWEEP)),
+    "milliamperes by the counters": counted_milliamperes(),
+    "millivolts": scaled(VOLTAGE, 1000),
+    "kilovolts": scaled(VOLTAGE, 1e-3),
+    "a module": scaled(VOLTAGE, 12),
+    "a reversed voltage": scaled(VOLTAGE, -1),
+    "an impossible voltage": csv(one(VOLTAGE, 9, 6553.5)),
+    "hours": csv(frame().with_columns(pl.col(TIME) / 3600)),
+    "nothing but rest": scaled(CURRENT, 0),
+    "few samples": csv(FRAME[:9]),
+    "no samples": csv(FRAME[:0]),
+    "no time": csv(FRAME.with_columns(pl.col(TIME) * 1e-12)),
+    "nothing": b"",
+    "blank lines": b"\n\n  \n",
+    "bytes": bytes(range(256)) * 20,
+    "a picture": b"\x89PNG\r\n\x1a\n" + bytes(100),
+    "an archive": b"PK\x03\x04" + bytes(100),
+    "no text": b"\x01\x02\x03\x04 without a zero byte\n" * 10,
+    "Parquet cut short": parquet(FRAME)[:-40],
+    "a workbook cut short": workbook({"Channel_1-001": ROWS})[:-200],
+    "an old workbook cut short": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600),
+    "a workbook without a record": workbook({"Info": [["TEST REPORT"], [1.0]], "Notes": []}),
+    "a workbook that lacks a column": sheet(SHORT.rename({CURRENT: "Strom (A)"})),
+    "a workbook of two channels": workbook({"Channel_1-001": ROWS, "Channel_1-002": ROWS}),
+    "a workbook of two records": workbook(dict.fromkeys(("first", "second"), ROWS)),
+    "a bad row on a later sheet": bad_later_sheet(),
+}
+
+TOLD = {
+    "units to convert": csv(FRAME.rename({TIME: "Time [min]", CURRENT: "Current [mA]"})),
+    "no units": csv(FRAME.rename({TIME: "time", CURRENT: "current", VOLTAGE: "voltage"})),
+    "a temperature with a gap": csv(
+        SHORT.with_columns(pl.Series("Temperature / degC", [25.0] * 19 + [None]))
+    ),
+    "steps that are no numbers": csv(SHORT.with_columns(pl.lit(0.5).alias("Step Index / 1"))),
+    "rows twice": csv(pl.concat([FRAME[:5], FRAME[4:10], FRAME[9:]])),
+    "a row twice within resolution": csv(
+        pl.concat([FRAME[:5], FRAME[4:5].with_columns(pl.col(VOLTAGE) + 0.001), FRAME[5:]])
+    ),
+    "a stamp twice": csv(one(TIME, 5, 4.0)),
+    "an odd voltage": csv(one(VOLTAGE, 3, 0.01)),
+    "rows above the names": b"Tester: 7, channel 3\nby hand\n\n" + csv(FRAME),
+    "other sheets": workbook({"Info": [["REPORT"]], "Channel_1-001": ROWS, "Chart": []}),
+    "a column twice": csv(SHORT).replace(b"\n", b",1\n").replace(b"V,1", f"V,{VOLTAGE}".encode()),
+    "another sign than the names": scaled(CURRENT, -1),
+    "no evidence of the sign": csv(changed(FRAME, VOLTAGE, np.full(FRAME.height, 3.7))),
+}
+
+
+def refusal(folder, content, **options):
+    (folder / "cell.csv").write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_record(folder / "cell.csv", **options)
+    return str(caught.value)
+
+
+def test_every_message_is_the_one_that_was_written_down(tmp_path):
+    said = {name: [refusal(tmp_path, content)] for name, content in REFUSED.items()}
+    for name, content in TOLD.items():
+        (tmp_path / "cell.csv").write_bytes(content)
+        said[name] = list(read_record(tmp_path / "cell.csv").warnings)
+    text = "".join(
+        f"{name}\n" + "".join(f"  {line}\n" for line in lines) for name, lines in said.items()
+    )
+    # What the library says of a damaged file is its own.
+    text = re.sub(r"cut short \(.*\);", "cut short (...);", text)
+    require_golden(Path(__file__).with_name("messages.txt"), text)
+
+
+def test_every_message_names_its_file_and_no_flag():
+    text = Path(__file__).with_name("messages.txt").read_text()
+    messages = re.findall(r"^  (.*)$", text, re.M)
+    assert len(messages) >= len(REFUSED) + len(TOLD)
+    assert all(message.startswith("cell.csv: ") for message in messages)
+    assert not any("--" in message for message in messages)
+    # Backticks hold options, alone or with a value.
+    for quoted in re.findall(r"`([^`]*)`", text):
+        assert re.fullmatch(r"[a-z_]+(='?[\w.,-]+'?)?", quoted)
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 4.0])
+def test_milliamperes_are_refused_from_one_ampere_on(tmp_path, rate):
+    assert "milliamperes" in refusal(tmp_path, scaled(CURRENT, 1000 * rate))
+
+
+@pytest.mark.parametrize("peak_a", [91.8, 300.0, 450.0])
+def test_a_large_cell_at_full_load_is_no_milliampere_file(tmp_path, peak_a):
+    (tmp_path / "cell.csv").write_bytes(scaled(CURRENT, peak_a / 2))
+    current_a = read_record(tmp_path / "cell.csv").current_a
+    assert np.abs(current_a).max() == pytest.approx(peak_a)
+
+
+@pytest.mark.parametrize("given", ["charge-positive", "discharge-positive"])
+def test_a_sign_given_against_strong_evidence_is_refused(tmp_path, given):
+    table = pulse_frame(charge_positive=given == "discharge-positive")
+    message = refusal(tmp_path, csv(table), current_sign=given)
+    found = read_record(tmp_path / "cell.csv").sign.value
+    assert given != found
+    assert f"given as {given}, but the data are {found}" in message
+
+
+@pytest.mark.parametrize("option", ["current_sign", "current_hold"])
+def test_an_unknown_option_value_is_refused_with_the_allowed_ones(tmp_path, option):
+    message = refusal(tmp_path, csv(FRAME), **{option: "sideways"})
+    assert message.startswith(f"`{option}` is 'sideways'; it must be one of auto")
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    for path, words in (
+        (tmp_path, "is a directory; give one file"),
+        (tmp_path / "nowhere.csv", "there is no such file"),
+        (tmp_path / f"{300 * 'x'}.csv", "cannot be read (File name too long)"),
+        (tmp_path / "a\0b.csv", "cannot be read (embedded null"),
+    ):
+        with pytest.raises(InputError) as caught:
+            read_record(path)
+        assert words in str(caught.value)
+        assert "\0" not in str(caught.value)

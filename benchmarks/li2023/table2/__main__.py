@@ -1,23 +1,22 @@
-"""Command: `python -m benchmarks.table2`, or with `--z-scores` the long one."""
+"""Command: `python -m benchmarks.li2023.table2`, or with `--z-scores` the long one."""
 
 import argparse
 from pathlib import Path
 
-from benchmarks.pages import save_figure, save_page
+from benchmarks.pages import provenance, save_figure, save_page, write_csv
 
 from .figures import convergence_figure
-from .provenance import provenance
-from .report import markdown_page, table_rows, write_csv
+from .report import markdown_page, table_rows
 from .runs import RUNS
 from .tournament import play
 from .z_scores import GROUPS, z_score_page, z_score_rows
 
-RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 
 
 def main() -> None:
     """Run the tournament and write its table, page and figure."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.table2", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.li2023.table2", description=__doc__)
     parser.add_argument("--key", type=int, default=2023, help="seed of all runs")
     parser.add_argument("--z-scores", action="store_true", help="ten groups of 30 runs (long)")
     parser.add_argument("--workers", type=int, default=2, help="optimizers run at once")
@@ -25,7 +24,7 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
 
-    command = "python -m benchmarks.table2" + (" --z-scores" if options.z_scores else "")
+    command = "python -m benchmarks.li2023.table2" + (" --z-scores" if options.z_scores else "")
     # Groups that are to judge the table are none of its own runs.
     key = options.key + options.z_scores
     facts = provenance(command, key)

@@ -1,8 +1,9 @@
 """CMA-ES and DE on COCO's functions; run by the Python of an environment that has them.
 
 The functions, with their offsets, are those of the `cma` package, by COCO's authors. The searches
-are those of benchmarks/centre_bias with the settings of the published runs: CMA-ES from a point
-uniform in [-4, 4] with step 2 and without bounds, DE with all of SciPy's defaults in [-5, 5].
+are those of `benchmarks.li2023.centre_bias` with the settings of the published runs: CMA-ES from a
+point uniform in [-4, 4] with step 2 and without bounds, DE with all of SciPy's defaults in
+[-5, 5].
 """
 
 import contextlib

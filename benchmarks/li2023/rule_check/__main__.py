@@ -1,4 +1,4 @@
-"""Command: `python -m benchmarks.rule_check`."""
+"""Command: `python -m benchmarks.li2023.rule_check`."""
 
 import argparse
 import importlib.metadata
@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 from benchmarks.environments import WorkerError, make_environment, run_worker
-from benchmarks.pages import save_page
-from benchmarks.table2.provenance import provenance
+from benchmarks.pages import provenance, save_page
 
 from .coco_report import running_times
 from .comparisons import COMPARISONS, REQUIREMENTS
@@ -21,7 +20,7 @@ from .report import markdown_page, outcomes
 from .sizes import COCO_FUNCTIONS
 
 HERE = Path(__file__).parent
-RESULTS = HERE.parent / "results"
+RESULTS = HERE.parents[1] / "results"
 KEY = 20_261_122
 # The versions the baselines of centre_bias have here.
 COCO_REQUIREMENTS = (
@@ -78,7 +77,9 @@ def play(
 
 def main() -> None:
     """Run all, print the page and write it."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.rule_check", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.li2023.rule_check", description=__doc__
+    )
     parser.add_argument("--workers", type=int, default=2, help="processes at once")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder to write to")
     options = parser.parse_args()
@@ -101,7 +102,7 @@ def main() -> None:
         for library in VALUED
         if (library, "values") in found
     }
-    facts = provenance("python -m benchmarks.rule_check", KEY, "cmaes") | {
+    facts = provenance("python -m benchmarks.li2023.rule_check", KEY, "cmaes") | {
         "against": ", ".join([*REQUIREMENTS.values(), COCO_REQUIREMENTS[0]])
         + ", in environments that this command makes",
         "time": f"{sum(os.times()[:4]) - begin:.0f} s of CPU time in all, "

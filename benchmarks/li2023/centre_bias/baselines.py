@@ -9,15 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
-
-from barnax.optimizers.test_functions import (
+from benchmarks.li2023.test_functions import (
     DIMS,
     FUNCTIONS,
     Problem,
     make_problem,
     quiet_loss_of_problem,
 )
+from numpy.typing import NDArray
 
 from .runs import EVALUATIONS, POPULATION, RUNS, Losses, displacements
 

@@ -4,8 +4,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
-
-from barnax.optimizers.test_functions import FUNCTIONS
+from benchmarks.li2023.test_functions import FUNCTIONS
 
 from .runs import OPTIMIZERS, RUNS, Runs, run_table
 

@@ -1,28 +1,22 @@
 """What a record does to a hysteresis, counted by hand on a made-up current."""
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
+from benchmarks.real_cells.conditions import condition_of
 
 from barnax.model.inputs import Window, prepare_record
 from reference import make_record
 
-REPOSITORY = Path(__file__).parents[2]
-
 
 @pytest.fixture
-def condition(bundled_cell, monkeypatch):
+def condition(bundled_cell):
     """An hour of 60 s at 1 A out, then 60 s at 0.5 A in, from 80 % SOC."""
-    monkeypatch.syspath_prepend(str(REPOSITORY))
-    conditions = importlib.import_module("benchmarks.real_cells.conditions")
     time_s = np.arange(3601.0)
     current_a = np.where(time_s % 120 < 60, 1.0, -0.5)
     prepared = prepare_record(
         make_record(time_s, current_a), bundled_cell, "so-rc", Window(initial_soc=0.8)
     )
-    return conditions.condition_of(prepared, bundled_cell)
+    return condition_of(prepared, bundled_cell)
 
 
 def test_the_charging_share_is_what_came_back(condition):

@@ -9,15 +9,7 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import optimistix as optx
-from numpy.typing import NDArray
-
-from barnax.optimizers import (
-    OPTIMIZERS,
-    AbstractPopulationMinimiser,
-    evaluations_per_iteration,
-    make_optimizer,
-)
-from barnax.optimizers.test_functions import (
+from benchmarks.li2023.test_functions import (
     DIMS,
     FUNCTIONS,
     Displacement,
@@ -25,6 +17,14 @@ from barnax.optimizers.test_functions import (
     draw_displacement,
     make_problem,
     quiet_loss_of_problem,
+)
+from numpy.typing import NDArray
+
+from barnax.optimizers import (
+    OPTIMIZERS,
+    AbstractPopulationMinimiser,
+    evaluations_per_iteration,
+    make_optimizer,
 )
 
 POPULATION, EVALUATIONS, RUNS = 30, 15_000, 30

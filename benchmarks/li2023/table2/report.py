@@ -1,18 +1,13 @@
 """The table as CSV rows and as a Markdown page."""
 
-import csv
-import io
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks.pages import save_page
-
-from barnax.optimizers.test_functions import FUNCTIONS
+from benchmarks.li2023.test_functions import FUNCTIONS
+from benchmarks.pages import as_markdown
 
 from .paper import PAPER
-from .provenance import as_markdown
 from .runs import OPTIMIZERS
 from .statistics import agrees, cell_of, ranks, resampled_cells, scores, without_rounding
 from .tournament import Tournament
@@ -128,18 +123,6 @@ def markdown_page(
         "",
     ]
     return "\n".join(lines)
-
-
-def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    """The rows under a header of their keys."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        {key: f"{value:.6g}" if isinstance(value, float) else value for key, value in row.items()}
-        for row in rows
-    )
-    save_page(path, text.getvalue())
 
 
 def _show(row: dict[str, Any], prefix: str) -> str:

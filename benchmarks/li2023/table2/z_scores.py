@@ -3,11 +3,10 @@
 from typing import Any
 
 import numpy as np
-
-from barnax.optimizers.test_functions import FUNCTIONS
+from benchmarks.li2023.test_functions import FUNCTIONS
+from benchmarks.pages import as_markdown
 
 from .paper import PAPER
-from .provenance import as_markdown
 from .runs import OPTIMIZERS, RUNS
 from .statistics import agrees, cell_of, scores
 from .tournament import Tournament

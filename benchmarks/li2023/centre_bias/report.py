@@ -1,9 +1,8 @@
 """The Markdown page."""
 
 import numpy as np
-from benchmarks.table2.provenance import as_markdown
-
-from barnax.optimizers.test_functions import FUNCTIONS
+from benchmarks.li2023.test_functions import FUNCTIONS
+from benchmarks.pages import as_markdown
 
 from .runs import EVALUATIONS, POPULATION, REPORTING_KEY, RUNS, Losses
 from .statistics import (

@@ -1,8 +1,7 @@
 """The verdict in words, each sentence made from the numbers."""
 
 import numpy as np
-
-from barnax.optimizers.test_functions import FUNCTIONS
+from benchmarks.li2023.test_functions import FUNCTIONS
 
 from .runs import Losses
 from .statistics import average_run_ranks, duels, losses_of, methods_under

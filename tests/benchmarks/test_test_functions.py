@@ -8,8 +8,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 import scipy.optimize
-
-from barnax.optimizers.test_functions import (
+from benchmarks.li2023.test_functions import (
     DIMS,
     FUNCTIONS,
     QUIET_FUNCTIONS,

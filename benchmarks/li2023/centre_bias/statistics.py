@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.stats
+from benchmarks.li2023.test_functions import FUNCTIONS
 from numpy.typing import NDArray
-
-from barnax.optimizers.test_functions import FUNCTIONS
 
 from .runs import Losses
 

@@ -1,7 +1,6 @@
 """The benchmark that compares with other libraries: what of it needs none of them."""
 
 import dataclasses
-import importlib
 import sys
 from pathlib import Path
 
@@ -11,36 +10,21 @@ import jax.random as jr
 import numpy as np
 import pytest
 import scipy.stats
+from benchmarks import environments
+from benchmarks.li2023.rule_check import agreement, comparisons, functions, published, sizes
+from benchmarks.li2023.test_functions import DIMS, QUIET_FUNCTIONS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.optimizers import Box, SeagullSearch, Swarm
 from barnax.optimizers.pso import Flight
-from barnax.optimizers.test_functions import DIMS, QUIET_FUNCTIONS
-
-REPOSITORY = Path(__file__).parents[2]
-
-
-def benchmark(name):
-    sys.path.insert(0, str(REPOSITORY))
-    try:
-        return importlib.import_module(f"benchmarks.{name}")
-    finally:
-        sys.path.remove(str(REPOSITORY))
-
-
-agreement = benchmark("rule_check.agreement")
-comparisons = benchmark("rule_check.comparisons")
-environments = benchmark("environments")
-published = benchmark("rule_check.published")
-sizes = benchmark("rule_check.sizes")
 
 samples = st.lists(st.integers(0, 6).map(float), min_size=3, max_size=12).map(np.array)
 
 
 @pytest.mark.parametrize("name", QUIET_FUNCTIONS)
 def test_workers_minimize_the_functions_ours_minimize(name):
-    theirs = benchmark("rule_check.functions").FUNCTIONS[name]
+    theirs = functions.FUNCTIONS[name]
     points = np.random.default_rng(0).uniform(-1, 1, (10, DIMS)) * QUIET_FUNCTIONS[name].half_width
     with jax.enable_x64(True):
         ours = [QUIET_FUNCTIONS[name].loss(jnp.asarray(x), jr.key(0)) for x in points]

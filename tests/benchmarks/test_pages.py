@@ -1,28 +1,20 @@
 """Committed results are replaced whole: a benchmark that stops leaves the former page."""
 
 import ast
-import importlib
 import os
 from pathlib import Path
 
 import pytest
+from benchmarks import pages
 from matplotlib.figure import Figure
 
 from barnax.errors import InputError
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 IN_PLACE = {"write_text", "write_bytes", "savefig", "copyfile"}
 
-pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="benchmarks are in a clone alone")
 
-
-@pytest.fixture
-def pages(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS.parent))
-    return importlib.import_module("benchmarks.pages")
-
-
-def test_a_stop_while_results_are_written_leaves_the_former_ones(pages, tmp_path, monkeypatch):
+def test_a_stop_while_results_are_written_leaves_the_former_ones(tmp_path, monkeypatch):
     path = tmp_path / "results" / "page"
     pages.save_page(path, "former")
 
@@ -38,7 +30,7 @@ def test_a_stop_while_results_are_written_leaves_the_former_ones(pages, tmp_path
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_a_figure_is_a_png(pages, tmp_path):
+def test_a_figure_is_a_png(tmp_path):
     pages.save_figure(tmp_path / "figure.png", Figure(), dpi=50)
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
 

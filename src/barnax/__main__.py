@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from .cli.app import app
-from .cli.session import as_flags, printable
-from .errors import InputError
+from .cli.session import as_flags
+from .errors import InputError, printable
 
 BAD_INPUT = 2
 INTERRUPTED = 130

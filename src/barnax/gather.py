@@ -3,21 +3,22 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from .bundled import BUNDLED
-from .cell import CellModel, characterize
+from .cell import CellModel, OcvTable, characterize, read_ocv_test
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
-from .checks import FileCheck, check_file
-from .errors import InputError
+from .checks import FileCheck, SuggestedWindow, check_file
+from .errors import InputError, printable
 from .model.inputs import Window
-from .records import Record, read_record
+from .records import Record, Source, read_record, read_source, source_from_frame
 
 # A file, a `Record`, or a data frame.
-Source = Any
-Watch = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+Given = Any
+Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -41,7 +42,7 @@ class Inputs:
     """What was in the files: records to identify and to validate on, OCV tests, and the cell."""
 
     records: list[Record]
-    ocv: list[Record]
+    ocv: list[Record | OcvTable]
     validation: list[Record]
     cell: CellModel
     warnings: tuple[str, ...]
@@ -52,9 +53,9 @@ class Inputs:
 
 
 def read_inputs(
-    records: Source | Sequence[Source],
-    ocv: Source | Sequence[Source],
-    validate: Source | Sequence[Source],
+    records: Given | Sequence[Given],
+    ocv: Given | Sequence[Given],
+    validate: Given | Sequence[Given],
     reading: Reading,
     *,
     capacity: float | None,
@@ -79,18 +80,31 @@ def read_inputs(
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
     warnings: list[str] = []
 
-    def read(source: Source, sign: str, role: str) -> Record:
-        record, found = _read(source, sign, reading.current_hold, capacity)
-        if isinstance(source, str | Path):
-            record = replace(record, name=names[Path(source)])
-        if found is not None and not is_bundled:
-            warnings.extend(input_warnings(found, record.name, role, window))
-        return record
+    def take(each: Given, role: str, read: Callable[[Source], Any]) -> Any:
+        """What a file or frame holds, read once, with the warnings of its checks."""
+        if isinstance(each, Record | OcvTable):
+            return each
+        source = source_of(each, names)
+        taken = read(source)
+        if not is_bundled and not isinstance(taken, OcvTable):
+            warnings.extend(input_warnings(check_file(source, capacity_ah=capacity), role, window))
+        return taken
+
+    def reader(sign: Any) -> Callable[[Source], Record]:
+        hold: Any = reading.current_hold
+        return partial(read_record, current_sign=sign, current_hold=hold)
+
+    def read_test(source: Source) -> Record | OcvTable:
+        sign: Any = reading.ocv_current_sign
+        hold: Any = reading.current_hold
+        return read_ocv_test(source, current_sign=sign, current_hold=hold)
 
     with watch("Reading records", 0):
-        ocv_records = [read(each, reading.ocv_current_sign, "OCV test") for each in tests]
-        dynamic = [read(each, reading.current_sign, "identification") for each in given]
-        further = [read(each, reading.validate_current_sign, "validation") for each in others]
+        ocv_records = [take(each, "OCV test", read_test) for each in tests]
+        dynamic = [take(each, "identification", reader(reading.current_sign)) for each in given]
+        further = [
+            take(each, "validation", reader(reading.validate_current_sign)) for each in others
+        ]
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
@@ -98,6 +112,7 @@ def read_inputs(
         cell = characterize(
             ocv_records,
             capacity_ah=capacity,
+            ocv_capacity_ah=ocv_capacity,
             ocv_fit=ocv_fit,
             hysteresis_fit=hysteresis_fit,
             rest_current_a=None if first is None else first.rest_current_a,
@@ -106,30 +121,48 @@ def read_inputs(
 
 
 def read_validation(
-    source: Source, reading: Reading, window: Window | Mapping[str, Window] | None
+    given: Given, reading: Reading, window: Window | Mapping[str, Window] | None
 ) -> tuple[Record, list[str]]:
     """A record to validate on, and what the checks have against it."""
-    record, found = _read(source, reading.validate_current_sign, reading.current_hold, None)
-    if found is None:
-        return record, []
-    return record, input_warnings(found, record.name, "validation", window)
+    if isinstance(given, Record):
+        return given, []
+    source = source_of(given, {})
+    sign: Any = reading.validate_current_sign
+    hold: Any = reading.current_hold
+    record = read_record(source, current_sign=sign, current_hold=hold)
+    return record, input_warnings(check_file(source), "validation", window)
+
+
+def source_of(given: Given, names: Mapping[Path, str]) -> Source:
+    """A file or a data frame, read once, under the name that results call it."""
+    if not isinstance(given, str | Path):
+        return source_from_frame(given, "data frame")
+    source = read_source(given)
+    return replace(source, name=names.get(Path(given), source.name))
 
 
 def input_warnings(
-    found: FileCheck, name: str, role: str, window: Window | Mapping[str, Window] | None
+    found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
 ) -> list[str]:
     """What the checks of a file have against the role that it is given."""
-    texts = [
-        f"{name}: {each.what}{f'; {each.remedy}' if each.remedy else ''}"
-        for each in found.findings
-        if each.severity != "note"
-    ]
+    texts = [each.sentence(found.file) for each in found.findings if each.counts]
     for each in found.roles:
         if each.name == role and not each.is_usable:
-            texts.append(f"{name}: is not fit for {role}: {each.reason}")
-        elif each.name == role and each.options and window is None:
-            texts.append(f"{name}: {each.reason}; {' '.join(each.options)}")
+            texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
+        elif each.name == role and each.window is not None and window is None:
+            texts += [f"{found.file}: {text}" for text in window_advice(each.window)]
     return texts
+
+
+def window_advice(suggested: SuggestedWindow) -> list[str]:
+    """What to give, where a record is not to be simulated from its first sample to its last."""
+    options = [
+        f"`{name.removesuffix('_s')}={','.join(map(str, value))}`"
+        if isinstance(value, tuple)
+        else f"`{name.removesuffix('_s')}={value}`"
+        for name, value in suggested.options.items()
+    ]
+    return [f"{suggested.reason}; give {' '.join(options)}"] if options else []
 
 
 def windows_of(
@@ -152,28 +185,18 @@ def windows_of(
     }
 
 
-def _read(
-    source: Source, sign: Any, hold: Any, capacity: float | None
-) -> tuple[Record, FileCheck | None]:
-    """A record, and what the checks say of it where it comes from a file."""
-    if isinstance(source, Record):
-        return source, None
-    record = read_record(source, current_sign=sign, current_hold=hold)
-    return record, check_file(source, capacity_ah=capacity)
-
-
-def _listed(sources: Source | Sequence[Source]) -> list[Source]:
+def _listed(sources: Given | Sequence[Given]) -> list[Given]:
     return list(sources) if isinstance(sources, list | tuple) else [sources]
 
 
-def _name_of(source: Source) -> str:
+def _name_of(source: Given) -> str:
     return source.name if isinstance(source, Record) else str(source)
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
     """What each file is called: its name, with folders where names are shared."""
     distinct = {Path(path) for path in paths}
-    return {path: _shortest_own_name(path, distinct - {path}) for path in distinct}
+    return {path: printable(_shortest_own_name(path, distinct - {path})) for path in distinct}
 
 
 def _shortest_own_name(path: Path, others: set[Path]) -> str:

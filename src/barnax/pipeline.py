@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from .baselines import Budget
-from .cell import CellModel, CircuitParameters
+from .cell import CellModel, CircuitParameters, OcvTable
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .comparison import (
@@ -26,9 +26,9 @@ from .comparison import (
 )
 from .errors import InputError
 from .gather import (
+    Given,
     Inputs,
     Reading,
-    Source,
     Watch,
     read_inputs,
     read_validation,
@@ -79,15 +79,15 @@ class Run:
     validation: list[Evaluation]
     assessment: Assessment | None
     examination: Examination | None
-    ocv: list[Record] = field(default_factory=list)
+    ocv: list[Record | OcvTable] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
 
 
 def identify(
-    records: Source | Sequence[Source] = (),
+    records: Given | Sequence[Given] = (),
     *,
-    ocv: Source | Sequence[Source] = (),
-    validate: Source | Sequence[Source] = (),
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
     settings: Settings | None = None,
     window: Window | Mapping[str, Window] | None = None,
     capacity: float | None = None,
@@ -332,7 +332,7 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
 
 def validate_stored(
     stored: Result,
-    record: Source,
+    record: Given,
     window: Window | None = None,
     *,
     current_sign: Any = "auto",
@@ -354,10 +354,10 @@ def validate_stored(
 
 
 def compare_files(
-    records: Source | Sequence[Source] = (),
+    records: Given | Sequence[Given] = (),
     *,
-    ocv: Source | Sequence[Source] = (),
-    validate: Source | Sequence[Source] = (),
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
     rows: Sequence[tuple[str, str]] = PAPER_ROWS,
     settings: Settings | None = None,
     window: Window | Mapping[str, Window] | None = None,
@@ -400,6 +400,6 @@ def compare_files(
         watch=watch,
     )
     result = make_comparison_result(
-        comparison, inputs.validation, ocv=inputs.ocv, command=command, warnings=inputs.warnings
+        comparison, ocv=inputs.ocv, command=command, warnings=inputs.warnings
     )
     return comparison, result

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from .cell import CellModel, CircuitParameters, get_circuit
+from .cell import CellModel, CircuitParameters, OcvTable, get_circuit
 from .errors import InputError
 from .global_optimum import GlobalOptimum, optimality_gap
 from .metrics import Metrics
@@ -142,8 +142,8 @@ class InputPart(Part):
     role: Literal["identification", "validation", "ocv"]
     name: str
     sha256: str
-    sign: Decision
-    hold: Decision
+    sign: Decision | None = None
+    hold: Decision | None = None
     window: Window | None = None
     start: Start | None = None
     rest_current_a: float | None = None
@@ -447,8 +447,10 @@ def all_versions() -> dict[str, str]:
     return dict(_versions())
 
 
-def input_part(role: Any, record: Record) -> InputPart:
+def input_part(role: Any, record: Record | OcvTable) -> InputPart:
     """A file that was read, with what was decided about it."""
+    if isinstance(record, OcvTable):
+        return InputPart(role=role, name=record.name, sha256=record.sha256)
     return InputPart(
         role=role, name=record.name, sha256=record.sha256, sign=record.sign, hold=record.hold
     )

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,9 @@ from .session import Session, command_line, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
+
+# What of the report stands in the terminal unless everything is asked for.
+SHOWN = {"Verdict", "Parameters", "Errors", "Search", "Without an answer"}
 
 
 @grouped
@@ -109,7 +113,10 @@ def compare(
     from ..reporting import comparison_document
     from ..reporting.terminal import to_terminal
 
-    document = comparison_document(result, (), seconds, summary_only=not output.verbose)
+    document = comparison_document(result, (), seconds)
+    if not output.verbose:
+        kept = [each for each in document.sections if each.title in SHOWN]
+        document = replace(document, sections=tuple(kept))
     session.show(to_terminal(document))
     session.warn(result.warnings)
     session.show([f"\nThe report is [bold]{escape(str(folder))}/report.html[/bold]."])

@@ -21,7 +21,7 @@ from .options import (
     require_choice,
 )
 from .output import DEFAULT_FOLDER, require_free, write_folder
-from .session import Session, as_flags, command_line, use_compilation_cache
+from .session import Session, as_flags, command_line, use_compilation_cache, without_appearance
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -175,5 +175,6 @@ def _next(result: "Result") -> str:
     words, advice = next_step(result)
     if not words:
         return advice
-    command = shlex.join(["barnax", *sys.argv[1:], *words, "--out", "barnax-out-2"])
+    given = without_appearance(sys.argv[1:])
+    command = shlex.join(["barnax", *given, *words, "--out", "barnax-out-2"])
     return escape(as_flags(f"{command}   {advice}"))

@@ -64,9 +64,9 @@ def show(result: StoredResult) -> None:
 
 @grouped
 def validate(
-    of_records: RecordOptions,
     result: StoredResult,
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record to validate on.")],
+    of_records: RecordOptions,
     current_sign: Annotated[
         Sign, typer.Option(metavar="SIGN", help="Sign of current.", rich_help_panel=INPUT)
     ] = "auto",
@@ -95,7 +95,7 @@ def validate(
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..pipeline import validate_stored
-        from ..reporting.tables import errors_table
+        from ..reporting.identification import metrics_table
         from ..reporting.terminal import terminal_table
         from ..results import metrics_part
 
@@ -110,7 +110,7 @@ def validate(
     metrics = metrics_part(evaluation)
     if as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
-    session.show([terminal_table(errors_table([(metrics, "validation")]))])
+    session.show([terminal_table(metrics_table([(metrics, "validation")]))])
     session.warn(warnings)
 
 

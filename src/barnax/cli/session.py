@@ -5,7 +5,6 @@ import os
 import re
 import sys
 import time
-import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +13,8 @@ import platformdirs
 from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ..errors import printable
 
 # Where and how results appear is no part of them.
 APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1, "--verbose": 1}
@@ -32,22 +33,6 @@ def as_flags(text: str) -> str:
         return name if found[2] is None else f"{name} {found[2].strip(chr(39))}"
 
     return _OPTION.sub(flag, text)
-
-
-def printable(text: str) -> str:
-    """The text without what would steer a terminal, or cannot be stored.
-
-    >>> printable("a\\x1b[31m.csv") == "a\\N{REPLACEMENT CHARACTER}[31m.csv"
-    True
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        "\N{REPLACEMENT CHARACTER}"
-        if unicodedata.category(letter) in ("Cc", "Cf", "Cs") and letter not in "\n\t"
-        else letter
-        for letter in text
-    )
 
 
 class Session:
@@ -125,15 +110,21 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
 
     `names` are what results call the files.
     """
-    words, kept = sys.argv[1:], ["barnax"]
+    kept = ["barnax"]
+    for word in without_appearance(sys.argv[1:]):
+        option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        kept.append(printable(option + equals + names.get(Path(value), _file_name(value))))
+    return kept
+
+
+def without_appearance(words: list[str]) -> list[str]:
+    """The words of a command without the options that say where and how results appear."""
+    kept = []
     while words:
-        first = words[0]
-        option, equals, value = first.partition("=") if first.startswith("--") else (first, "", "")
-        spent = 1 if equals else APPEARANCE.get(option, 1)
+        option, equals, _ = words[0].partition("=")
         if option not in APPEARANCE:
-            prefix, word = (f"{option}=", value) if equals else ("", option)
-            kept.append(printable(prefix + names.get(Path(word), _file_name(word))))
-        words = words[spent:]
+            kept.append(words[0])
+        words = words[1 if equals else APPEARANCE.get(option, 1) :]
     return kept
 
 

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ..gather import window_advice
 from .document import Column, Document, Paragraph, Section, Table
 from .words import NOTHING, counted, duration
 
 if TYPE_CHECKING:
-    from ..checks import FileCheck, Finding
+    from ..checks import FileCheck, Finding, Role
 
 SEVERITIES = ("error", "warning", "note")
 
@@ -71,12 +72,17 @@ def _findings_table(findings: Sequence["Finding"]) -> Table:
     )
 
 
+def _reason(role: "Role") -> str:
+    if role.window is None or not role.is_usable:
+        return role.reason
+    return "; ".join([role.reason, *window_advice(role.window)])
+
+
 def _roles_table(found: "FileCheck") -> Table:
     return Table(
         caption="",
         columns=tuple(Column(name, role="text") for name in ("serves for", "", "because")),
         rows=tuple(
-            (each.name, "yes" if each.is_usable else "no", " ".join([each.reason, *each.options]))
-            for each in found.roles
+            (each.name, "yes" if each.is_usable else "no", _reason(each)) for each in found.roles
         ),
     )

@@ -38,7 +38,12 @@ def files_table(stored: "Stored") -> Table:
         caption="The files that were read. The hash is the beginning of the file's SHA-256.",
         columns=(*TEXT, Column("sign of current", role="text"), Column("hash", role="text")),
         rows=tuple(
-            (each.name, each.role, each.sign.value, each.sha256[:HASH_LETTERS])
+            (
+                each.name,
+                each.role,
+                each.sign.value if each.sign else "a table",
+                each.sha256[:HASH_LETTERS],
+            )
             for each in stored.inputs
         ),
     )
@@ -61,9 +66,9 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
 def guess_sentences(stored: "Stored") -> Iterator[str]:
     """The decisions that were guesses, and that the answer depends on, with the way to settle them."""
     simulated = [each for each in stored.inputs if each.start is not None]
-    guessed = [each for each in simulated if each.hold.strength == "assumed"]
+    guessed = [each for each in simulated if each.hold and each.hold.strength == "assumed"]
     if guessed:
-        value = guessed[0].hold.value
+        value = guessed[0].hold.value if guessed[0].hold else ""
         other = "backward" if value == "forward" else "forward"
         yield (
             f"the current of a sample flows {FLOWS[value]} in {joined([e.name for e in guessed])}; "
@@ -168,12 +173,12 @@ def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[
 
 
 def _signs(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    for decision, names in _gathered((each.sign, each.name) for each in inputs):
+    for decision, names in _gathered((each.sign, each.name) for each in inputs if each.sign):
         yield f"The current is {decision.value} in {joined(names)} ({_reason(decision)})."
 
 
 def _holds(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    for decision, names in _gathered((each.hold, each.name) for each in inputs):
+    for decision, names in _gathered((each.hold, each.name) for each in inputs if each.hold):
         yield (
             f"A sample's current flows {FLOWS[decision.value]} in {joined(names)} "
             f"({_reason(decision)})."

@@ -1,6 +1,6 @@
 """The report of one identification."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -187,6 +187,11 @@ def errors_table(result: "Result") -> Table:
     rows = [(each, "identification") for each in result.metrics.jointly]
     rows.append((result.metrics.identification, "all of these" if rows else "identification"))
     rows += [(each, "validation") for each in result.metrics.validation]
+    return metrics_table(rows)
+
+
+def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:
+    """Errors on records, and what each serves for."""
     return Table(
         caption="Errors on every record.",
         columns=(Column("record", role="text"), Column("serves for", role="text"), *METRICS),

@@ -26,7 +26,7 @@ LAYOUT: dict[str, Any] = {
     "title_style": "bold cyan",
     "header_style": "cyan",
 }
-BARE: dict[str, Any] = {"box": None, "padding": (0, 3, 0, 0), "pad_edge": False}
+BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
 LONGEST_NAME = 40
 
 
@@ -156,6 +156,7 @@ def _parameters_table(result: "Result") -> Shown:
         estimates = {each.name: each for each in result.assessment.uncertainty.estimates}
     circuit = result.circuit_parameters
     bounds = {each.name: each.side for each in result.at_bound}
+    longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
     table = Shown(show_header=False, **BARE)
     for justify in ("left", "right", "left", "left", "right", "left"):
         table.add_column(justify=justify, no_wrap=True)
@@ -166,7 +167,9 @@ def _parameters_table(result: "Result") -> Shown:
         right = ("", "", "")
         if pair:
             name, tau_s = f"tau{pair} [s]", circuit.tau_s[pair - 1]
-            right = (f"tau{pair}", duration(tau_s), _tau_interval(name, estimates, bounds, result))
+            right = (f"tau{pair}", duration(tau_s), _interval(name, estimates, bounds, 1.0))
+            if bounds.get(name) == "upper" and tau_s >= longest_s * (1 - 1e-3):
+                right = (f"tau{pair}", f"> {duration(longest_s)}", "longer than the record")
         table.add_row(*left, *right)
     if circuit.gamma is not None:
         value = f"{figures(circuit.gamma)} /SOC"
@@ -183,15 +186,6 @@ def _interval(name: str, estimates: dict, bounds: dict, scale: float) -> str:
     if each.low is None or each.high is None:
         return "not determined"
     return f"{figures(scale * each.low)} to {figures(scale * each.high)}"
-
-
-def _tau_interval(name: str, estimates: dict, bounds: dict, result: "Result") -> str:
-    longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
-    each = estimates.get(name)
-    value = each.value if each is not None else 0.0
-    if bounds.get(name) == "upper" and value >= longest_s * (1 - 1e-3):
-        return "or more: longer than the record"
-    return _interval(name, estimates, bounds, 1.0)
 
 
 def _millivolt(value_v: float) -> str:

@@ -119,6 +119,15 @@ def shown(name: str, value: float) -> tuple[str, str]:
     return figures(value), unit
 
 
+def bound_words(name: str, side: str) -> str:
+    """A parameter at a bound of its box.
+
+    >>> bound_words("tau2 [s]", "upper")
+    'tau2 at its upper bound'
+    """
+    return f"{symbol(name)} at its {side} bound"
+
+
 def with_unit(name: str, value: float) -> str:
     """A parameter's value as it is read.
 

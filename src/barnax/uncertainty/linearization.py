@@ -10,7 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..cell import CircuitParameters
-from ..errors import LARGEST_NUMBER, InputError
+from ..errors import InputError
+
+# Voltages and derivatives beyond this are overflows on their way.
+LARGEST_NUMBER = 1e20
 from ..execution import compile_for, in_float64
 from ..model.inputs import PreparedRecord
 from ..model.problem import Objective, Problem, rc_parameters, residuals

@@ -223,7 +223,7 @@ def _initial_soc(
     problem: Problem, parameters: CircuitParameters, rmse_v: float, refit: Refit
 ) -> list[Suggestion]:
     own = problem.prepared.start.soc
-    if any(each.initial_soc != own for each in problem.prepared_records):
+    if any(each.start.soc != own for each in problem.prepared_records):
         # One `initial_soc` serves every record, and here they would need several.
         return []
 

@@ -8,7 +8,7 @@ import typer
 
 from ..errors import InputError
 from .options import INPUT, OUTPUT
-from .session import Session
+from .session import Session, as_flags
 
 FINDINGS = 1
 SCHEMA_VERSION = 1
@@ -62,7 +62,7 @@ def check(
             continue
         found.append(each)
         listed.append(each.to_dict())
-        session.show(to_terminal(check_document(each)))
+        session.show(to_terminal(check_document(each).spelled(as_flags)))
         if quiet:
             session.warn(finding_line(each.file, one) for one in each.findings if one.counts)
     if as_json:

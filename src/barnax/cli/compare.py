@@ -20,7 +20,7 @@ from .options import (
     require_choice,
 )
 from .output import DEFAULT_FOLDER, require_free, write_folder
-from .session import Session, command_line, use_compilation_cache
+from .session import Session, as_flags, command_line, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
@@ -117,7 +117,7 @@ def compare(
     if not output.verbose:
         kept = [each for each in document.sections if each.title in SHOWN]
         document = replace(document, sections=tuple(kept))
-    session.show(to_terminal(document))
+    session.show(to_terminal(document.spelled(as_flags)))
     session.warn(result.warnings)
     session.show([f"\nThe report is [bold]{escape(str(folder))}/report.html[/bold]."])
 

@@ -148,7 +148,7 @@ def result_files(result: "Result", report: bool) -> dict[str, bytes]:
         drawn = identification_illustrations(result.run, is_always)
         return {f"figures/{each.name}.png": each.png for each in drawn}
     drawn = identification_illustrations(result.run)
-    return report_files(identification_document(result, drawn), drawn)
+    return report_files(identification_document(result, drawn).spelled(as_flags), drawn)
 
 
 def _show(
@@ -158,8 +158,8 @@ def _show(
     from ..reporting.terminal import first_screen, next_line, parts_line, to_terminal
 
     if verbose:
-        session.show(to_terminal(identification_document(result)))
-    session.show(first_screen(result))
+        session.show(to_terminal(identification_document(result).spelled(as_flags)))
+    session.show(first_screen(result, as_flags))
     session.show([next_line(_next(result))])
     if folder is not None:
         names = [f"{folder}/report.html"] if report else []

@@ -30,7 +30,7 @@ from .options import (
     grouped,
 )
 from .output import require_free_file, write_file
-from .session import Session, use_compilation_cache
+from .session import Session, as_flags, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..export import Verification
@@ -58,8 +58,8 @@ def show(result: StoredResult) -> None:
 
     stored = load(result)
     session = Session(is_quiet=False)
-    session.show(to_terminal(identification_document(stored)))
-    session.show(first_screen(stored))
+    session.show(to_terminal(identification_document(stored).spelled(as_flags)))
+    session.show(first_screen(stored, as_flags))
 
 
 @grouped

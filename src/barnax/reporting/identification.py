@@ -193,9 +193,9 @@ def errors_table(result: "Result") -> Table:
 def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:
     """Errors on records, and what each serves for."""
     return Table(
-        caption="Errors on every record.",
-        columns=(Column("record", role="text"), Column("serves for", role="text"), *METRICS),
-        rows=tuple((each.record, role, *metrics_cells(each)) for each, role in rows),
+        caption=f"Errors on {joined([f'{each.record} ({role})' for each, role in rows])}.",
+        columns=(Column("record", role="text"), *METRICS),
+        rows=tuple((each.record, *metrics_cells(each)) for each, _ in rows),
     )
 
 

@@ -1,7 +1,7 @@
 """What a terminal shows: the first screen of a result, and any document in full."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -30,8 +30,11 @@ BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
 LONGEST_NAME = 40
 
 
-def first_screen(result: "Result") -> Iterator[RenderableType]:
-    """How good the answer is, what it is, whether to believe it, and its weakest point."""
+def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterator[RenderableType]:
+    """How good the answer is, what it is, whether to believe it, and its weakest point.
+
+    `spell` gives the texts as who reads them names the options.
+    """
     yield Text()
     yield _indented(_files_table(result))
     yield Text()
@@ -45,7 +48,7 @@ def first_screen(result: "Result") -> Iterator[RenderableType]:
         lines.append(("Weakest point", weakest))
     lines += [("Assumed", text) for text in guesses(result)]
     for head, text in lines:
-        yield _indented(_line(head, text))
+        yield _indented(_line(head, spell(text)))
 
 
 def next_line(text: str) -> RenderableType:
@@ -79,10 +82,11 @@ def terminal_table(table: Table) -> Shown:
     """A document's table as a terminal shows it."""
     shown = Shown(caption=escape(table.caption), caption_justify="left", **LAYOUT)
     for column in table.columns:
-        head = f"{column.name}\n[{column.unit}]" if column.unit else column.name
-        shown.add_column(
-            escape(head), justify="right" if column.role == "number" else "left", overflow="fold"
-        )
+        is_number = column.role == "number"
+        # Narrow, so that names stay whole beside seven figures in 80 columns.
+        name = column.name.replace(" ", "\n") if is_number else column.name
+        head = f"{name}\n[{column.unit}]" if column.unit else name
+        shown.add_column(escape(head), justify="right" if is_number else "left", overflow="fold")
     for place, row in enumerate(table.rows):
         shown.add_row(
             *(

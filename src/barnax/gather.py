@@ -67,6 +67,8 @@ def read_inputs(
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
     given, tests, others = (_listed(each) for each in (records, ocv, validate))
+    common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
+    capacity = capacity or common.capacity_ah
     is_bundled = not given
     if is_bundled:
         if tests or others:
@@ -108,14 +110,13 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
-        first = window if isinstance(window, Window) else (window or {}).get("")
         cell = characterize(
             ocv_records,
             capacity_ah=capacity,
             ocv_capacity_ah=ocv_capacity,
             ocv_fit=ocv_fit,
             hysteresis_fit=hysteresis_fit,
-            rest_current_a=None if first is None else first.rest_current_a,
+            rest_current_a=common.rest_current_a,
         )
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 

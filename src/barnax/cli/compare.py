@@ -107,7 +107,7 @@ def compare(
             written = _report(result, comparison, seconds)
         written["comparison.json"] = result.to_json().encode()
         written["timings.json"] = session.timings_json()
-        write_folder(folder, written)
+        folder = write_folder(folder, written, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
     from ..reporting import comparison_document

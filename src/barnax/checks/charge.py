@@ -120,8 +120,7 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
         "warning",
         f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
         f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %",
-        "check the current's range and offset, and whether both ends were reached; do not put "
-        "both branches on one axis of charge",
+        "check the current's range and offset, and whether both ends were reached",
     )
 
 

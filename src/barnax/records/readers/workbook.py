@@ -135,7 +135,8 @@ def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: l
     if len(names) > 1:
         clock = find_columns(header)["time"].index
         names.sort(key=lambda name: _first_number(filled[name].to_series(clock)))
-    notes = (f"ignored the sheets {listed(ignored)}",) if ignored else ()
+    word = "sheets" if len(ignored) > 1 else "sheet"
+    notes = (f"ignored the {word} {listed(ignored)}",) if ignored else ()
     return Table(
         header=header,
         columns=tuple(

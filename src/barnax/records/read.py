@@ -126,11 +126,10 @@ def read_record(
         source = read_source(source)
     examined = examine(source.table, source.name)
     raise_first_error(examined.findings, source.name)
-    assert examined.samples is not None  # Where there are none, that is an error.
-    sign, doubts = decide_sign(examined.samples, current_sign, source.name)
-    record = make_record(
-        source, examined.samples, sign, decide_hold(examined.samples, current_hold)
-    )
+    samples = examined.samples
+    assert samples is not None  # Where there are none, that was an error.
+    sign, doubts = decide_sign(samples, current_sign, source.name)
+    record = make_record(source, samples, sign, decide_hold(samples, current_hold))
     return replace(record, warnings=warnings_of((*examined.findings, *doubts), source.name))
 
 

@@ -54,7 +54,7 @@ def examine(table: Table, file: str, capacity_ah: float | None = None) -> Examin
     samples = mended = samples_of(lines)
     if short := _too_short(mended):
         # Where bad cells took the samples, that is said already.
-        findings += [short] if not found else []
+        findings += [] if any(each.severity == "error" for each in findings) else [short]
         return Examined(None, None, tuple(findings))
     # Absurd values overflow on their way to being found absurd.
     with np.errstate(all="ignore"):

@@ -236,3 +236,14 @@ def test_rows_above_the_column_names_are_passed_over_and_counted(tmp_path, delim
     record = read_record(tmp_path / "cell.csv")
     assert record.samples == frame.height
     assert (record.row[0], record.row[-1]) == (5, frame.height + 4)
+
+
+@pytest.mark.parametrize("names_end", ["", ","])
+@pytest.mark.parametrize("cells_end", ["", ",", ",note"])
+def test_names_and_cells_may_differ_by_a_delimiter_at_the_end(tmp_path, names_end, cells_end):
+    names, *lines = pulse_frame(30).write_csv().splitlines()
+    text = "\n".join([names + names_end, *(line + cells_end for line in lines)])
+    (tmp_path / "cell.csv").write_text(text)
+    record = read_record(tmp_path / "cell.csv")
+    np.testing.assert_array_equal(record.voltage_v, pulse_frame(30)["Voltage / V"].to_numpy())
+    assert list(record.row) == list(range(2, 32))

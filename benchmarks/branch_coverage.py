@@ -16,8 +16,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from benchmarks.pages import save_page
-from benchmarks.table2.provenance import as_markdown, provenance
+from benchmarks.pages import as_markdown, provenance, save_page
 
 REPOSITORY = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results" / "branch_coverage.md"

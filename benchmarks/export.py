@@ -156,8 +156,7 @@ def ramp_difference_v(result) -> float:
 
 def write_page() -> None:
     """Simulate all, print the page and write it."""
-    from benchmarks.pages import save_page
-    from benchmarks.table2.provenance import as_markdown, provenance
+    from benchmarks.pages import as_markdown, provenance, save_page
 
     table, loop_v, ramp_v = [], 0.0, 0.0
     for result in results():

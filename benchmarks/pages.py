@@ -1,13 +1,20 @@
-"""Committed results: pages, tables and figures, each written whole or not at all."""
+"""Committed results: pages, tables and figures written whole, and where their numbers come from."""
 
+import csv
+import datetime
+import importlib.metadata
 import io
+import os
+import platform
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from barnax.cli.output import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+PACKAGES = ("barnax", "jax", "jaxlib", "optimistix", "equinox", "numpy", "scipy")
 
 
 def save_page(path: Path, text: str) -> None:
@@ -25,3 +32,32 @@ def save_figure(path: Path, figure: "Figure", dpi: float) -> None:
 def save_file(path: Path, content: bytes) -> None:
     """Put any file in the place of the former one."""
     write_file(path, content)
+
+
+def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    """The rows under a header of their keys."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {key: f"{value:.6g}" if isinstance(value, float) else value for key, value in row.items()}
+        for row in rows
+    )
+    save_page(path, text.getvalue())
+
+
+def provenance(command: str, key: int, *more_packages: str) -> dict[str, str]:
+    """What a reader needs to make the same numbers again."""
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in PACKAGES + more_packages]
+    return {
+        "command": f"`{command}`",
+        "key": str(key),
+        "versions": ", ".join([f"Python {platform.python_version()}", *versions]),
+        "machine": f"{os.cpu_count()} shared CPU cores, {platform.machine()}, float64",
+        "date": datetime.date.today().isoformat(),
+    }
+
+
+def as_markdown(facts: dict[str, str]) -> str:
+    """The facts as a list."""
+    return "\n".join(f"- {name}: {fact}" for name, fact in facts.items())

@@ -16,8 +16,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from benchmarks.pages import save_page
-from benchmarks.table2.provenance import as_markdown, provenance
+from benchmarks.pages import as_markdown, provenance, save_page
 
 from .mutants import mutants_of
 from .trial import Trial, load_libraries

@@ -10,10 +10,8 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 from benchmarks.environments import make_environment, run_worker
-from benchmarks.pages import save_page
-from benchmarks.table2.provenance import as_markdown, provenance
-from benchmarks.table2.report import write_csv
-from benchmarks.table2.runs import run_optimizer
+from benchmarks.li2023.table2.runs import run_optimizer
+from benchmarks.pages import as_markdown, provenance, save_page, write_csv
 
 from barnax.optimizers import OPTIMIZERS, AbstractPopulationMinimiser, Box
 from barnax.optimizers.draws import written_out

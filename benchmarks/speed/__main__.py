@@ -12,9 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import jax
-from benchmarks.pages import save_figure, save_page
-from benchmarks.table2.provenance import as_markdown, provenance
-from benchmarks.table2.report import write_csv
+from benchmarks.pages import as_markdown, provenance, save_figure, save_page, write_csv
 
 from . import report
 from .cells import grow_cells, row_of, time_cells

@@ -3,9 +3,12 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Any, Self
 
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
 
 MOST_PAIRS = 4
 RATE = "gamma"
@@ -102,3 +105,18 @@ class CircuitParameters:
             return cls(r0, tuple(rest[::2]), tuple(rest[1::2]), gamma)
         except (TypeError, ValueError) as error:
             raise InputError(f"circuit parameters cannot be used: {error}") from error
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> "CoreSchema":
+        """Stored as `to_dict` has it."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_before_validator_function(
+            lambda given: cls.from_dict(given) if isinstance(given, Mapping) else given,
+            core_schema.is_instance_schema(cls),
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.to_dict),
+        )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"type": "object", "additionalProperties": {"type": "number"}}

@@ -1,28 +1,14 @@
-"""The command `barnax` and its exit statuses."""
+"""The command `barnax`: its subcommands and their common options."""
 
-import atexit
-import gc
-import os
-import signal
-import sys
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
 from .. import __version__
-from ..errors import InputError
 from .check import check
-from .compare import compare
-from .export import export
+from .compare import compare, optimizers
 from .identify import identify
-from .optimizers import optimizers
-from .rerun import rerun
-from .validate import validate
-
-BAD_INPUT = 2
-INTERRUPTED = 130
+from .results import export, rerun, show, validate
 
 app = typer.Typer(
     name="barnax",
@@ -32,13 +18,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(identify)
-app.command()(validate)
-app.command()(compare)
-app.command()(rerun)
-app.command()(export)
-app.command()(check)
-app.command()(optimizers)
+for command in (identify, show, validate, compare, rerun, export, check, optimizers):
+    app.command()(command)
 
 
 def _print_version(is_asked: bool) -> None:
@@ -58,33 +39,3 @@ def common(
 
     Run [bold]barnax identify[/bold] without arguments to see it work on the bundled cell.
     """
-
-
-def _stop(*_: object) -> None:
-    """Say at once that the signal was heard: a compiled search ends only by itself."""
-    # Not by sys.stderr: the signal may have come in the middle of a write to it.
-    os.write(2, b"\nstopping as soon as what is being computed is done\n")
-    raise KeyboardInterrupt
-
-
-def main() -> None:
-    """Run the command line; bad input is one message and exit status 2, never a traceback."""
-    # Modules and traces are many objects and no garbage: looking through them for some, at Python's
-    # usual intervals and once more at the end, took a tenth of `barnax identify` on short records.
-    gc.set_threshold(50_000, 20, 20)
-    atexit.register(gc.freeze)
-    # A polite end from outside is the same as Ctrl-C: what is being written is finished or undone.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _stop)
-    try:
-        app()
-    except InputError as problem:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(
-            "[bold red]error:[/bold red]", escape(str(problem))
-        )
-        sys.exit(BAD_INPUT)
-    except SystemExit as end:
-        # Typer turns Ctrl-C into this status, and says nothing.
-        if end.code == INTERRUPTED:
-            Console(stderr=True).print("interrupted; earlier results are as they were")
-        raise

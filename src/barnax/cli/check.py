@@ -7,8 +7,8 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import InputError
-from . import options
-from .session import Session
+from .options import INPUT, OUTPUT
+from .session import Session, as_flags
 
 FINDINGS = 1
 SCHEMA_VERSION = 1
@@ -21,12 +21,12 @@ def check(
         typer.Option(
             metavar="AH",
             help="Capacity of the cell, to judge the charge by.",
-            rich_help_panel=options.INPUT,
+            rich_help_panel=INPUT,
         ),
     ] = None,
     as_json: Annotated[
         bool,
-        typer.Option("--json", help="Print the diagnoses as JSON.", rich_help_panel=options.OUTPUT),
+        typer.Option("--json", help="Print the diagnoses as JSON.", rich_help_panel=OUTPUT),
     ] = False,
     quiet: Annotated[
         bool,
@@ -34,7 +34,7 @@ def check(
             "--quiet",
             "-q",
             help="No tables and no notes; findings go to stderr, a line each.",
-            rich_help_panel=options.OUTPUT,
+            rich_help_panel=OUTPUT,
         ),
     ] = False,
 ) -> None:
@@ -43,33 +43,33 @@ def check(
     Exit status 0: nothing but notes. 1: findings. 2: a file that cannot be read as a table.
     """
     session = Session(is_quiet=quiet or as_json)
-    with session.stage("Loading"):
+    with session.watch("Loading"):
         from ..checks import check_file
-        from .check_report import diagnosis_report, finding_line, verdict_sentence
+        from ..reporting.checks import check_document, count_sentence, finding_line
+        from ..reporting.terminal import to_terminal
 
     if capacity is not None and not capacity > 0:
-        raise InputError(f"--capacity {capacity} Ah must be positive")
-    diagnoses, unreadable = [], []
+        raise InputError(f"`capacity` {capacity} Ah must be positive")
+    found, unreadable = [], []
     listed: list[dict[str, Any]] = []
     for file in files:
         try:
-            with session.stage(f"Looking at {file.name}"):
-                diagnosis = check_file(file, capacity_ah=capacity)
+            with session.watch(f"Looking at {file.name}"):
+                each = check_file(file, capacity_ah=capacity)
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": file.name, "unreadable": str(problem)})
             continue
-        diagnoses.append(diagnosis)
-        listed.append(diagnosis.to_dict())
-        session.show(diagnosis_report(diagnosis))
+        found.append(each)
+        listed.append(each.to_dict())
+        session.show(to_terminal(check_document(each).spelled(as_flags)))
         if quiet:
-            counting = [finding for finding in diagnosis.findings if finding.counts]
-            session.warn(finding_line(diagnosis.file, finding) for finding in counting)
+            session.warn(finding_line(each.file, one) for one in each.findings if one.counts)
     if as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
-    session.show([verdict_sentence(diagnoses)])
+    session.show([count_sentence(found, len(unreadable))])
     if unreadable:
         raise InputError("\n".join(unreadable))
-    if not all(diagnosis.is_clean for diagnosis in diagnoses):
+    if not all(each.is_clean for each in found):
         raise typer.Exit(FINDINGS)

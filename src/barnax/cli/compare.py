@@ -1,29 +1,48 @@
-"""`barnax compare`: models and methods side by side on one cell."""
+"""`barnax compare`: models and methods side by side on one cell; `barnax optimizers`."""
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
-from . import options
-from .doubts import warn_of_doubts
-from .inputs import Files, choose_files, make_window, read_box, read_inputs
-from .options import SEARCH, require_choice
-from .output import DEFAULT_FOLDER, report_files, require_free, write_folder
-from .session import Session, command_line, use_compilation_cache
+from .options import (
+    SEARCH,
+    Files,
+    Output,
+    RecordOptions,
+    SearchOptions,
+    grouped,
+    require_choice,
+)
+from .output import DEFAULT_FOLDER, require_free, write_folder
+from .session import Session, as_flags, command_line, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
 
+# What of the report stands in the terminal unless everything is asked for.
+SHOWN = {"Verdict", "Parameters", "Errors", "Search", "Without an answer"}
 
+
+@grouped
 def compare(
-    record: options.Record = None,
-    ocv: options.Ocv = None,
-    validate: options.Validate = None,
-    capacity: options.Capacity = None,
+    files: Files,
+    of_records: RecordOptions,
+    search: SearchOptions,
+    output: Output,
+    record: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="RECORD",
+            help="Dynamic record to identify on; without it, the bundled cell runs.",
+            show_default=False,
+        ),
+    ] = None,
     models: Annotated[
         str | None,
         typer.Option(
@@ -41,114 +60,78 @@ def compare(
             rich_help_panel=SEARCH,
         ),
     ] = None,
-    coordinates: options.Coordinates = "rc",
-    objective: options.Objective = "scan",
-    seeds: options.Seeds = 30,
-    population: options.Population = 30,
-    iterations: options.Iterations = 500,
-    key: options.RandomKey = 0,
-    bounds: options.BoundsFile = None,
-    fix: options.Fix = None,
-    ocv_fit: options.OcvCurves = "polynomial",
-    hysteresis_fit: options.HysteresisSegments = "continuous",
-    current_sign: options.CurrentSign = "auto",
-    ocv_current_sign: options.OcvCurrentSign = "auto",
-    validate_current_sign: options.ValidateCurrentSign = "auto",
-    current_hold: options.CurrentHold = "auto",
-    rest_current: options.RestCurrent = None,
-    initial_direction: options.InitialDirection = None,
-    start_time: options.StartTime = None,
-    start_after_step: options.StartAfterStep = None,
-    initial_soc: options.InitialSoc = None,
-    score_steps: options.ScoreSteps = None,
-    score_from: options.ScoreFrom = None,
-    score_to: options.ScoreTo = None,
-    out: options.Out = None,
-    force: options.Force = False,
-    as_json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> None:
     """Compare models and methods on one cell, and write tables, figures and a report.
 
     All get the same data, box, budget and key; a row is a method's own answer, unrefined.
     [bold]barnax compare[/bold] alone sets the paper's five rows side by side on the bundled cell.
     """
-    session = Session(is_quiet=quiet or as_json)
-    folder = out or (None if as_json else DEFAULT_FOLDER)
+    session = Session(is_quiet=output.quiet or output.as_json)
+    folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
     if folder is not None:
-        require_free(folder, force)
-    paths = choose_files([record] if record else [], ocv or [], validate or [])
-    files = Files(*paths, current_sign, ocv_current_sign, validate_current_sign, current_hold)
-    command = command_line(files.names)
-    with session.stage("Loading JAX"):
+        require_free(folder, output.force)
+    given = [[record] if record else [], files.ocv or [], files.validate or []]
+    with session.watch("Loading JAX"):
         use_compilation_cache()
-        from ..baselines import METHODS, Budget
+        from ..baselines import METHODS
         from ..cell import CIRCUITS
-        from ..comparison import PAPER_ROWS, compare, make_comparison_result
-        from ..reporting.terminal import comparison_report
+        from ..comparison import PAPER_ROWS
+        from ..gather import Reading, file_names
+        from ..pipeline import Settings, compare_files
 
     rows = chosen_rows(models, methods, PAPER_ROWS)
     for model, method in rows:
-        require_choice("--models", model, CIRCUITS)
-        require_choice("--methods", method, METHODS)
-    window = make_window(
-        start_time=start_time,
-        start_after_step=start_after_step,
-        initial_soc=initial_soc,
-        score_steps=score_steps,
-        score_from=score_from,
-        score_to=score_to,
-        rest_current=rest_current,
-        initial_direction=initial_direction,
-    )
-    box = read_box(bounds, fix)
-    inputs = read_inputs(
-        session,
-        files,
-        capacity=capacity,
-        ocv_fit=ocv_fit,
-        hysteresis_fit=hysteresis_fit,
-        rest_current=rest_current,
-    )
-    given = (start_time, start_after_step, initial_soc, score_steps, score_from, score_to)
-    warn_of_doubts(session, files, capacity, has_window=any(each is not None for each in given))
-    total = sum(1 if METHODS[method].is_deterministic else seeds for _, method in rows)
-    with session.bar("Comparing", total) as advance:
-
-        @contextmanager
-        def watch(name: str) -> Iterator[Callable[[int], None]]:
-            with session.timed(name):
-                yield advance
-
-        comparison = compare(
-            inputs.records[0],
-            inputs.cell,
-            rows,
-            validation=inputs.validation,
-            window=window,
-            bounds=box.ranges,
-            fixed=box.fixed,
-            coordinates=coordinates,
-            objective=objective,
-            budget=Budget(population, iterations, seeds, key),
-            source=box.source,
-            watch=watch,
-        )
-    result = make_comparison_result(
-        comparison, inputs.validation, ocv=inputs.tests, command=command
-    )
+        require_choice("models", model, CIRCUITS)
+        require_choice("methods", method, METHODS)
+    total = sum(1 if METHODS[method].is_deterministic else search.seeds for _, method in rows)
+    with session.watch("Comparing", total) as advance:
+        comparison, result = compare_files(
+            given[0], ocv=given[1], validate=given[2], rows=rows,
+            settings=Settings(
+                "", "", search.objective, search.coordinates,
+                search.seeds, search.population, search.iterations, search.key,
+            ),
+            window=of_records.windows(), ocv_capacity=files.ocv_capacity,
+            bounds=search.bounds, fix=search.fixed,
+            reading=Reading(
+                files.current_sign, files.ocv_current_sign, files.validate_current_sign,
+                files.current_hold,
+            ),
+            ocv_fit=files.ocv_fit, hysteresis_fit=files.hysteresis_fit,
+            command=command_line(file_names([path for paths in given for path in paths])),
+            watch=_row_watch(session, advance),
+        )  # fmt: skip
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
     if folder is not None:
-        written = {"comparison.json": result.to_json().encode()}
-        with session.stage("Drawing figures"):
-            written |= _report(result, comparison, seconds)
+        with session.watch("Drawing figures"):
+            written = _report(result, comparison, seconds)
+        written["comparison.json"] = result.to_json().encode()
         written["timings.json"] = session.timings_json()
-        folder = write_folder(folder, written, force, session)
-    if as_json:
+        write_folder(folder, written)
+    if output.as_json:
         typer.echo(result.to_json(), nl=False)
-    session.show(comparison_report(result, seconds))
+    from ..reporting import comparison_document
+    from ..reporting.terminal import to_terminal
+
+    document = comparison_document(result, (), seconds)
+    if not output.verbose:
+        kept = [each for each in document.sections if each.title in SHOWN]
+        document = replace(document, sections=tuple(kept))
+    session.show(to_terminal(document.spelled(as_flags)))
     session.warn(result.warnings)
-    session.show([f"The report is [bold]{escape(str(folder))}/report.html[/bold]."])
+    session.show([f"\nThe report is [bold]{escape(str(folder))}/report.html[/bold]."])
+
+
+def _row_watch(session: Session, advance: Callable[[int], None]) -> Callable:
+    """Time every stage; its seeds advance the one bar that there is."""
+
+    @contextmanager
+    def watch(name: str, total: int = 0) -> Iterator[Callable[[int], None]]:
+        del total
+        with session.timed(name):
+            yield advance
+
+    return watch
 
 
 def chosen_rows(
@@ -178,7 +161,28 @@ def _report(
     result: "ComparisonResult", comparison: "Comparison", seconds: dict[str, float]
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
-    from ..reporting import comparison_document, comparison_illustrations
+    from ..reporting import comparison_document, comparison_illustrations, report_files
 
     drawn = comparison_illustrations(result, comparison, comparison.optima)
     return report_files(comparison_document(result, drawn, seconds), drawn)
+
+
+def optimizers() -> None:
+    """List the optimizers that --method takes."""
+    from ..optimizers import summarize_optimizers
+    from ..reporting.document import Column, Table
+    from ..reporting.terminal import terminal_table
+
+    table = Table(
+        caption="Evaluations of one iteration with a population of 30.",
+        columns=(
+            Column("name", role="text"),
+            Column("evaluations"),
+            Column("what it is", role="text"),
+        ),
+        rows=tuple(
+            (each.name, str(each.evaluations_per_iteration), each.source)
+            for each in summarize_optimizers()
+        ),
+    )
+    Session(is_quiet=False).show([terminal_table(table)])

@@ -1,234 +1,291 @@
-"""Options that several commands share, with their help."""
+"""Options that several commands share: declared once, in groups, with their help."""
 
-from collections.abc import Iterable
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
 from ..errors import InputError
 
+if TYPE_CHECKING:
+    from ..model.inputs import Window
+
 WINDOW = "Window"
 INPUT = "Reading the files"
 OUTPUT = "Output"
 SEARCH = "Search"
+MOST_CANDIDATES = 100_000
 
 Sign = Literal["auto", "charge-positive", "discharge-positive"]
 Hold = Literal["auto", "forward", "backward"]
-Scale = Literal["rc", "log"]
-OcvFit = Literal["polynomial", "interpolated"]
-HysteresisFit = Literal["continuous", "independent"]
+PerRecord = list[str] | None
 
-CurrentSign = Annotated[
-    Sign,
-    typer.Option(
-        metavar="SIGN",
-        help="Sign of current in the record: charge-positive, discharge-positive, or auto, "
-        "decided from the data.",
-        rich_help_panel=INPUT,
-    ),
-]
-CurrentHold = Annotated[
-    Hold,
-    typer.Option(
-        metavar="HOLD",
-        help="Whether a sample's current flowed in the interval after it (forward) or before it "
-        "(backward), or auto.",
-        rich_help_panel=INPUT,
-    ),
-]
-RestCurrent = Annotated[
-    float | None,
-    typer.Option(
-        metavar="A",
-        help="Current below which the cell rests (default C/100).",
-        rich_help_panel=INPUT,
-    ),
-]
-InitialDirection = Annotated[
-    int | None,
-    typer.Option(
-        metavar="+1|-1",
-        help="Last current before the record: +1 charge (assumed), -1 discharge.",
-        rich_help_panel=WINDOW,
-    ),
-]
-StartTime = Annotated[
-    float | None,
-    typer.Option(
-        metavar="S", help="Start the simulation here, on the file's clock.", rich_help_panel=WINDOW
-    ),
-]
-StartAfterStep = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        help="Start at the last sample of this step's last block.",
-        rich_help_panel=WINDOW,
-    ),
-]
-InitialSoc = Annotated[
-    float | None,
-    typer.Option(
-        metavar="0..1",
-        help="State of charge at the start (default from the rested voltage).",
-        rich_help_panel=WINDOW,
-    ),
-]
-ScoreSteps = Annotated[
-    str | None,
-    typer.Option(
-        metavar="N,N", help="Count errors only in these steps, such as 7,8.", rich_help_panel=WINDOW
-    ),
-]
-ScoreFrom = Annotated[
-    float | None,
-    typer.Option(metavar="S", help="Count errors from this time on.", rich_help_panel=WINDOW),
-]
-ScoreTo = Annotated[
-    float | None,
-    typer.Option(metavar="S", help="Count errors up to this time.", rich_help_panel=WINDOW),
-]
-Record = Annotated[
-    Path | None,
-    typer.Argument(
-        metavar="RECORD",
-        help="Dynamic record to identify on; without it, the bundled cell runs.",
-        show_default=False,
-    ),
-]
-Ocv = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="FILE",
-        help="OCV test, pulse-rest or slow sweep; repeatable.",
-        rich_help_panel=INPUT,
-    ),
-]
-Validate = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="FILE", help="Record to validate on; repeatable.", rich_help_panel=INPUT),
-]
-Capacity = Annotated[
-    float | None,
-    typer.Option(metavar="AH", help="Capacity (default from the OCV test).", rich_help_panel=INPUT),
-]
-Coordinates = Annotated[
-    Scale,
-    typer.Option(
-        metavar="rc|log",
-        help="Search raw R and C, as the paper does, or logarithms of R and tau.",
-        rich_help_panel=SEARCH,
-    ),
-]
-Objective = Annotated[
-    Literal["scan", "compressed"],
-    typer.Option(
-        metavar="scan|compressed",
-        help="Simulate every sample for every candidate, or reduce the record once; both agree "
-        "to 1e-9, and every error that is reported comes from the scan.",
-        rich_help_panel=SEARCH,
-    ),
-]
-Seeds = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Independent runs.", rich_help_panel=SEARCH)
-]
-Population = Annotated[
-    int, typer.Option(min=4, metavar="N", help="Candidates a generation.", rich_help_panel=SEARCH)
-]
-Iterations = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Generations.", rich_help_panel=SEARCH)
-]
-RandomKey = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        max=2**32 - 1,
-        metavar="N",
-        help="The number all randomness comes from.",
-        rich_help_panel=SEARCH,
-    ),
-]
-BoundsFile = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE.toml",
-        help='Bounds, in a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
-        rich_help_panel=SEARCH,
-    ),
-]
-Fix = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=VALUE",
-        help='Hold a parameter, such as "C1 \\[F]=500"; repeatable.',
-        rich_help_panel=SEARCH,
-    ),
-]
-OcvCurves = Annotated[
-    OcvFit,
-    typer.Option(
-        metavar="FIT",
-        help="OCV curves: polynomial (degree 7) or interpolated (PCHIP through the points).",
-        rich_help_panel=INPUT,
-    ),
-]
-HysteresisSegments = Annotated[
-    HysteresisFit,
-    typer.Option(
-        metavar="FIT",
-        help="Hysteresis segments: continuous (they meet at the knots) or independent (nine "
-        "free parameters).",
-        rich_help_panel=INPUT,
-    ),
-]
-OcvCurrentSign = Annotated[
-    Sign,
-    typer.Option(metavar="SIGN", help="Sign of current in the OCV tests.", rich_help_panel=INPUT),
-]
-ValidateCurrentSign = Annotated[
-    Sign,
-    typer.Option(
-        metavar="SIGN", help="Sign of current in the validation records.", rich_help_panel=INPUT
-    ),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FOLDER",
-        help="Where results go (default barnax-out).",
-        rich_help_panel=OUTPUT,
-    ),
-]
-Trust = Annotated[
-    Literal["basic", "full"],
-    typer.Option(
-        metavar="basic|full",
-        help="How far the answer is looked into: intervals, identifiability and residuals, or also "
-        "profiles, a block bootstrap and what would lower the error, by fitting again.",
-        rich_help_panel=SEARCH,
-    ),
-]
-Report = Annotated[
-    bool,
-    typer.Option(
-        "--report",
-        help="Write report.html and report.md as well, with every figure as PNG and SVG.",
-        rich_help_panel=OUTPUT,
-    ),
-]
-Force = Annotated[
-    bool,
-    typer.Option(
-        "--force", help="Replace the result that the folder holds.", rich_help_panel=OUTPUT
-    ),
-]
-Json = Annotated[
-    bool,
-    typer.Option(
-        "--json", help="Print the result as JSON; files only with --out.", rich_help_panel=OUTPUT
-    ),
-]
+
+def _option(panel: str, metavar: str, text: str, **more: Any) -> Any:
+    return typer.Option(metavar=metavar, help=text, rich_help_panel=panel, **more)
+
+
+def _of_a_record(metavar: str, text: str) -> Any:
+    return _option(WINDOW, f"[FILE=]{metavar}", text)
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, with each parameter that is a group of options spelled out field by field."""
+    signature = inspect.signature(command, eval_str=True)
+    groups: dict[str, Any] = {}
+    spelled: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        group = parameter.annotation
+        if not dataclasses.is_dataclass(group):
+            spelled.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        groups[parameter.name] = group
+        hints = get_type_hints(group, include_extras=True)
+        spelled += [
+            inspect.Parameter(
+                each.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=each.default,
+                annotation=hints[each.name],
+            )
+            for each in dataclasses.fields(group)
+        ]
+
+    @functools.wraps(command)
+    def spread(**given: Any) -> None:
+        for name, group in groups.items():
+            own = {each.name: given.pop(each.name) for each in dataclasses.fields(group)}
+            given[name] = group(**own)
+        command(**given)
+
+    spread.__signature__ = signature.replace(parameters=spelled)  # pyright: ignore
+    spread.__annotations__ = {each.name: each.annotation for each in spelled}
+    return spread
+
+
+@dataclass(frozen=True)
+class Files:
+    """The files of a run, and how they are read."""
+
+    ocv: Annotated[
+        list[Path] | None,
+        _option(INPUT, "FILE", "OCV test: pulses and rests, a slow sweep, or a table; repeatable."),
+    ] = None
+    validate: Annotated[
+        list[Path] | None, _option(INPUT, "FILE", "Record to validate on; repeatable.")
+    ] = None
+    ocv_capacity: Annotated[
+        float | None,
+        _option(INPUT, "AH", "Capacity in the OCV test, where that does not span both ends."),
+    ] = None
+    ocv_fit: Annotated[
+        Literal["polynomial", "interpolated"],
+        _option(
+            INPUT, "FIT", "OCV curves: polynomial (degree 7) or interpolated (PCHIP of the points)."
+        ),
+    ] = "polynomial"
+    hysteresis_fit: Annotated[
+        Literal["continuous", "independent"],
+        _option(
+            INPUT, "FIT", "Hysteresis segments: continuous (they meet at the knots) or independent."
+        ),
+    ] = "continuous"
+    current_sign: Annotated[
+        Sign,
+        _option(
+            INPUT,
+            "SIGN",
+            "Sign of current in the record: charge-positive, discharge-positive, or auto, decided "
+            "from the data.",
+        ),
+    ] = "auto"
+    ocv_current_sign: Annotated[
+        Sign, _option(INPUT, "SIGN", "Sign of current in the OCV tests.")
+    ] = "auto"
+    validate_current_sign: Annotated[
+        Sign, _option(INPUT, "SIGN", "Sign of current in the validation records.")
+    ] = "auto"
+    current_hold: Annotated[
+        Hold,
+        _option(
+            INPUT,
+            "HOLD",
+            "Whether a sample's current flowed in the interval after it (forward) or before it "
+            "(backward), or auto.",
+        ),
+    ] = "auto"
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """What is known of the records, and what of them counts; for all, or for one by its name."""
+
+    capacity: Annotated[
+        PerRecord, _of_a_record("AH", "The cell's capacity (default from the OCV test).")
+    ] = None
+    start_time: Annotated[
+        PerRecord, _of_a_record("S", "Start the simulation here, on the file's clock.")
+    ] = None
+    start_after_step: Annotated[
+        PerRecord, _of_a_record("N", "Start at the last sample of this step's last block.")
+    ] = None
+    initial_soc: Annotated[
+        PerRecord,
+        _of_a_record("0..1", "State of charge at the start (default from the rested voltage)."),
+    ] = None
+    initial_direction: Annotated[
+        PerRecord,
+        _of_a_record(
+            "+1|-1",
+            "Last current before the record: +1 charge, -1 discharge (default: both tried).",
+        ),
+    ] = None
+    score_steps: Annotated[
+        PerRecord, _of_a_record("N,N", "Count errors only in these steps, such as 7,8.")
+    ] = None
+    score_from: Annotated[PerRecord, _of_a_record("S", "Count errors from this time on.")] = None
+    score_to: Annotated[PerRecord, _of_a_record("S", "Count errors up to this time.")] = None
+    score_soc: Annotated[
+        PerRecord,
+        _of_a_record("LOW,HIGH", "Count errors between these states of charge, such as 0.1,1."),
+    ] = None
+    rest_current: Annotated[
+        PerRecord, _of_a_record("A", "Current below which the cell rests (default C/100).")
+    ] = None
+
+    def chosen(self) -> dict[str, dict[str, Any]]:
+        """Fields of a `Window` by the name of the record they are for, "" for all."""
+        found: dict[str, dict[str, Any]] = {}
+        for option, (name, parse) in _WINDOW_FIELDS.items():
+            for text in getattr(self, option) or []:
+                record, _, value = text.rpartition("=")
+                try:
+                    found.setdefault(record, {})[name] = parse(value)
+                except ValueError as problem:
+                    raise InputError(
+                        f"`{option}` {text!r}: write a value, or FILE=VALUE for one of the records"
+                    ) from problem
+        return found
+
+    def windows(self) -> "Window | dict[str, Window] | None":
+        """One window for all records, or one for each that has its own; None where none is given.
+
+        Raises `InputError` where they contradict each other.
+        """
+        from ..model.inputs import Window
+
+        chosen = self.chosen()
+        if not chosen:
+            return None
+        common = chosen.get("", {})
+        return {name: Window(**(common | own)) for name, own in chosen.items()}
+
+
+def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) -> tuple[Any, ...]:
+    values = tuple(kind(part) for part in text.split(","))
+    if count is not None and len(values) != count:
+        raise ValueError(text)
+    return values
+
+
+_WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
+    "capacity": ("capacity_ah", float),
+    "start_time": ("start_time_s", float),
+    "start_after_step": ("start_after_step", int),
+    "initial_soc": ("initial_soc", float),
+    "initial_direction": ("initial_direction", int),
+    "score_steps": ("score_steps", lambda text: _numbers(text, int)),
+    "score_from": ("score_from_s", float),
+    "score_to": ("score_to_s", float),
+    "score_soc": ("score_soc", lambda text: _numbers(text, float, 2)),
+    "rest_current": ("rest_current_a", float),
+}
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """The box, and the search in it."""
+
+    objective: Annotated[
+        Literal["auto", "scan", "compressed"],
+        _option(
+            SEARCH,
+            "auto|scan|compressed",
+            "Simulate every sample for every candidate (scan), or reduce the record once "
+            "(compressed, and auto where the box allows it); every error that is reported is the "
+            "scan's.",
+        ),
+    ] = "auto"
+    coordinates: Annotated[
+        Literal["rc", "log"],
+        _option(
+            SEARCH, "rc|log", "Search raw R and C, as the paper does, or logarithms of R and tau."
+        ),
+    ] = "rc"
+    seeds: Annotated[int, _option(SEARCH, "N", "Independent runs.", min=1)] = 30
+    population: Annotated[
+        int, _option(SEARCH, "N", "Candidates a generation.", min=4, max=MOST_CANDIDATES)
+    ] = 30
+    iterations: Annotated[int, _option(SEARCH, "N", "Generations.", min=1)] = 500
+    key: Annotated[
+        int,
+        _option(SEARCH, "N", "The number all randomness comes from.", min=0, max=2**32 - 1),
+    ] = 0
+    bounds: Annotated[
+        Path | None,
+        _option(
+            SEARCH,
+            "FILE.toml",
+            'Bounds, in a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
+        ),
+    ] = None
+    fix: Annotated[
+        list[str] | None,
+        _option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; repeatable.'),
+    ] = None
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        from ..model.search_space import parse_fixed
+
+        return parse_fixed(self.fix or [])
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where results go, and what is printed."""
+
+    out: Annotated[
+        Path | None, _option(OUTPUT, "FOLDER", "Where results go (default barnax-out).")
+    ] = None
+    force: Annotated[bool, _option(OUTPUT, "", "Replace the result that the folder holds.")] = False
+    as_json: Annotated[
+        bool,
+        typer.Option(
+            "--json",
+            help="Print the result as JSON; files only with --out.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Print every detail.", rich_help_panel=OUTPUT)
+    ] = False
+    quiet: Annotated[
+        bool,
+        typer.Option(
+            "--quiet",
+            "-q",
+            help="No tables and no progress; warnings still go to stderr.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
+
+
 Quiet = Annotated[
     bool,
     typer.Option(
@@ -238,19 +295,34 @@ Quiet = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+StoredResult = Annotated[
+    Path,
+    typer.Argument(metavar="RESULT", help="What identify wrote: result.json, or its folder."),
+]
 
 
 def require_choice(option: str, value: str, choices: Iterable[str]) -> None:
     """Raise `InputError` where an option's value is none of its choices."""
     if value not in choices:
-        raise InputError(f"{option} {value!r} is not known; there are {', '.join(choices)}")
+        raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(choices)}")
 
 
-def parse_steps(text: str | None) -> tuple[int, ...] | None:
-    """Step numbers from `7,8`. Raises `InputError` where they are not numbers."""
-    if text is None:
-        return None
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError as problem:
-        raise InputError(f"--score-steps {text!r}: write step numbers, such as 7,8") from problem
+def complete_methods(incomplete: str) -> list[str]:
+    """Registered optimizers for shell completion."""
+    from ..optimizers import OPTIMIZERS
+
+    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
+
+
+def complete_circuits(incomplete: str) -> list[str]:
+    """Registered circuits for shell completion."""
+    from ..cell import CIRCUITS
+
+    return [name for name in CIRCUITS if name.startswith(incomplete)]
+
+
+def complete_exporters(incomplete: str) -> list[str]:
+    """Registered export targets for shell completion."""
+    from ..export import EXPORTERS
+
+    return [name for name in EXPORTERS if name.startswith(incomplete)]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -12,6 +13,26 @@ import platformdirs
 from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ..errors import printable
+
+# Where and how results appear is no part of them.
+APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1, "--verbose": 1}
+_OPTION = re.compile(r"`([a-z][a-z_]*)(?:=([^`]*))?`")
+
+
+def as_flags(text: str) -> str:
+    """A message with the options that it names in backticks as this command line spells them.
+
+    >>> as_flags("give `initial_soc=0.9` or `current_sign='charge-positive'`")
+    'give --initial-soc 0.9 or --current-sign charge-positive'
+    """
+
+    def flag(found: re.Match[str]) -> str:
+        name = "--" + found[1].replace("_", "-")
+        return name if found[2] is None else f"{name} {found[2].strip(chr(39))}"
+
+    return _OPTION.sub(flag, text)
 
 
 class Session:
@@ -25,58 +46,23 @@ class Session:
         self._console = Console(highlight=False)
         self._notes = Console(stderr=True, highlight=False)
         self._timings: dict[str, float] = {}
+        self._started = time.perf_counter()
 
     @contextmanager
-    def stage(self, title: str) -> Iterator[None]:
-        """Time a stage, under a spinner."""
-        with self.timed(title):
-            if self._is_quiet or not self._notes.is_terminal:
-                yield
-            else:
-                with self._notes.status(title):
-                    yield
-
-    @contextmanager
-    def bar(self, title: str, seeds: int) -> Iterator[Callable[[int], None]]:
-        """Time a stage, under a progress bar that is advanced by finished seeds."""
+    def watch(self, title: str, total: int = 0) -> Iterator[Callable[[int], None]]:
+        """Time a stage, under a spinner, or under a bar of `total` steps that it advances."""
         progress = Progress(
             TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("seeds"),
+            BarColumn(pulse_style="cyan"),
+            *([MofNCompleteColumn()] if total else []),
             TimeElapsedColumn(),
             console=self._notes,
+            transient=True,
             disable=self._is_quiet or not self._notes.is_terminal,
         )
         with self.timed(title), progress:
-            task = progress.add_task(title, total=seeds)
+            task = progress.add_task(title, total=total or None)
             yield lambda gained: progress.advance(task, gained)
-
-    def show(self, blocks: Iterable[RenderableType]) -> None:
-        """Print tables and sentences, unless the command is quiet."""
-        if not self._is_quiet:
-            for block in blocks:
-                self._console.print(block)
-
-    def note(self, text: str) -> None:
-        """Print a sentence to stderr, unless the command is quiet."""
-        if not self._is_quiet:
-            self._notes.print(escape(text), soft_wrap=True)
-
-    def warn(self, warnings: Iterable[str]) -> None:
-        """Print warnings to stderr, even where the command is quiet."""
-        for text in warnings:
-            self._notes.print("[yellow]warning:[/yellow]", escape(text), soft_wrap=True)
-
-    @property
-    def seconds(self) -> Mapping[str, float]:
-        """Seconds of every stage so far."""
-        return self._timings
-
-    def timings_json(self) -> bytes:
-        """Seconds of every stage so far, as `timings.json`."""
-        seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self._timings.items()}
-        return (json.dumps(seconds, indent=1) + "\n").encode()
 
     @contextmanager
     def timed(self, title: str) -> Iterator[None]:
@@ -87,9 +73,36 @@ class Session:
         finally:
             self._timings[title] = time.perf_counter() - start
 
+    def show(self, blocks: Iterable[RenderableType]) -> None:
+        """Print tables and sentences, unless the command is quiet."""
+        if not self._is_quiet:
+            for block in blocks:
+                self._console.print(block)
 
-# Where and how results appear is no part of them.
-APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1}
+    def note(self, text: str) -> None:
+        """Print a sentence to stderr, unless the command is quiet."""
+        if not self._is_quiet:
+            self._notes.print(escape(printable(as_flags(text))), soft_wrap=True)
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print warnings to stderr, even where the command is quiet."""
+        for text in warnings:
+            shown = escape(printable(as_flags(text)))
+            self._notes.print("[yellow]warning:[/yellow]", shown, soft_wrap=True)
+
+    @property
+    def seconds(self) -> Mapping[str, float]:
+        """Seconds of every stage so far."""
+        return self._timings
+
+    @property
+    def elapsed_s(self) -> float:
+        return time.perf_counter() - self._started
+
+    def timings_json(self) -> bytes:
+        """Seconds of every stage so far, as `timings.json`."""
+        seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self._timings.items()}
+        return (json.dumps(seconds, indent=1) + "\n").encode()
 
 
 def command_line(names: Mapping[Path, str]) -> list[str]:
@@ -97,15 +110,21 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
 
     `names` are what results call the files.
     """
-    words, kept = sys.argv[1:], ["barnax"]
+    kept = ["barnax"]
+    for word in without_appearance(sys.argv[1:]):
+        option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        kept.append(printable(option + equals + names.get(Path(value), _file_name(value))))
+    return kept
+
+
+def without_appearance(words: list[str]) -> list[str]:
+    """The words of a command without the options that say where and how results appear."""
+    kept = []
     while words:
-        first = words[0]
-        option, equals, value = first.partition("=") if first.startswith("--") else (first, "", "")
-        spent = 1 if equals else APPEARANCE.get(option, 1)
+        option, equals, _ = words[0].partition("=")
         if option not in APPEARANCE:
-            prefix, word = (f"{option}=", value) if equals else ("", option)
-            kept.append(prefix + names.get(Path(word), _file_name(word)))
-        words = words[spent:]
+            kept.append(words[0])
+        words = words[1 if equals else APPEARANCE.get(option, 1) :]
     return kept
 
 
@@ -127,24 +146,3 @@ def use_compilation_cache() -> None:
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         # Some fifty small ones are made too, and compiling them takes longer than reading them.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-
-
-def complete_methods(incomplete: str) -> list[str]:
-    """Registered optimizers for shell completion."""
-    from ..optimizers import OPTIMIZERS
-
-    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
-
-
-def complete_circuits(incomplete: str) -> list[str]:
-    """Registered circuits for shell completion."""
-    from ..cell import CIRCUITS
-
-    return [name for name in CIRCUITS if name.startswith(incomplete)]
-
-
-def complete_exporters(incomplete: str) -> list[str]:
-    """Registered export targets for shell completion."""
-    from ..export import EXPORTERS
-
-    return [name for name in EXPORTERS if name.startswith(incomplete)]

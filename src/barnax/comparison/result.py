@@ -3,34 +3,27 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, field_validator
+from pydantic import ConfigDict, PrivateAttr, field_validator
 
 from ..baselines import METHODS
-from ..cell import CellModel, CircuitParameters
+from ..cell import CellModel, CircuitParameters, OcvTable
 from ..global_optimum import GlobalOptimum
-from ..model.inputs import Window
 from ..model.problem import Problem
 from ..records import Record
 from ..results import (
-    KEYS,
-    Count,
     InputPart,
     Key,
-    Loss,
     MetricsPart,
-    Parameters,
-    Part,
-    Soc,
-    Volts,
     all_versions,
     input_part,
     metrics_part,
-    read_stored,
+    record_part,
 )
+from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
+from ..search.refine import AtBound
 from .run import Comparison, Difference, Row
 
 # Keys with units, by the field's name, beyond those of `result.json`.
@@ -55,7 +48,7 @@ class ComparisonPart(Part):
     """A part of the file, with the keys of a comparison."""
 
     model_config = ConfigDict(
-        alias_generator=lambda name: {**KEYS, **OWN_KEYS}.get(name, name),
+        alias_generator=lambda name: OWN_KEYS.get(name) or key_of(name),
     )
 
 
@@ -112,7 +105,7 @@ class RowPart(ComparisonPart):
     parameters: Parameters | None = None
     time_constants: Parameters | None = None
     evaluations: Count | None = None
-    at_bound: tuple[str, ...] = ()
+    at_bound: tuple[AtBound, ...] = ()
     spread: SpreadPart | None = None
     identification: RecordErrorsPart | None = None
     validation: tuple[RecordErrorsPart, ...] = ()
@@ -165,8 +158,7 @@ class DifferencePart(ComparisonPart):
 class ModelPart(ComparisonPart):
     """The search box of one model, and its global optimum where that is known.
 
-    `optimum_status` says whether it is proved ("certified") or found on a grid, `optimum_verdict`
-    the same in sentences.
+    `optimum_status` says whether it is proved ("certified") or found on a grid.
     """
 
     bounds: dict[str, tuple[float, float]]
@@ -174,7 +166,7 @@ class ModelPart(ComparisonPart):
     optimum_rmse_v: Volts | None = None
     optimum_parameters: Parameters | None = None
     optimum_status: Literal["certified", "grid-verified"] | None = None
-    optimum_verdict: str | None = None
+    optimum_proved_gap: float | None = None
 
 
 class BudgetPart(ComparisonPart):
@@ -189,25 +181,21 @@ class BudgetPart(ComparisonPart):
     objective: Literal["scan", "compressed"]
 
 
-SCHEMA_VERSION = 1
-REMEDY = "give the comparison.json that barnax compare wrote"
+SCHEMA_VERSION = 2
 
 
-class ComparisonResult(ComparisonPart):
+class ComparisonResult(ComparisonPart, Document):
     """The whole of `comparison.json`. Equal runs give equal bytes: no times, dates or folders.
 
     Seconds stand in `timings.json`; reports take them beside this as a mapping of row names.
     """
 
-    schema_version: Literal[1] = SCHEMA_VERSION
+    schema_version: Literal[2] = SCHEMA_VERSION
     rows: tuple[RowPart, ...]
     differences: tuple[DifferencePart, ...]
     models: dict[str, ModelPart]
     budget: BudgetPart
     cell: dict[str, Any]
-    window: Window
-    initial_soc: Soc
-    initial_soc_reason: str
     inputs: tuple[InputPart, ...]
     warnings: tuple[str, ...]
     command: tuple[str, ...]
@@ -223,32 +211,31 @@ class ComparisonResult(ComparisonPart):
     def cell_model(self) -> CellModel:
         return CellModel.from_dict(self.cell)
 
-    def to_json(self) -> str:
-        return self.model_dump_json(by_alias=True, indent=1) + "\n"
-
-    @classmethod
-    def from_json(cls, path: str | Path) -> "ComparisonResult":
-        """The comparison in a file. Raises `InputError` that names what is wrong with it."""
-        return read_stored(cls, Path(path), REMEDY)
+    _what: str = PrivateAttr("barnax comparison")
+    _remedy: str = PrivateAttr("give the comparison.json that barnax compare wrote")
 
 
 def make_comparison_result(
     comparison: Comparison,
-    validation: Sequence[Record] = (),
     *,
-    ocv: Sequence[Record] = (),
+    ocv: Sequence[Record | OcvTable] = (),
     command: Sequence[str] = (),
+    warnings: Sequence[str] = (),
 ) -> ComparisonResult:
     """Everything a comparison found, as one value that can be stored.
 
-    `ocv` are the records the cell was characterized from; `command` what was run.
+    `ocv` are the tests the cell was characterized from; `command` what was run, `warnings` those
+    of the inputs.
     """
     problems = {row.model: row.problem for row in comparison.rows}
     first = next(iter(problems.values()))
     budget = comparison.budget
-    records = [("identification", first.prepared.record)]
-    records += [("validation", record) for record in validation]
-    records += [("ocv", record) for record in ocv]
+    inputs = [input_part("identification", first.prepared.record)]
+    if comparison.answered:
+        own, *others = comparison.answered[0].evaluations
+        inputs = [record_part("identification", own)]
+        inputs += [record_part("validation", each) for each in others]
+    inputs += [input_part("ocv", test) for test in ocv]
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
         differences=tuple(_difference_part(each) for each in comparison.differences),
@@ -263,27 +250,23 @@ def make_comparison_result(
             objective=first.kind,
         ),
         cell=first.cell.to_dict(),
-        window=first.window,
-        initial_soc=first.prepared.initial_soc,
-        initial_soc_reason=first.prepared.initial_soc_reason,
-        inputs=tuple(input_part(role, record) for role, record in records),
-        warnings=comparison_warnings(comparison, [*ocv, *validation]),
+        inputs=tuple(inputs),
+        warnings=comparison_warnings(comparison, ocv, warnings),
         command=tuple(command),
         versions=all_versions(),
     )
 
 
-def comparison_warnings(comparison: Comparison, others: Sequence[Record]) -> tuple[str, ...]:
-    """Every warning of a comparison once; `others` are the records beside the first."""
-    texts = [text for record in others for text in record.warnings]
+def comparison_warnings(
+    comparison: Comparison, ocv: Sequence[Record | OcvTable], of_inputs: Sequence[str]
+) -> tuple[str, ...]:
+    """Every warning of a comparison once."""
+    texts = [*(text for test in ocv for text in test.warnings), *of_inputs]
     problems: dict[str, Problem] = {row.model: row.problem for row in comparison.rows}
     texts += [text for problem in problems.values() for text in problem.warnings]
-    texts += [
-        text
-        for row in comparison.rows
-        for each in row.evaluations
-        for text in each.prepared.warnings
-    ]
+    for row in comparison.rows:
+        for each in row.evaluations:
+            texts += [*each.prepared.record.warnings, *each.prepared.warnings]
     return tuple(dict.fromkeys(texts))
 
 
@@ -295,7 +278,7 @@ def _model_part(problem: Problem, optimum: GlobalOptimum | None) -> ModelPart:
             "optimum_rmse_v": optimum.rmse_v,
             "optimum_parameters": optimum.parameters.to_dict(),
             "optimum_status": optimum.status,
-            "optimum_verdict": optimum.verdict,
+            "optimum_proved_gap": optimum.proved_gap,
         }
     )
     return ModelPart(bounds=dict(problem.bounds.ranges), fixed=dict(problem.bounds.fixed), **known)

@@ -19,7 +19,7 @@ from ..model.problem import Kind, Problem, make_problem
 from ..model.search_space import Bounds, Range, Scale
 from ..records import Record
 from ..search.evaluate import Evaluation, evaluate
-from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, RefinedSeed, at_bound
+from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, AtBound, Descent, RefinedSeed, at_bound
 from .statistics import (
     BandError,
     Resampled,
@@ -51,7 +51,7 @@ class Row:
     notes: tuple[str, ...] = ()
     evaluations: tuple[Evaluation, ...] = ()
     bands: tuple[tuple[BandError, ...], ...] = ()
-    at_bound: tuple[str, ...] = ()
+    at_bound: tuple[AtBound, ...] = ()
     refined: RefinedSeed | None = None
     optimality_gap: float | None = None
 
@@ -137,6 +137,7 @@ def compare(
     *,
     validation: Sequence[Record] = (),
     window: Window | None = None,
+    validation_windows: Sequence[Window] | None = None,
     bounds: Mapping[str, Range] | None = None,
     fixed: Mapping[str, float] | None = None,
     coordinates: Scale = "rc",
@@ -148,7 +149,8 @@ def compare(
     """Every row's method on its model, on the same data, box, budget and key.
 
     `rows` are pairs of a model and a method of `barnax.baselines.METHODS`. Bounds and fixed values
-    apply to the models that have such a parameter. `watch` is asked for a context for every row,
+    apply to the models that have such a parameter. `window` is the record's and, without
+    `validation_windows`, that of the others too. `watch` is asked for a context for every row,
     by its name, and is told in it how many seeds have finished. A method that cannot answer is a
     row that says why. Raises `InputError` where record, window or box do not fit, `ValueError`
     for an unknown model or method.
@@ -161,6 +163,7 @@ def compare(
         if method not in METHODS:
             raise ValueError(f"no method is called {method!r}; there are {', '.join(METHODS)}")
     budget, window = budget or Budget(), window or Window()
+    windows = [window] * len(validation) if validation_windows is None else validation_windows
     problems = make_problems(
         record,
         cell,
@@ -175,7 +178,10 @@ def compare(
     prepared_records = {
         model: [
             problem.prepared,
-            *(prepare_record(other, cell, model, window) for other in validation),
+            *(
+                prepare_record(other, cell, model, its)
+                for other, its in zip(validation, windows, strict=True)
+            ),
         ]
         for model, problem in problems.items()
     }

@@ -107,7 +107,7 @@ def simulate_here(
     )
     window = Window(
         initial_soc=result.initial_soc,
-        initial_direction=result.start_direction,
+        initial_direction=result.start.direction,
         rest_current_a=result.start_rest_current_a,
     )
     evaluation = validate(record, cell, result.model, result.circuit_parameters, window)

@@ -2,7 +2,7 @@
 
 With y any unit vector, |e| >= y.e for the error e of every circuit. Over a cell of time constants
 that is at least y.base plus, for R0 and for each axis, the least of r y.phi over the resistances
-and the places u of the cell: numbers, since each phi answers along one axis only. Along it y.phi(u)
+and the places u of the cell: numbers, since each phi varies along one axis only. Along it y.phi(u)
 is the parabola through three places up to a remainder that the third derivative bounds. Cells whose
 bound is too low are split.
 """
@@ -18,7 +18,7 @@ from ..execution import one_blas_thread
 from .reduced import Axis, Columns, Reduced, dot, errors_of, least_in_box, normal_equations
 
 # In x = log(s / tau) a pair's kernel is exp(x - exp(x)); this is the integral of the absolute
-# value of its third derivative, rounded up. The RMS of an answer's third derivative in log(tau) is
+# value of its third derivative, rounded up. The RMS of a response's third derivative in log(tau) is
 # at most this times the current's at some time earlier.
 THIRD_DERIVATIVE = 1.78302
 # Error of the parabola through the ends and the middle of an interval, in (half width)^3 times the
@@ -116,7 +116,7 @@ def _halves(
 
 
 def _in_order(cells: Cells, reduced: Reduced) -> Int[np.ndarray, "ordered axes ends"]:
-    """Those cells that hold a circuit whose alike pairs are in order."""
+    """Those cells that hold a circuit whose pairs, if of one box, are in order."""
     if not reduced.is_ordered:
         return cells
     taus = cells[:, : reduced.box.bounds.pairs]
@@ -138,7 +138,7 @@ def _bound(
     allowed = reduced.coefficient_box(low)[0], reduced.coefficient_box(high)[1]
     box = reduced.coefficient_box(middle)
     base = np.broadcast_to(reduced.base, (len(cells), len(reduced.base)))
-    columns = [np.broadcast_to(reduced.current, base.shape), *(side.answers[1] for side in sides)]
+    columns = [np.broadcast_to(reduced.current, base.shape), *(side.responses[1] for side in sides)]
     normal, gradient = normal_equations(columns, base)
 
     found = least_in_box(normal, gradient, *box)
@@ -161,13 +161,13 @@ def _bound(
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One axis of many cells: lower end, middle and upper end, and the answers there.
+    """One axis of many cells: lower end, middle and upper end, and the responses there.
 
     `remainder` bounds how far y.phi can be below the parabola through the three, for any unit y.
     """
 
     places: Float[np.ndarray, "three cells"]
-    answers: tuple[Columns, Columns, Columns]
+    responses: tuple[Columns, Columns, Columns]
     remainder: Float[np.ndarray, "cells"]
 
     @classmethod
@@ -187,7 +187,7 @@ class _Side:
         self, direction: Columns
     ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "cells"]]:
         """What y.phi is never below in a cell, and how far that is below its middle."""
-        below, middle, above = (dot(direction, answers) for answers in self.answers)
+        below, middle, above = (dot(direction, responses) for responses in self.responses)
         slope, bend = (above - below) / 2, (above + below) / 2 - middle
         # Lowest where the slope vanishes, or at an end.
         lowest = np.where(

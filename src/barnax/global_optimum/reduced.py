@@ -123,8 +123,8 @@ Columns = Float[np.ndarray, "points rows"]
 class Axis:
     """One of the coordinates in which the error is not linear: log of a tau in s, or of gamma.
 
-    `columns` gives the answers at some places on it. `input_rms` bounds the RMS over all scored
-    samples of what they answer to, a fixed time earlier, whichever that time; `error` bounds how
+    `columns` gives the unit responses at some places on it. `input_rms` bounds the RMS over all scored
+    samples of what they respond to, a fixed time earlier, whichever that time; `error` bounds how
     wrong they are, in the unit of the columns.
     """
 
@@ -140,7 +140,7 @@ class Reduced:
     """The columns of one problem, scaled so that sums of squares are mean squares.
 
     The first `box.bounds.pairs` axes are the pairs', then gamma's where there is one. `is_ordered`
-    says that the pairs are alike, so that only circuits with tau1 <= tau2 and so on count.
+    says that all pairs have one box, so that only circuits with tau1 <= tau2 and so on count.
     """
 
     base: Float[np.ndarray, "rows"]
@@ -156,17 +156,17 @@ class Reduced:
         unit = np.sqrt(float(short.scored))
         limits = problem.coordinates
         largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
-        answers = _Interpolated(np.asarray(short.pairs) / unit, short.in_tau, 1)
+        responses = _Interpolated(np.asarray(short.pairs) / unit, short.in_tau, 1)
         current_a = min(largest_a, _earlier_rms_a(problem.prepared_records))
         error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
         axes = []
         for pair in range(problem.bounds.pairs):
             low, high = box.tau_range_s(pair)
             ends = math.log(low), math.log(high)
-            axes.append(Axis(*ends, answers, current_a, error * largest_a))
+            axes.append(Axis(*ends, responses, current_a, error * largest_a))
         if short.turns is not None and short.in_rate is not None and box.gamma_range is not None:
             low, high = box.gamma_range
-            turned = _Interpolated(np.asarray(short.turns) / unit, short.in_rate, -1)
+            hysteresis = _Interpolated(np.asarray(short.turns) / unit, short.in_rate, -1)
             largest_v = max(
                 float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.hysteresis_input)))
                 for moved in (inputs.hysteresis for inputs in problem.all_inputs)
@@ -174,7 +174,7 @@ class Reduced:
             )
             error = span_of(1 / high, 1 / low, TOLERANCE).error
             ends = math.log(low), math.log(high)
-            axes.append(Axis(*ends, turned, largest_v, error * largest_v))
+            axes.append(Axis(*ends, hysteresis, largest_v, error * largest_v))
         return cls(
             base=np.asarray(short.base) / unit,
             current=np.asarray(short.current) / unit,
@@ -211,7 +211,7 @@ class Reduced:
 
 @dataclass(frozen=True, eq=False)
 class _Interpolated:
-    """The product of the nodes' answers with Lagrange polynomials at exp(direction * place)."""
+    """The product of the nodes' responses with Lagrange polynomials at exp(direction * place)."""
 
     nodes: Float[np.ndarray, "rows nodes"]
     basis: Lagrange
@@ -228,7 +228,7 @@ class _Interpolated:
 def _earlier_rms_a(prepared_records: Sequence[PreparedRecord]) -> float:
     """A bound on the RMS of the current that flowed some time before the scored samples.
 
-    An interval counts as often as samples can be that time after it: as many as any stretch of its
+    An interval counts as often as samples can be that time after it: as many as any run of its
     length holds.
     """
     squares, scored = 0.0, 0

@@ -1,7 +1,6 @@
 """The landscape over the time constants, and the search for its lowest point."""
 
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, Context
 from typing import Literal
 
 import numpy as np
@@ -15,6 +14,7 @@ from ..search.refine import (
     FINAL_ROUNDS,
     FINAL_TOLERANCE,
     SEED_TOLERANCE,
+    AtBound,
     Descent,
     Optimum,
     RefinedSeed,
@@ -24,13 +24,23 @@ from ..search.refine import (
 from .certificate import CERTIFIED_GAP, SMALLEST_RMSE_V, Certificate, certify
 from .reduced import Reduced, errors_of, least_in_box, normal_equations
 
-# Grid points of a time constant by the number of pairs, and of gamma. An answer varies over a
-# factor of e in tau; four pairs are still sampled twice as densely as that.
+# Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
+# over a factor of e in tau; four pairs are still sampled twice as densely as that.
 TAUS = {1: 192, 2: 96, 3: 28, 4: 18}
 TAUS_BESIDE_GAMMA = {1: 96, 2: 48, 3: 20, 4: 12}
 GAMMAS = 24
 # Points that are solved at a time.
 CHUNK = 4096
+# Local minima of the grid up to this many times its lowest error are polished, but never more of
+# them than this.
+FACTOR = 1.5
+MOST_MINIMA = 4 * SEEDS_PER_BLOCK
+# Cells of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
+MOST_CELLS = 50_000
+# A circuit that a proof comes upon and that is better than all polished ones; seldom more than one.
+MOST_PROOFS = 8
+
+Status = Literal["certified", "grid-verified"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +48,7 @@ class Landscape:
     """RMSE in V with the best resistances, at every point of a grid.
 
     One axis a pair, in the order of the pairs, then gamma's where the circuit has one. `rmse_v`
-    and `resistances_ohm` (R0, R1, ... first) are NaN where alike pairs would be out of order.
+    and `resistances_ohm` (R0, R1, ... first) are NaN where pairs of one box would be out of order.
     """
 
     tau_s: tuple[Float[np.ndarray, "taus"], ...]
@@ -120,32 +130,16 @@ def _grid(reduced: Reduced) -> list[Float[np.ndarray, "places"]]:
     ]
 
 
-# Local minima of the grid up to this many times its lowest error are polished, but never more of
-# them than this.
-FACTOR = 1.5
-MOST_MINIMA = 4 * SEEDS_PER_BLOCK
-# Another optimum so little above the best one is worth a word.
-HARDLY_ABOVE = 0.01
-# Cells of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
-MOST_CELLS = 50_000
-# A circuit that a proof comes upon and that is better than all polished ones; seldom more than one.
-MOST_PROOFS = 8
-
-ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
-
-Status = Literal["certified", "grid-verified"]
-
-
 @dataclass(frozen=True, eq=False)
 class GlobalOptimum:
-    """The best circuit of a box, how sure that is, and the landscape around it.
+    """The best circuit of a box, what is proved of it, and the landscape around it.
 
     `optima` are the distinct local optima up to `FACTOR` times the best, which comes first; their
     errors are the scan's. `certificate` is None where no proof was asked for.
     """
 
     optima: tuple[Optimum, ...]
-    at_bound: tuple[str, ...]
+    at_bound: tuple[AtBound, ...]
     certificate: Certificate | None
     landscape: Landscape
 
@@ -177,15 +171,15 @@ class GlobalOptimum:
         return "certified" if self.proved_gap <= CERTIFIED_GAP else "grid-verified"
 
     @property
-    def verdict(self) -> str:
-        """What was found and how sure it is, in sentences."""
-        return " ".join([_sureness(self), _other_optima(self), _at_bound(self)])
+    def cells(self) -> int | None:
+        """How many cells of time constants the proof took; None where none was asked for."""
+        return None if self.certificate is None else self.certificate.cells
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
     """How far an RMSE is above the optimum's, as a share of it.
 
-    An optimum below `SMALLEST_RMSE_V` counts as one of that: rounding is nothing to regret.
+    An optimum below `SMALLEST_RMSE_V` counts as one of that: what is above it is rounding.
 
     >>> round(optimality_gap(10.1e-3, 10e-3), 6)
     0.01
@@ -239,36 +233,3 @@ class _Polish:
             if min(ends, key=lambda end: end.rmse_v).has_converged:
                 break
         return ends[: len(circuits)]
-
-
-def _sureness(found: GlobalOptimum) -> str:
-    best, proof = f"The lowest RMSE in the box is {1e3 * found.rmse_v:.6g} mV", found.certificate
-    # Rounded up: a claim may not say more than was proved.
-    percent = ROUNDED_UP.create_decimal_from_float(100 * found.proved_gap)
-    if found.status == "certified":
-        return f"{best}; certified: no circuit in the box is more than {percent:f} % lower."
-    best += ", by a grid of time constants and descents from it"
-    if proof is None:
-        return f"{best}; nothing was proved."
-    return (
-        f"{best}; after {proof.cells} cells all that is proved is that no circuit in the box is "
-        f"more than {percent:f} % lower."
-    )
-
-
-def _other_optima(found: GlobalOptimum) -> str:
-    others, reach = found.local_optima, f"{100 * (FACTOR - 1):.0f} %"
-    if not others:
-        return f"No other local optimum was found up to {reach} above it."
-    nearest = f"{100 * optimality_gap(others[0].rmse_v, found.rmse_v):.2g} %"
-    tau = " and ".join(f"{tau_s:.4g}" for tau_s in others[0].parameters.tau_s)
-    count = "One other local optimum lies" if len(others) == 1 else f"{len(others)} others lie"
-    where = f"{count} up to {reach} above it, the nearest {nearest} above at tau of {tau} s"
-    is_close = others[0].rmse_v < (1 + HARDLY_ABOVE) * found.rmse_v
-    return f"{where}: another circuit with nearly the same error." if is_close else f"{where}."
-
-
-def _at_bound(found: GlobalOptimum) -> str:
-    if not found.at_bound:
-        return "No parameter is at a bound."
-    return f"{'; '.join(found.at_bound)}: the box, not the data, decides there."

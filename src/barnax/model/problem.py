@@ -52,7 +52,6 @@ class Problem:
 
     prepared_records: tuple[PreparedRecord, ...]
     cell: CellModel
-    window: Window
     bounds: Bounds
     scale: Scale
     kind: Kind = "scan"
@@ -61,6 +60,11 @@ class Problem:
     def prepared(self) -> PreparedRecord:
         """The first course, and the only one unless records are identified jointly."""
         return self.prepared_records[0]
+
+    @property
+    def window(self) -> Window:
+        """The first record's."""
+        return self.prepared.window
 
     @property
     def circuit(self) -> str:
@@ -94,7 +98,7 @@ class Problem:
         """Every course as the scan takes it, exact in the whole box."""
         box = self.coordinates
         return tuple(
-            prepared.inputs(box.shortest_tau_s, box.highest_gamma)
+            prepared.simulation_input(box.shortest_tau_s, box.highest_gamma)
             for prepared in self.prepared_records
         )
 
@@ -210,7 +214,7 @@ def make_problem(
     cell: CellModel,
     circuit: str = "iso-rc",
     *,
-    window: Window | None = None,
+    window: Window | Sequence[Window] | None = None,
     bounds: Mapping[str, Range] | None = None,
     fixed: Mapping[str, float] | None = None,
     coordinates: Scale = "rc",
@@ -219,7 +223,7 @@ def make_problem(
 ) -> Problem:
     """The problem of finding `circuit`'s parameters for a cell from one or several records.
 
-    `bounds` and `fixed` change the default box under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`,
+    `window` is one for all records, or one for each. `bounds` and `fixed` change the default box under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`,
     `"tau1 [s]"`); `source` names where they came from in messages. `objective` is "scan", which
     simulates every sample for every candidate, or "compressed", which reduces the records once
     and agrees with it to 1e-9. Raises `InputError` where window, box or OCV range do not fit a
@@ -227,23 +231,25 @@ def make_problem(
     """
     if objective not in KINDS:
         raise ValueError(f"no objective is called {objective!r}; there are {', '.join(KINDS)}")
-    window = window or Window()
     records = (record,) if isinstance(record, Record) else tuple(record)
     if not records:
         raise ValueError("a problem needs at least one record")
-    prepared_records = tuple(prepare_record(each, cell, circuit, window) for each in records)
+    windows = [window] * len(records) if isinstance(window, Window | None) else window
+    prepared_records = tuple(
+        prepare_record(each, cell, circuit, its) for each, its in zip(records, windows, strict=True)
+    )
     for prepared in prepared_records:
         require_changing_voltage(prepared)
     model = get_circuit(circuit)
     box = Bounds.default(
-        cell.capacity_ah,
+        prepared_records[0].capacity_ah,
         min(prepared.median_interval_s for prepared in prepared_records),
         max(prepared.scored_duration_s for prepared in prepared_records),
         pairs=model.pairs,
         has_rate=model.has_rate,
     )
     box = box.with_changes(bounds or {}, fixed or {}, source)
-    problem = Problem(prepared_records, cell, window, box, coordinates, objective)
+    problem = Problem(prepared_records, cell, box, coordinates, objective)
     # What cannot be searched is refused here, not in the middle of a search.
     _ = problem.objective
     return problem

@@ -22,7 +22,7 @@ from .style import (
 )
 
 if TYPE_CHECKING:
-    from ..results import Result, SeedPart
+    from ..results import Result
     from ..search.refine import Refinement
     from ..search.seeds import Search, SeedAnswer
 
@@ -90,7 +90,7 @@ def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
 
 def _runs(
     searches: "Search | Result | str | Path", refinement: "Refinement | None"
-) -> "tuple[Sequence[SeedAnswer | SeedPart], int, float]":
+) -> "tuple[Sequence[SeedAnswer], int, float]":
     """The seeds, how many candidates each began with, and the refined RMSE in mV or zero."""
     from ..search.seeds import Search
 
@@ -102,7 +102,7 @@ def _runs(
 
 
 def _plot_errors(
-    figure: Figure, seeds: "Sequence[SeedAnswer | SeedPart]", population: int, refined_mv: float
+    figure: Figure, seeds: "Sequence[SeedAnswer]", population: int, refined_mv: float
 ) -> list[Axes]:
     """A panel of RMSE and, where a refined RMSE is given, one of the excess over it.
 

@@ -1,14 +1,14 @@
-"""Reports of an identification or a comparison: one self-contained HTML file, or Markdown.
+"""Reports of an identification, a comparison or a check: HTML, Markdown, or a terminal's text.
 
-A report is first a `Document`, made from results alone; `to_html` and `to_markdown` say the same
-in both forms. Nothing here writes a file.
+A report is first a `Document`, made from results alone; `to_html`, `to_markdown` and `to_terminal`
+say the same. Every sentence is made here, from numbers. Nothing here writes a file.
 """
 
 from .comparison import comparison_document
 from .document import Document, Picture
 from .identification import identification_document
-from .illustrations import comparison_illustrations, identification_illustrations
-from .render import picture_suffix, to_html, to_markdown
+from .illustrations import comparison_illustrations, identification_illustrations, is_always
+from .render import picture_suffix, report_files, to_html, to_markdown
 
 __all__ = [
     "Document",
@@ -17,7 +17,9 @@ __all__ = [
     "comparison_illustrations",
     "identification_document",
     "identification_illustrations",
+    "is_always",
     "picture_suffix",
+    "report_files",
     "to_html",
     "to_markdown",
 ]

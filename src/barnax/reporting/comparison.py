@@ -104,8 +104,7 @@ def _measured(result: "ComparisonResult", pictures: Pictures) -> Section:
 
 
 def _decisions(result: "ComparisonResult") -> Iterator[str]:
-    starts = [(name, result.initial_soc, result.initial_soc_reason) for name in records(result)[:1]]
-    yield from decision_sentences(result, starts)
+    yield from decision_sentences(result)
     yield from box_sentences({name: (m.bounds, m.fixed) for name, m in result.models.items()})
     yield budget_sentence(result)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from .words import counted, joined, millivolt, percent, sentence
+from .words import bound_words, counted, joined, millivolt, percent, sentence
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -236,8 +236,13 @@ def _reach(how: str, optimality_gaps: dict[str, float], optimum: str) -> str:
 def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
     """How sure the global optimum of each model is."""
     for name, model in result.models.items():
-        if model.optimum_verdict is not None:
-            yield sentence(f"{name}: {model.optimum_verdict}")
+        if model.optimum_status is not None:
+            proved = (
+                f"no circuit in the bounds is more than {percent(model.optimum_proved_gap or 0.0)} "
+                "better"
+            )
+            how = "proved" if model.optimum_status == "certified" else "found on a grid"
+            yield f"The global optimum of {name} is {how}: {proved}."
 
 
 def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
@@ -245,7 +250,7 @@ def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
     found: dict[str, list[str]] = {}
     for row in answered(result):
         for place in row.at_bound:
-            found.setdefault(place, []).append(row.name)
+            found.setdefault(bound_words(place.name, place.side), []).append(row.name)
     total = len(answered(result))
     for place, names in found.items():
         who = "every row" if len(names) == total > 1 else joined(names)

@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
 from .document import Bullets, Column, Listing, Paragraph, Section, Table
@@ -10,14 +10,12 @@ from .words import joined, millivolt, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..model.inputs import Window
-    from ..results import DecisionPart, InputPart, Result
+    from ..model.inputs import Start, Window
+    from ..records import Decision
+    from ..results import InputPart, Result
 
     Stored = Result | ComparisonResult
 
-
-# The name of a record, the state of charge where its simulation starts, and why that.
-Start = tuple[str, float, str]
 
 # How firmly something was decided, before its reason.
 FIRMNESS = {
@@ -27,6 +25,8 @@ FIRMNESS = {
     "assumed": "assumed: ",
 }
 TEXT = (Column("file", role="text"), Column("serves for", role="text"))
+FLOWS = {"forward": "until the next sample", "backward": "since the sample before"}
+CAME = {1: "charge", -1: "discharge"}
 HASH_LETTERS = 16
 # What passes this close to its points passes through them.
 THROUGH_V = 1e-6
@@ -38,22 +38,78 @@ def files_table(stored: "Stored") -> Table:
         caption="The files that were read. The hash is the beginning of the file's SHA-256.",
         columns=(*TEXT, Column("sign of current", role="text"), Column("hash", role="text")),
         rows=tuple(
-            (each.name, each.role, each.sign.value, each.sha256[:HASH_LETTERS])
+            (
+                each.name,
+                each.role,
+                each.sign.value if each.sign else "a table",
+                each.sha256[:HASH_LETTERS],
+            )
             for each in stored.inputs
         ),
     )
 
 
-def decision_sentences(stored: "Stored", starts: Iterable[Start]) -> Iterator[str]:
-    """What was decided before the search; `starts` are those of the records identified on."""
+def decision_sentences(stored: "Stored") -> Iterator[str]:
+    """What was decided before the search."""
     cell = stored.cell_model
     yield from _signs(stored.inputs)
     yield from _holds(stored.inputs)
     yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
     yield from ocv_sentences(cell)
-    yield from window_sentences(stored.window)
-    for name, soc, reason in starts:
-        yield f"The simulation of {name} starts at a state of charge of {soc:.3f} ({reason})."
+    simulated = [each for each in stored.inputs if each.start is not None]
+    for window, names in _gathered((each.window, each.name) for each in simulated):
+        yield from window_sentences(window, names)
+    for each in simulated:
+        yield start_sentence(each)
+
+
+def guess_sentences(stored: "Stored") -> Iterator[str]:
+    """The decisions that were guesses, and that the answer depends on, with the way to settle them."""
+    simulated = [each for each in stored.inputs if each.start is not None]
+    guessed = [each for each in simulated if each.hold and each.hold.strength == "assumed"]
+    if guessed:
+        value = guessed[0].hold.value if guessed[0].hold else ""
+        other = "backward" if value == "forward" else "forward"
+        yield (
+            f"the current of a sample flows {FLOWS[value]} in {joined([e.name for e in guessed])}; "
+            f"`current_hold={other}` is the other reading."
+        )
+    for each in simulated:
+        start = each.start
+        if start is None:
+            continue
+        came = CAME[start.direction]
+        if start.direction_source == "better fit" and start.other_rmse_v is not None:
+            other = CAME[-start.direction]
+            yield (
+                f"{each.name} comes from a {came} (from a {other} the RMSE would be "
+                f"{millivolt(start.other_rmse_v)}); `initial_direction={-start.direction:+d}` says "
+                "otherwise."
+            )
+        elif start.direction_source == "assumed" and stored.cell_model.hysteresis.points:
+            yield f"{each.name} comes from a {came}; `initial_direction` says otherwise."
+
+
+def start_sentence(part: "InputPart") -> str:
+    """Where one record starts, and how that is known."""
+    start: Start | None = part.start
+    if start is None:
+        return f"{part.name} was not simulated."
+    known = {
+        "given": "given",
+        "rested voltage": f"from the rested voltage {start.voltage_v:.4f} V at row {start.row}",
+    }[start.soc_source]
+    direction = {
+        "given": "as given",
+        "load before": "by the load before it",
+        "full or empty": "for it is full or empty there",
+        "better fit": "which fits better",
+        "assumed": "which is assumed",
+    }[start.direction_source]
+    return (
+        f"The simulation of {part.name} starts at a state of charge of {start.soc:.3f} ({known}), "
+        f"coming from a {CAME[start.direction]}, {direction}."
+    )
 
 
 def ocv_sentences(cell: CellModel) -> Iterator[str]:
@@ -86,14 +142,17 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
         yield "One branch only was measured, so the hysteresis voltage is zero."
 
 
-def window_sentences(window: "Window") -> Iterator[str]:
-    """Where the simulation starts and which samples count."""
+def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[str]:
+    """Where the simulation of some records starts and which of their samples count."""
+    if window is None:
+        return
+    where = joined(list(names))
     if window.start_time_s is not None:
-        yield f"Every record is simulated from {window.start_time_s:g} s of its clock on."
+        yield f"{where}: simulated from {window.start_time_s:g} s of its clock on."
     elif window.start_after_step is not None:
-        yield f"Every record is simulated from the end of its step {window.start_after_step} on."
+        yield f"{where}: simulated from the end of step {window.start_after_step} on."
     else:
-        yield "Every record is simulated from its first sample on."
+        yield f"{where}: simulated from the first sample on."
     limits = []
     if window.score_steps is not None:
         noun = "step" if len(window.score_steps) == 1 else "steps"
@@ -102,31 +161,33 @@ def window_sentences(window: "Window") -> Iterator[str]:
         limits.append(f"from {window.score_from_s:g} s")
     if window.score_to_s is not None:
         limits.append(f"up to {window.score_to_s:g} s")
-    where = f"at the samples {', '.join(limits)}" if limits else "at every simulated sample"
-    yield f"Errors count {where}."
+    if window.score_soc is not None:
+        low, high = window.score_soc
+        limits.append(f"between {100 * low:g} and {100 * high:g} % state of charge")
+    counted_at = f"at the samples {', '.join(limits)}" if limits else "at every simulated sample"
+    yield f"{where}: errors count {counted_at}."
     if window.rest_current_a is not None:
-        yield f"The cell counts as resting below {1e3 * window.rest_current_a:.3g} mA, as you said."
+        yield f"{where}: the cell rests below {1e3 * window.rest_current_a:.3g} mA, as given."
+    if window.capacity_ah is not None:
+        yield f"{where}: the cell has {window.capacity_ah:.4g} Ah, as given."
 
 
 def _signs(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    for decision, names in _gathered((each.sign, each.name) for each in inputs):
+    for decision, names in _gathered((each.sign, each.name) for each in inputs if each.sign):
         yield f"The current is {decision.value} in {joined(names)} ({_reason(decision)})."
 
 
 def _holds(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    flows = {"forward": "until the next sample", "backward": "since the sample before"}
-    for decision, names in _gathered((each.hold, each.name) for each in inputs):
+    for decision, names in _gathered((each.hold, each.name) for each in inputs if each.hold):
         yield (
-            f"A sample's current flows {flows[decision.value]} in {joined(names)} "
+            f"A sample's current flows {FLOWS[decision.value]} in {joined(names)} "
             f"({_reason(decision)})."
         )
 
 
-def _gathered(
-    decisions: "Iterable[tuple[DecisionPart, str]]",
-) -> "Iterator[tuple[DecisionPart, list[str]]]":
+def _gathered(decisions: Iterable[tuple[Any, str]]) -> Iterator[tuple[Any, list[str]]]:
     """Each decision once, with the files that it was made for."""
-    told: list[tuple[DecisionPart, list[str]]] = []
+    told: list[tuple[Any, list[str]]] = []
     for decision, name in decisions:
         for known, names in told:
             if known == decision:
@@ -137,7 +198,7 @@ def _gathered(
     return iter(told)
 
 
-def _reason(decision: "DecisionPart") -> str:
+def _reason(decision: "Decision") -> str:
     return FIRMNESS[decision.strength] + decision.reason
 
 

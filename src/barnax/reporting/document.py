@@ -1,8 +1,8 @@
 """What a report says, before it is HTML or Markdown."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 from ..plots.sources import Illustration
 
@@ -96,6 +96,10 @@ class Document:
     summary: str
     sections: tuple[Section, ...]
 
+    def spelled(self, spell: Callable[[str], str]) -> "Document":
+        """The same document with every text of it as `spell` has it."""
+        return _spelled(self, spell)
+
     @property
     def pictures(self) -> tuple[Picture, ...]:
         """All figures, in order."""
@@ -128,3 +132,18 @@ class Pictures:
     def starting(self, beginning: str) -> tuple[Picture, ...]:
         """The pictures whose names begin so, in the order given."""
         return tuple(each for name, each in self._pictures.items() if name.startswith(beginning))
+
+
+def _spelled(value: Any, spell: Callable[[str], str]) -> Any:
+    if isinstance(value, str):
+        return spell(value)
+    if isinstance(value, tuple):
+        return tuple(_spelled(each, spell) for each in value)
+    if isinstance(value, Document | Section | Paragraph | Bullets | Table):
+        changed = {
+            each.name: _spelled(getattr(value, each.name), spell)
+            for each in fields(value)
+            if each.name not in ("columns", "best", "are_warnings")
+        }
+        return replace(value, **changed)
+    return value

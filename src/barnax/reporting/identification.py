@@ -1,6 +1,6 @@
 """The report of one identification."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,149 +8,64 @@ import numpy as np
 from ..plots.sources import Illustration, record_roles
 from ..plots.style import readable
 from .decisions import (
-    Start,
     box_sentences,
     decision_sentences,
     files_table,
+    guess_sentences,
     reproduction_section,
     warnings_section,
 )
 from .document import Bullets, Column, Document, Pictures, Section, Table
+from .sentences import (
+    BandQuantity,
+    band_label,
+    diagnostics_sentences,
+    held_words,
+    identifiability_sentences,
+    profile_sentence,
+    suggestion_sentences,
+    uncertainty_sentence,
+)
 from .tables import METRICS, circuits_table, metrics_cells
+from .verdict import best_possible, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
 if TYPE_CHECKING:
-    from ..results import EstimatePart, ExaminationPart, MetricsPart, Result, TrustPart
-
-
-_ENDS = ("from", "to")
-
-
-def trust_section(result: "Result") -> list[Section]:
-    """Intervals, what the data leave open and where the errors are, where that was assessed."""
-    trust = result.trust
-    if trust is None:
-        return []
-    sentences = [trust.uncertainty.words, *(each.text for each in trust.identifiability.findings)]
-    if not trust.identifiability.findings:
-        sentences.append("The data determine every free parameter.")
-    sentences.append(trust.diagnostics.words)
-    blocks = [_uncertainty_table(trust)]
-    if trust.examination is not None:
-        sentences.append(trust.examination.words)
-        blocks.append(_examination_table(trust.examination))
-    told = Bullets(tuple(sentence for sentence in sentences if sentence))
-    return [Section("How far to trust this", (told, *blocks, _bands_table(trust)))]
-
-
-def _uncertainty_table(trust: "TrustPart") -> Table:
-    share = percent(trust.uncertainty.confidence)
-    return Table(
-        caption=f"{share} intervals that reckon with correlated errors; the standard error beside "
-        "the plain one, which takes every sample for independent.",
-        columns=(
-            Column("parameter", role="text"),
-            *(Column(head) for head in ("refined", "from", "to", "error", "plain", "times")),
-            Column("held", role="text"),
-        ),
-        rows=tuple(
-            _estimate_cells(name, each) for name, each in trust.uncertainty.parameters.items()
-        ),
-    )
-
-
-def _estimate_cells(name: str, estimate: "EstimatePart") -> tuple[str, ...]:
-    shown, scale = _readable(name)
-    if estimate.standard_error is None or estimate.white_noise_standard_error is None:
-        return (shown, significant(scale * estimate.value), *[NOTHING] * 5, estimate.held or "")
-    errors = (estimate.standard_error, estimate.white_noise_standard_error)
-    return (
-        shown,
-        significant(scale * estimate.value),
-        *(_end(end, scale) for end in (estimate.low, estimate.high)),
-        *(percent(error / estimate.value) for error in errors),
-        fixed(estimate.inflation, 1),
-        "",
-    )
-
-
-def _examination_table(examination: "ExaminationPart") -> Table:
-    again = examination.bootstrap
-    cut = ", cut short by the record" if again.is_cut else ""
-    rows = []
-    for name, each in examination.profiles.items():
-        shown, scale = _readable(name)
-        resampled = again.parameters.get(name)
-        ends = [each.low, each.high]
-        ends += [None, None] if resampled is None else [resampled.low, resampled.high]
-        rows.append((shown, *(_end(end, scale) for end in ends)))
-    return Table(
-        caption="The same intervals by fitting again: by profile likelihood, and by a block "
-        f"bootstrap of {again.replicates} replicates in blocks of {again.block_s:.0f} s{cut}.",
-        columns=(
-            Column("parameter", role="text"),
-            *(Column(f"{kind}, {end}") for kind in ("profile", "bootstrap") for end in _ENDS),
-        ),
-        rows=tuple(rows),
-    )
-
-
-def _bands_table(trust: "TrustPart") -> Table:
-    found = trust.diagnostics
-    kinds = [("SOC", found.by_soc), ("current", found.by_current)]
-    if found.by_temperature is not None:
-        kinds.append(("temperature", found.by_temperature))
-    return Table(
-        caption=f"Errors by {joined([kind for kind, _ in kinds])}; the mean is measured minus "
-        "simulated.",
-        columns=(
-            Column("by", role="text"),
-            Column("band", role="text"),
-            Column("samples"),
-            Column("RMSE"),
-            Column("mean"),
-            Column("share of the squared error"),
-        ),
-        rows=tuple(
-            (
-                kind,
-                band.label,
-                str(band.samples),
-                millivolt(band.rmse_v),
-                millivolt(band.mean_v),
-                percent(band.share),
-            )
-            for kind, bands in kinds
-            for band in bands
-        ),
-    )
-
-
-def _end(end: float | None, scale: float) -> str:
-    return "open" if end is None else significant(scale * end, 4)
-
-
-def _readable(name: str) -> tuple[str, float]:
-    """A parameter's name with the unit it is shown in, and the factor to that."""
-    return (name.replace("[Ohm]", "[mOhm]"), 1e3) if name.endswith("[Ohm]") else (name, 1.0)
-
+    from ..results import AssessmentPart, MetricsPart, Result
+    from ..uncertainty import Band, Estimate, Examination
 
 # Errors that agree this closely, relative, are told to be the same.
 ALIKE = 0.01
 
 
 def identification_document(
-    result: "Result", illustrations: Iterable[Illustration] = ()
+    result: "Result", illustrations: Iterable[Illustration] = (), *, summary_only: bool = False
 ) -> Document:
-    """The whole report of an identification, ready for `to_html` and `to_markdown`.
+    """The whole report of an identification, ready for HTML, Markdown or a terminal.
 
-    `illustrations` come from `identification_illustrations`.
+    `illustrations` come from `identification_illustrations`; `summary_only` leaves it at the
+    verdict, the parameters and the errors.
     """
     pictures = Pictures(illustrations)
     roles = _roles(result)
-    sections = [
-        Section("Verdict", (Bullets(tuple(verdict_sentences(result))),)),
+    answer = Section("Parameters", (parameters_table(result),))
+    errors = Section(
+        "Errors",
+        (
+            errors_table(result),
+            *pictures.of(*(f"{role}-{kind}" for role in roles for kind in ("voltage", "error"))),
+        ),
+    )
+    verdict = Section("Verdict", (Bullets(tuple(verdict_sentences(result))),))
+    title = f"{result.model} identified on {result.name}"
+    if summary_only:
+        return Document(title, _summary(result), (verdict, answer, errors))
+    sections = (
+        verdict,
         *warnings_section(result.warnings),
+        answer,
+        *_uncertainty_section(result),
+        errors,
         Section(
             "What was measured",
             (
@@ -159,35 +74,32 @@ def identification_document(
             ),
         ),
         Section("What was decided", (Bullets(tuple(_decisions(result))),)),
-        Section("Parameters", (parameters_table(result),)),
-        *trust_section(result),
-        Section(
-            "Errors",
-            (
-                errors_table(result),
-                *pictures.of(
-                    *(f"{role}-{kind}" for role in roles for kind in ("voltage", "error"))
-                ),
-            ),
-        ),
         Section(
             "Search",
-            (optima_table(result), *pictures.of("convergence"), *pictures.starting("landscape")),
+            (
+                Bullets((*seeds_sentences(result), _search_sentence(result))),
+                seeds_table(result),
+                optima_table(result),
+                *pictures.of("convergence"),
+                *pictures.starting("landscape"),
+            ),
         ),
         reproduction_section(result),
-    ]
-    name = result.metrics.identification.record
-    return Document(f"{result.model} identified on {name}", _summary(result), tuple(sections))
+    )
+    return Document(title, _summary(result), sections)
 
 
 def verdict_sentences(result: "Result") -> Iterator[str]:
     """How good the answer is, on the records it was fitted to and on others."""
     own = result.metrics.identification
-    yield f"On {own.record} the refined {result.model} errs by {millivolt(own.rmse_v)} (RMSE)."
+    yield f"On {own.record} {result.model} errs by {millivolt(own.rmse_v)} (RMSE)."
     yield from validation_sentences(own, result.metrics.validation)
-    yield result.refined.verdict
-    if result.global_optimum is not None:
-        yield result.global_optimum.words
+    yield f"Best possible: {best_possible(result)}"
+    weakest = weakest_point(result)
+    if weakest:
+        yield f"Weakest point: {weakest}"
+    for guess in guess_sentences(result):
+        yield f"Assumed: {guess}"
 
 
 def validation_sentences(
@@ -210,55 +122,170 @@ def validation_sentences(
 
 
 def parameters_table(result: "Result") -> Table:
-    """Refined values, and the spread of the seeds' own answers."""
-    refined = readable(result.parameters)
-    seeds = [readable(seed.parameters) for seed in result.search.seeds]
-    spread = {name: np.array([seed[name] for seed in seeds]) for name in refined}
-    count = counted(len(seeds), "seed")
-    errors_mv = 1e3 * np.array([seed.rmse_v for seed in result.search.seeds])
-    rows = [
-        (name, *map(significant, (value, np.median(spread[name]), *_range(spread[name]))))
-        for name, value in refined.items()
-    ]
-    errors = (1e3 * result.refined.rmse_v, np.median(errors_mv), *_range(errors_mv))
-    rows.append(("RMSE [mV]", *(f"{value:.4f}" for value in errors)))
+    """The parameters with their intervals, where those were computed."""
+    if result.assessment is None:
+        rows = [(name, significant(value)) for name, value in readable(result.parameters).items()]
+        columns = (Column("parameter", role="text"), Column("value"))
+        return Table("The parameters.", columns, tuple(rows))
+    found = result.assessment.uncertainty
     return Table(
-        caption=f"The refined parameters; median, lowest and highest of the answers of {count} of "
-        f"{result.search.method}, before refinement.",
+        caption=f"The parameters with {percent(found.confidence)} intervals that account for "
+        "residual autocorrelation. SE: standard error; white-noise SE: the one that takes every "
+        "sample for independent; inflation: the ratio of both.",
         columns=(
             Column("parameter", role="text"),
-            *(Column(head) for head in ("refined", "median", "lowest", "highest")),
+            *(
+                Column(head)
+                for head in ("value", "from", "to", "SE", "white-noise SE", "inflation")
+            ),
+            Column("held", role="text"),
+        ),
+        rows=tuple(_estimate_cells(each) for each in found.estimates),
+    )
+
+
+def _estimate_cells(each: "Estimate") -> tuple[str, ...]:
+    shown, scale = _shown(each.name)
+    value = significant(scale * each.value)
+    if each.relative_error is None or each.white_noise_relative_error is None:
+        return (shown, value, *[NOTHING] * 5, held_words(each.held) if each.held else "")
+    return (
+        shown,
+        value,
+        *(_end(end, scale) for end in (each.low, each.high)),
+        *(percent(share) for share in (each.relative_error, each.white_noise_relative_error)),
+        fixed(each.inflation, 1),
+        "",
+    )
+
+
+def seeds_table(result: "Result") -> Table:
+    """What the seeds found before refinement."""
+    answer = readable(result.parameters)
+    seeds = [readable(seed.parameters.to_dict()) for seed in result.search.seeds]
+    rows = []
+    for name, value in answer.items():
+        spread = np.array([seed[name] for seed in seeds])
+        rows.append((name, *map(significant, (value, np.median(spread), *_range(spread)))))
+    errors_mv = 1e3 * np.array([seed.rmse_v for seed in result.search.seeds])
+    own_mv = 1e3 * result.metrics.identification.rmse_v
+    figures = (own_mv, np.median(errors_mv), *_range(errors_mv))
+    rows.append(("RMSE [mV]", *(f"{value:.4f}" for value in figures)))
+    return Table(
+        caption=f"The answer beside what {counted(len(seeds), 'seed')} of {result.search.method} "
+        "found before refinement.",
+        columns=(
+            Column("parameter", role="text"),
+            *(Column(head) for head in ("answer", "median", "lowest", "highest")),
         ),
         rows=tuple(rows),
     )
 
 
 def errors_table(result: "Result") -> Table:
-    """Errors of the refined parameters on every record (Li et al., 2023, Eq. 22 to 26)."""
-    own = result.metrics.identification
-    several = [(part.metrics, "identification") for part in result.jointly]
-    together = "all of these" if several else "identification"
-    rows = [
-        *several,
-        (own, together),
-        *((each, "validation") for each in result.metrics.validation),
-    ]
+    """Errors of the answer on every record (Li et al., 2023, Eq. 22 to 26)."""
+    rows = [(each, "identification") for each in result.metrics.jointly]
+    rows.append((result.metrics.identification, "all of these" if rows else "identification"))
+    rows += [(each, "validation") for each in result.metrics.validation]
+    return metrics_table(rows)
+
+
+def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:
+    """Errors on records, and what each serves for."""
     return Table(
-        caption="Errors of the refined parameters.",
-        columns=(Column("record", role="text"), Column("serves for", role="text"), *METRICS),
-        rows=tuple((metrics.record, role, *metrics_cells(metrics)) for metrics, role in rows),
+        caption=f"Errors on {joined([f'{each.record} ({role})' for each, role in rows])}.",
+        columns=(Column("record", role="text"), *METRICS),
+        rows=tuple((each.record, *metrics_cells(each)) for each, _ in rows),
     )
 
 
 def optima_table(result: "Result") -> Table:
-    """Where the refined seeds ended."""
+    """The distinct optima that are known, the best first."""
     optima = {f"optimum {place}": each for place, each in enumerate(result.refined.optima, 1)}
     return circuits_table(
         "The places where the refined seeds ended, the best first.",
-        {name: each.parameters for name, each in optima.items()},
+        {name: each.parameters.to_dict() for name, each in optima.items()},
         (Column("RMSE", "mV"), Column("seeds")),
         lambda name: (f"{1e3 * optima[name].rmse_v:.4f}", str(optima[name].seeds)),
         first=Column("place", role="text"),
+    )
+
+
+def _uncertainty_section(result: "Result") -> list[Section]:
+    """What the data determine, and where the errors are, where that was assessed."""
+    found = result.assessment
+    if found is None:
+        return []
+    sentences = [uncertainty_sentence(found.uncertainty)]
+    sentences += identifiability_sentences(found.identifiability)
+    sentences += diagnostics_sentences(found.diagnostics)
+    blocks = []
+    if found.examination is not None:
+        sentences += suggestion_sentences(
+            found.examination.suggestions, result.metrics.identification.rmse_v
+        )
+        sentences += [profile_sentence(each) for each in found.examination.profiles]
+        blocks.append(_examination_table(found.examination))
+    told = Bullets(tuple(each for each in sentences if each))
+    return [Section("What the data determine", (told, *blocks, _bands_table(found)))]
+
+
+def _examination_table(examination: "Examination") -> Table:
+    again = examination.bootstrap
+    cut = ", cut short by the record" if again.is_cut else ""
+    rows = []
+    for each in examination.profiles:
+        shown, scale = _shown(each.name)
+        resampled = again.parameters.get(each.name)
+        ends = [each.low, each.high]
+        ends += [None, None] if resampled is None else [resampled.low, resampled.high]
+        rows.append((shown, *(_end(end, scale) for end in ends)))
+    return Table(
+        caption="The same intervals by fitting again: by profile likelihood, and by a block "
+        f"bootstrap of {again.replicates} replicates in blocks of {again.block_s:.0f} s{cut}.",
+        columns=(
+            Column("parameter", role="text"),
+            *(
+                Column(f"{kind}, {end}")
+                for kind in ("profile", "bootstrap")
+                for end in ("from", "to")
+            ),
+        ),
+        rows=tuple(rows),
+    )
+
+
+def _bands_table(found: "AssessmentPart") -> Table:
+    by = found.diagnostics
+    kinds: list[tuple[BandQuantity, tuple[Band, ...]]] = [
+        ("SOC", by.by_soc),
+        ("current", by.by_current),
+    ]
+    if by.by_temperature is not None:
+        kinds.append(("temperature", by.by_temperature))
+    return Table(
+        caption=f"Errors by {joined([kind for kind, _ in kinds])}; the mean is measured minus "
+        "simulated.",
+        columns=(
+            Column("by", role="text"),
+            Column("band", role="text"),
+            Column("samples"),
+            Column("RMSE"),
+            Column("mean"),
+            Column("share of the squared error"),
+        ),
+        rows=tuple(
+            (
+                kind,
+                band_label(kind, band),
+                str(band.samples),
+                millivolt(band.rmse_v),
+                millivolt(band.mean_v),
+                percent(band.share),
+            )
+            for kind, bands in kinds
+            for band in bands
+        ),
     )
 
 
@@ -266,36 +293,38 @@ def _summary(result: "Result") -> str:
     own, others = result.metrics.identification, result.metrics.validation
     parts = [f"{millivolt(own.rmse_v)} on {own.record}"]
     parts += [f"{millivolt(each.rmse_v)} on {each.record}" for each in others]
-    first = result.refined.verdict.partition(". ")[0].rstrip(".")
-    return f"RMSE {joined(parts)}. {first}."
+    return f"RMSE {joined(parts)}. Best possible: {best_possible(result)}"
 
 
 def _decisions(result: "Result") -> Iterator[str]:
-    search = result.search
-    yield from decision_sentences(result, _starts(result))
+    yield from decision_sentences(result)
     yield from box_sentences({result.model: (result.bounds, result.fixed)})
-    yield (
+
+
+def _search_sentence(result: "Result") -> str:
+    search = result.search
+    return (
         f"{search.method} searched with {counted(len(search.seeds), 'seed')} of "
         f"{search.population} candidates and {counted(search.iterations, 'generation')} from the "
         f"key {search.key}, in {search.coordinates} coordinates, by the {search.objective} "
         f"objective: {search.evaluations} evaluations. Levenberg-Marquardt then refined every "
-        "seed's answer in the same box."
+        f"seed's answer in the same box, in {result.refined.evaluations} more. Every error is the "
+        "scan's."
     )
 
 
-def _starts(result: "Result") -> list[Start]:
-    if result.jointly:
-        return [
-            (part.metrics.record, part.initial_soc, part.initial_soc_reason)
-            for part in result.jointly
-        ]
-    name = result.metrics.identification.record
-    return [(name, result.initial_soc, result.initial_soc_reason)]
-
-
 def _roles(result: "Result") -> list[str]:
-    return record_roles(max(1, len(result.jointly)), len(result.metrics.validation))
+    return record_roles(len(result.of_role("identification")), len(result.of_role("validation")))
 
 
 def _range(values: np.ndarray) -> tuple[float, float]:
     return float(values.min()), float(values.max())
+
+
+def _end(end: float | None, scale: float) -> str:
+    return "open" if end is None else significant(scale * end, 4)
+
+
+def _shown(name: str) -> tuple[str, float]:
+    """A parameter's name with the unit it is shown in, and the factor to that."""
+    return (name.replace("[Ohm]", "[mOhm]"), 1e3) if name.endswith("[Ohm]") else (name, 1.0)

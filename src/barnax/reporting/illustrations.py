@@ -1,9 +1,11 @@
 """The figures of a report, with their captions."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ..cell import CircuitParameters
+from ..errors import InputError
 from ..plots import (
     plot_compared_convergence,
     plot_compared_errors,
@@ -22,17 +24,25 @@ from ..plots.sources import Illustration, record_roles
 from ..results import describe
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..cell import CellModel
     from ..comparison import Comparison, ComparisonResult
     from ..global_optimum import GlobalOptimum
     from ..model.inputs import PreparedRecord
+    from ..pipeline import Run
+    from ..results import Result
     from ..search.evaluate import Evaluation
-    from ..search.refine import Refinement
 
 
 def cell_illustrations(cell: "CellModel") -> Iterator[Illustration]:
     """Open-circuit and hysteresis voltage."""
-    yield Illustration(
+    yield _ocv(cell)
+    yield _hysteresis(cell)
+
+
+def _ocv(cell: "CellModel") -> Illustration:
+    return Illustration(
         "ocv",
         plot_ocv(cell),
         "Open-circuit voltage: the measured points, the curve of each branch and their average. "
@@ -40,7 +50,10 @@ def cell_illustrations(cell: "CellModel") -> Iterator[Illustration]:
         "Open-circuit voltage over the state of charge, with residuals of the fit",
         is_dense=False,
     )
-    yield Illustration(
+
+
+def _hysteresis(cell: "CellModel") -> Illustration:
+    return Illustration(
         "hysteresis",
         plot_hysteresis(cell),
         "Hysteresis voltage, the charge branch minus the discharge branch, and the segments that "
@@ -55,13 +68,17 @@ def condition_illustrations(
 ) -> Iterator[Illustration]:
     """Current, voltage and state of charge of every record, by its role."""
     for role, prepared in prepared_records.items():
-        yield Illustration(
-            f"{role}-condition",
-            plot_condition(prepared),
-            f"The working condition of {prepared.record.name}: current, measured voltage and state "
-            "of charge.",
-            "Current, voltage and state of charge over time",
-        )
+        yield _condition(role, prepared)
+
+
+def _condition(role: str, prepared: "PreparedRecord") -> Illustration:
+    return Illustration(
+        f"{role}-condition",
+        plot_condition(prepared),
+        f"The working condition of {prepared.record.name}: current, measured voltage and state "
+        "of charge.",
+        "Current, voltage and state of charge over time",
+    )
 
 
 def landscape_illustration(
@@ -71,9 +88,17 @@ def landscape_illustration(
     refined: "Sequence[CircuitParameters]",
 ) -> Iterator[Illustration]:
     """The landscape of one model, where it has two time constants to be drawn over."""
-    if not has_landscape(found.landscape):
-        return
-    yield Illustration(
+    if has_landscape(found.landscape):
+        yield _landscape(model, found, answers, refined)
+
+
+def _landscape(
+    model: str,
+    found: "GlobalOptimum",
+    answers: "Mapping[str, Sequence[CircuitParameters]]",
+    refined: "Sequence[CircuitParameters]",
+) -> Illustration:
+    return Illustration(
         f"landscape-{model}",
         plot_landscape(
             found.landscape,
@@ -83,59 +108,94 @@ def landscape_illustration(
             others=[each.parameters for each in found.local_optima],
         ),
         f"The lowest RMSE that {model} can reach at every pair of time constants, with what every "
-        f"seed ended with. {found.verdict}",
+        "seed ended with.",
         "The error over both time constants, with every seed's answer and the optimum",
         is_dense=False,
     )
 
 
-def identification_illustrations(
-    refinement: "Refinement",
-    identified: "Sequence[Evaluation]",
-    validated: "Sequence[Evaluation]",
-    optimum: "GlobalOptimum | None" = None,
-) -> list[Illustration]:
-    """Every figure of an identification; evaluations are those of the refined parameters.
+# What is written beside a result even where no report is.
+ALWAYS = ("ocv", "hysteresis", "convergence", "voltage", "error")
 
-    With the global `optimum` comes the landscape.
+
+def identification_illustrations(
+    run: "Run", wanted: Callable[[str], bool] = lambda name: True
+) -> list[Illustration]:
+    """The figures of an identification whose names are wanted; each is drawn only then."""
+    return [draw() for name, draw in _identification_figures(run).items() if wanted(name)]
+
+
+def is_always(name: str) -> bool:
+    """Whether a figure is written beside every result."""
+    return name.rpartition("-")[2] in ALWAYS
+
+
+def figure_of(result: "Result", name: str) -> "Figure":
+    """One figure of a result by its name, or the end of its name.
+
+    Raises `InputError` where there is none of that name.
     """
-    roles = record_roles(len(identified), len(validated))
-    evaluations = dict(zip(roles, [*identified, *validated], strict=True))
-    figures = [*cell_illustrations(refinement.search.problem.cell)]
-    figures += condition_illustrations({role: each.prepared for role, each in evaluations.items()})
-    for role, each in evaluations.items():
-        name = each.prepared.record.name
-        figures += [
-            Illustration(
-                f"{role}-voltage",
-                plot_voltage(each),
-                f"Measured and simulated voltage on {name}, and the current. At the right the "
-                "framed stretch, chosen by the current alone.",
-                "Measured and simulated voltage over time, above the current",
-            ),
-            Illustration(
-                f"{role}-error",
-                plot_error(each),
-                f"Measured minus simulated voltage on {name}, over time and over the state of "
-                "charge. Dashed: plus and minus the RMSE.",
-                "Error over time and over the state of charge",
-            ),
-        ]
-    figures.append(
-        Illustration(
-            "convergence",
-            plot_convergence(refinement.search, refinement),
-            "How the best RMSE of every seed fell during the search, and how far each stayed "
-            "above the refined answer.",
-            "Best RMSE of every seed over evaluations",
+    figures = _identification_figures(result.run)
+    found = [each for each in figures if each == name or each.rpartition("-")[2] == name]
+    found += [each for each in figures if each.startswith(name)]
+    if not found:
+        raise InputError(f"there is no figure {name!r}; there are {', '.join(figures)}")
+    return figures[found[0]]().figure
+
+
+def _identification_figures(run: "Run") -> dict[str, Callable[[], Illustration]]:
+    """How to draw every figure of an identification, by its name."""
+    cell = run.problem.cell
+    figures: dict[str, Callable[[], Illustration]] = {
+        "ocv": partial(_ocv, cell),
+        "hysteresis": partial(_hysteresis, cell),
+    }
+    roles = record_roles(len(run.identification), len(run.validation))
+    for role, each in zip(roles, [*run.identification, *run.validation], strict=True):
+        figures[f"{role}-condition"] = partial(_condition, role, each.prepared)
+        figures[f"{role}-voltage"] = partial(_voltage, role, each)
+        figures[f"{role}-error"] = partial(_error, role, each)
+    figures["convergence"] = partial(_convergence, run)
+    if run.optimum is not None and has_landscape(run.optimum.landscape):
+        method, _ = describe(run.search.optimizer)
+        answers = {method: [seed.parameters for seed in run.search.seeds]}
+        model = run.problem.circuit
+        figures[f"landscape-{model}"] = partial(
+            _landscape, model, run.optimum, answers, [run.answer.parameters]
         )
-    )
-    if optimum is not None:
-        method, _ = describe(refinement.search.optimizer)
-        answers = {method: [seed.parameters for seed in refinement.search.seeds]}
-        circuit = refinement.search.problem.circuit
-        figures += landscape_illustration(circuit, optimum, answers, [refinement.parameters])
     return figures
+
+
+def _voltage(role: str, evaluation: "Evaluation") -> Illustration:
+    name = evaluation.prepared.record.name
+    return Illustration(
+        f"{role}-voltage",
+        plot_voltage(evaluation),
+        f"Measured and simulated voltage on {name}, and the current. At the right the framed "
+        "stretch, chosen by the current alone.",
+        "Measured and simulated voltage over time, above the current",
+    )
+
+
+def _error(role: str, evaluation: "Evaluation") -> Illustration:
+    name = evaluation.prepared.record.name
+    return Illustration(
+        f"{role}-error",
+        plot_error(evaluation),
+        f"Measured minus simulated voltage on {name}, over time and over the state of charge. "
+        "Dashed: plus and minus the RMSE.",
+        "Error over time and over the state of charge",
+    )
+
+
+def _convergence(run: "Run") -> Illustration:
+    return Illustration(
+        "convergence",
+        plot_convergence(run.search, run.refinement),
+        "How the best RMSE of every seed fell during the search, and how far each stayed above "
+        "the refined answer.",
+        "Best RMSE of every seed over evaluations",
+    )
 
 
 def comparison_illustrations(

@@ -3,12 +3,14 @@
 import base64
 import re
 import unicodedata
+from collections.abc import Iterable
 from functools import cache, partial
 from pathlib import PurePosixPath
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from ..plots.sources import Illustration
 from .document import Bullets, Document, Listing, Paragraph, Picture, Table
 
 # Special wherever they stand: a bracket only where a link could follow, an underscore only at
@@ -103,6 +105,22 @@ def to_markdown(document: Document, figures: str = "figures") -> str:
     template = _templates(for_html=False).get_template("report.md")
     text = template.render(document=document, figures=PurePosixPath(figures))
     return text.rstrip("\n") + "\n"
+
+
+def to_fragment(document: Document) -> str:
+    """The document as HTML without a head or style of its own, for a notebook."""
+    return _templates(for_html=True).get_template("fragment.html").render(document=document)
+
+
+def report_files(document: Document, drawn: Iterable[Illustration]) -> dict[str, bytes]:
+    """A report in both forms and its figures, by their path below the results folder."""
+    files = {
+        "report.html": to_html(document).encode(),
+        "report.md": to_markdown(document).encode(),
+    }
+    for each in drawn:
+        files |= {f"figures/{each.name}.png": each.png, f"figures/{each.name}.svg": each.svg}
+    return files
 
 
 def picture_suffix(picture: Picture) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from ..plots.style import readable
 from .comparison_sentences import answered, errors_on, leaders, ranked, records, rmse_on
 from .document import Column, Table
-from .words import NOTHING, fixed, joined, percent, significant
+from .words import NOTHING, bound_words, fixed, joined, percent, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -86,7 +86,10 @@ NARROW_MARK = "†"
 def parameters_table(result: "ComparisonResult") -> Table:
     """Every row's own parameters and time constants (Li et al., 2023, Table 3)."""
     rows = answered(result)
-    bounds = {row.name: "; ".join(row.at_bound) for row in rows}
+    bounds = {
+        row.name: "; ".join(bound_words(each.name, each.side) for each in row.at_bound)
+        for row in rows
+    }
     return circuits_table(
         "Parameters and time constants of each row's median seed, not refined.",
         {row.name: row.parameters or {} for row in rows},

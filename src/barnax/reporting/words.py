@@ -67,3 +67,85 @@ def significant(value: float | None, digits: int = 5) -> str:
     ('–', '1.9679e+05', '0.1')
     """
     return NOTHING if value is None else f"{value:.{digits}g}"
+
+
+def milliohm(value_ohm: float) -> str:
+    """Ohms in milliohms, to three digits."""
+    return figures(1e3 * value_ohm)
+
+
+def duration(value_s: float) -> str:
+    """Seconds, minutes or hours, as one would say it.
+
+    >>> duration(46.8), duration(1500), duration(19679)
+    ('46.8 s', '25 min', '5.47 h')
+    """
+    if value_s < 600:
+        return f"{value_s:.3g} s"
+    return f"{value_s / 60:.3g} min" if value_s < 7200 else f"{value_s / 3600:.3g} h"
+
+
+def symbol(name: str) -> str:
+    """A parameter's name without its unit.
+
+    >>> symbol("R1 [Ohm]")
+    'R1'
+    """
+    return name.partition(" [")[0]
+
+
+def figures(value: float) -> str:
+    """Three figures, without an exponent where it can be helped.
+
+    >>> figures(0.1), figures(212403.8), figures(7.0), figures(9.994e12)
+    ('0.1', '212000', '7', '9.99e+12')
+    """
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:.0f}" if 1000 <= abs(rounded) < 1e9 else f"{rounded:g}"
+
+
+def shown(name: str, value: float) -> tuple[str, str]:
+    """A parameter's value to three figures and its unit: resistances in mOhm, hours where seconds
+    are many.
+
+    >>> shown("R1 [Ohm]", 0.0149), shown("tau2 [s]", 61.2), shown("tau2 [s]", 19680.0)
+    (('14.9', 'mOhm'), ('61.2', 's'), ('5.47', 'h'))
+    """
+    unit = name.partition(" [")[2].rstrip("]")
+    if unit == "Ohm":
+        value, unit = 1e3 * value, "mOhm"
+    if unit == "s" and value >= 10_000:
+        value, unit = value / 3600, "h"
+    return figures(value), unit
+
+
+def bound_words(name: str, side: str) -> str:
+    """A parameter at a bound of its box.
+
+    >>> bound_words("tau2 [s]", "upper")
+    'tau2 at its upper bound'
+    """
+    return f"{symbol(name)} at its {side} bound"
+
+
+def with_unit(name: str, value: float) -> str:
+    """A parameter's value as it is read.
+
+    >>> with_unit("R1 [Ohm]", 0.0149), with_unit("gamma", 48.0)
+    ('14.9 mOhm', '48')
+    """
+    return " ".join(shown(name, value)).rstrip()
+
+
+def between(name: str, low: float, high: float) -> str:
+    """An interval of a parameter.
+
+    >>> between("R1 [Ohm]", 0.0136, 0.0687), between("tau1 [s]", 4000, 40000)
+    ('13.6 to 68.7 mOhm', '4000 s to 11.1 h')
+    """
+    (least, unit), (most, other) = shown(name, low), shown(name, high)
+    return (
+        f"{least} to {most} {unit}".rstrip()
+        if unit == other
+        else f"{least} {unit} to {most} {other}"
+    )

@@ -34,7 +34,7 @@ class Evaluation:
 def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluation:
     """The errors of a circuit on a record made ready. Raises `InputError` for a flat voltage."""
     require_changing_voltage(prepared)
-    inputs = prepared.inputs(min(parameters.tau_s), parameters.gamma)
+    inputs = prepared.simulation_input(min(parameters.tau_s), parameters.gamma)
     simulated_v = np.asarray(_simulate(rc_parameters(parameters), inputs))
     metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])
     return Evaluation(prepared, simulated_v, metrics)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -166,6 +166,14 @@ FINAL_ROUNDS = 20
 
 
 @dataclass(frozen=True)
+class AtBound:
+    """A parameter, by PyBaMM's name, that ended at one end of its box."""
+
+    name: str
+    side: Literal["lower", "upper"]
+
+
+@dataclass(frozen=True)
 class Optimum:
     """A distinct place where refined seeds ended, and how many of them.
 
@@ -189,8 +197,7 @@ class Refinement:
     search: Search
     refined: tuple[RefinedSeed, ...]
     optima: tuple[Optimum, ...]
-    at_bound: tuple[str, ...]
-    verdict: str
+    at_bound: tuple[AtBound, ...]
     objective: Kind
     evaluations: int
 
@@ -242,8 +249,7 @@ def refine(
     ended = [best if seed == leader else refined[seed] for seed in range(len(refined))]
     optima = distinct_optima(ended)
     bounded = at_bound(descent.objective.coordinates, best.parameters)
-    verdict = _verdict(search, ended, optima, bounded)
-    return Refinement(search, tuple(refined), optima, bounded, verdict, descent.kind, spent)
+    return Refinement(search, tuple(refined), optima, bounded, descent.kind, spent)
 
 
 def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
@@ -272,8 +278,8 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
     )
 
 
-def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]:
-    """Which parameters are at an end of a box in `log` coordinates, in words."""
+def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, ...]:
+    """Which parameters are at an end of a box in `log` coordinates."""
     point = np.asarray(point_blocks([parameters], box)[0][0])
     places = [
         (name, value, low, high)
@@ -285,65 +291,7 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[str, ...]
         if name not in box.names and limits[0] < limits[1]:
             places.append((name, *np.log([tau_s, *limits])))
     return tuple(
-        f"{name} at its {'lower' if fraction < 0.5 else 'upper'} bound"
+        AtBound(name, "lower" if fraction < 0.5 else "upper")
         for name, value, low, high in places
         if not AT_BOUND < (fraction := (value - low) / (high - low)) < 1 - AT_BOUND
     )
-
-
-def _verdict(
-    search: Search,
-    ended: Sequence[RefinedSeed],
-    optima: Sequence[Optimum],
-    at_bound: Sequence[str],
-) -> str:
-    total, best = len(ended), optima[0]
-    gap = 100 * (search.best.rmse_v / best.rmse_v - 1)
-    others = optima[1:]
-    unsettled = total - sum(optimum.seeds for optimum in optima)
-    if total == 1:
-        agreement = "One seed was run, so nothing tells whether another would end elsewhere."
-    elif best.seeds == total:
-        agreement = f"All {total} seeds end in one optimum, the best found."
-    else:
-        agreement = f"{best.seeds} of {total} seeds end in the best optimum found"
-        if others:
-            nearest = 100 * (others[0].rmse_v / best.rmse_v - 1)
-            agreement += (
-                f"; {sum(optimum.seeds for optimum in others)} in {len(others)} worse, the "
-                f"nearest {nearest:.2g} % above it"
-            )
-        if unsettled:
-            agreement += (
-                f"; {unsettled} were still moving after {2 * STEPS} steps of the cross-check"
-            )
-        agreement += "."
-    distance = f"{gap:.2g} % above it" if gap > 1e-6 else "already there, to 1e-6 %"
-    sentences = [agreement, f"Before refinement the best seed was {distance}."]
-    if not min(ended, key=lambda seed: seed.rmse_v).has_converged:
-        sentences.append("The refinement of the best seed did not converge.")
-    taus = best.parameters.tau_s
-    merged = [k for k in range(1, len(taus)) if abs(taus[k] / taus[k - 1] - 1) < AT_BOUND]
-    for k in merged:
-        sentences.append(
-            f"tau{k} and tau{k + 1} are both {taus[k]:.4g} s, so R{k} and R{k + 1} act as one "
-            "resistance and only their sum is determined."
-        )
-    if best.is_family and not merged:
-        sentences.append(
-            "Circuits with different parameters fit equally well there: the data do not "
-            "determine them one by one."
-        )
-    if list(taus) != sorted(taus):
-        sentences.append(
-            "The time constants are not in order: the pairs keep the labels under which they were "
-            "bounded or fixed."
-        )
-    if at_bound:
-        sentences.append(
-            f"{'; '.join(at_bound)}: the box, not the data, decides there. Widen it with --bounds "
-            "or hold the parameter with --fix."
-        )
-    else:
-        sentences.append("No parameter is at a bound.")
-    return " ".join(sentences)

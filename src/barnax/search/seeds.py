@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ from ..model.padding import padding_for
 from ..model.problem import Objective, Problem, rmse, rmse_by_scan
 from ..model.simulate import AbstractEvaluator
 from ..optimizers import AbstractPopulationMinimiser
+from ..schema import ARRAY
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,7 @@ class SeedAnswer:
 
     rmse_v: float
     parameters: CircuitParameters
-    history_v: Float[np.ndarray, "generations"]
+    history_v: Annotated[Float[np.ndarray, "generations"], ARRAY]
     evaluations: int
     failures: int
 

@@ -1,10 +1,9 @@
-"""What the data determine, how sure the answer is, and what would lower the error."""
+"""What the data determine, how well, and what would lower the error."""
 
-from .assessment import Assessment, assess
+from .assessment import Assessment, Examination, assess, examine
 from .bootstrap import Bootstrap, bootstrap
-from .covariance import Estimate, Uncertainty
+from .covariance import Covariance, Estimate, Uncertainty
 from .diagnostics import Band, Diagnostics
-from .examination import Examination, examine
 from .identifiability import Finding, Identifiability
 from .linearization import compile_linearization
 from .profile import Profile, profile
@@ -15,6 +14,7 @@ __all__ = [
     "Assessment",
     "Band",
     "Bootstrap",
+    "Covariance",
     "Diagnostics",
     "Estimate",
     "Examination",

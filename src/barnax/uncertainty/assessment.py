@@ -1,48 +1,81 @@
-"""How far an answer can be trusted: its uncertainty, what the data determine, where it errs."""
+"""An assessment needs no further fit; an examination fits again, some hundred times."""
 
 from dataclasses import dataclass
-from typing import Any
 
+from jaxtyping import Array, Key
+
+from ..cell import CircuitParameters
 from ..execution import one_blas_thread
-from ..search.refine import Refinement
-from .covariance import Uncertainty, estimate_uncertainty
+from ..model.problem import Problem, rmse_by_scan
+from .bootstrap import Bootstrap, bootstrap
+from .covariance import Covariance, Uncertainty
 from .diagnostics import Diagnostics, diagnostics
 from .identifiability import Identifiability, identifiability
-from .linearization import Linearization, linearize
+from .linearization import linearize
+from .profile import Profile, profile
+from .refit import Refit
+from .suggestions import Suggestion, suggestions
 
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What can be said of a refined answer without fitting anything again."""
+    """What the record says of a circuit's parameters, without fitting anything again.
 
-    linearization: Linearization
+    `covariance` is what the other three follow from.
+    """
+
+    covariance: Covariance
     uncertainty: Uncertainty
     identifiability: Identifiability
     diagnostics: Diagnostics
 
-    @property
-    def words(self) -> str:
-        """Sentences for a report."""
-        parts = (self.uncertainty, self.identifiability, self.diagnostics)
-        return " ".join(part.words for part in parts if part.words)
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "uncertainty": self.uncertainty.to_dict(),
-            "identifiability": self.identifiability.to_dict(),
-            "diagnostics": self.diagnostics.to_dict(),
-        }
+@dataclass(frozen=True)
+class Examination:
+    """Profiles of all free parameters, the block bootstrap, and changes ranked by their error.
+
+    `rmse_v` is that of the circuit itself.
+    """
+
+    rmse_v: float
+    profiles: tuple[Profile, ...]
+    bootstrap: Bootstrap
+    suggestions: tuple[Suggestion, ...]
 
 
-def assess(refinement: Refinement) -> Assessment:
-    """The assessment of a cross-checked answer; it costs one Jacobian and some transforms."""
-    linearization = linearize(refinement.search.problem, refinement.parameters)
+def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
+    """The assessment of an optimum; it costs one Jacobian and some transforms.
+
+    Raises `InputError` where the circuit's errors or their derivatives are not finite.
+    """
+    linearization = linearize(problem, parameters)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        uncertainty = estimate_uncertainty(refinement.parameters, linearization)
+        covariance = Covariance.of(linearization)
         return Assessment(
-            linearization=linearization,
-            uncertainty=uncertainty,
-            identifiability=identifiability(refinement, linearization, uncertainty),
-            diagnostics=diagnostics(refinement, linearization, uncertainty.noise),
+            covariance=covariance,
+            uncertainty=covariance.summary(parameters),
+            identifiability=identifiability(problem, parameters, covariance),
+            diagnostics=diagnostics(problem, covariance),
         )
+
+
+def examine(
+    problem: Problem,
+    parameters: CircuitParameters,
+    assessment: Assessment,
+    *,
+    key: Key[Array, ""],
+) -> Examination:
+    """The examination of an optimum. Two or three programs are compiled for circuits with one part
+    more; `key` decides what the bootstrap draws."""
+    refit, covariance = Refit(problem), assessment.covariance
+    free = [each.name for each in assessment.uncertainty.estimates if each.relative_error]
+    return Examination(
+        rmse_v=rmse_by_scan(problem, [parameters])[0],
+        profiles=tuple(
+            profile(problem, parameters, name, covariance=covariance, refit=refit) for name in free
+        ),
+        bootstrap=bootstrap(problem, parameters, key=key, covariance=covariance, refit=refit),
+        suggestions=suggestions(problem, parameters, refit=refit),
+    )

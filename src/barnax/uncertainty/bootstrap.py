@@ -1,7 +1,7 @@
 """The moving-block bootstrap: intervals that need no model of the noise, as a check.
 
-Stretches of the residuals, long enough to keep their correlation, are drawn at random, added to
-the fitted voltage, and the circuit is fitted again (Kuensch, Annals of Statistics 17 (1989) 1217).
+Runs of the residuals, long enough to keep their correlation, are drawn at random, added to the
+fitted voltage, and the circuit is fitted again (Kuensch, Annals of Statistics 17 (1989) 1217).
 The record is closed to a circle (Politis and Romano, 1992): else its two ends, where models err
 most, are drawn least. It reads somewhat low, for residuals lack what the fit has followed and
 blocks break correlations at their ends.
@@ -9,22 +9,20 @@ blocks break correlations at their ends.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+from ..cell import CircuitParameters
 from ..execution import in_float64
-from ..search.refine import Refinement
-from .assessment import Assessment, assess
-from .covariance import CONFIDENCE, direction_of, named_values
-from .linearization import Linearization
-from .noise import Noise
+from ..model.problem import Problem
+from .covariance import CONFIDENCE, Covariance
+from .linearization import linearize, named_values
 from .refit import Refit, holding
 
 REPLICATES = 200
-# With fewer blocks in a record the draws are too much alike to tell a spread.
+# Fewer blocks in a record tell no spread.
 FEWEST_BLOCKS = 8
 
 
@@ -38,7 +36,7 @@ class Resampled:
     high: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Bootstrap:
     """What refits to resampled records gave. `is_cut` says that blocks are shorter than the rule
     asks for, because the record is."""
@@ -49,40 +47,25 @@ class Bootstrap:
     converged: int
     parameters: dict[str, Resampled]
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "block [s]": self.block_s,
-            "is_cut": self.is_cut,
-            "replicates": self.replicates,
-            "converged": self.converged,
-            "parameters": {
-                name: {
-                    "standard_error": each.value * each.relative_error,
-                    "low": each.low,
-                    "high": each.high,
-                }
-                for name, each in self.parameters.items()
-            },
-        }
-
 
 @in_float64
 def bootstrap(
-    refinement: Refinement,
+    problem: Problem,
+    parameters: CircuitParameters,
     *,
     key: Key[Array, ""],
     replicates: int = REPLICATES,
-    assessment: Assessment | None = None,
+    covariance: Covariance | None = None,
     refit: Refit | None = None,
 ) -> Bootstrap:
     """Refits to `replicates` records with resampled residuals; held parameters stay held.
 
     Intervals are the basic bootstrap's in logarithms; `key` decides which blocks are drawn.
     """
-    assessment = assessment or assess(refinement)
-    linearization = assessment.linearization
-    refit = refit or Refit(refinement.search.problem)
-    length, is_cut = block_length(linearization, assessment.uncertainty.noise)
+    covariance = covariance or Covariance.of(linearize(problem, parameters))
+    linearization = covariance.linearization
+    refit = refit or Refit(problem)
+    length, is_cut = block_length(covariance)
     blocks = math.ceil(linearization.samples / length)
     first = np.asarray(jr.randint(key, (replicates, blocks), 0, linearization.samples))
     drawn = (first[:, :, None] + np.arange(length)).reshape(replicates, -1)[
@@ -99,20 +82,24 @@ def bootstrap(
     starts = np.broadcast_to(linearization.point, (replicates, len(linearization.point)))
     ends = refit(starts, base_v=base_v, matrix=matrix, shift=np.broadcast_to(shift, starts.shape))
     moved = ends.points[:, list(linearization.free)] - linearization.logarithms
+    directions = {
+        name: direction
+        for name in named_values(parameters)
+        if np.any(direction := linearization.direction_of(name)[0])
+    }
     return Bootstrap(
-        block_s=length * float(np.median(np.diff(linearization.time_s))),
+        block_s=length * linearization.interval_s,
         is_cut=is_cut,
         replicates=replicates,
         converged=int(np.count_nonzero(ends.has_converged)),
         parameters={
-            name: _resampled(value, moved @ direction_of(name, linearization)[0])
-            for name, value in named_values(refinement.parameters).items()
-            if np.any(direction_of(name, linearization)[0])
+            name: _resampled(named_values(parameters)[name], moved @ direction)
+            for name, direction in directions.items()
         },
     )
 
 
-def block_length(linearization: Linearization, noise: Noise) -> tuple[int, bool]:
+def block_length(covariance: Covariance) -> tuple[int, bool]:
     """Samples a block, and whether the record was too short for as many as the rule asks.
 
     (2 G^2 / D)^(1/3) n^(1/3) with G the sum of |lag| times autocovariance and D = 4/3 of the
@@ -120,9 +107,9 @@ def block_length(linearization: Linearization, noise: Noise) -> tuple[int, bool]
     by Patton, Politis and White, 28 (2009) 372), both from the fitted noise instead of from
     autocovariances up to some lag, which break off where correlations are long.
     """
-    interval_s = float(np.median(np.diff(linearization.time_s)))
+    linearization, noise = covariance.linearization, covariance.noise
     decay = np.zeros(len(noise.correlation_s))
-    decay[1:] = np.exp(-interval_s / noise.correlation_s[1:])
+    decay[1:] = np.exp(-linearization.interval_s / noise.correlation_s[1:])
     slope = 2 * float(noise.variance_v2 @ (decay / (1 - decay) ** 2))
     level = float(noise.variance_v2 @ ((1 + decay) / (1 - decay)))
     if level == 0:

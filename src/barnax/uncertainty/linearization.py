@@ -1,7 +1,8 @@
-"""A refined circuit seen from close by: its errors and their slopes."""
+"""The errors of a circuit and their derivatives by its free parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -9,28 +10,38 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..cell import CircuitParameters
+from ..errors import InputError
+
+# Voltages and derivatives beyond this are overflows on their way.
+LARGEST_NUMBER = 1e20
 from ..execution import compile_for, in_float64
 from ..model.inputs import PreparedRecord
 from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
 from ..search.refine import AT_BOUND
 
+# A parameter that moves the voltage by less than this (RMS, for a factor of e) is not seen: far below
+# rounding, but squares of it are still numbers.
+LEAST_V = 1e-18
+# Why a parameter is not free; "unseen" is one that no scored sample depends on.
+Held = Literal["fixed", "at lower bound", "at upper bound", "unseen"]
+
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Errors at the refined answer and their derivatives by what the data could move.
+    """Errors of a circuit and their derivatives by what the data could move.
 
     `names` are the free parameters in `log` coordinates: resistances, time constants (or
     capacitances, where those are bounded) and gamma; `slope_v` holds dU by d ln of each, over the
-    scored samples, measured minus simulated like `error_v`. `held` says for every parameter that
-    is not free why not. `time_s` joins the clocks of all records, further apart than `longest_s`,
+    scored samples, measured minus simulated like `error_v`. `held` says of every other parameter
+    why it is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
     the duration of the longest of them.
     """
 
     point: Float[np.ndarray, "coordinates"]
     free: tuple[int, ...]
     names: tuple[str, ...]
-    held: dict[str, str]
+    held: dict[str, Held]
     time_s: Float[np.ndarray, "scored"]
     longest_s: float
     error_v: Float[np.ndarray, "scored"]
@@ -42,18 +53,50 @@ class Linearization:
 
     @property
     def logarithms(self) -> Float[np.ndarray, "free"]:
-        """The free parameters' logarithms at the answer."""
+        """The free parameters' logarithms."""
         return self.point[list(self.free)]
+
+    @property
+    def interval_s(self) -> float:
+        """The median sampling interval."""
+        return float(np.median(np.diff(self.time_s)))
+
+    def direction_of(self, name: str) -> tuple[Float[np.ndarray, "free"], Held | None]:
+        """How the logarithm of a parameter moves with the free ones', and why it is held if it is.
+
+        C and tau of a pair follow from each other: ln tau = ln R + ln C.
+        """
+        if name in self.names:
+            return np.eye(len(self.names))[self.names.index(name)], None
+        if name in self.held:
+            return np.zeros(len(self.names)), self.held[name]
+        pair = name[3] if name.startswith("tau") else name[1]
+        other, sign = (f"C{pair} [F]", 1) if name.startswith("tau") else (f"tau{pair} [s]", -1)
+        moved, reason = self.direction_of(other)
+        by_resistance, why = self.direction_of(f"R{pair} [Ohm]")
+        return moved + sign * by_resistance, reason or why
+
+
+def named_values(parameters: CircuitParameters) -> dict[str, float]:
+    """Every parameter under PyBaMM's name, each time constant after its capacitance."""
+    values: dict[str, float] = {}
+    for name, value in parameters.to_dict().items():
+        values[name] = value
+        if name.startswith("C"):
+            pair = int(name[1])
+            values[f"tau{pair} [s]"] = parameters.tau_s[pair - 1]
+    return values
 
 
 @in_float64
 def linearize(
     problem: Problem, parameters: CircuitParameters, freed: Sequence[str] = ()
 ) -> Linearization:
-    """The errors of a refined circuit and their derivatives, always by the scan.
+    """The errors of a circuit of the box and their derivatives, always by the scan.
 
-    A parameter at a bound of its box is held there, for the box decides its value, unless it is
-    `freed`; so is one that no scored sample depends on.
+    A parameter at a bound is held there, for the bound decides its value, unless it is `freed`; so
+    is one that no scored sample depends on. Raises `InputError` where an error or a derivative is
+    no number that can be squared.
     """
     objective = problem.objective_in("log", "scan")
     box = objective.coordinates
@@ -64,12 +107,21 @@ def linearize(
     scored = np.concatenate([prepared.scored for prepared in problem.prepared_records])
     unit = np.sqrt(problem.scored)
     error_v, slope_v = unit * error[scored], unit * slope[scored]
-    held = dict.fromkeys(problem.bounds.fixed, "fixed") | _at_bound(box, point)
+    if not max(np.max(np.abs(error_v)), np.max(np.abs(slope_v), initial=0.0)) < LARGEST_NUMBER:
+        raise InputError(
+            "the circuit's voltage or its derivatives are no finite numbers of volts, so nothing "
+            "can be said of its parameters; narrow the bounds"
+        )
+    is_seen = np.sqrt(np.mean(slope_v**2, axis=0)) > LEAST_V
+    held: dict[str, Held] = {
+        **dict.fromkeys(problem.bounds.fixed, "fixed"),
+        **_at_bound(box, point),
+    }
     held = {name: why for name, why in held.items() if name not in freed or why == "fixed"}
     held |= {
-        name: "no scored sample depends on it"
+        name: "unseen"
         for index, name in enumerate(box.names)
-        if name not in held and not np.any(slope_v[:, index])
+        if name not in held and not is_seen[index]
     }
     free = tuple(index for index, name in enumerate(box.names) if name not in held)
     return Linearization(
@@ -97,10 +149,10 @@ def _errors_and_slopes(
     return residuals(point, objective), jax.jacfwd(residuals)(point, objective)
 
 
-def _at_bound(box: Coordinates, point: Float[np.ndarray, "coordinates"]) -> dict[str, str]:
+def _at_bound(box: Coordinates, point: Float[np.ndarray, "coordinates"]) -> dict[str, Held]:
     fraction = (point - np.asarray(box.lower)) / np.asarray(box.upper - box.lower)
     return {
-        name: f"at its {'lower' if part < 0.5 else 'upper'} bound"
+        name: "at lower bound" if part < 0.5 else "at upper bound"
         for name, part in zip(box.names, fraction, strict=True)
         if not AT_BOUND < part < 1 - AT_BOUND
     }

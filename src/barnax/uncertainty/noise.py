@@ -1,10 +1,11 @@
-"""The noise behind a fit's residuals: how strong it is and how long it remembers.
+"""The noise behind a fit's residuals: how strong it is and how long it is correlated.
 
-Voltage errors of a battery model are alike over hundreds of seconds, so that 20,000 samples say
-no more than a few dozen would. Here they are taken for a stationary noise: a white part and parts
-whose correlation decays exponentially, with times from one sampling interval to a quarter of the
-record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative, up to
-lags of half the record. Of several records the longest counts, and none is correlated with another.
+Voltage errors of a battery model are correlated over hundreds of seconds, so that 20,000 samples
+say no more than a few dozen would. Here they are taken for a stationary noise: a white part and
+parts whose correlation decays exponentially, with times from one sampling interval to a quarter of
+the record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative, up
+to lags of half the record. Of several records the longest counts, and none is correlated with
+another.
 
 A fit follows slow noise and so leaves too little of it in its residuals. This is undone: what is
 fitted is not each part's autocovariance but what is expected of it after the projection
@@ -59,9 +60,8 @@ class Noise:
         """Standard deviation of the noise, with what the fit has followed."""
         return math.sqrt(float(self.variance_v2.sum()))
 
-    def integrated_time(self, interval_s: float) -> float:
-        """The time in s over which the noise is as good as one sample: its variance's sum over
-        all lags, times the interval."""
+    def correlation_time_s(self, interval_s: float) -> float:
+        """The integrated autocorrelation time: over it, the noise is worth one sample."""
         total = float(self.variance_v2.sum())
         if total == 0:
             return interval_s
@@ -80,7 +80,7 @@ class Noise:
         shares = np.einsum("i,pij,j->p", direction, self.parts_spread, direction)
         variance = float(shares @ self.variance_v2)
         is_used = self.variance_v2 > 0
-        if variance == 0:
+        if variance <= 0:
             return math.inf
         by_bin = shares[is_used] @ self._from_lags[is_used]
         by_lag = np.zeros(self._padded)

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,14 +9,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
 
+from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import in_float64
+from ..model.problem import Problem
 from ..model.search_space import Coordinates
-from ..search.refine import Refinement
-from .assessment import Assessment, assess
-from .covariance import CONFIDENCE, direction_of, estimate_uncertainty, named_values
-from .identifiability import symbol, with_unit
-from .linearization import Linearization, linearize
+from .covariance import CONFIDENCE, Covariance
+from .linearization import Linearization, linearize, named_values
 from .refit import Refit, holding
 
 POINTS = 15
@@ -25,85 +23,65 @@ POINTS = 15
 REACH = 2.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Profile:
-    """The smallest RMSE for every value of one parameter, the others refitted.
+    """The smallest RMSE for every one of some values of one parameter, the others refitted.
 
-    The interval holds the values whose RMSE is not above `threshold_rmse_v`; an end is None where
-    the profile does not rise to it inside the box.
+    The interval holds the values whose RMSE is not above `threshold_v`; an end is None where the
+    profile does not rise to it inside the box.
     """
 
     name: str
-    best: float
-    values: Float[np.ndarray, "points"]
-    rmse_v: Float[np.ndarray, "points"]
-    threshold_rmse_v: float
+    value: float
+    values: tuple[float, ...]
+    rmse_v: tuple[float, ...]
+    threshold_v: float
     low: float | None
     high: float | None
 
-    @property
-    def words(self) -> str:
-        value = f"{symbol(self.name)} = {with_unit(self.name, self.best)}"
-        if self.low is None and self.high is None:
-            return f"{value}: no value in its box fits worse than chance would have it."
-        if self.low is None or self.high is None:
-            side, end = ("above", self.low) if self.high is None else ("below", self.high)
-            return f"{value}: nothing but {side} {with_unit(self.name, end or 0.0)} is known."
-        ends = f"{with_unit(self.name, self.low)} to {with_unit(self.name, self.high)}"
-        return f"{value}, {100 * CONFIDENCE:.0f} % interval {ends} by its profile."
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "value": self.best,
-            "values": self.values.tolist(),
-            "rmse [V]": self.rmse_v.tolist(),
-            "threshold [V]": self.threshold_rmse_v,
-            "low": self.low,
-            "high": self.high,
-        }
-
 
 def profile(
-    refinement: Refinement,
+    problem: Problem,
+    parameters: CircuitParameters,
     name: str,
     *,
-    assessment: Assessment | None = None,
+    covariance: Covariance | None = None,
     refit: Refit | None = None,
 ) -> Profile:
     """The profile of a parameter under PyBaMM's name or of a time constant, `tau1 [s]`.
 
-    With independent errors the interval would end where the squared error has risen by
-    t^2 s^2; with errors that stay alike that rise is scaled by the trusted variance over the plain
-    one (Kent, Biometrika 69 (1982) 19). `assessment` and `refit` may be given where they exist
-    already. Raises `InputError` for a name the circuit does not have or that is held.
+    With independent residuals the interval would end where the squared error has risen by t^2 s^2;
+    with correlated ones that rise is scaled by the square of the inflation factor (Kent, Biometrika
+    69 (1982) 19). `covariance` and `refit` may be given where they exist already. Raises
+    `InputError` for a name the circuit does not have or that is held.
     """
-    assessment = assessment or assess(refinement)
-    linearization, uncertainty = assessment.linearization, assessment.uncertainty
-    values = named_values(refinement.parameters)
+    values = named_values(parameters)
     if name not in values:
         raise InputError(f"{name!r} is no parameter of this circuit; there are {', '.join(values)}")
-    if name in linearization.held:
+    covariance = covariance or Covariance.of(linearize(problem, parameters))
+    if name in covariance.linearization.held:
         # At a bound: the profile is what tells how far inside the box it may lie.
-        linearization = linearize(refinement.search.problem, refinement.parameters, freed=(name,))
-        uncertainty = estimate_uncertainty(refinement.parameters, linearization)
-    direction, held = direction_of(name, linearization)
+        covariance = Covariance.of(linearize(problem, parameters, freed=(name,)))
+    linearization = covariance.linearization
+    direction, held = linearization.direction_of(name)
     if not np.any(direction):
         raise InputError(f"{name!r} has no profile, for it is held: {held}")
-    refit = refit or Refit(refinement.search.problem)
-    linear = uncertainty[name]
+    refit = refit or Refit(problem)
+    linear = covariance.estimate(name, values[name], direction)
     freedom = max(linearization.samples - len(linearization.names), 1)
     quantile = stdtrit(linear.degrees_of_freedom, (1 + CONFIDENCE) / 2)
     rise = (quantile * (linear.inflation or 1.0)) ** 2 / freedom
     best_v = float(np.sqrt(np.mean(linearization.error_v**2)))
     threshold_v = best_v * math.sqrt(1 + rise)
 
-    is_ordered = refinement.search.problem.bounds.pairs_are_alike
+    is_ordered = problem.bounds.pairs_are_alike
     full = np.zeros(len(linearization.point))
     full[list(linearization.free)] = direction
-    # How the others follow to first order: along the plain covariance, which is what fits move by.
+    # How the others follow to first order: along the white-noise covariance, by which fits move.
     follow = np.zeros(len(linearization.point))
-    follow[list(linearization.free)] = uncertainty.white_noise_covariance @ direction
-    follow /= full @ follow
+    follow[list(linearization.free)] = covariance.white_noise_matrix @ direction
+    # Rounding can leave no variance at all where pairs coincide; the others then start in place.
+    follow = follow / (full @ follow) if full @ follow > 0 else full / (full @ full)
     reach = np.array(_reach(full, linearization.point, refit))
     half_width = REACH * quantile * (linear.relative_error or 0.0)
     steps = np.clip(np.linspace(-half_width, half_width, POINTS), *reach)
@@ -117,16 +95,15 @@ def profile(
             steps, rmse_v = np.append(steps, more), np.append(rmse_v, more_v)
     order = np.argsort(steps)
     steps, rmse_v = steps[order], rmse_v[order]
-    best = values[name]
     low, high = (_crossing(side, steps, rmse_v, best_v, threshold_v) for side in (-1, 1))
     return Profile(
         name=name,
-        best=best,
-        values=best * np.exp(steps),
-        rmse_v=rmse_v,
-        threshold_rmse_v=threshold_v,
-        low=None if low is None else best * math.exp(low),
-        high=None if high is None else best * math.exp(high),
+        value=values[name],
+        values=tuple((values[name] * np.exp(steps)).tolist()),
+        rmse_v=tuple(rmse_v.tolist()),
+        threshold_v=threshold_v,
+        low=None if low is None else values[name] * math.exp(low),
+        high=None if high is None else values[name] * math.exp(high),
     )
 
 

@@ -29,14 +29,18 @@ from ..model.simulate import Intervals, unit_response
 from ..search.refine import AT_BOUND
 from .linearization import Linearization
 
-# Of an answer, relative to the largest current: far below the noise, with half the columns of the
-# compressed objective.
+# Of a unit response, relative to the largest current: far below the noise, with half the columns
+# of the compressed objective.
 PROJECTION_TOLERANCE = 1e-9
+# Most steps of one fit, and the relative tolerance of its errors and unknowns: far below what any
+# interval could show.
+STEPS = 50
+TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Voltages:
-    """The basis of one problem's answers, and its own voltage in it, as an objective."""
+    """The basis of one problem's unit responses, and its own voltage in it, as an objective."""
 
     basis: Float[np.ndarray, "scored rows"]
     own_v: Float[np.ndarray, "scored"]
@@ -45,7 +49,7 @@ class Voltages:
     @classmethod
     @in_float64
     def of(cls, problem: Problem) -> "Voltages":
-        """The voltages of a problem, as errors of a circuit without any impedance.
+        """The voltages of a problem, as errors of a circuit without any resistance.
 
         Raises `InputError` where the box is too wide.
         """
@@ -57,13 +61,15 @@ class Voltages:
             in_rate = span_of(1 / fastest, 1 / slowest, PROJECTION_TOLERANCE)
         parts, own = [], []
         for prepared, inputs in zip(problem.prepared_records, problem.all_inputs, strict=True):
-            columns = [_answers(jnp.asarray(in_tau.skeleton_tau), inputs.held_a, inputs.intervals)]
+            columns = [
+                _unit_responses(jnp.asarray(in_tau.skeleton_tau), inputs.held_a, inputs.intervals)
+            ]
             moved = inputs.hysteresis
             if in_rate is not None and moved is not None:
-                turns = _answers(
+                hysteresis = _unit_responses(
                     jnp.asarray(in_rate.skeleton_tau), moved.hysteresis_input, moved.intervals
                 )
-                columns.append(-moved.amplitude_v * turns)
+                columns.append(-moved.amplitude_v * hysteresis)
             columns.append(inputs.current_a[None])
             parts.append(np.asarray(jnp.concatenate(columns)).T[prepared.scored])
             own.append(np.asarray(inputs.base_error_v)[prepared.scored])
@@ -75,9 +81,9 @@ class Voltages:
         if in_rate is not None:
             columns.append(factor[:, count:-1] @ in_rate.from_skeleton)
         columns.append(factor[:, -1:])
-        answers = np.pad(np.concatenate(columns, axis=1), ((0, 1), (0, 0)))
+        responses = np.pad(np.concatenate(columns, axis=1), ((0, 1), (0, 0)))
         own_v = np.concatenate(own)
-        whole = np.column_stack([answers, _project(basis, own_v[None])[0]])
+        whole = np.column_stack([responses, _project(basis, own_v[None])[0]])
         objective = Compressed(
             scored=jnp.asarray(float(len(own_v))),
             factor=jnp.asarray(whole),
@@ -102,15 +108,10 @@ def _project(basis: np.ndarray, voltages_v: np.ndarray) -> np.ndarray:
 
 
 @eqx.filter_jit
-def _answers(
+def _unit_responses(
     taus: Float[Array, "taus"], held: Float[Array, "samples"], intervals: Intervals
 ) -> Float[Array, "taus samples"]:
     return jax.vmap(unit_response, in_axes=(0, None, None))(taus, held, intervals)
-
-
-STEPS = 50
-# Relative tolerance of errors and unknowns; far below what any interval could show.
-TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -12,20 +12,39 @@ from jaxtyping import Array, Float
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from ..cell import CircuitParameters
+from ..cell.circuits import CIRCUITS, get_circuit
 from ..cell.parameters import MOST_PAIRS
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.inputs import prepare_record
-from ..model.problem import Problem, rc_parameters
+from ..model.problem import Problem, rc_parameters, rmse_by_scan
 from ..model.search_space import PAIRS, RATE, RATE_RANGE, RESISTANCES, Bounds
 from ..model.simulate import SimulationInput, unit_response
-from ..search.refine import Descent, Refinement
-from .identifiability import joined, with_unit
+from ..search.refine import Descent
 from .refit import Refit
 
 KNOTS = 6
 # Over a narrower range of SOC a table has nothing to tell.
 NARROWEST = 0.05
+TOLERANCE = 1e-7
+STARTS = 8
+# How far the initial SOC and the capacity (relative) are tried, and to what accuracy.
+SOC_REACH = 0.1
+CAPACITY_REACH = 0.15
+SEARCHED_TO = 1e-3
+# Digits of a proposed initial SOC after the point, and significant ones of a capacity. Errors are
+# those at the rounded values, so that whoever follows the proposal finds what it promised.
+SOC_DECIMALS = 4
+CAPACITY_DIGITS = 5
+
+Change = Literal[
+    "one more pair",
+    "dynamic hysteresis",
+    "initial SOC",
+    "capacity",
+    "resistance over SOC",
+    "OCV over SOC",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,26 +64,25 @@ class SocColumns:
 
 
 @in_float64
-def soc_columns(refinement: Refinement) -> SocColumns | None:
+def soc_columns(problem: Problem, parameters: CircuitParameters) -> SocColumns | None:
     """The columns for `KNOTS` knots over the scored SOC; None where that hardly changes.
 
     A resistance between knots is interpolated. In an RC pair it multiplies the current that
     charges it, so the pair's voltage moves to a new resistance with its own time constant.
     """
-    problem = refinement.search.problem
     prepared_records = problem.prepared_records
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
     knots = np.linspace(soc.min(), soc.max(), KNOTS)
     if knots[-1] - knots[0] < NARROWEST:
         return None
-    rc = rc_parameters(refinement.parameters)
+    rc = rc_parameters(parameters)
     base, constant, tabulated = [], [], []
     for prepared, inputs in zip(prepared_records, problem.all_inputs, strict=True):
         hats = np.stack([np.interp(prepared.soc, knots, row) for row in np.eye(KNOTS)])
         responses = np.asarray(_responses(jnp.stack(rc.tau), jnp.asarray(hats), inputs))
         scored = prepared.scored
-        turned = 0.0 if rc.gamma is None else _turned(rc.gamma, inputs)
-        base.append((np.asarray(inputs.base_error_v) - turned)[scored])
+        response = 0.0 if rc.gamma is None else _hysteresis_response(rc.gamma, inputs)
+        base.append((np.asarray(inputs.base_error_v) - response)[scored])
         constant.append(responses.sum(axis=1)[:, scored].T)
         tabulated.append(responses.reshape(-1, responses.shape[-1])[:, scored].T)
     return SocColumns(
@@ -90,76 +108,60 @@ def _responses(
 
 
 @eqx.filter_jit
-def _turned(gamma: Float[Array, ""], inputs: SimulationInput) -> Float[Array, "samples"]:
-    moved = inputs.hysteresis
-    if moved is None:
+def _hysteresis_response(
+    gamma: Float[Array, ""], inputs: SimulationInput
+) -> Float[Array, "samples"]:
+    given = inputs.hysteresis
+    if given is None:
         return jnp.zeros_like(inputs.base_error_v)
-    return moved.amplitude_v * unit_response(1 / gamma, moved.hysteresis_input, moved.intervals)
-
-
-TOLERANCE = 1e-7
-STARTS = 8
-# How far the initial SOC and the capacity (relative) are tried, and to what accuracy.
-SOC_REACH = 0.1
-CAPACITY_REACH = 0.15
-SEARCHED_TO = 1e-3
-# A smaller share of the error than this is nothing.
-WORTH_TELLING = 0.01
+    return given.amplitude_v * unit_response(1 / gamma, given.hysteresis_input, given.intervals)
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """One change that was tried, in words, the error it reaches and how many numbers it adds."""
+    """One change that was tried, the RMSE it reaches and how many numbers it adds to the model.
 
-    name: str
-    text: str
+    `circuit` is the registered one that has the change, None where none has. Of the other fields
+    those are given that the change has: the time constants of all pairs, gamma, the new initial SOC
+    or capacity and, as `instead_of`, the present one, or the number of knots over SOC.
+    """
+
+    kind: Change
     rmse_v: float
     added: int
+    circuit: str | None = None
+    tau_s: tuple[float, ...] = ()
+    gamma: float | None = None
+    initial_soc: float | None = None
+    capacity_ah: float | None = None
+    instead_of: float | None = None
+    knots: int | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "text": self.text,
-            "rmse [V]": self.rmse_v,
-            "added": self.added,
-        }
 
-
-def suggestions(refinement: Refinement, *, refit: Refit | None = None) -> tuple[Suggestion, ...]:
+def suggestions(
+    problem: Problem, parameters: CircuitParameters, *, refit: Refit | None = None
+) -> tuple[Suggestion, ...]:
     """Changes of the model in the order of the error that each alone leaves, the lowest first.
 
-    Tried are one more RC pair, dynamic hysteresis, another initial SOC, another capacity, and,
-    with the time constants kept, resistances and an OCV that are tabulated over SOC. Each is a fit
-    of the changed circuit to the same samples; changes that do not apply are left out. A lower
-    error here is where to look first, not yet a better model: validate it on another record.
-    Where no other initial SOC or capacity fits better, they are left out.
+    Tried are one more RC pair, dynamic hysteresis, another initial SOC, another capacity of the
+    record, and, with the time constants kept, resistances and an OCV that are tabulated over SOC.
+    Each is a fit of the changed circuit to the same samples; changes that do not apply are left
+    out. A lower error here is where to look first, not yet a better model: validate it on another
+    record. Where no other initial SOC or capacity fits better, they are left out.
     """
-    refit = refit or Refit(refinement.search.problem)
+    refit = refit or Refit(problem)
+    (rmse_v,) = rmse_by_scan(problem, [parameters])
     found = [
-        *_one_more_pair(refinement),
-        *_dynamic_hysteresis(refinement),
-        *_initial_soc(refinement, refit),
-        *_capacity(refinement, refit),
-        *_over_soc(refinement),
+        *_one_more_pair(problem, parameters),
+        *_dynamic_hysteresis(problem, parameters),
+        *_initial_soc(problem, parameters, rmse_v, refit),
+        *_capacity(problem, parameters, rmse_v, refit),
+        *_over_soc(problem, parameters),
     ]
     return tuple(sorted(found, key=lambda each: each.rmse_v))
 
 
-def in_words(found: Sequence[Suggestion], before_v: float) -> str:
-    """The ranked list in a sentence, what gains nothing apart."""
-    gains = [each for each in found if each.rmse_v < (1 - WORTH_TELLING) * before_v]
-    others = [each.name for each in found if each not in gains]
-    sentences = []
-    if gains:
-        ranked = [f"{1e3 * each.rmse_v:.4g} mV by {each.text}" for each in gains]
-        sentences.append(f"RMSE {1e3 * before_v:.4g} mV would fall to {joined(ranked, 'or')}.")
-    if others:
-        sentences.append(f"Nothing is gained by {joined(others, 'or')}.")
-    return " ".join(sentences) or "Nothing that could lower the error applies here."
-
-
-def _one_more_pair(refinement: Refinement) -> list[Suggestion]:
-    problem, circuit = refinement.search.problem, refinement.parameters
+def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
     pairs = problem.bounds.pairs
     if pairs == MOST_PAIRS:
         return []
@@ -169,78 +171,102 @@ def _one_more_pair(refinement: Refinement) -> list[Suggestion]:
     ranges |= {name: fresh.ranges[name] for name in (RESISTANCES[pairs + 1], PAIRS[pairs][0])}
     wider = replace(problem, bounds=replace(problem.bounds, ranges=ranges, pairs=pairs + 1))
     low, high = ranges[PAIRS[pairs][0]]
-    r = float(np.mean(circuit.r)) / 3
+    r = float(np.mean(parameters.r)) / 3
     best = _best_of(
         wider,
         [
-            replace(circuit, r=(*circuit.r, r), c=(*circuit.c, float(tau) / r))
+            replace(parameters, r=(*parameters.r, r), c=(*parameters.c, float(tau) / r))
             for tau in np.geomspace(low, high, STARTS + 2)[1:-1]
         ],
     )
-    taus = joined([with_unit("tau [s]", tau) for tau in sorted(best.parameters.tau_s)])
-    text = f"{_ordinal(pairs + 1)} RC pair (tau {taus})"
-    return [Suggestion("one more pair", text, best.rmse_v, 2)]
+    own = get_circuit(problem.circuit)
+    return [
+        Suggestion(
+            "one more pair",
+            best.rmse_v,
+            added=2,
+            circuit=_circuit_like(pairs + 1, own.source_voltage, own.hysteresis_amplitude),
+            tau_s=tuple(sorted(best.parameters.tau_s)),
+        )
+    ]
 
 
-def _dynamic_hysteresis(refinement: Refinement) -> list[Suggestion]:
-    problem, circuit = refinement.search.problem, refinement.parameters
+def _circuit_like(pairs: int, source_voltage: Any, hysteresis_amplitude: Any) -> str | None:
+    """The registered circuit with so many pairs and these voltages, None where there is none."""
+    wanted = (pairs, source_voltage, hysteresis_amplitude)
+    for name, each in CIRCUITS.items():
+        if (each.pairs, each.source_voltage, each.hysteresis_amplitude) == wanted:
+            return name
+    return None
+
+
+def _dynamic_hysteresis(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
     if problem.bounds.has_rate or not np.any(problem.cell.hysteresis_v(problem.prepared.soc)):
         return []
     bounds = replace(problem.bounds, ranges=dict(problem.bounds.ranges) | {RATE: RATE_RANGE})
-    turned = replace(_with_courses(problem, "esc"), bounds=bounds)
-    starts = [replace(circuit, gamma=float(g)) for g in np.geomspace(*RATE_RANGE, STARTS + 2)[1:-1]]
-    best = _best_of(turned, starts)
-    text = f"dynamic hysteresis (gamma {best.parameters.gamma:.3g})"
-    return [Suggestion("dynamic hysteresis", text, best.rmse_v, 1)]
-
-
-def _initial_soc(refinement: Refinement, refit: Refit) -> list[Suggestion]:
-    problem = refinement.search.problem
-
-    def moved(shift: float) -> Problem:
-        return _with_courses(problem, problem.circuit, soc_shift=shift)
-
-    found = _best_along(refinement, refit, moved, SOC_REACH)
-    if found is None:
-        return []
-    shift, rmse_v = found
-    own = problem.prepared.initial_soc
-    text = f"initial SOC {own + shift:.3f} instead of {own:.3f}"
-    return [Suggestion("initial SOC", text, rmse_v, 1)]
-
-
-def _capacity(refinement: Refinement, refit: Refit) -> list[Suggestion]:
-    problem = refinement.search.problem
-    own_ah = problem.cell.capacity_ah
-
-    def scaled(change: float) -> Problem:
-        return _with_courses(problem, problem.circuit, capacity_ah=own_ah * (1 + change))
-
-    found = _best_along(refinement, refit, scaled, CAPACITY_REACH)
-    if found is None:
-        return []
-    change, rmse_v = found
-    text = f"capacity {own_ah * (1 + change):.4g} Ah instead of {own_ah:.4g} Ah"
-    return [Suggestion("capacity", text, rmse_v, 1)]
-
-
-def _over_soc(refinement: Refinement) -> list[Suggestion]:
-    columns = soc_columns(refinement)
-    if columns is None:
-        return []
+    changed = replace(_prepared_again(problem, "esc"), bounds=bounds)
+    gammas = np.geomspace(*RATE_RANGE, STARTS + 2)[1:-1]
+    best = _best_of(changed, [replace(parameters, gamma=float(gamma)) for gamma in gammas])
+    has_its_pairs = get_circuit("esc").pairs == problem.bounds.pairs
     return [
         Suggestion(
-            "resistance over SOC",
-            f"resistances over SOC ({columns.knots} knots, time constants kept)",
-            _linear_rmse(columns, with_resistances=True),
-            columns.resistances.shape[1] - columns.constant.shape[1],
-        ),
-        Suggestion(
-            "OCV over SOC",
-            f"another OCV curve ({columns.knots} knots, time constants kept)",
-            _linear_rmse(columns, with_resistances=False),
-            columns.offsets.shape[1],
-        ),
+            "dynamic hysteresis",
+            best.rmse_v,
+            added=1,
+            circuit="esc" if has_its_pairs else None,
+            gamma=best.parameters.gamma,
+        )
+    ]
+
+
+def _initial_soc(
+    problem: Problem, parameters: CircuitParameters, rmse_v: float, refit: Refit
+) -> list[Suggestion]:
+    own = problem.prepared.start.soc
+    if any(each.start.soc != own for each in problem.prepared_records):
+        # One `initial_soc` serves every record, and here they would need several.
+        return []
+
+    def started(change: float) -> Problem:
+        soc = round(own + change, SOC_DECIMALS)
+        return _prepared_again(problem, problem.circuit, initial_soc=soc)
+
+    found = _best_along(problem, parameters, rmse_v, refit, started, SOC_REACH)
+    if found is None:
+        return []
+    best, changed_v = found
+    soc = best.prepared.start.soc
+    return [Suggestion("initial SOC", changed_v, added=1, initial_soc=soc, instead_of=own)]
+
+
+def _capacity(
+    problem: Problem, parameters: CircuitParameters, rmse_v: float, refit: Refit
+) -> list[Suggestion]:
+    own_ah = _capacity_ah(problem)
+
+    def scaled(change: float) -> Problem:
+        capacity_ah = float(f"{own_ah * (1 + change):.{CAPACITY_DIGITS}g}")
+        return _prepared_again(problem, problem.circuit, capacity_ah=capacity_ah)
+
+    found = _best_along(problem, parameters, rmse_v, refit, scaled, CAPACITY_REACH)
+    if found is None:
+        return []
+    best, changed_v = found
+    capacity_ah = _capacity_ah(best)
+    return [Suggestion("capacity", changed_v, added=1, capacity_ah=capacity_ah, instead_of=own_ah)]
+
+
+def _over_soc(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
+    columns = soc_columns(problem, parameters)
+    if columns is None:
+        return []
+    kinds: tuple[tuple[Change, bool, int], ...] = (
+        ("resistance over SOC", True, columns.resistances.shape[1] - columns.constant.shape[1]),
+        ("OCV over SOC", False, columns.offsets.shape[1]),
+    )
+    return [
+        Suggestion(kind, _linear_rmse(columns, with_resistances=over), added, knots=columns.knots)
+        for kind, over, added in kinds
     ]
 
 
@@ -261,14 +287,19 @@ def _best_of(problem: Problem, starts: Sequence[CircuitParameters]):
 
 
 def _best_along(
-    refinement: Refinement, refit: Refit, changed: Callable[[float], Problem], reach: float
-) -> tuple[float, float] | None:
-    """The change of one number with the lowest refitted error, and that error.
+    problem: Problem,
+    parameters: CircuitParameters,
+    own_v: float,
+    refit: Refit,
+    changed: Callable[[float], Problem],
+    reach: float,
+) -> tuple[Problem, float] | None:
+    """The problem whose one number is changed to the lowest refitted error, and that error.
 
     It is sought with the refits' own hysteresis columns, which hardly depend on it, and the error
     is then that of the changed problem. None where even small changes leave the OCV curve.
     """
-    starts = _spread_starts(refinement)
+    starts = _spread_starts(problem, parameters)
     points = np.stack([refit.encode(start) for start in starts])
 
     def refitted(change: float) -> float:
@@ -279,7 +310,7 @@ def _best_along(
         lanes = np.broadcast_to(refit.voltages.project(base_v[None]), (len(starts), refit.rows))
         return float(np.nanmin(refit(points, base_v=lanes).rmse_v))
 
-    best, lowest_v = 0.0, refinement.rmse_v
+    best, lowest_v = 0.0, own_v
     for end in (_furthest(changed, -reach), _furthest(changed, reach)):
         if end != 0:
             found: Any = minimize_scalar(
@@ -292,8 +323,9 @@ def _best_along(
                 best, lowest_v = float(found.x), float(found.fun)
     if best == 0:
         return None
-    exact_v = _best_of(changed(best), starts).rmse_v
-    return (best, exact_v) if exact_v < refinement.rmse_v else None
+    other = changed(best)
+    exact_v = _best_of(other, starts).rmse_v
+    return (other, exact_v) if exact_v < own_v else None
 
 
 def _furthest(changed: Callable[[float], Problem], end: float) -> float:
@@ -315,32 +347,36 @@ def _furthest(changed: Callable[[float], Problem], end: float) -> float:
     return inside
 
 
-def _spread_starts(refinement: Refinement) -> list[CircuitParameters]:
-    """The refined circuit and others with their time constants all over the box.
+def _spread_starts(problem: Problem, parameters: CircuitParameters) -> list[CircuitParameters]:
+    """The optimum and others with their time constants all over the box.
 
-    With another SOC the answer may be far from the refined one, which may sit at a bound.
+    With another SOC the answer may be far from the present one, which may sit at a bound.
     """
-    circuit = refinement.parameters
-    low, high = refinement.search.problem.bounds.tau_limits_s
-    places = np.arange(1, circuit.pairs + 1) / (circuit.pairs + 1)
-    starts = [circuit]
+    low, high = problem.bounds.tau_limits_s
+    places = np.arange(1, parameters.pairs + 1) / (parameters.pairs + 1)
+    starts = [parameters]
     for span in np.linspace(0.4, 1.2, STARTS - 1):
         taus = low * (high / low) ** (span * places)
-        c = tuple(float(tau) / r for tau, r in zip(taus, circuit.r, strict=True))
-        starts.append(replace(circuit, c=c))
+        c = tuple(float(tau) / r for tau, r in zip(taus, parameters.r, strict=True))
+        starts.append(replace(parameters, c=c))
     return starts
 
 
-def _with_courses(
+def _capacity_ah(problem: Problem) -> float:
+    """The capacity that the records' state of charge is counted with."""
+    return problem.cell.capacity_ah
+
+
+def _prepared_again(
     problem: Problem,
     circuit: str,
     *,
-    soc_shift: float = 0.0,
+    initial_soc: float | None = None,
     capacity_ah: float | None = None,
 ) -> Problem:
     """The same problem with its records made ready otherwise. Raises `InputError` where the state
     of charge then leaves the OCV curve."""
-    cell = replace(problem.cell, capacity_ah=capacity_ah or problem.cell.capacity_ah)
+    cell = replace(problem.cell, capacity_ah=capacity_ah or _capacity_ah(problem))
     prepared_records = tuple(
         prepare_record(
             prepared.record,
@@ -348,14 +384,10 @@ def _with_courses(
             circuit,
             replace(
                 problem.window,
-                initial_soc=prepared.initial_soc + soc_shift,
+                initial_soc=prepared.start.soc if initial_soc is None else initial_soc,
                 rest_current_a=prepared.rest_current_a,
             ),
         )
         for prepared in problem.prepared_records
     )
     return replace(problem, cell=cell, prepared_records=prepared_records)
-
-
-def _ordinal(number: int) -> str:
-    return {2: "second", 3: "third", 4: "fourth"}[number]

@@ -1,0 +1,317 @@
+"""Commands on a stored result: show, validate, rerun and export it."""
+
+import hashlib
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from ..errors import InputError
+from .options import (
+    INPUT,
+    OUTPUT,
+    WINDOW,
+    Hold,
+    Quiet,
+    RecordOptions,
+    Sign,
+    StoredResult,
+    complete_exporters,
+    grouped,
+)
+from .output import require_free_file, write_file
+from .session import Session, as_flags, use_compilation_cache
+
+if TYPE_CHECKING:
+    from ..export import Verification
+    from ..model.inputs import Window
+    from ..results import Result
+
+# Across machines and versions the refined error agrees this closely, relative.
+SAME_RMSE = 1e-9
+FINDINGS = 1
+START = ("start_time_s", "start_after_step", "initial_soc")
+SCORING = ("score_steps", "score_from_s", "score_to_s", "score_soc")
+
+
+def load(path: Path) -> "Result":
+    """The result in a file, or in a folder that identify wrote."""
+    from ..results import Result
+
+    return Result.from_json(path / "result.json" if path.is_dir() else path)
+
+
+def show(result: StoredResult) -> None:
+    """Print everything that a result says."""
+    from ..reporting import identification_document
+    from ..reporting.terminal import first_screen, to_terminal
+
+    stored = load(result)
+    session = Session(is_quiet=False)
+    session.show(to_terminal(identification_document(stored).spelled(as_flags)))
+    session.show(first_screen(stored, as_flags))
+
+
+@grouped
+def validate(
+    result: StoredResult,
+    record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record to validate on.")],
+    of_records: RecordOptions,
+    current_sign: Annotated[
+        Sign, typer.Option(metavar="SIGN", help="Sign of current.", rich_help_panel=INPUT)
+    ] = "auto",
+    current_hold: Annotated[
+        Hold, typer.Option(metavar="HOLD", help="Hold of current.", rich_help_panel=INPUT)
+    ] = "auto",
+    whole_record: Annotated[
+        bool,
+        typer.Option(
+            "--whole-record",
+            help="Forget the stored start, its state of charge, and what was scored.",
+            rich_help_panel=WINDOW,
+        ),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the errors as JSON.", rich_help_panel=OUTPUT)
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate an identified circuit on another record and print its errors.
+
+    The window of the identification applies, except where options change it. Another start also
+    drops the stored state of charge.
+    """
+    session = Session(is_quiet=quiet or as_json)
+    with session.watch("Loading JAX"):
+        use_compilation_cache()
+        from ..pipeline import validate_stored
+        from ..reporting.identification import metrics_table
+        from ..reporting.terminal import terminal_table
+        from ..results import metrics_part
+
+    stored = load(result)
+    chosen = of_records.chosen()
+    given = {**chosen.get("", {}), **chosen.get(record.name, {})}
+    window = _window(stored.window, given, whole_record)
+    with session.watch("Simulating"):
+        evaluation, warnings = validate_stored(
+            stored, record, window, current_sign=current_sign, current_hold=current_hold
+        )
+    metrics = metrics_part(evaluation)
+    if as_json:
+        typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
+    session.show([terminal_table(metrics_table([(metrics, "validation")]))])
+    session.warn(warnings)
+
+
+def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":
+    """The stored window with the given parts in place, without what they make void."""
+    void: tuple[str, ...] = ()
+    if is_whole:
+        void = START + SCORING
+    elif given.keys() & {"start_time_s", "start_after_step"}:
+        void = START
+    return replace(stored, **(dict.fromkeys(void) | given))
+
+
+def rerun(
+    result: StoredResult,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Where the measured files are (default here and beside the result); repeatable.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Repeat a result by the command it stores, and say whether the same comes out.
+
+    Exit status 0 where it does, bit for bit or to 1e-9 of the refined error; 1 where it does not.
+    """
+    session = Session(is_quiet=quiet)
+    stored = load(result)
+    place = result if result.is_dir() else result.parent
+    command = _with_files(result, stored, [*(data or []), Path(), place, place.parent])
+    with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
+        repeated = _run(command, Path(folder, "repeated"))
+    if repeated.to_json() == stored.to_json():
+        session.show(["The same bytes came out."])
+        return
+    old_v, new_v = (each.metrics.identification.rmse_v for each in (stored, repeated))
+    session.show(_differences(stored, repeated))
+    if abs(new_v / old_v - 1) <= SAME_RMSE:
+        session.show([f"The error agrees to {abs(new_v / old_v - 1):.1e}."])
+        return
+    session.show([f"[bold]The error differs by {100 * (new_v / old_v - 1):+.2g} %.[/bold]"])
+    raise typer.Exit(FINDINGS)
+
+
+def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str]:
+    """The stored command with every file's name replaced by where it lies."""
+    if len(stored.command) < 2 or stored.command[1] != "identify":
+        raise InputError(
+            f"{result}: stores no command to repeat (it was made from Python); run it again there"
+        )
+    hashes = {each.name: each.sha256 for each in stored.inputs}
+    words = []
+    for before, word in itertools.pairwise(stored.command):
+        option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
+        if (option if equals else before) == "--bounds":
+            name = str(_places(name, folders)[0])
+        elif name in hashes:
+            name = str(_find(result, name, hashes[name], folders))
+        words.append(f"{option}{equals}{name}")
+    return words
+
+
+def _places(name: str, folders: list[Path]) -> list[Path]:
+    """Where in the folders there is a file of that name, at least one."""
+    places = [folder / name for folder in folders if (folder / name).is_file()]
+    if not places:
+        raise InputError(
+            f"{name}: is in none of {', '.join(str(folder) for folder in folders)}; give its "
+            "folder with `data`"
+        )
+    return places
+
+
+def _find(result: Path, name: str, sha256: str, folders: list[Path]) -> Path:
+    """The file of that name and content in one of the folders."""
+    places = _places(name, folders)
+    for place in places:
+        if sha256 == hashlib.sha256(place.read_bytes()).hexdigest():
+            return place
+    raise InputError(
+        f"{places[0]}: is not the file that {result} was made from (its SHA-256 differs); give "
+        "the folder of the right one with `data`"
+    )
+
+
+def _run(command: list[str], folder: Path) -> "Result":
+    done = subprocess.run(
+        # Without -P a file in the working folder could pass for one of our libraries.
+        [sys.executable, "-P", "-m", "barnax", *command, "--out", str(folder), "--quiet"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    if done.returncode:
+        raise InputError(f"the stored command fails now: {done.stderr.strip()}")
+    return load(folder)
+
+
+def _differences(stored: "Result", repeated: "Result") -> list[str]:
+    """What is not the same, in words."""
+    lines = [
+        f"{name} was {old}, is {repeated.versions.get(name)}."
+        for name, old in stored.versions.items()
+        if repeated.versions.get(name) != old
+    ]
+    entries = [set(_entries(json.loads(each.to_json()))) for each in (stored, repeated)]
+    names = list(dict.fromkeys(place for place, _ in sorted(entries[0] ^ entries[1])))
+    first = ", ".join(names[:3])
+    return [*lines, f"{len(names)} entries are not what is stored, such as {escape(first)}."]
+
+
+def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    """Every number and text of a file with the path that leads to it."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value)
+    for name, part in parts:
+        path = f"{place}.{name}" if place else str(name)
+        if isinstance(part, dict | list):
+            yield from _entries(part, path)
+        else:
+            yield path, repr(part)
+
+
+def export(
+    result: StoredResult,
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="pybamm|thevenin|simscape|c-header|csv",
+            help="The tool or format to write for.",
+            autocompletion=complete_exporters,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Where it goes (default barnax_pybamm.py, barnax_thevenin.py, "
+            "barnax_simscape.mat, barnax_cell.h or barnax_parameters.csv).",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace the file if it exists.", rich_help_panel=OUTPUT),
+    ] = False,
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify",
+            help="Simulate the exported circuit in pybamm or thevenin, and print the largest "
+            "difference from barnax in volts.",
+        ),
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write an identified circuit for another tool.
+
+    What the tool cannot hold is named on stderr, and in the file where its format has comments.
+    """
+    session = Session(is_quiet=quiet)
+    # PyBaMM would ask, and then report, what it is used for.
+    os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
+    with session.watch("Loading JAX"):
+        use_compilation_cache()
+        from ..export import get_exporter, require_package
+        from ..export import verify as simulate_both
+
+    exporter = get_exporter(to)
+    if verify:
+        require_package(exporter)
+    path = out or Path(exporter.file_name)
+    # Names that are no files are refused elsewhere, with the reason.
+    with suppress(OSError):
+        if path.samefile(result / "result.json" if result.is_dir() else result):
+            raise InputError(f"{path}: is the result itself; give `out` another file")
+    require_free_file(path, force)
+    stored = load(result)
+    content, caveats = exporter.write(stored)
+    found = None
+    if verify:
+        with session.watch(f"Simulating in {exporter.package}"):
+            found = simulate_both(stored, exporter, content)
+    write_file(path, content)
+    session.warn(caveats)
+    session.show([f"{exporter.description}: [bold]{escape(str(path))}[/bold]"])
+    if found is not None:
+        session.show([_verification(found)])
+
+
+def _verification(found: "Verification") -> str:
+    text = (
+        f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
+        f"samples of a pulse test: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
+    )
+    remainders = {
+        "without the hysteresis voltage": found.without_hysteresis_v,
+        "apart from the samples at which the current turns": found.without_turns_v,
+    }
+    reason, remainder_v = min(remainders.items(), key=lambda item: item[1])
+    if remainder_v < found.largest_v / 2:
+        text += f"; {reason} {remainder_v:.3g} V"
+    return text + "."

@@ -1,0 +1,220 @@
+"""From files to checked records and the cell they show: each file is read once."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .bundled import BUNDLED
+from .cell import CellModel, OcvTable, characterize, read_ocv_test
+from .cell.curves import OcvFit
+from .cell.hysteresis import HysteresisFit
+from .checks import FileCheck, SuggestedWindow, check_file
+from .errors import InputError, printable
+from .model.inputs import Window
+from .records import Record, Source, read_record, read_source, source_from_frame
+
+# A file, a `Record`, or a data frame.
+Given = Any
+Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
+
+
+def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
+    """Watch nothing."""
+    del title, total
+    return nullcontext(lambda gained: None)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How files are read: the signs of current in them, and their hold; "auto" finds out."""
+
+    current_sign: str = "auto"
+    ocv_current_sign: str = "auto"
+    validate_current_sign: str = "auto"
+    current_hold: str = "auto"
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What was in the files: records to identify and to validate on, OCV tests, and the cell."""
+
+    records: list[Record]
+    ocv: list[Record | OcvTable]
+    validation: list[Record]
+    cell: CellModel
+    warnings: tuple[str, ...]
+
+    @property
+    def names(self) -> set[str]:
+        return {record.name for record in (*self.records, *self.validation)}
+
+
+def read_inputs(
+    records: Given | Sequence[Given],
+    ocv: Given | Sequence[Given],
+    validate: Given | Sequence[Given],
+    reading: Reading,
+    *,
+    capacity: float | None,
+    ocv_capacity: float | None,
+    ocv_fit: OcvFit,
+    hysteresis_fit: HysteresisFit,
+    window: Window | Mapping[str, Window] | None,
+    watch: Watch = unwatched,
+) -> Inputs:
+    """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
+    given, tests, others = (_listed(each) for each in (records, ocv, validate))
+    common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
+    capacity = capacity or common.capacity_ah
+    is_bundled = not given
+    if is_bundled:
+        if tests or others:
+            raise InputError("give a record to identify on; `ocv` and `validate` only go with one")
+        given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
+    elif not tests:
+        raise InputError(
+            f"{_name_of(given[0])}: an OCV test of the same cell is needed as well; give it with "
+            "`ocv`"
+        )
+    names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
+    warnings: list[str] = []
+
+    def take(each: Given, role: str, read: Callable[[Source], Any]) -> Any:
+        """What a file or frame holds, read once, with the warnings of its checks."""
+        if isinstance(each, Record | OcvTable):
+            return each
+        source = source_of(each, names)
+        taken = read(source)
+        if not is_bundled and not isinstance(taken, OcvTable):
+            warnings.extend(input_warnings(check_file(source, capacity_ah=capacity), role, window))
+        return taken
+
+    def reader(sign: Any) -> Callable[[Source], Record]:
+        hold: Any = reading.current_hold
+        return partial(read_record, current_sign=sign, current_hold=hold)
+
+    def read_test(source: Source) -> Record | OcvTable:
+        sign: Any = reading.ocv_current_sign
+        hold: Any = reading.current_hold
+        return read_ocv_test(source, current_sign=sign, current_hold=hold)
+
+    with watch("Reading records", 0):
+        ocv_records = [take(each, "OCV test", read_test) for each in tests]
+        dynamic = [take(each, "identification", reader(reading.current_sign)) for each in given]
+        further = [
+            take(each, "validation", reader(reading.validate_current_sign)) for each in others
+        ]
+        _require_different([*dynamic, *further])
+        _require_different(ocv_records)
+    with watch("Characterizing the cell", 0):
+        cell = characterize(
+            ocv_records,
+            capacity_ah=capacity,
+            ocv_capacity_ah=ocv_capacity,
+            ocv_fit=ocv_fit,
+            hysteresis_fit=hysteresis_fit,
+            rest_current_a=common.rest_current_a,
+        )
+    return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
+
+
+def read_validation(
+    given: Given, reading: Reading, window: Window | Mapping[str, Window] | None
+) -> tuple[Record, list[str]]:
+    """A record to validate on, and what the checks have against it."""
+    if isinstance(given, Record):
+        return given, []
+    source = source_of(given, {})
+    sign: Any = reading.validate_current_sign
+    hold: Any = reading.current_hold
+    record = read_record(source, current_sign=sign, current_hold=hold)
+    return record, input_warnings(check_file(source), "validation", window)
+
+
+def source_of(given: Given, names: Mapping[Path, str]) -> Source:
+    """A file or a data frame, read once, under the name that results call it."""
+    if not isinstance(given, str | Path):
+        return source_from_frame(given, "data frame")
+    source = read_source(given)
+    return replace(source, name=names.get(Path(given), source.name))
+
+
+def input_warnings(
+    found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
+) -> list[str]:
+    """What the checks of a file have against the role that it is given."""
+    texts = [each.sentence(found.file) for each in found.findings if each.counts]
+    for each in found.roles:
+        if each.name == role and not each.is_usable:
+            texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
+        elif each.name == role and each.window is not None and window is None:
+            texts += [f"{found.file}: {text}" for text in window_advice(each.window)]
+    return texts
+
+
+def window_advice(suggested: SuggestedWindow) -> list[str]:
+    """What to give, where a record is not to be simulated from its first sample to its last."""
+    options = [
+        f"`{name.removesuffix('_s')}={','.join(map(str, value))}`"
+        if isinstance(value, tuple)
+        else f"`{name.removesuffix('_s')}={value}`"
+        for name, value in suggested.options.items()
+    ]
+    return [f"{suggested.reason}; give {' '.join(options)}"] if options else []
+
+
+def windows_of(
+    inputs: Inputs, window: Window | Mapping[str, Window] | None, capacity: float | None
+) -> dict[str, Window]:
+    """The window of every record. Raises `InputError` where one is for a record there is not."""
+    if isinstance(window, Window | None):
+        window = {"": window or Window()}
+    unknown = sorted(window.keys() - inputs.names - {""})
+    if unknown:
+        raise InputError(
+            f"a window is given for {unknown[0]!r}; the records are "
+            f"{', '.join(sorted(inputs.names))}"
+        )
+    common = window.get("", Window())
+    chosen = {name: window.get(name, common) for name in inputs.names}
+    return {
+        name: each if each.capacity_ah else replace(each, capacity_ah=capacity)
+        for name, each in chosen.items()
+    }
+
+
+def _listed(sources: Given | Sequence[Given]) -> list[Given]:
+    return list(sources) if isinstance(sources, list | tuple) else [sources]
+
+
+def _name_of(source: Given) -> str:
+    return source.name if isinstance(source, Record) else str(source)
+
+
+def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
+    """What each file is called: its name, with folders where names are shared."""
+    distinct = {Path(path) for path in paths}
+    return {path: printable(_shortest_own_name(path, distinct - {path})) for path in distinct}
+
+
+def _shortest_own_name(path: Path, others: set[Path]) -> str:
+    parts = path.absolute().parts
+    for count in range(1, len(parts)):
+        if all(other.absolute().parts[-count:] != parts[-count:] for other in others):
+            return "/".join(parts[-count:])
+    return path.name
+
+
+def _require_different(records: Sequence[Record]) -> None:
+    """Raise `InputError` where two records are the same bytes: they would count twice."""
+    seen: dict[str, str] = {}
+    for record in records:
+        if record.sha256 in seen:
+            raise InputError(
+                f"{record.name}: is the same record as {seen[record.sha256]}, byte for byte; give "
+                "each once, and validate on another"
+            )
+        seen[record.sha256] = record.name

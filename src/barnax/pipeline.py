@@ -1,0 +1,405 @@
+"""From files to an identified circuit: what `barnax identify` runs, and a notebook calls.
+
+Records are read once and checked, the cell is characterized, thirty seeds search while the global
+optimum is looked for beside them, and the best circuit known is assessed and validated.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import jax
+import numpy as np
+
+from .baselines import Budget
+from .cell import CellModel, CircuitParameters, OcvTable
+from .cell.curves import OcvFit
+from .cell.hysteresis import HysteresisFit
+from .comparison import (
+    PAPER_ROWS,
+    Comparison,
+    ComparisonResult,
+    compare,
+    make_comparison_result,
+)
+from .errors import InputError
+from .gather import (
+    Given,
+    Inputs,
+    Reading,
+    Watch,
+    read_inputs,
+    read_validation,
+    unwatched,
+    windows_of,
+)
+from .global_optimum import GlobalOptimum, find_global_optimum
+from .model.inputs import PreparedRecord, Window, other_direction, prepare_record
+from .model.problem import Kind, Problem, make_problem
+from .model.search_space import Range, Scale, read_bounds
+from .optimizers import make_optimizer
+from .records import Record
+from .results import Answer, Result, best_answer, make_result
+from .search.evaluate import Evaluation, evaluate
+from .search.refine import Descent, Refinement, refine
+from .search.seeds import Search, search_seeds
+from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
+
+Chosen = TypeVar("Chosen")
+# A direction is the better one where it lowers the RMSE by more than this.
+SAME_FIT = 1e-6
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is searched for, and how."""
+
+    model: str = "iso-rc"
+    method: str = "ibmo"
+    objective: Literal["auto", "scan", "compressed"] = "auto"
+    coordinates: Scale = "rc"
+    seeds: int = 30
+    population: int = 30
+    iterations: int = 500
+    key: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Everything behind a result: problem, search, refinement, global optimum and evaluations."""
+
+    problem: Problem
+    search: Search
+    refinement: Refinement
+    optimum: GlobalOptimum | None
+    answer: Answer
+    identification: list[Evaluation]
+    validation: list[Evaluation]
+    assessment: Assessment | None
+    examination: Examination | None
+    ocv: list[Record | OcvTable] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
+
+
+def identify(
+    records: Given | Sequence[Given] = (),
+    *,
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
+    settings: Settings | None = None,
+    window: Window | Mapping[str, Window] | None = None,
+    capacity: float | None = None,
+    ocv_capacity: float | None = None,
+    bounds: Mapping[str, Range] | str | Path | None = None,
+    fix: Mapping[str, float] | None = None,
+    reading: Reading | None = None,
+    ocv_fit: OcvFit = "polynomial",
+    hysteresis_fit: HysteresisFit = "continuous",
+    trust: Literal["none", "basic", "full"] = "basic",
+    command: Sequence[str] = (),
+    watch: Watch = unwatched,
+    **options: Any,
+) -> Result:
+    """The circuit of a cell, identified, proved, assessed and validated.
+
+    `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each;
+    without any record the bundled cell's are taken. `window` is one for all records, or a mapping
+    from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
+    records were measured, `ocv_capacity` its capacity in the OCV test, where that does not span both
+    ends. `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
+    says how far the answer is looked into: "full" fits again. Fields of `Settings` and `Reading`
+    may be given by name, such as `model="esc"`. `watch` is asked for a context for every stage.
+
+    Raises `InputError` where an input cannot be used, naming file, row, value and remedy.
+
+    >>> import barnax
+    >>> result = barnax.identify(seeds=2, iterations=5, trust="none")
+    >>> result.model, result.answer_source
+    ('iso-rc', 'global optimum')
+    """
+    settings = _with_options(settings or Settings(), options)
+    reading = _with_options(reading or Reading(), options)
+    if options:
+        raise TypeError(f"identify() has no option {', '.join(sorted(options))}")
+    optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
+    if trust not in ("none", "basic", "full"):
+        raise InputError(f"`trust` {trust!r} is not known; there are none, basic, full")
+    inputs = read_inputs(
+        records, ocv, validate, reading,
+        capacity=capacity, ocv_capacity=ocv_capacity,
+        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
+        window=window, watch=watch,
+    )  # fmt: skip
+    with watch("Setting up the problem", 0):
+        windows = windows_of(inputs, window, capacity)
+        problem = _problem(inputs, windows, settings, bounds, fix)
+        # A validation record that does not fit its window is refused before the search, not after.
+        validation = [
+            prepare_record(record, inputs.cell, settings.model, windows[record.name])
+            for record in inputs.validation
+        ]
+        problem = _with_better_directions(problem)
+    run = _search_and_assess(problem, optimizer, settings, validation, trust, watch)
+    run = replace(run, ocv=inputs.ocv, warnings=_all_warnings(inputs, run))
+    return make_result(run, command)
+
+
+def _with_options(settings: Chosen, options: dict[str, Any]) -> Chosen:
+    """The settings with the options that are theirs, which are taken out."""
+    own = {name: options.pop(name) for name in list(options) if hasattr(settings, name)}
+    changed: Any = settings
+    return replace(changed, **own)
+
+
+def _problem(
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    bounds: Mapping[str, Range] | str | Path | None,
+    fix: Mapping[str, float] | None,
+) -> Problem:
+    """The problem, compressed where the box allows it unless the objective is chosen."""
+    source, ranges = _ranges(bounds)
+
+    def make(objective: Kind) -> Problem:
+        return make_problem(
+            inputs.records,
+            inputs.cell,
+            settings.model,
+            window=[windows[record.name] for record in inputs.records],
+            bounds=ranges,
+            fixed=fix,
+            coordinates=settings.coordinates,
+            objective=objective,
+            source=source,
+        )
+
+    if settings.objective != "auto":
+        return make(settings.objective)
+    problem = make("scan")
+    try:
+        _ = problem.compressed
+    except InputError:
+        return problem
+    return replace_kind(problem, "compressed")
+
+
+def _ranges(
+    bounds: Mapping[str, Range] | str | Path | None,
+) -> tuple[str, Mapping[str, Range] | None]:
+    """Where the box comes from, for messages, and its ranges."""
+    if isinstance(bounds, str | Path):
+        return Path(bounds).name, read_bounds(Path(bounds))
+    return ("`fix`" if bounds is None else "`bounds`"), bounds
+
+
+def replace_kind(problem: Problem, kind: Kind) -> Problem:
+    """The same problem searched by another objective; what is computed already is kept."""
+    other = replace(problem, kind=kind)
+    for name in ("all_inputs", "scan", "compressed", "coordinates"):
+        if name in vars(problem):
+            vars(other)[name] = vars(problem)[name]
+    return other
+
+
+def _with_better_directions(problem: Problem) -> Problem:
+    """The problem with each open direction before the start as fits better, record by record."""
+    for place, prepared in enumerate(problem.prepared_records):
+        other = other_direction(prepared, problem.cell)
+        if other is None:
+            continue
+        records = list(problem.prepared_records)
+        tried = replace(problem, prepared_records=(*records[:place], other, *records[place + 1 :]))
+        try:
+            own_v, other_v = (
+                find_global_optimum(each, prove=False).rmse_v for each in (problem, tried)
+            )
+        except InputError:
+            continue
+        best, rest_v = (tried, own_v) if other_v < own_v * (1 - SAME_FIT) else (problem, other_v)
+        chosen = best.prepared_records[place]
+        start = replace(chosen.start, direction_source="better fit", other_rmse_v=rest_v)
+        records[place] = replace(chosen, start=start)
+        problem = replace(problem, prepared_records=tuple(records))
+    return problem
+
+
+def _search_and_assess(
+    problem: Problem,
+    optimizer: Any,
+    settings: Settings,
+    validation: Sequence[PreparedRecord],
+    trust: str,
+    watch: Watch,
+) -> Run:
+    """The search, and what does not wait for it beside it. No failure of either is swallowed."""
+    with ThreadPoolExecutor(max_workers=2) as beside:
+        compiling = beside.submit(Descent, problem)
+        looking = beside.submit(_optimum_or_none, problem)
+        linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
+        with watch("Searching", settings.seeds) as advance:
+            search = search_seeds(
+                problem,
+                optimizer,
+                key=jax.random.key(settings.key),
+                seeds=settings.seeds,
+                progress=advance,
+            )
+        with watch("Refining", settings.seeds) as advance:
+            refinement = refine(search, descent=compiling.result(), progress=advance)
+        with watch("Waiting for the global optimum", 0):
+            optimum = looking.result()
+            if linearizing is not None:
+                linearizing.result()
+    answer = best_answer(refinement, optimum)
+    warnings: list[str] = []
+    with watch("Evaluating", 0):
+        identified = [evaluate(each, answer.parameters) for each in problem.prepared_records]
+        validated = [_validated(each, problem.cell, answer.parameters) for each in validation]
+    assessment = examination = None
+    with watch("Assessing", 0):
+        if trust != "none":
+            assessment = _attempt("the intervals", warnings, assess, problem, answer.parameters)
+        if trust == "full" and assessment is not None:
+            key = jax.random.key(settings.key)
+            examination = _attempt(
+                "fitting again", warnings, examine, problem, answer.parameters, assessment, key=key
+            )
+    return Run(
+        problem, search, refinement, optimum, answer, identified, validated, assessment,
+        examination, warnings=tuple(warnings),
+    )  # fmt: skip
+
+
+def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
+    """The global optimum, None where the box is too wide to look for it."""
+    try:
+        return find_global_optimum(problem)
+    except InputError:
+        return None
+
+
+def _attempt(
+    what: str, warnings: list[str], function: Callable[..., Any], *given: Any, **more: Any
+):
+    """What the function gives; where it fails, a warning: the answer stands without it."""
+    try:
+        return function(*given, **more)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
+        reason = str(problem) or type(problem).__name__
+        warnings.append(f"{what} could not be computed ({reason}); everything else stands")
+        return None
+
+
+def _validated(
+    prepared: PreparedRecord, cell: CellModel, parameters: CircuitParameters
+) -> Evaluation:
+    """The answer on a record it was not fitted to, from the direction that fits better if open."""
+    own = evaluate(prepared, parameters)
+    other = other_direction(prepared, cell)
+    if other is None:
+        return own
+    tried = evaluate(other, parameters)
+    best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
+    start = replace(
+        best.prepared.start, direction_source="better fit", other_rmse_v=rest.metrics.rmse_v
+    )
+    return replace(best, prepared=replace(best.prepared, start=start))
+
+
+def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
+    """Every warning of a run once, in the order of the flow."""
+    texts = [text for record in inputs.ocv for text in record.warnings]
+    texts += inputs.warnings
+    texts += run.problem.warnings
+    for each in run.identification:
+        if each.metrics.r2 < 0:
+            texts.append(
+                f"{each.prepared.record.name}: the circuit does worse than a constant voltage would "
+                f"(R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and "
+                "at what `fix` and `bounds` hold"
+            )
+    for each in run.validation:
+        texts += [*each.prepared.record.warnings, *each.prepared.warnings]
+    texts += [
+        f"{each.name} is at its {each.side} bound: the box decides its value, not the data"
+        for each in run.answer.at_bound
+    ]
+    return tuple(dict.fromkeys([*texts, *run.warnings]))
+
+
+def validate_stored(
+    stored: Result,
+    record: Given,
+    window: Window | None = None,
+    *,
+    current_sign: Any = "auto",
+    current_hold: Any = "auto",
+) -> tuple[Evaluation, list[str]]:
+    """A stored circuit on another record, and warnings about that record and its window."""
+    reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
+    measured, warnings = read_validation(record, reading, window)
+    own = {each.sha256: each.name for each in stored.of_role("identification")}
+    if measured.sha256 in own:
+        warnings.append(
+            f"{measured.name}: is the record {own[measured.sha256]} that the circuit was identified "
+            "on, so it validates nothing"
+        )
+    cell = stored.cell_model
+    prepared = prepare_record(measured, cell, stored.model, window or stored.window)
+    evaluation = _validated(prepared, cell, stored.circuit_parameters)
+    return evaluation, [*warnings, *measured.warnings, *prepared.warnings]
+
+
+def compare_files(
+    records: Given | Sequence[Given] = (),
+    *,
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
+    rows: Sequence[tuple[str, str]] = PAPER_ROWS,
+    settings: Settings | None = None,
+    window: Window | Mapping[str, Window] | None = None,
+    capacity: float | None = None,
+    ocv_capacity: float | None = None,
+    bounds: Mapping[str, Range] | str | Path | None = None,
+    fix: Mapping[str, float] | None = None,
+    reading: Reading | None = None,
+    ocv_fit: OcvFit = "polynomial",
+    hysteresis_fit: HysteresisFit = "continuous",
+    command: Sequence[str] = (),
+    watch: Watch = unwatched,
+) -> tuple[Comparison, ComparisonResult]:
+    """Models and methods (`rows`) side by side on one record; the rest is as in `identify`.
+
+    Raises `InputError` where an input cannot be used.
+    """
+    settings = settings or Settings()
+    inputs = read_inputs(
+        records, ocv, validate, reading or Reading(),
+        capacity=capacity, ocv_capacity=ocv_capacity,
+        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
+        window=window, watch=watch,
+    )  # fmt: skip
+    windows = windows_of(inputs, window, capacity)
+    source, ranges = _ranges(bounds)
+    comparison = compare(
+        inputs.records[0],
+        inputs.cell,
+        rows,
+        validation=inputs.validation,
+        window=windows[inputs.records[0].name],
+        validation_windows=[windows[record.name] for record in inputs.validation],
+        bounds=ranges,
+        fixed=fix,
+        coordinates=settings.coordinates,
+        objective="scan" if settings.objective == "auto" else settings.objective,
+        budget=Budget(settings.population, settings.iterations, settings.seeds, settings.key),
+        source=source,
+        watch=watch,
+    )
+    result = make_comparison_result(
+        comparison, ocv=inputs.ocv, command=command, warnings=inputs.warnings
+    )
+    return comparison, result

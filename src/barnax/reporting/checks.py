@@ -1,0 +1,88 @@
+"""What the checks found in a file, as a document."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..gather import window_advice
+from .document import Column, Document, Paragraph, Section, Table
+from .words import NOTHING, counted, duration
+
+if TYPE_CHECKING:
+    from ..checks import FileCheck, Finding, Role
+
+SEVERITIES = ("error", "warning", "note")
+
+
+def check_document(found: "FileCheck") -> Document:
+    """What the file is, what was found in it, and what it can serve as."""
+    blocks: list[Paragraph | Table] = []
+    if found.facts is not None:
+        facts = found.facts
+        low_v, high_v = facts.voltage_v
+        blocks.append(
+            Paragraph(
+                f"{facts.samples:,} samples over {duration(facts.last_s - facts.first_s)}, every "
+                f"{facts.interval_s:.3g} s, {low_v:.3f} to {high_v:.3f} V, "
+                f"{facts.charged_ah:.4g} Ah in, {facts.discharged_ah:.4g} Ah out; current "
+                f"{facts.current_sign}, held {facts.current_hold}."
+            )
+        )
+    blocks.append(
+        _findings_table(found.findings) if found.findings else Paragraph("Nothing found.")
+    )
+    if found.roles:
+        blocks.append(_roles_table(found))
+    return Document(found.file, "", (Section(found.file, tuple(blocks)),))
+
+
+def finding_line(file: str, finding: "Finding") -> str:
+    """One finding as one line."""
+    remedy = f" [{finding.remedy}]" if finding.remedy else ""
+    return f"{file}: {_place(finding)}{finding.what}{remedy}"
+
+
+def count_sentence(found: Sequence["FileCheck"], unreadable: int) -> str:
+    """How much was found in all files."""
+    severities = [each.severity for file in found for each in file.findings]
+    counts = [counted(severities.count(severity), severity) for severity in SEVERITIES]
+    refused = f"; {counted(unreadable, 'file')} could not be read" if unreadable else ""
+    return f"{counted(len(found), 'file')} checked: {', '.join(counts)}{refused}."
+
+
+def _place(finding: "Finding") -> str:
+    if finding.row is None:
+        return ""
+    sheet = f" of sheet {finding.sheet}" if finding.sheet else ""
+    return f"row {finding.row}{sheet}: "
+
+
+def _findings_table(findings: Sequence["Finding"]) -> Table:
+    return Table(
+        caption="",
+        columns=tuple(Column(name, role="text") for name in ("kind", "row", "found", "remedy")),
+        rows=tuple(
+            (
+                each.severity,
+                NOTHING if each.row is None else str(each.row),
+                each.what,
+                each.remedy or NOTHING,
+            )
+            for each in findings
+        ),
+    )
+
+
+def _reason(role: "Role") -> str:
+    if role.window is None or not role.is_usable:
+        return role.reason
+    return "; ".join([role.reason, *window_advice(role.window)])
+
+
+def _roles_table(found: "FileCheck") -> Table:
+    return Table(
+        caption="",
+        columns=tuple(Column(name, role="text") for name in ("serves for", "", "because")),
+        rows=tuple(
+            (each.name, "yes" if each.is_usable else "no", _reason(each)) for each in found.roles
+        ),
+    )

@@ -1,0 +1,346 @@
+"""What was found, in words: each function reads a result's numbers and makes its sentences.
+
+Options are named as in Python and stand in backticks, `initial_soc=0.9312`; nothing else does.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from decimal import ROUND_CEILING, Context
+from typing import Literal, Protocol
+
+from ..cell import CircuitParameters
+from ..global_optimum.search import FACTOR, Status, optimality_gap
+from ..search.refine import AtBound, Optimum
+from ..uncertainty.covariance import WIDEST_FACTOR, Estimate, Uncertainty
+from ..uncertainty.diagnostics import Band, Diagnostics
+from ..uncertainty.identifiability import Finding, Identifiability
+from ..uncertainty.linearization import Held
+from ..uncertainty.profile import Profile
+from ..uncertainty.suggestions import Suggestion
+from .words import between, counted, figures, joined, percent, symbol, with_unit
+
+# A claim may not say more than was proved.
+ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
+# Another optimum so little above the best one is nearly as good.
+HARDLY_ABOVE = 0.01
+# A band is worth a sentence where its share of the squared error is this many times its samples'.
+NOTABLE = 2.0
+NOTABLE_SHARE = 0.2
+# A smaller share of the error than this is no gain.
+WORTH_TELLING = 0.01
+NUMBERS = ("no", "one", "two", "three", "four")
+ORDINALS = ("", "first", "second", "third", "fourth")
+# What a drift over the whole record may come from.
+DRIFT = (
+    "so slow a drift often comes from `capacity` or `initial_soc`; `score_soc` leaves out a part of "
+    "the record"
+)
+
+BandQuantity = Literal["SOC", "current", "temperature"]
+
+
+class OptimumLike(Protocol):
+    """What a sentence needs of a global optimum; `cells` is None where no proof was asked for."""
+
+    @property
+    def parameters(self) -> CircuitParameters: ...
+    @property
+    def rmse_v(self) -> float: ...
+    @property
+    def status(self) -> Status: ...
+    @property
+    def proved_gap(self) -> float: ...
+    @property
+    def cells(self) -> int | None: ...
+    @property
+    def local_optima(self) -> Sequence[Optimum]: ...
+
+
+def optimum_sentence(optimum: OptimumLike) -> str:
+    """Whether the circuit is the best one, and how that is known."""
+    which = f"no {NUMBERS[optimum.parameters.pairs]}-RC circuit in the bounds is"
+    # Rounded up, and without an exponent.
+    gap = f"{ROUNDED_UP.create_decimal_from_float(100 * optimum.proved_gap):f} %"
+    better = f"{which} more than {gap} better" if optimum.proved_gap > 0 else f"{which} better"
+    if optimum.status == "certified":
+        return f"Best possible: proved, {better}."
+    grid = "Best found: verified on a grid of time constants"
+    if optimum.cells is None:
+        return f"{grid}, not proved."
+    return f"{grid}; proved after {optimum.cells:,} cells is only that {better}."
+
+
+def local_optima_sentence(optimum: OptimumLike) -> str:
+    """The other optima, the nearest in error with its time constants."""
+    others, reach = optimum.local_optima, percent(FACTOR - 1)
+    if not others:
+        return f"No other local optimum has an RMSE less than {reach} above it."
+    gap = percent(optimality_gap(others[0].rmse_v, optimum.rmse_v))
+    where = f"{gap} above at {_taus(others[0].parameters.tau_s)}"
+    if others[0].rmse_v < (1 + HARDLY_ABOVE) * optimum.rmse_v:
+        where += ", another circuit with nearly the same error"
+    if len(others) == 1:
+        return f"One other local optimum is less than {reach} above it: {where}."
+    return f"{len(others)} other local optima are less than {reach} above it, the nearest {where}."
+
+
+def at_bound_sentence(at_bound: Sequence[AtBound]) -> str:
+    """What the bounds decide, empty where they decide nothing."""
+    if not at_bound:
+        return ""
+    if len(at_bound) == 1:
+        name, side = symbol(at_bound[0].name), at_bound[0].side
+        return f"{name} is at its {side} bound: the bounds, not the data, set it."
+    places = joined([f"{symbol(each.name)} ({each.side})" for each in at_bound])
+    return f"{places} are at bounds: these, not the data, set them."
+
+
+def held_words(held: Held) -> str:
+    """Why a parameter was not free.
+
+    >>> held_words("at upper bound")
+    'at its upper bound'
+    """
+    if held == "unseen":
+        return "no scored sample depends on it"
+    return held.replace("at ", "at its ")
+
+
+def uncertainty_sentence(uncertainty: Uncertainty) -> str:
+    """How far the intervals differ from those for independent residuals."""
+    inflations = [each.inflation for each in uncertainty.estimates if each.inflation is not None]
+    if not inflations:
+        return "No parameter was free, so none has an interval."
+    low, high = f"{min(inflations):.2g}", f"{max(inflations):.2g}"
+    factors = low if low == high else f"{low} to {high}"
+    return (
+        f"The {100 * uncertainty.confidence:.0f} % intervals allow for correlated residuals: the "
+        f"inflation factor over white-noise standard errors is {factors}."
+    )
+
+
+def identifiability_sentences(identifiability: Identifiability) -> tuple[str, ...]:
+    """What the data do not determine."""
+    found = tuple(finding_sentence(finding) for finding in identifiability.findings)
+    return found or ("The data determine every free parameter.",)
+
+
+def finding_sentence(finding: Finding) -> str:
+    """One thing that the data do not determine, and what they determine instead."""
+    first, *others = finding.estimates
+    name, value = symbol(first.name), with_unit(first.name, first.value)
+    combined = "" if finding.combined is None else _with_interval(finding.combined)
+    match finding.kind:
+        case "too fast":
+            return f"{_too_fast(finding, combined)}."
+        case "too slow":
+            return f"{_too_slow(finding)}."
+        case "alike":
+            return (
+                f"{name} = {value} and {_equation(others[0])} cannot be told apart: only "
+                f"{combined} is determined."
+            )
+        case "at bound":
+            if first.held == "unseen":
+                return f"{name} is not determined: no scored sample depends on it."
+            where = held_words(first.held or "fixed")
+            return f"{name} = {value} is {where}: the bounds, not the data, set it."
+        case "loose":
+            return f"{_loose(finding)}."
+        case "direction":
+            moves = [
+                f"{symbol(each.name)} {_times(step)}"
+                for each, step in zip(finding.estimates, finding.log_steps, strict=True)
+            ]
+            text = f"{joined(moves)} at once is within one standard error"
+            return f"{text}; {combined} is determined." if combined else f"{text}."
+
+
+def _too_fast(finding: Finding, combined: str) -> str:
+    tau, *others = finding.estimates
+    pair = symbol(tau.name).removeprefix("tau")
+    text = f"tau{pair} = {tau.value:.2g} s is too fast for {figures(finding.interval_s)} s sampling"
+    if others:
+        return f"{text}: R{pair} cannot be told from R0, only {combined} is determined"
+    text += f": {combined} is determined, tau{pair} is not"
+    if tau.held == "at lower bound":
+        text += "; it is at its lower bound, and wider `bounds` would show how fast it may be"
+    return text
+
+
+def _too_slow(finding: Finding) -> str:
+    tau, resistance = finding.estimates
+    text = (
+        f"{_equation(tau)} is longer than the record or as long ({_seconds(finding.duration_s)}): "
+    )
+    capacitance = finding.combined
+    if capacitance is None or capacitance.low is None:
+        text += f"R{symbol(tau.name)[3:]}, {symbol(tau.name)} and their ratio are not determined"
+    else:
+        text += f"only {_with_interval(capacitance)} is determined"
+    at_bound = [each for each in (tau, resistance) if each.held not in (None, "fixed", "unseen")]
+    if not at_bound:
+        return text
+    places = [f"{symbol(each.name)} {held_words(each.held or 'fixed')}" for each in at_bound]
+    return f"{text}, with {joined(places)}; {DRIFT}"
+
+
+def _loose(finding: Finding) -> str:
+    (each,) = finding.estimates
+    name = symbol(each.name)
+    if each.low is None or each.high is None:
+        return f"{name} is not determined"
+    text = f"{name} is only known to be {between(each.name, each.low, each.high)}"
+    if name.startswith("tau") and each.low < finding.interval_s / 2:
+        text += f"; it may be too fast for {figures(finding.interval_s)} s sampling"
+    if name.startswith("tau") and each.high > finding.duration_s:
+        text += f"; it may be longer than the record ({_seconds(finding.duration_s)})"
+    return text
+
+
+def diagnostics_sentences(diagnostics: Diagnostics) -> tuple[str, ...]:
+    """How long residuals are correlated, and where most of the squared error is."""
+    count = f"{max(diagnostics.effective_samples, 1):,.0f}"
+    ones = "one" if count == "1" else "ones"
+    sentences = [
+        f"Residual correlation time {_seconds(diagnostics.correlation_time_s)}: "
+        f"{diagnostics.samples:,} samples carry as much information about a constant as {count} "
+        f"independent {ones}."
+    ]
+    kinds: tuple[tuple[BandQuantity, tuple[Band, ...] | None], ...] = (
+        ("SOC", diagnostics.by_soc),
+        ("current", diagnostics.by_current),
+        ("temperature", diagnostics.by_temperature),
+    )
+    for quantity, bands in kinds:
+        sentences += _notable(quantity, bands or ())
+    return tuple(sentences)
+
+
+def band_label(quantity: BandQuantity, band: Band) -> str:
+    """A band of SOC, current or temperature in a table.
+
+    >>> band_label("SOC", Band(0.1, 0.2, 1, 0.0, 0.0, 0.0))
+    '10 to 20 %'
+    >>> band_label("current", Band(-0.2, -0.05, 1, 0.0, 0.0, 0.0))
+    'charge 0.05 to 0.2 C'
+    >>> band_label("current", Band(-0.05, 0.05, 1, 0.0, 0.0, 0.0))
+    'rest'
+    """
+    if quantity == "SOC":
+        return f"{100 * (band.low or 0.0):.0f} to {100 * (band.high or 0.0):.0f} %"
+    if quantity == "temperature":
+        return f"{band.low:g} to {band.high:g} degC"
+    if band.low is not None and band.high is not None and band.low < 0 < band.high:
+        return "rest"
+    ends = sorted(abs(end) for end in (band.low, band.high) if end is not None)
+    way = "charge" if (band.high or 0.0) < 0 else "discharge"
+    size = f"above {ends[0]:.2g}" if len(ends) == 1 else f"{ends[0]:.2g} to {ends[1]:.2g}"
+    return f"{way} {size} C"
+
+
+def _notable(quantity: BandQuantity, bands: Sequence[Band]) -> Iterator[str]:
+    samples = sum(band.samples for band in bands)
+    for band in bands:
+        if band.share > NOTABLE_SHARE and band.share > NOTABLE * band.samples / samples:
+            where = f"at {band_label(quantity, band)}"
+            if quantity == "SOC":
+                where = (
+                    f"below {100 * (band.high or 0.0):.0f} % SOC"
+                    if not band.low
+                    else f"{where} SOC"
+                )
+            yield (
+                f"{100 * band.share:.0f} % of the squared error is {where}, with "
+                f"{percent(band.samples / samples)} of the samples (RMSE {_mv(band.rmse_v)}, mean "
+                f"{1e3 * band.mean_v:+.3g} mV)."
+            )
+
+
+def profile_sentence(profile: Profile, confidence: float = 0.95) -> str:
+    """A parameter's interval by its profile."""
+    name = symbol(profile.name)
+    level = f"{100 * confidence:.0f} % interval of its profile"
+    if profile.low is None and profile.high is None:
+        return f"{name} is not determined: no value in the bounds leaves the {level}."
+    if profile.low is None or profile.high is None:
+        side, end = ("above", profile.low) if profile.high is None else ("below", profile.high)
+        return f"{name} is {side} {with_unit(profile.name, end or 0.0)} by the {level}, else open."
+    ends = between(profile.name, profile.low, profile.high)
+    return f"{name} = {with_unit(profile.name, profile.value)}, {ends} by the {level}."
+
+
+def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[str, ...]:
+    """What would lower the RMSE, the largest gain first; what gains nothing comes last."""
+    gains = [each for each in found if each.rmse_v < (1 - WORTH_TELLING) * rmse_v]
+    others = [_change(each) for each in found if each not in gains]
+    sentences = [
+        f"{_capitalized(_change(each))}: RMSE {_mv(each.rmse_v)} instead of {_mv(rmse_v)}"
+        f"{_option(each)}."
+        for each in gains
+    ]
+    if others:
+        sentences.append(f"Nothing is gained by {joined(others, 'or')}.")
+    return tuple(sentences) or ("Nothing that could lower the error applies here.",)
+
+
+def _change(suggestion: Suggestion) -> str:
+    match suggestion.kind:
+        case "one more pair":
+            ordinal = ORDINALS[len(suggestion.tau_s)]
+            return f"a {ordinal} RC pair ({_taus(suggestion.tau_s)})"
+        case "dynamic hysteresis":
+            return f"dynamic hysteresis (gamma {figures(suggestion.gamma or 0.0)})"
+        case "initial SOC":
+            return f"initial SOC {suggestion.initial_soc:g} instead of {suggestion.instead_of:.4g}"
+        case "capacity":
+            own, new = suggestion.instead_of, suggestion.capacity_ah
+            return f"capacity {new:.10g} Ah instead of {own:.5g} Ah"
+        case "resistance over SOC":
+            return f"resistances over SOC ({counted(suggestion.knots or 0, 'knot')})"
+        case "OCV over SOC":
+            return f"another OCV curve ({counted(suggestion.knots or 0, 'knot')} over SOC)"
+
+
+def _option(suggestion: Suggestion) -> str:
+    """The option that makes the change, where there is one."""
+    if suggestion.circuit is not None:
+        return f", with `circuit={suggestion.circuit}`"
+    if suggestion.initial_soc is not None:
+        return f", with `initial_soc={suggestion.initial_soc:.10g}`"
+    if suggestion.capacity_ah is not None:
+        return f", with `capacity={suggestion.capacity_ah:.10g}`"
+    return ""
+
+
+def _equation(estimate: Estimate) -> str:
+    return f"{symbol(estimate.name)} = {with_unit(estimate.name, estimate.value)}"
+
+
+def _with_interval(estimate: Estimate) -> str:
+    if estimate.low is None or estimate.high is None:
+        return _equation(estimate)
+    return f"{_equation(estimate)} ({between(estimate.name, estimate.low, estimate.high)})"
+
+
+def _times(log_step: float) -> str:
+    """A factor; beyond `WIDEST_FACTOR` nothing is known of its size."""
+    if abs(log_step) > math.log(WIDEST_FACTOR):
+        return f"{WIDEST_FACTOR:g} times {'higher' if log_step > 0 else 'lower'} or more"
+    return f"times {math.exp(log_step):.3g}"
+
+
+def _taus(tau_s: Sequence[float]) -> str:
+    return f"tau {joined([_seconds(tau) for tau in tau_s])}"
+
+
+def _seconds(time_s: float) -> str:
+    return with_unit("time [s]", time_s)
+
+
+def _mv(voltage_v: float) -> str:
+    return f"{figures(1e3 * voltage_v)} mV"
+
+
+def _capitalized(text: str) -> str:
+    return text[:1].upper() + text[1:]

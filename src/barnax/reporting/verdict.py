@@ -1,0 +1,83 @@
+"""The one verdict of a result: how good it is, its weakest point, and what to do next."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from .sentences import diagnostics_sentences, local_optima_sentence, optimum_sentence
+from .words import counted, joined, percent
+
+if TYPE_CHECKING:
+    from ..results import Result
+
+# Most of the squared error of most cells is where they are nearly empty.
+LOW_SOC = 0.1
+MUCH = 0.5
+
+
+def best_possible(result: "Result") -> str:
+    """Whether a better circuit exists in the bounds, and how many seeds found this one."""
+    optimum, seeds = result.global_optimum, len(result.search.seeds)
+    if optimum is None:
+        reached = result.refined.optima[0].seeds
+        return (
+            "not known: the bounds are too wide to look for the global optimum; "
+            f"{reached} of {counted(seeds, 'seed')} end in the best optimum found."
+        )
+    if result.answer_source == "seeds":
+        return f"{optimum_sentence(optimum)} The seeds found the better circuit."
+    found = f"{optimum.seeds_there} of {counted(seeds, 'seed')} found it"
+    text = optimum_sentence(optimum).removeprefix("Best possible: ").rstrip(".")
+    return f"{text} ({found})."
+
+
+def seeds_sentences(result: "Result") -> Iterator[str]:
+    """How far the seeds stayed from the optimum, and where else there is one."""
+    optimum, seeds = result.global_optimum, len(result.search.seeds)
+    if optimum is None:
+        return
+    yield (
+        f"Optimality gap, the RMSE above the optimum's: best seed {_gap(optimum.best_gap)}, median "
+        f"seed {_gap(optimum.median_gap)}; after refinement {_gap(optimum.refined_gap)}. "
+        f"{optimum.seeds_there} of {counted(seeds, 'seed')} reach it refined."
+    )
+    yield local_optima_sentence(optimum)
+    moving = sum(not seed.has_converged for seed in result.refined.seeds)
+    if moving:
+        yield f"{counted(moving, 'seed')} had not converged when refinement ended."
+
+
+def weakest_point(result: "Result") -> str:
+    """Where most of the error is, empty where it is nowhere in particular."""
+    if result.assessment is None:
+        return ""
+    bands = result.assessment.diagnostics.by_soc
+    low = [band for band in bands if band.high is not None and band.high <= LOW_SOC + 1e-9]
+    share = sum(band.share for band in low)
+    if share > MUCH:
+        samples = sum(band.samples for band in low) / sum(band.samples for band in bands)
+        return (
+            f"{percent(share)} of the squared error is below {percent(LOW_SOC)} SOC, in "
+            f"{percent(samples)} of the samples."
+        )
+    _, *notable = diagnostics_sentences(result.assessment.diagnostics)
+    return notable[0] if notable else ""
+
+
+def next_step(result: "Result") -> tuple[list[str], str]:
+    """Options to run again with, and why; no options where it takes something else."""
+    if not result.metrics.validation:
+        return [], "validate on another record of the cell, with `validate`"
+    found = result.assessment
+    if found is None:
+        return [], "`trust=basic` adds intervals"
+    if found.examination is None:
+        return ["--trust", "full"], "tries what would lower the error"
+    circuits = [each.circuit for each in found.examination.suggestions if each.circuit]
+    if circuits and circuits[0] != result.model:
+        return ["--model", circuits[0]], "is the best of the circuits that were tried"
+    names = [each.name for each in result.of_role("validation")]
+    return [], f"compare circuits and methods with barnax compare; validated on {joined(names)}"
+
+
+def _gap(gap: float) -> str:
+    return "none" if gap < 1e-7 else percent(gap)

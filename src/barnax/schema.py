@@ -1,0 +1,156 @@
+"""One schema: dataclasses to JSON and back, with units in the keys.
+
+A stored document is a `Document` whose fields are the dataclasses that the numerics return, so that
+nothing is written down twice: a field `rmse_v` is the key `rmse [V]`, an array a list, a circuit
+PyBaMM's names and values. What a dataclass needs beside plain values is an annotation, `ARRAY` for
+an array of numbers.
+"""
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    ValidationError,
+)
+from pydantic_core import core_schema
+
+from .errors import InputError, cut
+
+LARGEST_FILE = 200_000_000
+LONGEST_REASON = 500
+# Of a field's name and of a key: what follows the last underscore is the unit.
+UNITS = {
+    "v": "V",
+    "s": "s",
+    "a": "A",
+    "ah": "A.h",
+    "ohm": "Ohm",
+    "percent": "%",
+    "degc": "degC",
+}
+# Shorter than their names would give.
+KEYS = {"history_v": "history"}
+_UNIT = re.compile(rf"_({'|'.join(UNITS)})$")
+
+
+def key_of(name: str) -> str:
+    """A field's key.
+
+    >>> key_of("rmse_v"), key_of("samples"), key_of("mape_percent")
+    ('rmse [V]', 'samples', 'mape [%]')
+    """
+    return KEYS.get(name) or _UNIT.sub(lambda unit: f" [{UNITS[unit[1]]}]", name)
+
+
+class _Array:
+    """How an array of numbers is stored: as nested lists, null for what is not finite."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        del source, handler
+        return core_schema.no_info_plain_validator_function(
+            lambda given: np.array(given, dtype=float),  # None becomes NaN
+            serialization=core_schema.plain_serializer_function_ser_schema(_listed),
+        )
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> Any:
+        del schema, handler
+        return {"type": "array", "items": {"type": ["number", "null", "array"]}}
+
+
+ARRAY = _Array()
+
+
+def _listed(array: np.ndarray) -> list[Any]:
+    values = array.astype(object)
+    values[~np.isfinite(array)] = None
+    return values.tolist()
+
+
+# An error that may be infinite, where nothing could be simulated; JSON has null for that.
+Loss = Annotated[
+    float,
+    Field(ge=0, allow_inf_nan=True),
+    BeforeValidator(lambda value: math.inf if value is None else value),
+    PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
+]
+Volts = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Parameters = dict[str, float]
+
+
+class Part(BaseModel):
+    """A part of a document: immutable, nothing unknown, nothing infinite."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        alias_generator=key_of,
+        populate_by_name=True,
+        arbitrary_types_allowed=True,
+    )
+
+
+class Document(Part):
+    """A whole file. Equal content gives equal bytes."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The file's content as plain Python values, units in the keys."""
+        return self.model_dump(mode="json", by_alias=True)
+
+    def to_json(self) -> str:
+        return self.model_dump_json(by_alias=True, indent=1) + "\n"
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """The JSON Schema of such a file."""
+        return cls.model_json_schema(by_alias=True)
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> Self:
+        """What is in a file. Raises `InputError` that names what is wrong with it."""
+        path = Path(path)
+        try:
+            with path.open("rb") as file:
+                content = file.read(LARGEST_FILE + 1)
+            if len(content) > LARGEST_FILE:
+                raise ValueError(f"over {LARGEST_FILE} bytes")
+            document = json.loads(content.decode("utf-8"))
+        except (OSError, ValueError, RecursionError) as problem:
+            reason = getattr(problem, "strerror", None) or cut(str(problem), LONGEST_REASON)
+            raise InputError(f"{path}: cannot be read ({reason}); {cls._remedy}") from problem
+        if isinstance(document, dict):
+            document = cls._of_this_version(document, str(path))
+        try:
+            return cls.model_validate(document)
+        except (ValidationError, InputError) as problem:
+            reason = cut(_reason(problem), LONGEST_REASON)
+            raise InputError(f"{path}: is no {cls._what}: {reason}; {cls._remedy}") from problem
+
+    @classmethod
+    def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
+        """The document in today's version, where an older one can be turned into it."""
+        del file
+        return document
+
+    _what: str = "barnax result"
+    _remedy: str = "give the file that barnax wrote"
+
+
+def _reason(problem: ValidationError | InputError) -> str:
+    if isinstance(problem, InputError):
+        return str(problem)
+    first = problem.errors(include_url=False, include_input=False)[0]
+    place = ".".join(str(step) for step in first["loc"]) or "the file"
+    return f"{cut(place, 200)}: {first['msg']}"

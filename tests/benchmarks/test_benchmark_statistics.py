@@ -1,0 +1,77 @@
+"""The statistics behind the benchmark pages, against closed forms and published tables."""
+
+import numpy as np
+import pytest
+import scipy.stats
+from benchmarks.li2023.centre_bias import statistics as paired
+from benchmarks.li2023.table2 import statistics as table
+
+
+def test_a_z_score_counts_standard_deviations_of_the_groups():
+    groups = np.array([1.0, 2.0, 3.0])
+    assert table.z_score(4.0, groups, in_log10=False) == 2.0
+    assert table.z_score(1e4, 10.0**groups, in_log10=True) == pytest.approx(2.0)
+
+
+def test_zero_against_zero_is_equal_and_against_anything_else_is_not():
+    zeros = np.zeros(10)
+    for in_log10 in (False, True):
+        assert table.z_score(0.0, zeros, in_log10) == 0
+        assert table.z_score(1.0, zeros, in_log10) == np.inf
+
+
+def test_equal_means_share_the_better_rank():
+    np.testing.assert_array_equal(table.ranks(np.array([0.0, 3.0, 0.0, 2.0])), [1, 4, 1, 3])
+
+
+def test_the_rounding_of_ackleys_constant_counts_as_zero():
+    cell = table.Cell(8.88e-16, 8.88e-16, 4.36e-31)
+    assert table.without_rounding("F8", cell) == table.Cell(0, 0, 0)
+    assert table.without_rounding("F1", cell) == cell
+
+
+def test_subnormal_losses_count_as_zero():
+    assert table.without_rounding("F2", table.Cell(1e-310, 1e-300, 0)) == table.Cell(0, 1e-300, 0)
+
+
+def test_a_cell_agrees_only_on_both_scales():
+    """Groups scattered near 1e-30 cannot stand for a printed 1e-90."""
+    generator = np.random.default_rng(0)
+    cells = [table.cell_of(10 ** generator.normal(-30, 0.5, 30)) for _ in range(10)]
+    assert not table.agrees(table.scores("F1", table.Cell(1e-92, 1e-90, 1e-90), cells))
+    near = np.mean([cell.mean for cell in cells])
+    assert table.agrees(table.scores("F1", table.Cell(near, near, near), cells))
+
+
+def test_holm_adjusts_as_in_his_example():
+    """Holm (1979): sorted p-values times the number of hypotheses left, never falling."""
+    adjusted = paired.holm(np.array([0.01, 0.04, 0.03, 0.005]))
+    np.testing.assert_allclose(adjusted, [0.03, 0.06, 0.06, 0.02])
+
+
+@pytest.mark.parametrize(
+    ("methods", "blocks", "expected"), [(2, 10, 1.960), (5, 10, 2.728), (10, 10, 3.164)]
+)
+def test_the_critical_difference_has_the_published_quantile(methods, blocks, expected):
+    """Demsar (2006), Table 5a."""
+    unit = np.sqrt(methods * (methods + 1) / (6 * blocks))
+    found = paired.critical_difference(methods, blocks)
+    assert found / unit == pytest.approx(expected, abs=2e-3)
+
+
+def test_average_ranks_and_friedman_are_those_of_scipy():
+    losses = np.random.default_rng(1).normal(size=(9, 1, 4)) + np.arange(4)
+    ranks, p = paired.friedman(losses)
+    np.testing.assert_allclose(ranks, scipy.stats.rankdata(losses[:, 0], axis=1).mean(axis=0))
+    assert p == pytest.approx(scipy.stats.friedmanchisquare(*losses[:, 0].T).pvalue)
+
+
+def test_a_duel_is_won_by_the_smaller_losses_and_tied_by_equal_ones():
+    losses = np.random.default_rng(2).uniform(1, 2, 30)
+    results = {}
+    for function in paired.FUNCTIONS:
+        for method, factor in [("ours", 1.0), ("worse", 10.0), ("same", 1.0), ("better", 0.1)]:
+            results["shifted", function, method] = factor * losses
+    found = paired.duels(results, "shifted", "ours", ["worse", "same", "better"])
+    verdicts = {(duel.other, duel.verdict) for duel in found}
+    assert verdicts == {("worse", "win"), ("same", "tie"), ("better", "loss")}

@@ -1,0 +1,52 @@
+"""Committed results are replaced whole: a benchmark that stops leaves the former page."""
+
+import ast
+import os
+from pathlib import Path
+
+import pytest
+from benchmarks import pages
+from matplotlib.figure import Figure
+
+from barnax.errors import InputError
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+IN_PLACE = {"write_text", "write_bytes", "savefig", "copyfile"}
+
+
+def test_a_stop_while_results_are_written_leaves_the_former_ones(tmp_path, monkeypatch):
+    path = tmp_path / "results" / "page"
+    pages.save_page(path, "former")
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match="No space left"):
+        pages.save_page(path, "new")
+    with pytest.raises(InputError, match="No space left"):
+        pages.save_figure(path, Figure(), dpi=50)
+    assert path.read_text() == "former"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_figure_is_a_png(tmp_path):
+    pages.save_figure(tmp_path / "figure.png", Figure(), dpi=50)
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "path", sorted([*BENCHMARKS.rglob("__main__.py"), *BENCHMARKS.glob("*.py")]), ids=str
+)
+def test_no_benchmark_writes_its_results_in_place(path):
+    calls = [
+        (node.func.attr, ast.unparse(node))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+    ]
+    # What goes to a worker in a temporary folder is no result.
+    assert not [
+        text
+        for name, text in calls
+        if name in IN_PLACE and ("RESULTS" in text or "options.out" in text)
+    ]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import narwhals as nw
 import numpy as np
 import polars as pl
 
@@ -59,6 +58,9 @@ def source_from_frame(frame: Any, name: str) -> Source:
     A mapping of names to columns will do too. Rows count as in a file whose first row holds the
     names.
     """
+    # Only data frames need it, and it takes longer to load than a file to read.
+    import narwhals as nw
+
     table = pl.DataFrame(frame) if isinstance(frame, Mapping) else frame
     try:
         whole = nw.from_native(table)
@@ -73,13 +75,12 @@ def source_from_frame(frame: Any, name: str) -> Source:
     return _clean(Source(printable(name), made, table_sha256(made)))
 
 
-def _series(column: nw.Series[Any]) -> pl.Series:
+def _series(column: Any) -> pl.Series:
+    """A narwhals column as Polars holds it."""
     if isinstance(native := column.to_native(), pl.Series):
         return native
-    if column.dtype.is_numeric():
-        values = column.cast(nw.Float64).to_list()
-        return pl.Series(column.name, values, dtype=pl.Float64, nan_to_null=False)
-    return pl.Series(str(column.name), column.to_list(), strict=False)
+    kind = pl.Float64 if column.dtype.is_numeric() else None
+    return pl.Series(str(column.name), column.to_list(), dtype=kind, strict=False)
 
 
 def _clean(source: Source) -> Source:

@@ -113,4 +113,4 @@ def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp
     prepared = prepare_record(record, cell, "so-rc", window)
     # The start is the last sample of the rest and no other.
     assert abs(record.current_a[prepared.first]) < 0.02 < abs(record.current_a[prepared.first + 1])
-    assert "from the rested voltage" in prepared.initial_soc_reason
+    assert prepared.start.soc_source == "rested voltage"

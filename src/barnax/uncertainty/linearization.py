@@ -17,8 +17,8 @@ from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
 from ..search.refine import AT_BOUND
 
-# A parameter that moves the voltage by less than this (RMS, for a factor of e) is not seen: far below
-# rounding, but squares of it are still numbers.
+# A parameter that moves the voltage by less than this (RMS, for a factor of e) is not seen: far
+# below rounding, but squares of it are still numbers.
 LEAST_V = 1e-18
 # Why a parameter is not free; "unseen" is one that no scored sample depends on.
 Held = Literal["fixed", "at lower bound", "at upper bound", "unseen"]

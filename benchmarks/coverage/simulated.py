@@ -135,7 +135,7 @@ def _rises_at(
 
 
 def _is_below(uncertainty: Uncertainty, name: str, rise: float) -> bool:
-    """Whether the profile has not risen to its threshold, as `barnax.uncertainty.profile` has it."""
+    """Whether the profile has not risen to its threshold, as `uncertainty.profile` has it."""
     estimate = uncertainty[name]
     if estimate.inflation is None or estimate.degrees_of_freedom is None:
         return False

@@ -7,7 +7,7 @@ import numpy as np
 
 from barnax.uncertainty.bootstrap import block_length, bootstrap
 
-from .made import fit, made_problem, white_noise
+from .made import TRUTH, made_problem, white_noise
 
 
 def test_it_agrees_with_the_standard_errors(colored):
@@ -46,6 +46,6 @@ def test_the_block_length_is_that_of_the_rule_for_first_order_autoregression(col
 
 def test_held_parameters_are_not_resampled(short_problem):
     problem = made_problem(short_problem, white_noise(5), fixed={"R0 [Ohm]": 0.05})
-    found = bootstrap(problem, fit(problem).parameters, key=jax.random.key(0), replicates=8)
+    found = bootstrap(problem, TRUTH, key=jax.random.key(0), replicates=8)
     assert "R0 [Ohm]" not in found.parameters
     assert set(found.parameters) >= {"R1 [Ohm]", "tau2 [s]", "C2 [F]"}

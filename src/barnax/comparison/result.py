@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import ConfigDict, PrivateAttr, field_validator
+from pydantic import ConfigDict, PrivateAttr
 
 from ..baselines import METHODS
 from ..cell import CellModel, CircuitParameters, OcvTable
@@ -195,21 +195,15 @@ class ComparisonResult(ComparisonPart, Document):
     differences: tuple[DifferencePart, ...]
     models: dict[str, ModelPart]
     budget: BudgetPart
-    cell: dict[str, Any]
+    cell: CellModel
     inputs: tuple[InputPart, ...]
     warnings: tuple[str, ...]
     command: tuple[str, ...]
     versions: dict[str, str]
 
-    @field_validator("cell")
-    @classmethod
-    def _hold_a_cell(cls, cell: dict[str, Any]) -> dict[str, Any]:
-        CellModel.from_dict(cell)
-        return cell
-
     @property
     def cell_model(self) -> CellModel:
-        return CellModel.from_dict(self.cell)
+        return self.cell
 
     _what: str = PrivateAttr("barnax comparison")
     _remedy: str = PrivateAttr("give the comparison.json that barnax compare wrote")
@@ -249,7 +243,7 @@ def make_comparison_result(
             coordinates=first.scale,
             objective=first.kind,
         ),
-        cell=first.cell.to_dict(),
+        cell=first.cell,
         inputs=tuple(inputs),
         warnings=comparison_warnings(comparison, ocv, warnings),
         command=tuple(command),

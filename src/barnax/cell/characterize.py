@@ -123,7 +123,7 @@ def _require_one_each(
         )
 
 
-def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> AbstractCurve:
+def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> Curve:
     soc = np.array([point.soc for point in points])
     voltage_v = np.array([point.voltage_v for point in points])
     return fit_curve(soc, voltage_v, ocv_fit)

@@ -14,12 +14,12 @@ from datetime import date
 from pathlib import Path
 
 import jax
-from benchmarks.pages import save_page
 
 import barnax
 from barnax.model.problem import Problem
 from barnax.uncertainty.assessment import assess
 from barnax.uncertainty.bootstrap import bootstrap
+from benchmarks.pages import save_page
 
 from .cells import bundled, measured
 from .simulated import CIRCUITS, NOISES, chance_band, coverage, values_of

@@ -9,10 +9,9 @@ from datetime import date
 from itertools import combinations
 from pathlib import Path
 
-from benchmarks.pages import save_page
-
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
+from benchmarks.pages import save_page
 
 from .printed import CLAIMS, TABLE_3, TABLE_4, TABLE_5, Errors
 

@@ -102,18 +102,19 @@ def _change(
     """RMSE of `better` minus that of `worse`, its interval, in V, and what the seeds say."""
     for each in differences:
         over_time, pairs = each.over_time, each.over_seeds
+        low_v, high_v = over_time.interval_v
         if each.is_validation != is_validation:
             continue
         if (each.first, each.second) == (better, worse):
             seeds = (
                 "-" if pairs is None else f"{pairs.wins} - {pairs.losses}, p {pairs.p_value:.2g}"
             )
-            return over_time.difference_v, over_time.low_v, over_time.high_v, seeds
+            return over_time.difference_v, low_v, high_v, seeds
         if (each.first, each.second) == (worse, better):
             seeds = (
                 "-" if pairs is None else f"{pairs.losses} - {pairs.wins}, p {pairs.p_value:.2g}"
             )
-            return -over_time.difference_v, -over_time.high_v, -over_time.low_v, seeds
+            return -over_time.difference_v, -high_v, -low_v, seeds
     raise ValueError(f"{better} and {worse} were not compared")
 
 

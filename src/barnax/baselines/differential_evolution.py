@@ -24,7 +24,8 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
 
     SciPy's defaults (best1bin, dithered mutation 0.5 to 1, crossover 0.7), in the search
     coordinates and box of all others, over our compiled RMSE; no polish, and no stop before the
-    budget is spent but where the whole population has come to one error. Raises `MethodFailure` for a population under `FEWEST`.
+    budget is spent but where the whole population has come to one error. Raises `MethodFailure`
+    for a population under `FEWEST`.
     """
     box = problem.coordinates
     if budget.population < FEWEST:

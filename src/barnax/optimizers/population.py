@@ -70,10 +70,19 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
     population: AbstractVar[int]
     iterations: AbstractVar[int]
     bounded: AbstractVar[bool]
-    # Optimistix asks for these three; here the budget alone ends a run, so they stay unread.
-    rtol: AbstractVar[float]
-    atol: AbstractVar[float]
-    norm: AbstractVar[Callable[[PyTree], Scalar]]
+
+    # Optimistix asks for these three; here the budget alone ends a run.
+    @property
+    def rtol(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return 0.0
+
+    @property
+    def atol(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return 0.0
+
+    @property
+    def norm(self) -> Callable[[PyTree], Scalar]:  # pyright: ignore
+        return optx.max_norm
 
     @abc.abstractmethod
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:

@@ -1,12 +1,10 @@
 """WOA, the whale optimization algorithm."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import jax.random as jr
-import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from .population import AbstractPopulationMinimiser
 from .swarm import Box, Swarm, best_of, better_leader
@@ -39,9 +37,6 @@ class WhaleSearch(AbstractPopulationMinimiser):
     iterations: int = 500
     one_random_whale: bool = False
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))

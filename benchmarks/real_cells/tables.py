@@ -85,7 +85,7 @@ def conditions_table(runs: Sequence[Ran]) -> Iterator[str]:
 def rows_table(ran: Ran) -> Iterator[str]:
     """Every row on one cell."""
     yield (
-        "| row | median [mV] | best | worst | refined | regret [%] | 0-10 % SOC | 10-20 % "
+        "| row | median [mV] | best | worst | refined | optimality gap [%] | 0-10 % SOC | 10-20 % "
         "| 20-100 % | max | validation [mV] | at a bound, notes |"
     )
     yield "|---" * 12 + "|"

@@ -134,7 +134,7 @@ def order_sentence(rows: Sequence[Row], paper: Mapping[str, Errors], record: int
 def settings_table(settings: Mapping[str, Comparison]) -> Iterator[str]:
     """The rows under every setting of the search."""
     yield (
-        "| search | row | median [mV] | best [mV] | worst [mV] | refined [mV] | regret [%] "
+        "| search | row | median [mV] | best [mV] | worst [mV] | refined [mV] | optimality gap [%] "
         "| validation [mV] | at a bound |"
     )
     yield "|---|---|---|---|---|---|---|---|---|"
@@ -245,8 +245,8 @@ def main() -> None:
         "## The same rows under other settings of the search",
         "",
         "The order of the rows is an order of searches, not of circuits, where the searches stop "
-        "short: what Levenberg-Marquardt makes of the median seed, and the regret against the "
-        "global optimum of the circuit in the box, tell the two apart.",
+        "short: what Levenberg-Marquardt makes of the median seed, and the optimality gap against "
+        "the global optimum of the circuit in the box, tell the two apart.",
         "",
         *settings_table(settings),
         "",

@@ -93,13 +93,13 @@ def contrast(
         # Stored may be the second row against the first.
         sign = 1 if each.first == first.name else -1
         low_v, high_v = sorted(sign * end_v for end_v in over_time.interval_v)
-        won = seeds and (seeds.wins, seeds.losses)[::sign]
+        wins, losses = (seeds.wins, seeds.losses)[::sign] if seeds else (0, 0)
         return Contrast(
             sign * over_time.difference_v,
             (low_v, high_v),
             over_time.is_real,
             over_time.is_block_capped,
-            seeds and won and (*won, seeds.p_value),
+            (wins, losses, seeds.p_value) if seeds else None,
         )
     return None
 

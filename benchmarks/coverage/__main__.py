@@ -14,7 +14,6 @@ from datetime import date
 from pathlib import Path
 
 import jax
-from benchmarks.pages import save_page
 
 import barnax
 from barnax.model.problem import Problem
@@ -24,6 +23,7 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.uncertainty import assess, bootstrap
+from benchmarks.pages import save_page
 
 from .cells import bundled, measured
 from .simulated import CIRCUITS, NOISES, chance_band, coverage, values_of

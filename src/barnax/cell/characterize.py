@@ -8,7 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
 from ..records.record import Record
-from .curves import AbstractCurve, OcvFit, curve_warnings, fit_curve
+from .curves import AbstractCurve, Curve, OcvFit, curve_warnings, fit_curve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError, fit_error
 from .ocv_points import find_sweeps

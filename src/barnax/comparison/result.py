@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, PrivateAttr
@@ -265,7 +265,7 @@ def comparison_warnings(
 
 
 def _model_part(problem: Problem, optimum: GlobalOptimum | None) -> ModelPart:
-    known = optimum and {
+    known: dict[str, Any] | None = optimum and {
         "optimum_rmse_v": optimum.rmse_v,
         "optimum_parameters": optimum.parameters.to_dict(),
         "optimum_status": optimum.status,

@@ -11,15 +11,14 @@ from jaxtyping import Array, Float
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-
-# Voltages and derivatives beyond this are overflows on their way.
-LARGEST_NUMBER = 1e20
 from ..execution import compile_for, in_float64
 from ..model.inputs import PreparedRecord
 from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
 from ..search.refine import AT_BOUND
 
+# Voltages and derivatives beyond this are overflows on their way.
+LARGEST_NUMBER = 1e20
 # A parameter that moves the voltage by less than this (RMS, for a factor of e) is not seen: far
 # below rounding, but squares of it are still numbers.
 LEAST_V = 1e-18

@@ -53,7 +53,7 @@ def prepared(request, bundled_cell):
 def test_the_voltage_agrees_with_a_plain_loop(bundled_cell, prepared, gamma):
     circuit = CircuitParameters(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c, gamma)
     with jax.enable_x64(True):
-        simulated_v = simulate(rc_parameters(circuit), prepared.inputs(0.5, 1e4))
+        simulated_v = simulate(rc_parameters(circuit), prepared.simulation_input(0.5, 1e4))
     state = plett_state(prepared, bundled_cell.capacity_ah, gamma)
     values = (circuit.r0, circuit.r, circuit.tau_s)
     hold = prepared.record.hold.value
@@ -75,7 +75,7 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell, hold):
     assert np.abs(current_a[60:]).max() < prepared.rest_current_a
     circuit = CircuitParameters(1e-9, (1e-9, 1e-9), (1e9, 1e9), gamma=54.0)
     with jax.enable_x64(True):
-        moved_v = np.asarray(simulate(rc_parameters(circuit), prepared.inputs(0.5, 1e4)))
+        moved_v = np.asarray(simulate(rc_parameters(circuit), prepared.simulation_input(0.5, 1e4)))
     state = (moved_v - bundled_cell.average_ocv_v(prepared.soc)) / (
         bundled_cell.hysteresis_v(prepared.soc) / 2
     )
@@ -84,7 +84,7 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell, hold):
 
 def test_the_summed_error_is_that_of_the_voltages(prepared):
     with jax.enable_x64(True):
-        inputs, rc = prepared.inputs(0.5, 1e4), rc_parameters(CIRCUIT)
+        inputs, rc = prepared.simulation_input(0.5, 1e4), rc_parameters(CIRCUIT)
         error_v = prepared.voltage_v - np.asarray(simulate(rc, inputs))
         total = eqx.filter_jit(squared_error)(rc, inputs)
     assert float(total) == pytest.approx(float(error_v @ error_v), rel=1e-12)
@@ -95,7 +95,7 @@ def test_the_summed_error_is_that_of_the_voltages(prepared):
 def test_the_state_stays_between_its_ends(bundled_cell, prepared, gamma):
     circuit = CircuitParameters(1e-9, (1e-9, 1e-9), (1e9, 1e9), gamma)
     with jax.enable_x64(True):
-        moved_v = simulate(rc_parameters(circuit), prepared.inputs(0.5, 1e4))
+        moved_v = simulate(rc_parameters(circuit), prepared.simulation_input(0.5, 1e4))
     half_v = bundled_cell.hysteresis_v(prepared.soc) / 2
     away_v = np.asarray(moved_v) - bundled_cell.average_ocv_v(prepared.soc)
     assert np.all(np.abs(away_v) <= np.abs(half_v) + 1e-7)
@@ -109,8 +109,8 @@ def test_a_very_fast_hysteresis_is_the_switched_one(bundled_cell):
     fast = CircuitParameters(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c, gamma=1e9)
     plain = CircuitParameters(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c)
     with jax.enable_x64(True):
-        moved_v = simulate(rc_parameters(fast), moving.inputs(0.5, 1e9))
-        switched_v = simulate(rc_parameters(plain), switched.inputs(0.5))
+        moved_v = simulate(rc_parameters(fast), moving.simulation_input(0.5, 1e9))
+        switched_v = simulate(rc_parameters(plain), switched.simulation_input(0.5))
     # The state turns while the current flows, so it follows the switch by one sample.
     settled = np.diff(moving.direction, prepend=moving.direction[0]) == 0
     np.testing.assert_allclose(moved_v[settled], switched_v[settled], rtol=1e-9)

@@ -269,7 +269,7 @@ def test_records_of_different_lengths_and_currents_share_the_shape_of_their_fact
 
 
 def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):
-    with pytest.raises(InputError, match="--objective scan"):
+    with pytest.raises(InputError, match="`objective='scan'`"):
         make_problem(
             short_problem.prepared.record,
             short_problem.cell,

@@ -25,7 +25,7 @@ def population_method(name: str) -> Method:
         if iterations < 1:
             raise MethodFailure(
                 f"it evaluates {cost} candidates a generation, more than the budget of "
-                f"{budget.evaluations} a seed holds; raise --iterations"
+                f"{budget.evaluations} a seed holds; raise `iterations`"
             )
         found = search_seeds(
             problem,
@@ -101,7 +101,7 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
     if iterations < 1:
         raise MethodFailure(
             f"the budget of {budget.evaluations} evaluations a seed holds no swarm and a descent; "
-            "raise --iterations"
+            "raise `iterations`"
         )
     found = search_seeds(
         problem,

@@ -403,7 +403,10 @@ def _start_warnings(
         ]
     if window.initial_soc is None:
         return []
-    ends = [cell.soc_from_rest_voltage(start.voltage_v, direction) for direction in (-1, 1)]
+    try:
+        ends = [cell.soc_from_rest_voltage(start.voltage_v, direction) for direction in (-1, 1)]
+    except InputError:  # far from where the other branch ends
+        return []
     given_v = [float(curve(np.array([start.soc]))[0]) for curve in (cell.discharge, cell.charge)]
     is_far = not min(given_v) - DOUBTFUL_V <= start.voltage_v <= max(given_v) + DOUBTFUL_V
     if is_far and not min(ends) - DOUBTFUL_SOC <= start.soc <= max(ends) + DOUBTFUL_SOC:

@@ -1,14 +1,36 @@
-"""Programs are compiled once, and run in blocks whose rows come back in order."""
+"""Compiled once for a shape, in blocks whose rows come back in order, on one thread of BLAS."""
 
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from threadpoolctl import ThreadpoolController
 
-from barnax.execution import compile_for, run_blocks, seed_blocks, wanted_rows
+from barnax.execution import (
+    compile_for,
+    in_float64,
+    one_blas_thread,
+    run_blocks,
+    seed_blocks,
+    wanted_rows,
+)
+
+
+@pytest.mark.parametrize("is_double", [False, True])
+def test_double_precision_ends_with_the_function_or_its_error(is_double):
+    @in_float64
+    def third(value):
+        return jnp.asarray(1.0) / value if value else 1 // value
+
+    with jax.enable_x64(is_double):
+        assert third(3).dtype == jnp.float64
+        with pytest.raises(ZeroDivisionError):
+            third(0)
+        assert jax.config.jax_enable_x64 is is_double
 
 
 def counted():
@@ -89,21 +111,59 @@ def test_an_interruption_leaves_the_waiting_blocks_unstarted():
     assert len(started) < 100
 
 
-def test_what_runs_at_an_interruption_is_kept():
-    running = threading.Event()
+# Threads of linear algebra
 
-    def run(block):
-        if block:
-            running.set()
-            time.sleep(0.2)
-        return (np.full(1, block),)
 
-    def interrupt(_):
-        assert running.wait(5)
-        raise KeyboardInterrupt
+def threads() -> set[int]:
+    """What the libraries of linear algebra say themselves."""
+    found = ThreadpoolController().select(user_api="blas").info()
+    return {library["num_threads"] for library in found}
 
-    finished = {}
-    with pytest.raises(KeyboardInterrupt):
-        run_blocks(run, [0, 1], [1, 1], interrupt, finished)
-    assert finished == {"0": (np.zeros(1),), "1": (np.ones(1),)}
-    assert run_blocks(lambda _: 1 / 0, [0, 1], [1, 1], None, finished) == [(0.0,), (1.0,)]
+
+@pytest.fixture
+def three_threads():
+    with ThreadpoolController().limit(limits=3, user_api="blas"):
+        if threads() != {3}:
+            pytest.skip("this library of linear algebra has one thread only")
+        yield
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_inside_there_is_one_thread_and_afterwards_as_many_as_before():
+    with one_blas_thread():
+        assert threads() == {1}
+        with one_blas_thread():
+            assert threads() == {1}
+        assert threads() == {1}
+    assert threads() == {3}
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_an_error_inside_restores_them():
+    with pytest.raises(ZeroDivisionError), one_blas_thread():
+        raise ZeroDivisionError
+    assert threads() == {3}
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_the_first_to_leave_does_not_give_the_second_more():
+    first_is_in, second_is_in, first_is_out = (threading.Event() for _ in range(3))
+
+    def first():
+        with one_blas_thread():
+            first_is_in.set()
+            assert second_is_in.wait(10)
+        first_is_out.set()
+
+    def second():
+        assert first_is_in.wait(10)
+        with one_blas_thread():
+            second_is_in.set()
+            assert first_is_out.wait(10)
+            return threads()
+
+    with ThreadPoolExecutor(2) as pool:
+        leaving, staying = pool.submit(first), pool.submit(second)
+        assert staying.result() == {1}
+        leaving.result()
+    assert threads() == {3}

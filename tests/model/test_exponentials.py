@@ -82,7 +82,7 @@ def test_the_slope_in_log_tau_is_that_of_the_exponential(fraction):
 
 
 def test_a_span_that_is_too_wide_is_refused_with_a_remedy():
-    with pytest.raises(InputError, match="decades.*narrow the bounds or use `objective='scan'`"):
+    with pytest.raises(InputError, match=r"decades.*narrow the bounds or use `objective='scan'`"):
         span_of(1e-6, 1e9, 1e-12)
 
 

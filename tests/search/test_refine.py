@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate

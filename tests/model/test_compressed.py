@@ -98,7 +98,7 @@ CASES = [
     *zip(CIRCUITS, cycle(CLOCKS), cycle(("forward", "backward")), repeat("log")),
     ("so-rc", "gaps", "backward", "rc"),
     ("esc", "uneven", "backward", "rc"),
-    ("esc", "gaps", "forward", "log"),
+    ("esc", "gaps", "backward", "log"),
 ]
 
 

@@ -40,13 +40,9 @@ def uneven(samples, seed):
     return np.cumsum(steps)
 
 
-# Of the second case each problem has the longest record in one of two columns.
 CASES = {
-    "even": ("so-rc", [[even(211)], [even(307)], [even(401)]]),
-    "uneven, even, with a state that moves": (
-        "esc",
-        [[uneven(304, 2), even(150)], [uneven(221, 1), even(200)]],
-    ),
+    "even": ("1rc", [even(211), even(307), even(401)]),
+    "uneven, with a state that moves": ("esc", [uneven(221, 2), uneven(304, 1)]),
 }
 
 
@@ -55,7 +51,7 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
     bundled_cell, case, monkeypatch
 ):
     circuit, clocks = CASES[case]
-    problems = [problem_of(bundled_cell, circuit, each) for each in clocks]
+    problems = [problem_of(bundled_cell, circuit, [each]) for each in clocks]
     compile_for, programs = barnax.search.seeds.compile_for, set()
 
     def counted(*arguments):
@@ -85,11 +81,18 @@ def test_what_fills_a_record_up_counts_nothing(bundled_cell):
     assert not jnp.any(filled[211:])
 
 
+def test_joint_records_padded_have_their_bits(bundled_cell):
+    # Each problem has the longest record in one of two columns.
+    joint, other = (
+        problem_of(bundled_cell, "so-rc", clocks)
+        for clocks in ([uneven(304, 2), even(150)], [uneven(221, 1), even(200)])
+    )
+    circuits = [CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0))]
+    with_padding = rmse_by_scan(joint, circuits, padding_for([joint.scan, other.scan]))
+    assert with_padding == rmse_by_scan(joint, circuits)
+
+
 @in_float64
 def test_compressed_records_stay_as_they_are(bundled_cell):
     problem = problem_of(bundled_cell, "so-rc", [even(211)])
     assert padding_for([problem.compressed, problem.scan])(problem.compressed) is problem.compressed
-    circuits = [CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0))]
-    assert rmse_by_scan(problem, circuits, padding_for([problem.scan])) == rmse_by_scan(
-        problem, circuits
-    )

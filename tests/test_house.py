@@ -204,6 +204,7 @@ def test_a_file_is_more_than_a_function_that_has_not_found_its_home():
 
 
 def test_importing_barnax_loads_no_jax():
-    script = "import sys, barnax; print(sorted({'jax', 'numpy', 'matplotlib'} & set(sys.modules)))"
+    heavy = "{'jax', 'numpy', 'matplotlib'} & set(sys.modules)"
+    script = f"import sys, barnax, barnax.bundled; print(sorted({heavy}))"
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "[]"

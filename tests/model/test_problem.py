@@ -1,3 +1,5 @@
+"""What the search minimises: records, box and circuit in one objective."""
+
 from dataclasses import replace
 
 import equinox as eqx
@@ -93,11 +95,6 @@ def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
     flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
     with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
         make_problem(flat, bundled_cell, window=SHORT)
-
-
-def test_an_unknown_circuit_is_refused(bundled_record, bundled_cell):
-    with pytest.raises(ValueError, match="no circuit is called 'rint'"):
-        make_problem(bundled_record, bundled_cell, "rint", window=SHORT)
 
 
 def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundled_cell):

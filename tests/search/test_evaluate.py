@@ -1,3 +1,5 @@
+"""One circuit on one record: what was simulated, and the errors where they count."""
+
 import jax
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""Every seed refined: never worse, the same to the bit, inside its box, gathered into optima."""
+
 from dataclasses import replace
 
 import jax
@@ -69,17 +71,13 @@ def test_every_seed_is_counted_in_one_optimum_or_was_still_moving(refinement):
     assert sum(optimum.seeds for optimum in refinement.optima) + unsettled == 8
 
 
-def test_the_best_optimum_comes_first(refinement):
+def test_the_best_optimum_comes_first_with_its_faster_pair_first_and_touches_no_bound(refinement):
     errors_v = [optimum.rmse_v for optimum in refinement.optima]
     assert errors_v == sorted(errors_v)
     assert refinement.parameters == refinement.optima[0].parameters
-
-
-def test_the_same_search_is_refined_to_the_same_bits(found, refinement):
-    again = refine(found)
-    assert again.refined == refinement.refined
-    assert (again.optima, again.at_bound) == (refinement.optima, refinement.at_bound)
-    assert again.evaluations == refinement.evaluations
+    tau_s = [seed.parameters.tau_s for seed in refinement.refined]
+    assert tau_s == [tuple(sorted(each)) for each in tau_s]
+    assert refinement.at_bound == ()
 
 
 def test_a_seed_is_refined_the_same_among_any_number_of_seeds(found, refinement):
@@ -88,21 +86,21 @@ def test_a_seed_is_refined_the_same_among_any_number_of_seeds(found, refinement)
 
 
 @pytest.mark.parametrize("is_double", [False, True])
-def test_the_callers_precision_neither_matters_nor_changes(found, refinement, is_double):
+def test_a_search_is_refined_to_the_same_bits_in_any_callers_precision(
+    found, refinement, is_double
+):
     with jax.enable_x64(is_double):
         again = refine(found)
         assert jax.config.jax_enable_x64 is is_double
     assert again.refined == refinement.refined
+    assert (again.optima, again.at_bound) == (refinement.optima, refinement.at_bound)
+    assert again.evaluations == refinement.evaluations
 
 
 def test_progress_sums_to_the_seeds_and_many_blocks_finish(found):
     steps = []
     many = refine(replace(found, seeds=found.seeds * 5), progress=steps.append)
     assert sum(steps) == len(many.refined) == 40
-
-
-def test_an_optimum_inside_the_box_touches_no_bound(refinement):
-    assert refinement.at_bound == ()
 
 
 @pytest.mark.parametrize(("factors", "end"), [((0.5, 0.95), "upper"), ((1.05, 2.0), "lower")])
@@ -113,12 +111,6 @@ def test_a_box_that_excludes_the_optimum_is_reported(refined_in, refinement, fac
     assert narrow.parameters.r0 == pytest.approx(high if end == "upper" else low, rel=1e-2)
     assert low * (1 - 1e-12) <= narrow.parameters.r0 <= high * (1 + 1e-12)
     assert narrow.rmse_v > refinement.rmse_v
-
-
-def test_every_refined_circuit_has_its_faster_pair_first(refinement):
-    assert all(
-        seed.parameters.tau_s == tuple(sorted(seed.parameters.tau_s)) for seed in refinement.refined
-    )
 
 
 def test_pairs_with_boxes_of_their_own_keep_their_labels(refined_in, refinement):
@@ -158,17 +150,11 @@ def test_equal_errors_are_one_optimum():
     assert not first.is_family
 
 
-def test_a_seed_still_moving_is_no_optimum_of_its_own():
+def test_a_seed_still_moving_counts_only_where_it_reached_an_optimum():
     moving = replace(refined_at(0.011), has_converged=False)
-    first, second = distinct_optima([refined_at(0.010), moving, refined_at(0.012)])
-    assert (first.seeds, second.rmse_v) == (1, 0.012)
-
-
-def test_a_seed_still_moving_counts_where_it_reached_an_optimum():
-    (only,) = distinct_optima(
-        [refined_at(0.010), replace(refined_at(0.010 * (1 + 1e-7)), has_converged=False)]
-    )
-    assert only.seeds == 2
+    arrived = replace(refined_at(0.010 * (1 + 1e-7)), has_converged=False)
+    first, second = distinct_optima([refined_at(0.010), moving, arrived, refined_at(0.012)])
+    assert (first.seeds, second.seeds, second.rmse_v) == (2, 1, 0.012)
 
 
 def test_different_circuits_of_equal_error_are_a_family():

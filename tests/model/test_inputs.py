@@ -149,6 +149,8 @@ def test_records_identified_together_have_a_window_each(bundled_cell):
     assert [each.start.soc for each in problem.prepared_records] == [0.8, 0.6]
     assert [each.time_s[0] for each in problem.prepared_records] == [50.0, 600.0]
     assert problem.prepared_records[1].capacity_ah == 1.5
+    with pytest.raises(ValueError, match="1 windows for 2 records; give one for all, or one for"):
+        make_problem(records, bundled_cell, window=windows[:1])
 
 
 # The state of charge

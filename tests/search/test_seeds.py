@@ -47,24 +47,25 @@ def search(short_problem, found):
     return run
 
 
-def test_the_same_key_gives_the_same_bits(search, found):
-    assert [bits(seed) for seed in search().seeds] == [bits(seed) for seed in found.seeds]
-
-
-def test_a_seed_is_the_same_among_any_number_of_seeds(search, found):
-    many = search(seeds=20)
-    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
-    assert bits(search(seeds=3).seeds[2]) == bits(found.seeds[2])
-    assert bits(search(seeds=13).seeds[12]) == bits(many.seeds[12])
-
-
-def test_every_seed_searches_on_its_own(search):
-    assert len({seed.rmse_v for seed in search(seeds=20).seeds}) == 20
+@pytest.mark.parametrize("is_double", [False, True])
+def test_the_same_key_gives_the_same_bits_in_any_callers_precision(search, found, is_double):
+    with jax.enable_x64(is_double):
+        again = search()
+        assert jax.config.jax_enable_x64 is is_double
+    assert [bits(seed) for seed in again.seeds] == [bits(seed) for seed in found.seeds]
 
 
 def test_another_key_gives_other_searches(search, found):
     other = search(key=1)
     assert not {seed.rmse_v for seed in other.seeds} & {seed.rmse_v for seed in found.seeds}
+
+
+def test_a_seed_searches_on_its_own_and_is_the_same_among_any_number_of_seeds(search, found):
+    many = search(seeds=20)
+    assert len({seed.rmse_v for seed in many.seeds}) == 20
+    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
+    assert bits(search(seeds=3).seeds[2]) == bits(found.seeds[2])
+    assert bits(search(seeds=13).seeds[12]) == bits(many.seeds[12])
 
 
 def test_every_evaluation_is_counted(found):
@@ -91,14 +92,6 @@ def test_the_best_seed_is_the_one_of_least_error_and_every_faster_pair_comes_fir
     assert found.best.rmse_v == min(seed.rmse_v for seed in found.seeds)
     tau_s = [seed.parameters.tau_s for seed in found.seeds]
     assert tau_s == [tuple(sorted(each)) for each in tau_s]
-
-
-@pytest.mark.parametrize("is_double", [False, True])
-def test_the_callers_precision_neither_matters_nor_changes(search, found, is_double):
-    with jax.enable_x64(is_double):
-        again = search()
-        assert jax.config.jax_enable_x64 is is_double
-    assert [bits(seed) for seed in again.seeds] == [bits(seed) for seed in found.seeds]
 
 
 def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(search, found):

@@ -1,5 +1,6 @@
 """Which part of a record is simulated, from which state, and what is said where it does not fit."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -245,6 +246,13 @@ def test_a_rested_voltage_beyond_the_ocv_of_a_full_cell_is_doubted(
         f"made.csv: the cell rests at {full_v + above_v:.4f} V at row 2, 47 mV beyond its OCV"
     )
     assert [warning.startswith(expected) for warning in warnings] == [True] * is_doubted
+
+
+def test_a_given_state_of_charge_is_not_asked_for_where_the_other_branch_ends_far_away(
+    bundled_cell,
+):
+    cell = replace(bundled_cell, discharge=lambda soc: bundled_cell.charge(soc) - 0.06)
+    assert rested_at(cell, ocv_v(cell.charge, 1.0), initial_soc=1.0).start.soc == 1.0
 
 
 # The direction before the start

@@ -248,7 +248,7 @@ def test_a_rested_voltage_beyond_the_ocv_of_a_full_cell_is_doubted(
     assert [warning.startswith(expected) for warning in warnings] == [True] * is_doubted
 
 
-def test_a_given_state_of_charge_is_not_asked_for_where_the_other_branch_ends_far_away(
+def test_a_given_soc_is_not_asked_for_where_the_other_branch_ends_far_away(
     bundled_cell,
 ):
     cell = replace(bundled_cell, discharge=lambda soc: bundled_cell.charge(soc) - 0.06)

@@ -10,7 +10,7 @@ from barnax.cell import CircuitParameters, get_circuit
 from barnax.execution import in_float64
 from barnax.model.inputs import Window, prepare_record
 from barnax.model.problem import make_problem, rc_parameters, residuals, rmse_by_scan
-from barnax.model.simulate import squared_error, terminal_voltage
+from barnax.model.simulate import terminal_voltage
 from reference import drop_v, looped_response, make_record
 
 CIRCUIT = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)
@@ -97,14 +97,6 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell):
         bundled_cell.hysteresis_v(prepared.soc) / 2
     )
     np.testing.assert_allclose(state, -1.0, atol=1e-4)
-
-
-def test_the_summed_error_is_that_of_the_voltages(prepared):
-    with jax.enable_x64(True):
-        inputs, rc = prepared.simulation_input(0.5, 1e4), rc_parameters(CIRCUIT)
-        error_v = prepared.voltage_v - np.asarray(simulate(rc, inputs))
-        total = eqx.filter_jit(squared_error)(rc, inputs)
-    assert float(total) == pytest.approx(float(error_v @ error_v), rel=1e-12)
 
 
 @pytest.mark.parametrize("gamma", np.geomspace(1.0, 1e4, 9))

@@ -26,7 +26,7 @@ TIME_S = 50.0 + np.arange(100) * 10.0
 CURRENT_A = np.repeat([0.0, 2.0, 0.0, -1.0], 25)
 STEP = np.repeat([1, 2, 3, 2], 25)
 FULL = Window(initial_soc=0.8)
-# A rest long enough for a state of charge, and where the current flows again after it.
+# Samples of rest before the current of a simulated record flows.
 REST = 200
 CIRCUIT = CircuitParameters(R0_OHM, R_OHM, tuple(t / r for r, t in zip(R_OHM, TAU_S, strict=True)))
 

@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from .bundled import BUNDLED
 from .cell import CellModel, OcvTable, characterize, read_ocv_test
@@ -14,6 +14,7 @@ from .cell.hysteresis import HysteresisFit
 from .checks import FileCheck, SuggestedWindow, check_file
 from .errors import InputError, printable
 from .model.inputs import Window
+from .model.search_space import Range, Scale, read_bounds
 from .records import Record, Source, read_record, read_source, source_from_frame
 
 # A file, a `Record`, or a data frame.
@@ -35,6 +36,20 @@ class Reading:
     ocv_current_sign: str = "auto"
     validate_current_sign: str = "auto"
     current_hold: str = "auto"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is searched for, and how."""
+
+    model: str = "iso-rc"
+    method: str = "ibmo"
+    objective: Literal["auto", "scan", "compressed"] = "auto"
+    coordinates: Scale = "rc"
+    seeds: int = 30
+    population: int = 30
+    iterations: int = 500
+    key: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +82,8 @@ def read_inputs(
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
     given, tests, others = (_listed(each) for each in (records, ocv, validate))
+    common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
+    capacity = capacity or common.capacity_ah
     is_bundled = not given
     if is_bundled:
         if tests or others:
@@ -108,14 +125,13 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
-        first = window if isinstance(window, Window) else (window or {}).get("")
         cell = characterize(
             ocv_records,
             capacity_ah=capacity,
             ocv_capacity_ah=ocv_capacity,
             ocv_fit=ocv_fit,
             hysteresis_fit=hysteresis_fit,
-            rest_current_a=None if first is None else first.rest_current_a,
+            rest_current_a=common.rest_current_a,
         )
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 
@@ -183,6 +199,15 @@ def windows_of(
         name: each if each.capacity_ah else replace(each, capacity_ah=capacity)
         for name, each in chosen.items()
     }
+
+
+def ranges_of(
+    bounds: Mapping[str, Range] | str | Path | None,
+) -> tuple[str, Mapping[str, Range] | None]:
+    """Where the box comes from, for messages, and its ranges."""
+    if isinstance(bounds, str | Path):
+        return Path(bounds).name, read_bounds(Path(bounds))
+    return ("`fix`" if bounds is None else "`bounds`"), bounds
 
 
 def _listed(sources: Given | Sequence[Given]) -> list[Given]:

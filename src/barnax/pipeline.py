@@ -13,23 +13,17 @@ from typing import Any, Literal, TypeVar
 import jax
 import numpy as np
 
-from .baselines import Budget
 from .cell import CellModel, CircuitParameters, OcvTable
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
-from .comparison import (
-    PAPER_ROWS,
-    Comparison,
-    ComparisonResult,
-    compare,
-    make_comparison_result,
-)
 from .errors import InputError
 from .gather import (
     Given,
     Inputs,
     Reading,
+    Settings,
     Watch,
+    ranges_of,
     read_inputs,
     read_validation,
     unwatched,
@@ -38,7 +32,7 @@ from .gather import (
 from .global_optimum import GlobalOptimum, find_global_optimum
 from .model.inputs import PreparedRecord, Window, other_direction, prepare_record
 from .model.problem import Kind, Problem, make_problem
-from .model.search_space import Range, Scale, read_bounds
+from .model.search_space import Range
 from .optimizers import make_optimizer
 from .records import Record
 from .results import Answer, Result, best_answer, make_result
@@ -50,20 +44,6 @@ from .uncertainty import Assessment, Examination, assess, compile_linearization,
 Chosen = TypeVar("Chosen")
 # A direction is the better one where it lowers the RMSE by more than this.
 SAME_FIT = 1e-6
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What is searched for, and how."""
-
-    model: str = "iso-rc"
-    method: str = "ibmo"
-    objective: Literal["auto", "scan", "compressed"] = "auto"
-    coordinates: Scale = "rc"
-    seeds: int = 30
-    population: int = 30
-    iterations: int = 500
-    key: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +87,8 @@ def identify(
     `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each;
     without any record the bundled cell's are taken. `window` is one for all records, or a mapping
     from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
-    records were measured, `ocv_capacity` its capacity in the OCV test, where that does not span both
-    ends. `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
+    records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
+    `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
     says how far the answer is looked into: "full" fits again. Fields of `Settings` and `Reading`
     may be given by name, such as `model="esc"`. `watch` is asked for a context for every stage.
 
@@ -161,7 +141,7 @@ def _problem(
     fix: Mapping[str, float] | None,
 ) -> Problem:
     """The problem, compressed where the box allows it unless the objective is chosen."""
-    source, ranges = _ranges(bounds)
+    source, ranges = ranges_of(bounds)
 
     def make(objective: Kind) -> Problem:
         return make_problem(
@@ -184,15 +164,6 @@ def _problem(
     except InputError:
         return problem
     return replace_kind(problem, "compressed")
-
-
-def _ranges(
-    bounds: Mapping[str, Range] | str | Path | None,
-) -> tuple[str, Mapping[str, Range] | None]:
-    """Where the box comes from, for messages, and its ranges."""
-    if isinstance(bounds, str | Path):
-        return Path(bounds).name, read_bounds(Path(bounds))
-    return ("`fix`" if bounds is None else "`bounds`"), bounds
 
 
 def replace_kind(problem: Problem, kind: Kind) -> Problem:
@@ -317,8 +288,8 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
     for each in run.identification:
         if each.metrics.r2 < 0:
             texts.append(
-                f"{each.prepared.record.name}: the circuit does worse than a constant voltage would "
-                f"(R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and "
+                f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
+                f"would (R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and "
                 "at what `fix` and `bounds` hold"
             )
     for each in run.validation:
@@ -344,62 +315,10 @@ def validate_stored(
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
         warnings.append(
-            f"{measured.name}: is the record {own[measured.sha256]} that the circuit was identified "
-            "on, so it validates nothing"
+            f"{measured.name}: is the record {own[measured.sha256]} that the circuit was "
+            "identified on, so it validates nothing"
         )
     cell = stored.cell_model
     prepared = prepare_record(measured, cell, stored.model, window or stored.window)
     evaluation = _validated(prepared, cell, stored.circuit_parameters)
     return evaluation, [*warnings, *measured.warnings, *prepared.warnings]
-
-
-def compare_files(
-    records: Given | Sequence[Given] = (),
-    *,
-    ocv: Given | Sequence[Given] = (),
-    validate: Given | Sequence[Given] = (),
-    rows: Sequence[tuple[str, str]] = PAPER_ROWS,
-    settings: Settings | None = None,
-    window: Window | Mapping[str, Window] | None = None,
-    capacity: float | None = None,
-    ocv_capacity: float | None = None,
-    bounds: Mapping[str, Range] | str | Path | None = None,
-    fix: Mapping[str, float] | None = None,
-    reading: Reading | None = None,
-    ocv_fit: OcvFit = "polynomial",
-    hysteresis_fit: HysteresisFit = "continuous",
-    command: Sequence[str] = (),
-    watch: Watch = unwatched,
-) -> tuple[Comparison, ComparisonResult]:
-    """Models and methods (`rows`) side by side on one record; the rest is as in `identify`.
-
-    Raises `InputError` where an input cannot be used.
-    """
-    settings = settings or Settings()
-    inputs = read_inputs(
-        records, ocv, validate, reading or Reading(),
-        capacity=capacity, ocv_capacity=ocv_capacity,
-        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
-        window=window, watch=watch,
-    )  # fmt: skip
-    windows = windows_of(inputs, window, capacity)
-    source, ranges = _ranges(bounds)
-    comparison = compare(
-        inputs.records[0],
-        inputs.cell,
-        rows,
-        validation=inputs.validation,
-        window=windows[inputs.records[0].name],
-        validation_windows=[windows[record.name] for record in inputs.validation],
-        bounds=ranges,
-        fixed=fix,
-        coordinates=settings.coordinates,
-        objective="scan" if settings.objective == "auto" else settings.objective,
-        budget=Budget(settings.population, settings.iterations, settings.seeds, settings.key),
-        source=source,
-        watch=watch,
-    )
-    result = make_comparison_result(
-        comparison, ocv=inputs.ocv, command=command, warnings=inputs.warnings
-    )
-    return comparison, result

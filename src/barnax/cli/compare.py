@@ -76,8 +76,8 @@ def compare(
         from ..baselines import METHODS
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
-        from ..gather import Reading, file_names
-        from ..pipeline import Settings, compare_files
+        from ..comparison.from_files import compare_files
+        from ..gather import Reading, Settings, file_names
 
     rows = chosen_rows(models, methods, PAPER_ROWS)
     for model, method in rows:
@@ -107,7 +107,7 @@ def compare(
             written = _report(result, comparison, seconds)
         written["comparison.json"] = result.to_json().encode()
         written["timings.json"] = session.timings_json()
-        write_folder(folder, written)
+        folder = write_folder(folder, written, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
     from ..reporting import comparison_document

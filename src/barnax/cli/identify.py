@@ -115,14 +115,14 @@ def identify(
         watch=session.watch,
     )  # fmt: skip
     if folder is not None:
-        _write(session, folder, result, report)
+        folder = _write(session, folder, result, report, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
     _show(session, result, folder, output.verbose, report)
     session.warn(result.warnings)
 
 
-def _write(session: Session, folder: Path, result: "Result", report: bool) -> None:
+def _write(session: Session, folder: Path, result: "Result", report: bool, is_forced: bool) -> Path:
     """The folder of a result: the answer first, and what of the figures can be drawn."""
     written = {"result.json": result.to_json().encode()}
     with session.watch("Drawing figures"):
@@ -132,7 +132,10 @@ def _write(session: Session, folder: Path, result: "Result", report: bool) -> No
             # The answer is there; what fails to be drawn costs only itself.
             session.warn([f"the figures could not be drawn ({problem}); the result is written"])
     written["timings.json"] = session.timings_json()
-    write_folder(folder, written)
+    place = write_folder(folder, written, is_forced)
+    if place != folder:
+        session.warn([f"{folder}: something else has appeared there; the results are in {place}"])
+    return place
 
 
 def result_files(result: "Result", report: bool) -> dict[str, bytes]:

@@ -1,5 +1,6 @@
 """A folder of results, or a single file, written whole or not at all."""
 
+import itertools
 import json
 import os
 import shutil
@@ -46,12 +47,17 @@ def require_free(folder: Path, is_forced: bool) -> None:
                 raise InputError(f"{folder}: holds a result; replace it with `force` or {another}")
 
 
-def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> Path:
     """Put all files into `folder`, or leave what was there. Keys are paths below the folder.
 
-    A result that is there is replaced, file by file of its own list; a user's own files stay.
+    A result that is there is replaced where that is forced, file by file of its own list; a user's
+    own files stay. What has appeared there since `require_free` was asked stays too, and the files
+    go to a new folder beside it, `folder-2` or the next that is free: a long search is not lost.
+    Gives the folder that they went to.
     """
     place = folder.resolve()
+    if not (is_forced and any((place / name).is_file() for name in RESULTS)):
+        place = _free_name(place)
     listed = json.dumps(sorted([*files, LIST]), indent=1) + "\n"
     with _described(folder, "nothing was changed; give `out` another folder"):
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -59,9 +65,12 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
             fresh, old = workshop / "new", workshop / "old"
             for name, content in {**files, LIST: listed.encode()}.items():
                 _write(fresh / name, content)
+            with suppress(OSError):
+                # Not every system moves a folder over an empty one.
+                place.rmdir()
             if not place.exists():
                 os.replace(fresh, place)
-                return
+                return folder if place == folder.resolve() else place
             _carry_over(place, fresh)
             os.replace(place, old)
             try:
@@ -69,6 +78,16 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
             except BaseException:
                 os.replace(old, place)
                 raise
+    return folder
+
+
+def _free_name(place: Path) -> Path:
+    """The place itself where nothing or an empty folder is, else the first free name after it."""
+    for number in itertools.count(1):
+        free = place if number == 1 else place.with_name(f"{place.name}-{number}")
+        if not os.path.lexists(free) or (free.is_dir() and not any(free.iterdir())):
+            return free
+    raise AssertionError("there is always another number")
 
 
 def _carry_over(place: Path, fresh: Path) -> None:

@@ -84,7 +84,7 @@ def terminal_table(table: Table) -> Shown:
     for column in table.columns:
         is_number = column.role == "number"
         # Narrow, so that names stay whole beside seven figures in 80 columns.
-        name = column.name.replace(" ", "\n") if is_number else column.name
+        name = column.name.replace("-", "-\n").replace(" ", "\n") if is_number else column.name
         head = f"{name}\n[{column.unit}]" if column.unit else name
         shown.add_column(escape(head), justify="right" if is_number else "left", overflow="fold")
     for place, row in enumerate(table.rows):

@@ -1,0 +1,74 @@
+"""From files to a comparison: what `barnax compare` runs, and a notebook calls."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ..baselines import Budget
+from ..cell.curves import OcvFit
+from ..cell.hysteresis import HysteresisFit
+from ..gather import (
+    Given,
+    Reading,
+    Settings,
+    Watch,
+    ranges_of,
+    read_inputs,
+    unwatched,
+    windows_of,
+)
+from ..model.inputs import Window
+from ..model.search_space import Range
+from .result import ComparisonResult, make_comparison_result
+from .run import PAPER_ROWS, Comparison, compare
+
+
+def compare_files(
+    records: Given | Sequence[Given] = (),
+    *,
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
+    rows: Sequence[tuple[str, str]] = PAPER_ROWS,
+    settings: Settings | None = None,
+    window: Window | Mapping[str, Window] | None = None,
+    capacity: float | None = None,
+    ocv_capacity: float | None = None,
+    bounds: Mapping[str, Range] | str | Path | None = None,
+    fix: Mapping[str, float] | None = None,
+    reading: Reading | None = None,
+    ocv_fit: OcvFit = "polynomial",
+    hysteresis_fit: HysteresisFit = "continuous",
+    command: Sequence[str] = (),
+    watch: Watch = unwatched,
+) -> tuple[Comparison, ComparisonResult]:
+    """Models and methods (`rows`) side by side on one record; the rest is as in `identify`.
+
+    Raises `InputError` where an input cannot be used.
+    """
+    settings = settings or Settings()
+    inputs = read_inputs(
+        records, ocv, validate, reading or Reading(),
+        capacity=capacity, ocv_capacity=ocv_capacity,
+        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
+        window=window, watch=watch,
+    )  # fmt: skip
+    windows = windows_of(inputs, window, capacity)
+    source, ranges = ranges_of(bounds)
+    comparison = compare(
+        inputs.records[0],
+        inputs.cell,
+        rows,
+        validation=inputs.validation,
+        window=windows[inputs.records[0].name],
+        validation_windows=[windows[record.name] for record in inputs.validation],
+        bounds=ranges,
+        fixed=fix,
+        coordinates=settings.coordinates,
+        objective="scan" if settings.objective == "auto" else settings.objective,
+        budget=Budget(settings.population, settings.iterations, settings.seeds, settings.key),
+        source=source,
+        watch=watch,
+    )
+    result = make_comparison_result(
+        comparison, ocv=inputs.ocv, command=command, warnings=inputs.warnings
+    )
+    return comparison, result

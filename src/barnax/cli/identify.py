@@ -131,9 +131,10 @@ def _next(result: "Result") -> str:
     """What to do next, as a command that runs as printed."""
     from ..reporting.verdict import next_step
 
-    words, advice = next_step(result)
-    if not words:
+    options, advice = next_step(result)
+    if not options:
         return advice
+    words = [word for name, value in options.items() for word in (f"--{name}", value)]
     given = without_appearance(sys.argv[1:])
     command = shlex.join(["barnax", *given, *words, "--out", "barnax-out-2"])
     return escape(as_flags(f"{command}   {advice}"))

@@ -20,6 +20,13 @@ from .records import Record, Source, read_record, read_source, source_from_frame
 # A file, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
+# What a search may be asked for: more than fits a computer's memory is refused before any work.
+LIMITS = (
+    ("seeds", 1, 100_000),
+    ("population", 4, 100_000),
+    ("iterations", 1, 10_000_000),
+    ("key", 0, 2**63 - 1),
+)
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -50,6 +57,12 @@ class Settings:
     population: int = 30
     iterations: int = 500
     key: int = 0
+
+    def __post_init__(self):
+        for name, least, most in LIMITS:
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +96,7 @@ def read_inputs(
     """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
     given, tests, others = (_listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
-    capacity = capacity or common.capacity_ah
+    capacity = common.capacity_ah if capacity is None else capacity
     is_bundled = not given
     if is_bundled:
         if tests or others:
@@ -165,9 +178,16 @@ def input_warnings(
     for each in found.roles:
         if each.name == role and not each.is_usable:
             texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
-        elif each.name == role and each.window is not None and window is None:
+        elif each.name == role and each.window is not None and not _is_chosen(window, found.file):
             texts += [f"{found.file}: {text}" for text in window_advice(each.window)]
     return texts
+
+
+def _is_chosen(window: Window | Mapping[str, Window] | None, name: str) -> bool:
+    """Whether anybody has said which part of the record counts."""
+    if isinstance(window, Mapping):
+        window = window.get(name, window.get(""))
+    return window is not None and window.is_chosen
 
 
 def window_advice(suggested: SuggestedWindow) -> list[str]:
@@ -196,7 +216,7 @@ def windows_of(
     common = window.get("", Window())
     chosen = {name: window.get(name, common) for name in inputs.names}
     return {
-        name: each if each.capacity_ah else replace(each, capacity_ah=capacity)
+        name: each if each.capacity_ah is not None else replace(each, capacity_ah=capacity)
         for name, each in chosen.items()
     }
 
@@ -215,7 +235,9 @@ def _listed(sources: Given | Sequence[Given]) -> list[Given]:
 
 
 def _name_of(source: Given) -> str:
-    return source.name if isinstance(source, Record) else str(source)
+    if isinstance(source, str | Path):
+        return printable(Path(source).name)
+    return source.name if isinstance(source, Record) else "data frame"
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
@@ -236,7 +258,7 @@ def _require_different(records: Sequence[Record]) -> None:
     """Raise `InputError` where two records are the same bytes: they would count twice."""
     seen: dict[str, str] = {}
     for record in records:
-        if record.sha256 in seen:
+        if record.sha256 and record.sha256 in seen:
             raise InputError(
                 f"{record.name}: is the same record as {seen[record.sha256]}, byte for byte; give "
                 "each once, and validate on another"

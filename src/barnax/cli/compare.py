@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from .options import (
     SEARCH,
@@ -20,7 +19,7 @@ from .options import (
     require_choice,
 )
 from .output import DEFAULT_FOLDER, require_free, write_folder
-from .session import Session, as_flags, command_line, use_compilation_cache
+from .session import Session, as_flags, command_line, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
@@ -119,7 +118,7 @@ def compare(
         document = replace(document, sections=tuple(kept))
     session.show(to_terminal(document.spelled(as_flags)))
     session.warn(result.warnings)
-    session.show([f"\nThe report is [bold]{escape(str(folder))}/report.html[/bold]."])
+    session.show([f"\nThe report is [bold]{shown(folder)}/report.html[/bold]."])
 
 
 def _row_watch(session: Session, advance: Callable[[int], None]) -> Callable:

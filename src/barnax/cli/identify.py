@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.markup import escape
 
 from .options import (
     SEARCH,
@@ -177,7 +176,7 @@ def _next(result: "Result") -> str:
 
     words, advice = next_step(result)
     if not words:
-        return advice
+        return as_flags(advice)
     given = without_appearance(sys.argv[1:])
     command = shlex.join(["barnax", *given, *words, "--out", "barnax-out-2"])
-    return escape(as_flags(f"{command}   {advice}"))
+    return f"{command}   {as_flags(advice)}"

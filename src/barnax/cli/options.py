@@ -19,7 +19,6 @@ WINDOW = "Window"
 INPUT = "Reading the files"
 OUTPUT = "Output"
 SEARCH = "Search"
-MOST_CANDIDATES = 100_000
 
 Sign = Literal["auto", "charge-positive", "discharge-positive"]
 Hold = Literal["auto", "forward", "backward"]
@@ -168,7 +167,8 @@ class RecordOptions:
                     found.setdefault(record, {})[name] = parse(value)
                 except ValueError as problem:
                     raise InputError(
-                        f"`{option}` {text!r}: write a value, or FILE=VALUE for one of the records"
+                        f"`{option}` {text!r}: write it like {_EXAMPLES.get(option, '5')}, or "
+                        f"FILE={_EXAMPLES.get(option, '5')} for one of the records"
                     ) from problem
         return found
 
@@ -193,6 +193,12 @@ def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) ->
     return values
 
 
+_EXAMPLES = {
+    "initial_soc": "0.9",
+    "initial_direction": "-1",
+    "score_steps": "7,8",
+    "score_soc": "0.1,1",
+}
 _WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "capacity": ("capacity_ah", float),
     "start_time": ("start_time_s", float),
@@ -228,9 +234,7 @@ class SearchOptions:
         ),
     ] = "rc"
     seeds: Annotated[int, _option(SEARCH, "N", "Independent runs.", min=1)] = 30
-    population: Annotated[
-        int, _option(SEARCH, "N", "Candidates a generation.", min=4, max=MOST_CANDIDATES)
-    ] = 30
+    population: Annotated[int, _option(SEARCH, "N", "Candidates a generation.", min=4)] = 30
     iterations: Annotated[int, _option(SEARCH, "N", "Generations.", min=1)] = 500
     key: Annotated[
         int,

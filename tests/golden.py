@@ -1,8 +1,8 @@
 """Golden files: what a screen or a report says, word for word.
 
 `BARNAX_GOLDEN=write python -m pytest -n0 tests/reporting tests/cli` writes them anew; read the
-difference before you commit it. `golden/result.json` is the result that they are of:
-`barnax identify --score-to 1500 --seeds 3 --population 8 --iterations 5`.
+difference before you commit it. `golden/result.json`, which the reports are of, is that of
+`tests/cli`, so write that folder's first.
 """
 
 import os

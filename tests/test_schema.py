@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from golden import RESULT
 
 from barnax.errors import InputError
 from barnax.results import Result
+from golden import RESULT
 
 DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
 PUBLISHED = Path(__file__).parents[1] / "docs" / "result.schema.json"
@@ -119,7 +119,7 @@ TAMPERED = [
     ("cell/capacity [A.h]", 0),
     ("cell/capacity [A.h]", 10**400),
     ("cell/charge", None),
-    ("cell/charge points", [{}]),
+    ("cell/charge_points", [{}]),
     ("cell/hysteresis", {"kind": "circular"}),
     ("cell/warnings", [1]),
 ]

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import pytest
 
-from barnax.bundled import BUNDLED
 from barnax.__main__ import main
+from barnax.bundled import BUNDLED
 
 BUDGET = ("--score-to", "1500", "--seeds", "3", "--population", "8", "--iterations", "5")
 OCV = tuple(word for path in BUNDLED.ocv for word in ("--ocv", path))

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from golden import require_golden
 
 from barnax.bundled import BUNDLED
+from golden import require_golden
 
 from .conftest import BUDGET, OCV
 

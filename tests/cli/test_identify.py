@@ -10,6 +10,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+import golden
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
 from barnax.cli.output import write_folder
@@ -46,6 +47,14 @@ def test_a_run_writes_the_result_its_timings_its_list_and_the_figures(finished):
     timings = json.loads((finished.folder / "timings.json").read_text())
     assert {"Searching [s]", "Refining [s]"} <= set(timings)
     assert all(seconds >= 0 for seconds in timings.values())
+
+
+def test_the_golden_result_is_what_this_run_gives(finished, result):
+    if golden.IS_WRITING:
+        golden.RESULT.write_bytes((finished.folder / "result.json").read_bytes())
+    stored = Result.from_json(golden.RESULT)
+    assert result.parameters == pytest.approx(stored.parameters, rel=1e-6)
+    assert result.inputs == stored.inputs
 
 
 def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, result):

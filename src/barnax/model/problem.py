@@ -223,8 +223,8 @@ def make_problem(
 ) -> Problem:
     """The problem of finding `circuit`'s parameters for a cell from one or several records.
 
-    `window` is one for all records, or one for each. `bounds` and `fixed` change the default box under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`,
-    `"tau1 [s]"`); `source` names where they came from in messages. `objective` is "scan", which
+    `window` is one for all records, or one for each. `bounds` and `fixed` change the default box
+    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); `source` names where they came from in messages. `objective` is "scan", which
     simulates every sample for every candidate, or "compressed", which reduces the records once
     and agrees with it to 1e-9. Raises `InputError` where window, box or OCV range do not fit a
     record or the box is too wide to compress, `ValueError` for an unknown circuit or objective.

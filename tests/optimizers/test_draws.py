@@ -1,12 +1,16 @@
-"""The tent map and the Levy step, against their known distributions."""
+"""Draws: the tent map and the Levy step against their distributions, Threefry against JAX's own."""
 
 import jax
+import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import pytest
 import scipy.stats
 
-from barnax.optimizers.draws import levy_step, tent_map
+from barnax.optimizers import draws
+from barnax.optimizers.draws import levy_step, written_out
+
+tent_map = jax.jit(draws.tent_map, static_argnums=(1, 2, 3, 4))
 
 
 def test_the_tent_map_branching_on_the_state_is_uniform():
@@ -46,3 +50,29 @@ def test_the_scale_of_a_levy_step_is_that_of_mantegna():
     expected = np.median(0.696575 * numbers[0] / numbers[1] ** (1 / 1.5))
     steps = np.abs(np.asarray(levy_step(jr.key(1), (400_000,), 1.5, float)))
     assert np.median(steps) == pytest.approx(expected, rel=0.01)
+
+
+@jax.jit
+def drawn(key):
+    """Whatever can be drawn from a key."""
+    return {
+        "uniform": jr.uniform(key, (7, 3)),
+        "normal": jr.normal(key, (4,), jnp.float32),
+        "bits": jr.bits(key, (5,), jnp.uint8),
+        "integers": jr.randint(key, (6,), 0, 30, jnp.int32),
+        "split": jr.uniform(jr.split(key, (2, 3))[1, 2]),
+        "folded": jr.uniform(jr.fold_in(key, 7)),
+        "batch": jax.vmap(jr.uniform)(jr.split(key, 4)),
+    }
+
+
+@pytest.mark.parametrize("is_double", [False, True])
+def test_numbers_from_threefry_written_out_are_those_of_jax(is_double):
+    with jax.enable_x64(is_double):
+        for key in (jr.key(0), jr.key(2**32 - 1)):
+            jax.tree.map(np.testing.assert_array_equal, drawn(key), drawn(written_out(key)))
+
+
+def test_keys_of_another_kind_stay_as_they_are():
+    key = jr.key(0, impl="rbg")
+    assert jr.key_impl(written_out(key)) == jr.key_impl(key)

@@ -14,6 +14,8 @@ from .comparison import ComparisonResult as ComparisonResult
 from .comparison import compare as compare
 from .comparison import make_comparison_result as make_comparison_result
 from .errors import InputError as InputError
+from .gather import Reading as Reading
+from .gather import Settings as Settings
 from .global_optimum import GlobalOptimum as GlobalOptimum
 from .global_optimum import find_global_optimum as find_global_optimum
 from .global_optimum import optimality_gap as optimality_gap
@@ -22,6 +24,8 @@ from .model.problem import Problem as Problem
 from .model.problem import make_problem as make_problem
 from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
+from .pipeline import Run as Run
+from .pipeline import identify as identify
 from .records import Record as Record
 from .records import read_record as read_record
 from .results import Result as Result

@@ -97,7 +97,7 @@ def told(tmp_path):
 
     def warnings(time_s, current_a, voltage_v, role="identification", window=None):
         path = tmp_path / "drive.csv"
-        table = {"Time [s]": time_s, "Current [A]": current_a, "Voltage [V]": voltage_v}
+        table = {"Test Time / s": time_s, "Current / A": current_a, "Voltage / V": voltage_v}
         pl.DataFrame(table).write_csv(path)
         return input_warnings(check_file(path), role, window)
 

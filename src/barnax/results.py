@@ -22,7 +22,7 @@ from .model.inputs import Start, Window
 from .model.problem import Kind, Problem
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .records import Decision, Record
-from .schema import Count, Document, Parameters, Part, Volts
+from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
 from .search.evaluate import Evaluation, pooled
 from .search.refine import SAME_RMSE, AtBound, Optimum, RefinedSeed, Refinement
 from .search.seeds import Search, SeedAnswer
@@ -107,9 +107,9 @@ class GlobalPart(Part):
     cells: Count | None
     local_optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
-    median_gap: float
-    best_gap: float
-    refined_gap: float
+    median_gap: MaybeInfinite
+    best_gap: MaybeInfinite
+    refined_gap: MaybeInfinite
     seeds_there: Count
 
 

@@ -77,13 +77,14 @@ def _listed(array: np.ndarray) -> list[Any]:
     return values.tolist()
 
 
-# An error that may be infinite, where nothing could be simulated; JSON has null for that.
-Loss = Annotated[
+# A number that may be infinite, where nothing could be simulated; JSON has null for that.
+MaybeInfinite = Annotated[
     float,
-    Field(ge=0, allow_inf_nan=True),
+    Field(allow_inf_nan=True, json_schema_extra={"type": ["number", "null"]}),
     BeforeValidator(lambda value: math.inf if value is None else value),
     PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
 ]
+Loss = Annotated[MaybeInfinite, Field(ge=0)]
 Volts = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Parameters = dict[str, float]

@@ -17,6 +17,8 @@ from .comparison import compare as compare
 from .comparison import make_comparison_result as make_comparison_result
 from .comparison.from_files import compare_files as compare_files
 from .errors import InputError as InputError
+from .gather import Reading as Reading
+from .gather import Settings as Settings
 from .global_optimum import GlobalOptimum as GlobalOptimum
 from .global_optimum import find_global_optimum as find_global_optimum
 from .global_optimum import optimality_gap as optimality_gap
@@ -25,6 +27,7 @@ from .model.problem import Problem as Problem
 from .model.problem import make_problem as make_problem
 from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
+from .pipeline import Run as Run
 from .pipeline import identify as identify
 from .pipeline import validate_stored as validate_stored
 from .records import Record as Record

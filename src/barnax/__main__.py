@@ -51,7 +51,8 @@ def main() -> None:
 
 def _complain(text: str) -> None:
     console = Console(stderr=True, highlight=False, soft_wrap=True)
-    console.print("[bold red]error:[/bold red]", escape(printable(text)))
+    lines = [escape(printable(line)) for line in text.split("\n")]
+    console.print("[bold red]error:[/bold red]", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -22,6 +22,13 @@ MOST_CANDIDATES = 100_000
 # A file, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
+# What a search may be asked for: more than fits a computer's memory is refused before any work.
+LIMITS = (
+    ("seeds", 1, 100_000),
+    ("population", 4, 100_000),
+    ("iterations", 1, 10_000_000),
+    ("key", 0, 2**63 - 1),
+)
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -54,17 +61,10 @@ class Settings:
     key: int = 0
 
     def __post_init__(self):
-        limits = {
-            "seeds": (1, 100_000),
-            "population": (4, MOST_CANDIDATES),
-            "iterations": (1, 10**7),
-        }
-        for name, (least, most) in limits.items():
-            if not least <= getattr(self, name) <= most:
-                raise InputError(
-                    f"`{name}` {getattr(self, name)} is out of range; {least} to {most:,} are "
-                    "possible"
-                )
+        for name, least, most in LIMITS:
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def read_inputs(
     """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
     given, tests, others = (_listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
-    capacity = capacity or common.capacity_ah
+    capacity = common.capacity_ah if capacity is None else capacity
     is_bundled = not given
     if is_bundled:
         if tests or others:
@@ -180,9 +180,16 @@ def input_warnings(
     for each in found.roles:
         if each.name == role and not each.is_usable:
             texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
-        elif each.name == role and each.window is not None and window is None:
+        elif each.name == role and each.window is not None and not _is_chosen(window, found.file):
             texts += [f"{found.file}: {text}" for text in window_advice(each.window)]
     return texts
+
+
+def _is_chosen(window: Window | Mapping[str, Window] | None, name: str) -> bool:
+    """Whether anybody has said which part of the record counts."""
+    if isinstance(window, Mapping):
+        window = window.get(name, window.get(""))
+    return window is not None and window.is_chosen
 
 
 def window_advice(suggested: SuggestedWindow) -> list[str]:
@@ -211,7 +218,7 @@ def windows_of(
     common = window.get("", Window())
     chosen = {name: window.get(name, common) for name in inputs.names}
     return {
-        name: each if each.capacity_ah else replace(each, capacity_ah=capacity)
+        name: each if each.capacity_ah is not None else replace(each, capacity_ah=capacity)
         for name, each in chosen.items()
     }
 
@@ -230,7 +237,9 @@ def _listed(sources: Given | Sequence[Given]) -> list[Given]:
 
 
 def _name_of(source: Given) -> str:
-    return source.name if isinstance(source, Record) else str(source)
+    if isinstance(source, str | Path):
+        return printable(Path(source).name)
+    return source.name if isinstance(source, Record) else "data frame"
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
@@ -251,7 +260,7 @@ def _require_different(records: Sequence[Record]) -> None:
     """Raise `InputError` where two records are the same bytes: they would count twice."""
     seen: dict[str, str] = {}
     for record in records:
-        if record.sha256 in seen:
+        if record.sha256 and record.sha256 in seen:
             raise InputError(
                 f"{record.name}: is the same record as {seen[record.sha256]}, byte for byte; give "
                 "each once, and validate on another"

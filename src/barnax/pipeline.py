@@ -289,8 +289,8 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
         if each.metrics.r2 < 0:
             texts.append(
                 f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
-                f"would (R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and "
-                "at what `fix` and `bounds` hold"
+                f"would (R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax "
+                "check, and at what `fix` and `bounds` hold"
             )
     for each in run.validation:
         texts += [*each.prepared.record.warnings, *each.prepared.warnings]

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
@@ -22,7 +22,7 @@ from .model.inputs import Start, Window
 from .model.problem import Kind, Problem
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .records import Decision, Record
-from .schema import Count, Document, Parameters, Part, Volts
+from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
 from .search.evaluate import Evaluation, pooled
 from .search.refine import SAME_RMSE, AtBound, Optimum, RefinedSeed, Refinement
 from .search.seeds import Search, SeedAnswer
@@ -107,9 +107,9 @@ class GlobalPart(Part):
     cells: Count | None
     local_optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
-    median_gap: float
-    best_gap: float
-    refined_gap: float
+    median_gap: MaybeInfinite
+    best_gap: MaybeInfinite
+    refined_gap: MaybeInfinite
     seeds_there: Count
 
 
@@ -175,7 +175,7 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[2] = SCHEMA_VERSION
+    schema_version: Literal[2]
     model: str
     parameters: Parameters
     answer_source: Literal["seeds", "global optimum"]
@@ -194,7 +194,7 @@ class Result(Document):
     versions: dict[str, str]
 
     _run: "Run | None" = PrivateAttr(None)
-    _remedy: str = PrivateAttr("give the result.json that barnax identify wrote")
+    remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
 
     @field_validator("model")
     @classmethod
@@ -307,6 +307,7 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
     """Everything a run found, as one value that can be stored; `command` is what was run."""
     problem = run.problem
     result = Result(
+        schema_version=SCHEMA_VERSION,
         model=problem.circuit,
         parameters=run.answer.parameters.to_dict(),
         answer_source=run.answer.source,

@@ -10,7 +10,7 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -77,13 +77,14 @@ def _listed(array: np.ndarray) -> list[Any]:
     return values.tolist()
 
 
-# An error that may be infinite, where nothing could be simulated; JSON has null for that.
-Loss = Annotated[
+# A number that may be infinite, where nothing could be simulated; JSON has null for that.
+MaybeInfinite = Annotated[
     float,
-    Field(ge=0, allow_inf_nan=True),
+    Field(allow_inf_nan=True, json_schema_extra={"type": ["number", "null"]}),
     BeforeValidator(lambda value: math.inf if value is None else value),
     PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
 ]
+Loss = Annotated[MaybeInfinite, Field(ge=0)]
 Volts = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Parameters = dict[str, float]
@@ -129,14 +130,14 @@ class Document(Part):
             document = json.loads(content.decode("utf-8"))
         except (OSError, ValueError, RecursionError) as problem:
             reason = getattr(problem, "strerror", None) or cut(str(problem), LONGEST_REASON)
-            raise InputError(f"{path}: cannot be read ({reason}); {cls._remedy}") from problem
+            raise InputError(f"{path}: cannot be read ({reason}); {cls.remedy}") from problem
         if isinstance(document, dict):
             document = cls._of_this_version(document, str(path))
         try:
             return cls.model_validate(document)
         except (ValidationError, InputError) as problem:
             reason = cut(_reason(problem), LONGEST_REASON)
-            raise InputError(f"{path}: is no {cls._what}: {reason}; {cls._remedy}") from problem
+            raise InputError(f"{path}: is no {cls.what}: {reason}; {cls.remedy}") from problem
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
@@ -144,8 +145,9 @@ class Document(Part):
         del file
         return document
 
-    _what: str = "barnax result"
-    _remedy: str = "give the file that barnax wrote"
+    # What such a file is called in messages, and what to give instead of one that is none.
+    what: ClassVar[str] = "barnax result"
+    remedy: ClassVar[str] = "give the file that barnax wrote"
 
 
 def _reason(problem: ValidationError | InputError) -> str:

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import pytest
 
+from barnax.__main__ import main
 from barnax.bundled import BUNDLED
-from barnax.cli import main
 
-BUDGET = ("--seeds", "2", "--population", "8", "--iterations", "5", "--score-to", "1500")
+BUDGET = ("--score-to", "1500", "--seeds", "3", "--population", "8", "--iterations", "5")
 OCV = tuple(word for path in BUNDLED.ocv for word in ("--ocv", path))
 
 
@@ -49,6 +49,18 @@ def narrow_terminal() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "80")
         yield
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing takes most of a small run's time."""
+    monkeypatch.setattr("barnax.cli.identify.result_files", lambda *_: {})
+
+
+@pytest.fixture
+def without_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that reads anything fails: what is refused is refused before."""
+    monkeypatch.setattr("barnax.pipeline.read_inputs", None)
 
 
 @pytest.fixture

@@ -3,22 +3,23 @@
 import json
 import os
 import re
-import time
+import subprocess
+import sys
 from pathlib import Path
 
+import polars as pl
 import pytest
 
+import golden
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
 from barnax.cli.output import write_folder
-from barnax.cli.session import Session
-from barnax.model import problem
+from barnax.cli.session import as_flags
 from barnax.results import Result
 
 from .conftest import BUDGET, OCV, contents, run_command
 
-SESSION = Session(is_quiet=True)
-FIGURES = {
+ALWAYS = {
     "ocv",
     "hysteresis",
     "convergence",
@@ -29,76 +30,72 @@ FIGURES = {
 }
 
 
-@pytest.fixture
-def without_figures(monkeypatch):
-    """Drawing takes most of a small run's time."""
-    monkeypatch.setattr(command, "found_figures", lambda *_: {})
+@pytest.fixture(scope="module")
+def result(finished):
+    return Result.from_json(finished.folder / "result.json")
 
 
-def test_a_run_writes_the_result_its_timings_and_the_figures(finished):
+def test_a_run_writes_the_result_its_timings_its_list_and_the_figures(finished):
+    files = {"result.json", "timings.json", "files.json", *(f"figures/{n}.png" for n in ALWAYS)}
     assert finished.outcome.status == 0
-    assert set(contents(finished.folder)) == {
-        "result.json",
-        "timings.json",
-        "figures",
-        *(f"figures/{name}.png" for name in FIGURES),
-    }
-
-
-def test_the_figures_are_png_images(finished):
+    assert set(contents(finished.folder)) == {*files, "figures"}
+    assert set(json.loads((finished.folder / "files.json").read_text())) == files
+    assert [path.name for path in finished.folder.parent.iterdir()] == ["out"]
     for path in finished.folder.glob("figures/*"):
-        content = path.read_bytes()
-        assert content.startswith(b"\x89PNG\r\n\x1a\n")
-        assert content.endswith(b"IEND\xaeB`\x82")
-        assert len(content) > 10_000
-
-
-def test_the_timings_are_seconds_by_stage(finished):
+        assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+        assert path.read_bytes().endswith(b"IEND\xaeB`\x82")
     timings = json.loads((finished.folder / "timings.json").read_text())
-    assert {"Searching [s]", "Cross-checking [s]"} <= set(timings)
+    assert {"Searching [s]", "Refining [s]"} <= set(timings)
     assert all(seconds >= 0 for seconds in timings.values())
 
 
-def test_nothing_is_left_beside_the_folder(finished):
-    assert [path.name for path in finished.folder.parent.iterdir()] == ["out"]
+def test_the_golden_result_is_what_this_run_gives(finished, result):
+    if golden.IS_WRITING:
+        golden.RESULT.write_bytes((finished.folder / "result.json").read_bytes())
+    stored = Result.from_json(golden.RESULT)
+    assert result.parameters == pytest.approx(stored.parameters, rel=1e-6)
+    assert result.inputs == stored.inputs
 
 
-def test_the_tables_give_every_parameter_its_unit(finished):
-    words = [line.split()[:2] for line in finished.outcome.out.splitlines()]
-    units = {"R0": "mOhm", "R1": "mOhm", "C1": "F", "R2": "mOhm", "C2": "F", "RMSE": "mV"}
-    for name, unit in (units | {"tau1": "s", "tau2": "s"}).items():
-        assert [name, unit] in words
+def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, result):
+    lines = finished.outcome.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert len([line for line in lines if line.strip()]) <= 22
+    text = " ".join(finished.outcome.out.split())
+    own = result.metrics.identification
+    assert f"identification {1e3 * own.rmse_v:.1f} mV" in text
+    assert f"R0 {1e3 * result.parameters['R0 [Ohm]']:.1f} mOhm" in text
+    assert f"({result.global_optimum.seeds_there} of 3 seeds found it)" in text
+    assert "identification.parquet" in text
 
 
-def test_the_tables_print_what_the_result_stores(finished):
-    result = Result.from_json(finished.folder / "result.json")
-    lines = {
-        line.split()[0]: line.split() for line in finished.outcome.out.splitlines() if line.split()
-    }
-    assert float(lines["R0"][2]) == pytest.approx(1e3 * result.parameters["R0 [Ohm]"], rel=1e-4)
-    assert f"{1e3 * result.refined.rmse_v:.4f}" in finished.outcome.out
-    validation = result.metrics.validation[0]
-    assert float(lines["validation.parquet"][1]) == pytest.approx(1e3 * validation.rmse_v, abs=1e-3)
-    assert f"Verdict: {result.refined.verdict}".split() == (
-        finished.outcome.out[finished.outcome.out.index("Verdict") :]
-        .split("Global optimum")[0]
-        .split()
+def test_one_run_has_one_verdict(run, finished):
+    everything = run("show", finished.folder)
+    assert everything.status == 0
+    told = " ".join(finished.outcome.out.split())
+    (verdict,) = re.findall(r"Best possible: (.*?\.) Weakest", told)
+    shown = " ".join(everything.out.split())
+    assert re.findall(r"Best possible: (.*?\.)(?: -)? Weakest", shown) == [verdict] * 2
+    assert shown.count("Best possible") == 2
+
+
+def test_what_is_proposed_next_runs_as_printed(monkeypatch, result):
+    words = ["identify", "a b.csv", "--fix", "tau1 [s]=5", "--force", "--out", "old"]
+    monkeypatch.setattr(sys, "argv", ["barnax", *words])
+    proposed = command._next(result).partition("   ")[0]
+    assert proposed == (
+        "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --trust full --out barnax-out-2"
     )
 
 
-def test_tables_fit_80_columns_and_keep_file_names_whole(finished):
-    assert max(map(len, finished.outcome.out.splitlines())) <= 80
-    assert "identification.parquet" in finished.outcome.out
-
-
-def test_warnings_go_to_stderr_and_into_the_result(finished):
-    warnings = Result.from_json(finished.folder / "result.json").warnings
-    assert warnings
-    assert finished.outcome.err.splitlines() == [f"warning: {text}" for text in warnings]
+def test_warnings_go_to_stderr_and_into_the_result(finished, result):
+    assert result.warnings
+    told = [f"warning: {as_flags(text)}" for text in result.warnings]
+    assert finished.outcome.err.splitlines() == told
     assert "warning" not in finished.outcome.out
 
 
-def test_json_prints_one_result_and_writes_nothing(run, finished, tmp_path):
+def test_json_prints_the_bytes_that_a_folder_holds_and_writes_nothing(run, finished, tmp_path):
     outcome = run("identify", *BUDGET, "--json")
     assert (outcome.status, outcome.err) == (0, finished.outcome.err)
     assert outcome.out == (finished.folder / "result.json").read_text()
@@ -106,90 +103,121 @@ def test_json_prints_one_result_and_writes_nothing(run, finished, tmp_path):
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_json_with_a_folder_prints_and_writes_the_same(run, finished, tmp_path):
-    outcome = run("identify", *BUDGET, "--json", "--out", "kept")
-    assert outcome.out == (tmp_path / "kept" / "result.json").read_text()
-    assert outcome.out == (finished.folder / "result.json").read_text()
-
-
-@pytest.mark.usefixtures("without_figures")
-def test_quiet_prints_warnings_alone_and_writes_to_the_default_folder(run, finished, tmp_path):
-    outcome = run("identify", *BUDGET, "--quiet")
+def test_quiet_shows_warnings_alone_and_force_keeps_a_users_own_files(run, finished, tmp_path):
+    old = {"result.json": b"old", "figures/old.png": b"old"}
+    write_folder(tmp_path / "barnax-out", old, False)
+    (tmp_path / "barnax-out/figures/mine.png").write_bytes(b"mine")
+    outcome = run("identify", *BUDGET, "--quiet", "--force")
     assert outcome == (0, "", finished.outcome.err)
-    stored = tmp_path / "barnax-out" / "result.json"
+    folder = tmp_path / "barnax-out"
+    assert set(contents(folder)) == {
+        "result.json", "timings.json", "files.json", "figures", "figures/mine.png"
+    }  # fmt: skip
+    stored = folder / "result.json"
     assert stored.read_bytes() == (finished.folder / "result.json").read_bytes()
 
 
-@pytest.mark.usefixtures("without_figures")
-def test_force_replaces_a_result(run, tmp_path):
-    write_folder(
-        tmp_path / "out", {"result.json": b"old", "figures/old.png": b"old"}, True, SESSION
-    )
-    assert run("identify", *BUDGET, "--out", "out", "--force", "-q").status == 0
-    assert Result.from_json("out/result.json").model == "iso-rc"
-    assert not Path("out/figures/old.png").exists()
-
-
-@pytest.mark.usefixtures("without_figures")
-def test_a_write_that_fails_leaves_the_old_result(run, tmp_path, monkeypatch):
-    write_folder(tmp_path / "out", {"result.json": b"old"}, True, SESSION)
-    before = contents(tmp_path)
-
-    def full(_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    outcome = run("identify", *BUDGET, "--out", "out", "--force")
-    assert outcome.status == 2
-    assert "No space left on device" in outcome.err
-    assert contents(tmp_path) == before
-
-
-def test_the_result_names_no_folder_and_no_moment(finished):
+def test_the_result_names_no_folder_and_no_moment(finished, result):
     text = (finished.folder / "result.json").read_text()
     assert str(finished.folder.parent) not in text
     assert str(BUNDLED.record.parent) not in text
     assert not re.search(r'"/|[A-Z]:\\\\|\d{4}-\d{2}-\d{2}|\d{2}:\d{2}:\d{2}', text)
-    assert not re.search(r"seconds|elapsed|timing", text)
-
-
-def test_the_stored_command_keeps_options_and_leaves_out_folders_and_output(finished):
-    result = Result.from_json(finished.folder / "result.json")
     assert result.command == ("barnax", "identify", *BUDGET)
 
 
-def test_the_bundled_files_may_be_given_by_their_paths(run, finished):
-    words = (BUNDLED.record, *OCV, "--validate", BUNDLED.validation)
-    outcome = run("identify", *words, *BUDGET, "--json")
-    result, bundled = (
-        json.loads(outcome.out),
-        json.loads((finished.folder / "result.json").read_text()),
+def test_what_cannot_be_drawn_costs_only_itself(run, finished, tmp_path, monkeypatch):
+    def broken(*_):
+        raise RuntimeError("no fonts")
+
+    # The search is done already.
+    monkeypatch.setattr(
+        "barnax.pipeline.identify", lambda *_, **__: Result.from_json(finished[1] / "result.json")
     )
-    assert result["parameters"] == bundled["parameters"]
-    assert result["metrics"] == bundled["metrics"]
-    names = [path.name for path in (BUNDLED.record, *BUNDLED.ocv)]
-    assert result["command"][2:7] == [names[0], "--ocv", names[1], "--ocv", names[2]]
+    monkeypatch.setattr(command, "result_files", broken)
+    outcome = run("identify", *BUDGET, "--quiet")
+    assert outcome.status == 0
+    assert "warning: the figures could not be drawn (no fonts); the result is written" in (
+        outcome.err
+    )
+    assert (tmp_path / "barnax-out" / "result.json").is_file()
 
 
-def test_another_key_gives_another_search():
-    first, second = (
-        json.loads(run_command("identify", *BUDGET, "--json", "--key", key).out)["search"]
-        for key in (0, 1)
+NOT_UTF8 = os.fsdecode(b"cell\xff\x1b[2J.csv")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+@pytest.mark.usefixtures("without_figures")
+def test_a_name_that_no_terminal_should_see_is_stored_and_shown_harmlessly(run, tmp_path):
+    table = pl.read_parquet(BUNDLED.record).head(1600).write_csv()
+    (tmp_path / NOT_UTF8).write_text(table)
+    outcome = run(
+        "identify", NOT_UTF8, *OCV, *BUDGET, "--trust", "none", "--out", "o\x1b[2J", "--verbose"
     )
-    assert (first["key"], second["key"]) == (0, 1)
-    assert first["seeds"][0]["history"] != second["seeds"][0]["history"]
+    assert outcome.status == 0
+    assert "\x1b" not in outcome.out + outcome.err
+    stored = Result.from_json("o\x1b[2J/result.json")
+    assert stored.name == "cell\ufffd\ufffd[2J.csv"
+    assert stored.command[2] == stored.name
+    for command_name in ("check", "validate", "export"):
+        words = {
+            "check": (NOT_UTF8, "--json"),
+            "validate": ("o\x1b[2J", NOT_UTF8),
+            "export": ("o\x1b[2J", "--to", "csv", "--out", NOT_UTF8 + ".out"),
+        }[command_name]
+        outcome = run(command_name, *words)
+        assert outcome.status in (0, 1)
+        assert "\x1b" not in outcome.out + outcome.err
+        (outcome.out + outcome.err).encode()
+
+
+def test_an_interruption_exits_130_and_writes_nothing(run, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("barnax.pipeline.search_seeds", interrupted)
+    outcome = run("identify", *BUDGET, "--out", "out")
+    assert outcome.status == 130
+    assert "earlier results are as they were" in outcome.err
+    assert contents(tmp_path) == {}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_full_stdout_is_one_message_and_the_folder_is_written(tmp_path):
+    words = [sys.executable, "-m", "barnax", "identify", *BUDGET, "--trust", "none"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(words, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr.count("error: ") == 1
+    assert "error: output could not be written (No space left on device)" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert Result.from_json(tmp_path / "barnax-out" / "result.json").model == "iso-rc"
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_records_are_compressed_once_though_two_threads_need_it(run, monkeypatch):
-    compress, calls = problem.compress, []
-
-    def slowly(*arguments):
-        calls.append(arguments)
-        # Long enough for the other thread to ask as well.
-        time.sleep(0.5)
-        return compress(*arguments)
-
-    monkeypatch.setattr(problem, "compress", slowly)
-    assert run("identify", *BUDGET, "--quiet").status == 0
-    assert len(calls) == 1
+def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder, source in (("a", BUNDLED.record), ("b", BUNDLED.validation)):
+        Path(folder).mkdir()
+        pl.read_parquet(source).head(1600).write_parquet(f"{folder}/drive.parquet")
+    outcome = run_command(
+        "identify", "a/drive.parquet", "b/drive.parquet", *OCV, "--validate", BUNDLED.validation,
+        "--seeds", "1", "--population", "8", "--iterations", "1", "--trust", "none",
+        "--score-to", "1500", "--score-to", "b/drive.parquet=1000",
+        "--capacity", "b/drive.parquet=1.9", "--initial-soc", "validation.parquet=0.98",
+        "--out", "o",
+    )  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    result = Result.from_json("o/result.json")
+    first, second, third = (*result.of_role("identification"), *result.of_role("validation"))
+    assert [each.name for each in (first, second)] == ["a/drive.parquet", "b/drive.parquet"]
+    assert [each.record for each in result.metrics.jointly] == [first.name, second.name]
+    assert [each.samples for each in (first, second, third)] == [1501, 1001, 1501]
+    assert second.capacity_ah == 1.9
+    assert first.capacity_ah == third.capacity_ah == result.cell_model.capacity_ah
+    assert [each.start.soc_source for each in (first, second, third)] == [
+        "rested voltage", "rested voltage", "given"
+    ]  # fmt: skip
+    # Validated again, a record keeps what was given for it.
+    again = run_command("validate", "o", BUNDLED.validation, "--json")
+    assert json.loads(again.out)["rmse [V]"] == result.metrics.validation[0].rmse_v
+    assert run_command("rerun", "o", "--data", BUNDLED.record.parent).status == 0

@@ -1,171 +1,26 @@
 """Results are written whole or not at all, and never over anything else."""
 
+import json
 import os
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 
-from barnax.cli import identify as command
-from barnax.cli import output
-from barnax.cli.output import write_folder
-from barnax.cli.session import Session
+from barnax.cli.output import write_file, write_folder
 from barnax.errors import InputError
 
 from .conftest import BUDGET, contents
 
-SESSION = Session(is_quiet=True)
 IDENTIFY = ("identify", *BUDGET)
 OLD = {"result.json": b"old", "timings.json": b"old", "figures/ocv.png": b"old"}
 NEW = {"result.json": b"new", "figures/ocv.png": b"new", "figures/more/deep.png": b"new"}
+MINE = {"thesis.tex": b"mine", "figures/mine.png": b"mine"}
 
 
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
-    folder = tmp_path / "out"
-    write_folder(folder, OLD, True, SESSION)
-    return folder
-
-
-def written(folder: Path) -> dict[str, bytes]:
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-
-
-def test_a_fresh_folder_is_made_with_its_parents(tmp_path):
-    write_folder(tmp_path / "a" / "b", NEW, True, SESSION)
-    assert written(tmp_path) == {f"a/b/{name}": content for name, content in NEW.items()}
-
-
-def test_a_new_result_leaves_nothing_of_the_old_one(old):
-    write_folder(old, NEW, True, SESSION)
-    assert written(old.parent) == {f"out/{name}": content for name, content in NEW.items()}
-
-
-@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-@pytest.mark.parametrize("nth", [0, 1], ids=["old-away", "new-in"])
-def test_a_stop_while_folders_are_moved_leaves_the_old_result(old, monkeypatch, cause, nth):
-    before, replace, calls = contents(old.parent), os.replace, []
-
-    def stopped(source, target):
-        calls.append(target)
-        if len(calls) == nth + 1:
-            raise cause
-        replace(source, target)
-
-    monkeypatch.setattr(output, "_exchange", lambda first, second: False)
-    monkeypatch.setattr(os, "replace", stopped)
-    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
-        write_folder(old, NEW, True, SESSION)
-    assert contents(old.parent) == before
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="renameat2 is Linux's")
-def test_where_the_system_can_old_and_new_change_places_in_one_step(old, monkeypatch):
-    monkeypatch.setattr(os, "replace", lambda *_: pytest.fail("the folder was away for a moment"))
-    write_folder(old, NEW, True, SESSION)
-    assert written(old.parent) == {f"out/{name}": content for name, content in NEW.items()}
-
-
-def test_a_full_disk_while_files_are_written_leaves_the_old_result(old, monkeypatch):
-    before = contents(old.parent)
-
-    def full(_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(InputError, match=r"No space left on device.*nothing was changed"):
-        write_folder(old, NEW, True, SESSION)
-    assert contents(old.parent) == before
-
-
-def test_a_place_that_refuses_a_folder_is_a_message(tmp_path, monkeypatch):
-    def forbidden(**_):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(tempfile, "TemporaryDirectory", forbidden)
-    with pytest.raises(InputError, match=r"Permission denied.*give --out another folder"):
-        write_folder(tmp_path / "out", NEW, True, SESSION)
-    assert contents(tmp_path) == {}
-
-
-def test_results_go_to_where_a_link_points(tmp_path, old):
-    link = tmp_path / "link"
-    link.symlink_to(old, target_is_directory=True)
-    write_folder(link, NEW, True, SESSION)
-    assert link.is_symlink()
-    assert written(old) == NEW
-
-
-def test_a_name_that_is_just_not_too_long_is_written(tmp_path):
-    write_folder(tmp_path / (255 * "x"), NEW, True, SESSION)
-    assert written(tmp_path / (255 * "x")) == NEW
-
-
-@pytest.mark.parametrize("name", [300 * "x", f"{300 * 'x'}/out", f"out/{300 * 'x'}"])
-def test_a_name_too_long_for_a_folder_is_refused_before_any_work(refuse, monkeypatch, name):
-    monkeypatch.setattr(command, "choose_files", None)
-    message = refuse(*IDENTIFY, "--out", name)
-    assert f"{name}: cannot be used (File name too long); give --out another folder" in message
-
-
-def test_a_link_that_leads_to_itself_is_refused(refuse, tmp_path):
-    (tmp_path / "loop").symlink_to("loop")
-    assert "give --out another folder" in refuse(*IDENTIFY, "--out", "loop")
-
-
-def test_another_result_is_refused_and_force_is_named(refuse, old):
-    message = refuse(*IDENTIFY, "--out", old)
-    assert f"{old}: holds a result" in message
-    assert "--force" in message
-
-
-def test_the_default_folder_is_guarded_too(refuse, tmp_path):
-    write_folder(tmp_path / "barnax-out", OLD, True, SESSION)
-    assert "barnax-out: holds a result" in refuse(*IDENTIFY)
-
-
-@pytest.mark.parametrize("force", [(), ("--force",)], ids=["", "force"])
-@pytest.mark.parametrize("name", ["thesis.tex", "figures/mine.png"])
-def test_a_folder_of_somebody_elses_is_refused_even_with_force(refuse, tmp_path, name, force):
-    write_folder(tmp_path / "out", {name: b"mine"}, True, SESSION)
-    message = refuse(*IDENTIFY, "--out", "out", *force)
-    assert f"out: holds {name.split('/')[0]!r}, which barnax did not write" in message
-
-
-def test_a_file_in_the_folders_place_is_refused(refuse, tmp_path):
-    (tmp_path / "out").write_text("mine")
-    assert "out: is a file" in refuse(*IDENTIFY, "--out", "out")
-    assert "cannot be written to" in refuse(*IDENTIFY, "--out", "out/deeper")
-
-
-@pytest.mark.parametrize("name", [".", ""])
-def test_the_working_folder_itself_is_not_replaced(refuse, name):
-    assert "give --out one in it" in refuse(*IDENTIFY, "--out", name, "--force")
-
-
-def test_a_read_only_place_is_refused_before_any_work(refuse, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    monkeypatch.setattr(command, "choose_files", None)
-    message = refuse(*IDENTIFY, "--out", "out")
-    assert "cannot be written to; give --out another folder" in message
-
-
-def test_an_interruption_exits_130_and_writes_nothing(run, tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(command, "choose_files", interrupted)
-    outcome = run(*IDENTIFY, "--out", "out")
-    assert outcome.status == 130
-    assert "earlier results are as they were" in outcome.err
-    # Nothing is kept yet that it could go on from.
-    assert "goes on" not in outcome.err
-    assert contents(tmp_path) == {}
+    return write_folder(tmp_path / "out", OLD, False)
 
 
 def appear(folder: Path, files: dict[str, bytes]) -> None:
@@ -174,57 +29,160 @@ def appear(folder: Path, files: dict[str, bytes]) -> None:
         (folder / name).write_bytes(content)
 
 
-FOREIGN = {"thesis.tex": b"mine"}
+def written(folder: Path) -> dict[str, bytes]:
+    """Every file but the list, which must name all that are ours."""
+    files = {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+    if "files.json" in files:
+        listed = set(json.loads(files.pop("files.json")))
+        assert listed - set(files) == {"files.json"}
+    return files
 
 
-@pytest.mark.parametrize(
-    ("files", "is_forced"), [(OLD, False), (FOREIGN, False), (FOREIGN, True), (FOREIGN | OLD, True)]
-)
-def test_what_appears_during_a_run_stays_and_the_results_go_beside_it(
-    tmp_path, capsys, files, is_forced
+def test_a_fresh_folder_is_made_with_its_parents(tmp_path):
+    write_folder(tmp_path / "a" / "b", NEW, False)
+    assert written(tmp_path / "a" / "b") == NEW
+
+
+def test_a_new_result_leaves_nothing_of_the_old_one_and_all_of_the_users(old):
+    appear(old, MINE)
+    assert write_folder(old, NEW, True) == old
+    assert written(old) == NEW | MINE
+
+
+def test_a_users_file_that_would_be_replaced_stays_and_the_results_go_beside_it(old):
+    appear(old, {"figures/more/deep.png": b"mine"})
+    assert write_folder(old, NEW, True) == old.with_name("out-2")
+    assert written(old) == OLD | {"figures/more/deep.png": b"mine"}
+    assert written(old.with_name("out-2")) == NEW
+
+
+@pytest.mark.parametrize("listed", [None, b"", b"[[]]"], ids=["none", "empty", "nested"])
+def test_a_result_without_a_usable_list_is_replaced_all_the_same(tmp_path, listed):
+    appear(tmp_path / "out", OLD | MINE | ({} if listed is None else {"files.json": listed}))
+    assert write_folder(tmp_path / "out", NEW, True) == tmp_path / "out"
+    assert written(tmp_path / "out") == NEW | MINE
+
+
+def stop(monkeypatch, name, cause, nth=0):
+    """The nth call of a function of `os` stops."""
+    real, calls = getattr(os, name), []
+
+    def stopped(*given):
+        calls.append(given)
+        if len(calls) == nth + 1:
+            raise cause
+        return real(*given)
+
+    monkeypatch.setattr(os, name, stopped)
+
+
+@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize(("name", "nth"), [("fsync", 1), ("replace", 0), ("replace", 1)])
+def test_a_stop_while_a_folder_is_written_leaves_the_old_one(old, monkeypatch, cause, name, nth):
+    before = contents(old.parent)
+    stop(monkeypatch, name, cause, nth)
+    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
+        write_folder(old, NEW, True)
+    assert contents(old.parent) == before
+
+
+@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_a_stop_while_a_file_is_written_leaves_the_old_one(tmp_path, monkeypatch, cause, step):
+    path = tmp_path / "cell.h"
+    path.write_text("old")
+    stop(monkeypatch, step, cause)
+    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
+        write_file(path, b"new")
+    assert path.read_text() == "old"
+    assert list(contents(tmp_path)) == ["cell.h"]
+
+
+def test_what_a_killed_run_left_is_cleared_and_what_a_running_one_has_is_not(tmp_path):
+    killed = tmp_path / ".barnax-999999999-x"
+    running = tmp_path / f".barnax-{os.getppid()}-x"
+    for folder in (killed, running):
+        appear(folder, {"new/result.json": b"half"})
+    write_folder(tmp_path / "out", NEW, False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [running.name, "out"]
+
+
+def test_a_place_that_refuses_a_folder_is_a_message(tmp_path, monkeypatch):
+    def forbidden(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", forbidden)
+    with pytest.raises(InputError, match=r"Permission denied.*give `out` another folder"):
+        write_folder(tmp_path / "out", NEW, False)
+    assert contents(tmp_path) == {}
+
+
+def test_results_go_to_where_a_link_points(tmp_path, old):
+    (tmp_path / "link").symlink_to(old, target_is_directory=True)
+    write_folder(tmp_path / "link", NEW, True)
+    assert (tmp_path / "link").is_symlink()
+    assert written(old) == NEW
+    (tmp_path / "link.h").symlink_to("real.h")
+    write_file(tmp_path / "link.h", b"new")
+    assert (tmp_path / "real.h").read_text() == "new"
+
+
+def test_our_files_have_the_permissions_any_new_file_has(tmp_path):
+    (tmp_path / "plain").write_text("")
+    write_file(tmp_path / "ours", b"")
+    write_folder(tmp_path / "out", NEW, False)
+    modes = {path.stat().st_mode for path in (tmp_path / "ours", tmp_path / "out/result.json")}
+    assert modes == {(tmp_path / "plain").stat().st_mode}
+    (tmp_path / "folder").mkdir()
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "folder").stat().st_mode
+
+
+REFUSED = {
+    "out": "out: holds a result; replace it with --force or give --out another folder",
+    "foreign": "foreign: holds 'figures', which barnax did not write",
+    "file": "file: cannot be used (Not a directory); give --out another folder",
+    "file/deeper": "file/deeper: {tmp}/file cannot be written to; give --out another folder",
+    "loop": "give --out another folder",
+    ".": "results replace their folder as a whole; give --out one in it",
+    300 * "x": "cannot be used (File name too long); give --out another folder",
+    f"out/{300 * 'x'}": "cannot be used (File name too long); give --out another folder",
+}
+
+
+@pytest.mark.usefixtures("without_work")
+@pytest.mark.parametrize(("name", "message"), REFUSED.items(), ids=lambda text: text[:12])
+def test_a_place_that_takes_no_folder_is_refused_before_any_work(
+    refuse, tmp_path, old, name, message
 ):
+    appear(tmp_path / "foreign", MINE)
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "loop").symlink_to("loop")
+    forced = () if name == "out" else ("--force",)
+    assert message.format(tmp=tmp_path) in refuse(*IDENTIFY, "--out", name, *forced)
+
+
+@pytest.mark.usefixtures("without_work")
+def test_a_read_only_place_is_refused_before_any_work(refuse, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    message = refuse(*IDENTIFY, "--out", "out")
+    assert "cannot be written to; give --out another folder" in message
+
+
+@pytest.mark.parametrize(("files", "is_forced"), [(OLD, False), (MINE, False), (MINE, True)])
+def test_what_appears_during_a_run_stays_and_the_results_go_beside_it(tmp_path, files, is_forced):
     appear(tmp_path / "out", files)
-    place = write_folder(tmp_path / "out", NEW, is_forced, SESSION)
-    assert place == tmp_path / "out-2"
-    assert written(tmp_path / "out") == files
-    assert written(place) == NEW
-    assert "out-2" in capsys.readouterr().err.replace("\n", "")
-
-
-def test_the_first_free_name_beside_it_is_taken(tmp_path):
-    appear(tmp_path / "out", OLD)
-    appear(tmp_path / "out-2", FOREIGN)
+    appear(tmp_path / "out-2", MINE)
     (tmp_path / "out-3").write_bytes(b"a file")
-    assert write_folder(tmp_path / "out", NEW, False, SESSION) == tmp_path / "out-4"
-    assert written(tmp_path / "out-2") == FOREIGN
-    assert (tmp_path / "out-3").read_bytes() == b"a file"
+    assert write_folder(tmp_path / "out", NEW, is_forced) == tmp_path / "out-4"
+    assert written(tmp_path / "out") == files
+    assert written(tmp_path / "out-4") == NEW
 
 
-def test_a_file_that_appears_in_the_folders_place_stays(tmp_path):
-    (tmp_path / "out").write_bytes(b"mine")
-    assert write_folder(tmp_path / "out", NEW, True, SESSION) == tmp_path / "out-2"
-    assert (tmp_path / "out").read_bytes() == b"mine"
-
-
-def test_an_empty_folder_is_used(tmp_path, capsys):
+def test_an_empty_folder_is_used(tmp_path):
     (tmp_path / "out").mkdir()
-    assert write_folder(tmp_path / "out", NEW, False, SESSION) == tmp_path / "out"
-    assert written(tmp_path) == {f"out/{name}": content for name, content in NEW.items()}
-    assert capsys.readouterr().err == ""
-
-
-def test_a_command_loses_nothing_that_appears_while_it_runs(run, tmp_path, monkeypatch):
-    real = command.read_inputs
-
-    def meanwhile(*arguments, **options):
-        appear(tmp_path / "out", OLD)
-        return real(*arguments, **options)
-
-    monkeypatch.setattr(command, "read_inputs", meanwhile)
-    monkeypatch.setattr(command, "cell_figures", lambda _: {})
-    monkeypatch.setattr(command, "found_figures", lambda *_: {})
-    outcome = run(*IDENTIFY, "--out", "out", "--quiet")
-    assert outcome.status == 0
-    assert written(tmp_path / "out") == OLD
-    assert (tmp_path / "out-2" / "result.json").is_file()
-    assert "something else has appeared there" in outcome.err
+    assert write_folder(tmp_path / "out", NEW, False) == tmp_path / "out"
+    assert written(tmp_path / "out") == NEW

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import InputError
+from ..errors import InputError, printable
 from .options import INPUT, OUTPUT
 from .session import Session, as_flags
 
@@ -58,7 +58,7 @@ def check(
                 each = check_file(file, capacity_ah=capacity)
         except InputError as problem:
             unreadable.append(str(problem))
-            listed.append({"file": file.name, "unreadable": str(problem)})
+            listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
             continue
         found.append(each)
         listed.append(each.to_dict())

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from .options import (
     Files,
@@ -21,7 +20,7 @@ from .options import (
     run_options,
 )
 from .output import DEFAULT_FOLDER, require_free, write_folder
-from .session import Session, as_flags, use_compilation_cache
+from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
@@ -99,7 +98,7 @@ def _show(
     session.show(to_terminal(document.spelled(as_flags)))
     session.warn(result.warnings)
     if folder is not None:
-        session.show([f"\nThe report is [bold]{escape(str(folder))}/report.html[/bold]."])
+        session.show([f"\nThe report is [bold]{shown(folder)}/report.html[/bold]."])
 
 
 def _row_watch(session: Session, advance: Callable[[int], None]) -> Callable:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from .options import (
     Choices,
@@ -133,8 +132,8 @@ def _next(result: "Result") -> str:
 
     options, advice = next_step(result)
     if not options:
-        return advice
+        return as_flags(advice)
     words = [word for name, value in options.items() for word in (f"--{name}", value)]
     given = without_appearance(sys.argv[1:])
     command = shlex.join(["barnax", *given, *words, "--out", "barnax-out-2"])
-    return escape(as_flags(f"{command}   {advice}"))
+    return f"{command}   {as_flags(advice)}"

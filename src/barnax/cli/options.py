@@ -191,7 +191,8 @@ class RecordOptions:
                     found.setdefault(record, {})[name] = parse(value)
                 except ValueError as problem:
                     raise InputError(
-                        f"`{option}` {text!r}: write a value, or FILE=VALUE for one of the records"
+                        f"`{option}` {text!r}: write it like {_EXAMPLES.get(option, '5')}, or "
+                        f"FILE={_EXAMPLES.get(option, '5')} for one of the records"
                     ) from problem
         return found
 
@@ -216,6 +217,12 @@ def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) ->
     return values
 
 
+_EXAMPLES = {
+    "initial_soc": "0.9",
+    "initial_direction": "-1",
+    "score_steps": "7,8",
+    "score_soc": "0.1,1",
+}
 _WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "capacity": ("capacity_ah", float),
     "start_time": ("start_time_s", float),

@@ -6,7 +6,7 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -56,7 +56,8 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     Gives the folder that they went to.
     """
     place = folder.resolve()
-    if not (is_forced and any((place / name).is_file() for name in RESULTS)):
+    is_replaced = is_forced and any((place / name).is_file() for name in RESULTS)
+    if not is_replaced or not _users_files(place, files).isdisjoint(files):
         place = _free_name(place)
     listed = json.dumps(sorted([*files, LIST]), indent=1) + "\n"
     with _described(folder, "nothing was changed; give `out` another folder"):
@@ -71,7 +72,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
             if not place.exists():
                 os.replace(fresh, place)
                 return folder if place == folder.resolve() else place
-            _carry_over(place, fresh)
+            _carry_over(place, fresh, _users_files(place, files))
             os.replace(place, old)
             try:
                 os.replace(fresh, place)
@@ -90,24 +91,20 @@ def _free_name(place: Path) -> Path:
     raise AssertionError("there is always another number")
 
 
-def _carry_over(place: Path, fresh: Path) -> None:
+def _users_files(place: Path, files: Iterable[str]) -> set[str]:
+    """What in a folder of results is not ours: neither in its list nor, without one, named so."""
+    own = {*OURS, *files}
+    with suppress(OSError, ValueError, TypeError):
+        own = {LIST, *json.loads((place / LIST).read_text())}
+    found = (path for path in place.rglob("*") if path.is_symlink() or not path.is_dir())
+    return {path.relative_to(place).as_posix() for path in found} - own
+
+
+def _carry_over(place: Path, fresh: Path, names: Iterable[str]) -> None:
     """Give the new folder what in the old one is not ours."""
-    own = OURS
-    with suppress(OSError, ValueError):
-        own = {*json.loads((place / LIST).read_text())}
-    for path in place.rglob("*"):
-        name = path.relative_to(place)
-        if path.is_dir() and not path.is_symlink():
-            continue
-        if name.as_posix() in own:
-            continue
-        if (fresh / name).exists():
-            raise InputError(
-                f"{path}: is not barnax's own, and the result has a file of that name; move it, or "
-                "give `out` another folder"
-            )
+    for name in names:
         (fresh / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(path, fresh / name, follow_symlinks=False)
+        shutil.copy2(place / name, fresh / name, follow_symlinks=False)
 
 
 def require_free_file(path: Path, is_forced: bool) -> None:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
 
 from ..errors import InputError
 from .options import (
@@ -30,7 +29,7 @@ from .options import (
     grouped,
 )
 from .output import require_free_file, write_file
-from .session import Session, as_flags, use_compilation_cache
+from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..export import Verification
@@ -101,8 +100,13 @@ def validate(
 
     stored = load(result)
     chosen = of_records.chosen()
+    unknown = sorted(chosen.keys() - {"", record.name})
+    if unknown:
+        raise InputError(f"an option is given for {unknown[0]!r}; the record is {record.name}")
     given = {**chosen.get("", {}), **chosen.get(record.name, {})}
-    window = _window(stored.window, given, whole_record)
+    # What was given for one record alone is not another's.
+    own = {each.name: each.window for each in stored.inputs if each.window}
+    window = _window(own.get(record.name, stored.window), given, whole_record)
     with session.watch("Simulating"):
         evaluation, warnings = validate_stored(
             stored, record, window, current_sign=current_sign, current_hold=current_hold
@@ -220,7 +224,7 @@ def _differences(stored: "Result", repeated: "Result") -> list[str]:
     entries = [set(_entries(json.loads(each.to_json()))) for each in (stored, repeated)]
     names = list(dict.fromkeys(place for place, _ in sorted(entries[0] ^ entries[1])))
     first = ", ".join(names[:3])
-    return [*lines, f"{len(names)} entries are not what is stored, such as {escape(first)}."]
+    return [*lines, f"{len(names)} entries are not what is stored, such as {shown(first)}."]
 
 
 def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
@@ -269,7 +273,7 @@ def export(
             found = simulate_both(stored, exporter, content)
     write_file(path, content)
     session.warn(caveats)
-    session.show([f"{exporter.description}: [bold]{escape(str(path))}[/bold]"])
+    session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])
     if found is not None:
         session.show([_verification(found)])
 

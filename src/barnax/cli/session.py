@@ -35,6 +35,11 @@ def as_flags(text: str) -> str:
     return _OPTION.sub(flag, text)
 
 
+def shown(text: object) -> str:
+    """A name as a console shows it: no markup, and nothing that a terminal would obey."""
+    return escape(printable(str(text)))
+
+
 class Session:
     """What a command shows while it works. Tables go to stdout, everything else to stderr.
 
@@ -61,7 +66,7 @@ class Session:
             disable=self._is_quiet or not self._notes.is_terminal,
         )
         with self.timed(title), progress:
-            task = progress.add_task(title, total=total or None)
+            task = progress.add_task(shown(title), total=total or None)
             yield lambda gained: progress.advance(task, gained)
 
     @contextmanager
@@ -82,13 +87,12 @@ class Session:
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""
         if not self._is_quiet:
-            self._notes.print(escape(printable(as_flags(text))), soft_wrap=True)
+            self._notes.print(shown(as_flags(text)), soft_wrap=True)
 
     def warn(self, warnings: Iterable[str]) -> None:
         """Print warnings to stderr, even where the command is quiet."""
         for text in warnings:
-            shown = escape(printable(as_flags(text)))
-            self._notes.print("[yellow]warning:[/yellow]", shown, soft_wrap=True)
+            self._notes.print("[yellow]warning:[/yellow]", shown(as_flags(text)), soft_wrap=True)
 
     @property
     def seconds(self) -> Mapping[str, float]:
@@ -113,7 +117,9 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
     kept = ["barnax"]
     for word in without_appearance(sys.argv[1:]):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-        kept.append(printable(option + equals + names.get(Path(value), _file_name(value))))
+        if value.rpartition("=")[0] not in names.values():
+            value = names.get(Path(value), _file_name(value))
+        kept.append(printable(option + equals + value))
     return kept
 
 

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import ConfigDict, PrivateAttr
+from pydantic import ConfigDict
 
 from ..baselines import METHODS, Answer
 from ..cell import CellModel, CircuitParameters, OcvTable
@@ -205,8 +205,8 @@ class ComparisonResult(ComparisonPart, Document):
     def cell_model(self) -> CellModel:
         return self.cell
 
-    _what: str = PrivateAttr("barnax comparison")
-    _remedy: str = PrivateAttr("give the comparison.json that barnax compare wrote")
+    what: ClassVar[str] = "barnax comparison"
+    remedy: ClassVar[str] = "give the comparison.json that barnax compare wrote"
 
 
 def make_comparison_result(

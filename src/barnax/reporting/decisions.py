@@ -64,7 +64,7 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
 
 
 def guess_sentences(stored: "Stored") -> Iterator[str]:
-    """The decisions that were guesses, that the answer depends on, and how to settle them."""
+    """The decisions that were guesses and that the answer depends on, with how to settle them."""
     simulated = [each for each in stored.inputs if each.start is not None]
     guessed = [each for each in simulated if each.hold and each.hold.strength == "assumed"]
     if guessed:

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table as Shown
 from rich.text import Text
 
+from ..errors import printable
 from .document import Bullets, Document, Listing, Paragraph, Table
 from .verdict import best_possible, weakest_point
 from .words import duration, figures, milliohm
@@ -66,10 +67,10 @@ def guesses(result: "Result") -> list[str]:
 def to_terminal(document: Document) -> Iterator[RenderableType]:
     """A document with its tables, without its pictures."""
     for section in document.sections:
-        yield Text(f"\n{section.title}", style="bold cyan")
+        yield _text(f"\n{section.title}", style="bold cyan")
         for block in section.blocks:
             if isinstance(block, Paragraph | Listing):
-                yield Text(block.text)
+                yield _text(block.text)
             elif isinstance(block, Bullets):
                 style = "yellow" if block.are_warnings else ""
                 for item in block.items:
@@ -78,9 +79,14 @@ def to_terminal(document: Document) -> Iterator[RenderableType]:
                 yield terminal_table(block)
 
 
+def _text(text: str, style: str = "") -> Text:
+    """A text without markup, and without what a terminal would obey; its lines stay."""
+    return Text("\n".join(map(printable, text.split("\n"))), style=style)
+
+
 def terminal_table(table: Table) -> Shown:
     """A document's table as a terminal shows it."""
-    shown = Shown(caption=escape(table.caption), caption_justify="left", **LAYOUT)
+    shown = Shown(caption=_text(table.caption), caption_justify="left", **LAYOUT)
     for column in table.columns:
         is_number = column.role == "number"
         # Narrow, so that names stay whole beside seven figures in 80 columns.
@@ -90,7 +96,7 @@ def terminal_table(table: Table) -> Shown:
     for place, row in enumerate(table.rows):
         shown.add_row(
             *(
-                Text(cell, style="bold" if (place, index) in table.best else "")
+                _text(cell, style="bold" if (place, index) in table.best else "")
                 for index, cell in enumerate(row)
             )
         )
@@ -109,7 +115,7 @@ def _line(head: str, text: str, width: int = 15, style: str = "") -> RenderableT
     grid.add_column(width=width, no_wrap=True)
     grid.add_column()
     label = head if head == "-" else f"{head}:"
-    grid.add_row(Text(label, style="bold"), Text(text, style=style))
+    grid.add_row(Text(label, style="bold"), _text(text, style=style))
     return grid
 
 
@@ -118,7 +124,7 @@ def _files_table(result: "Result") -> Shown:
     for _ in range(4):
         table.add_column(no_wrap=True)
     for each in (*result.of_role("identification"), *result.of_role("validation")):
-        table.add_row(_short(each.name), *_extent(each))
+        table.add_row(_text(_short(each.name)), *_extent(each))
     return table
 
 
@@ -202,4 +208,4 @@ def _short(name: str) -> str:
 
 def parts_line(parts: Sequence[str]) -> RenderableType:
     """Short facts in one line."""
-    return _indented(Text("   ".join(parts)))
+    return _indented(_text("   ".join(parts)))

@@ -24,7 +24,8 @@ def best_possible(result: "Result") -> str:
             f"{reached} of {counted(seeds, 'seed')} end in the best optimum found."
         )
     if result.answer_source == "seeds":
-        return f"{optimum_sentence(optimum)} The seeds found the better circuit."
+        gap = percent(optimum.rmse_v / result.metrics.identification.rmse_v - 1)
+        return f"not proved: the seeds found a circuit {gap} better than the grid did."
     found = f"{optimum.seeds_there} of {counted(seeds, 'seed')} found it"
     text = optimum_sentence(optimum).removeprefix("Best possible: ").rstrip(".")
     return f"{text} ({found})."

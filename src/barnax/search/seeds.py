@@ -18,7 +18,7 @@ from ..model.padding import padding_for
 from ..model.problem import Objective, Problem, rmse, rmse_by_scan
 from ..model.simulate import AbstractEvaluator
 from ..optimizers import AbstractPopulationMinimiser
-from ..schema import ARRAY
+from ..schema import ARRAY, Loss
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class SeedAnswer:
     `rmse_v` is always computed by the scan; the history by the objective that was searched.
     """
 
-    rmse_v: float
+    rmse_v: Loss
     parameters: CircuitParameters
     history_v: Annotated[Float[np.ndarray, "generations"], ARRAY]
     evaluations: int

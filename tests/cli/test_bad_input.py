@@ -1,0 +1,156 @@
+"""What cannot be used: exit status 2, one message with file, row, value and remedy, no files.
+
+The messages themselves stand in `golden/refusals-files.txt` and `golden/refusals-options.txt`.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.bundled import BUNDLED
+from golden import require_golden
+
+from .conftest import BUDGET, OCV
+
+TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
+RECORD, VALIDATION = BUNDLED.record, BUNDLED.validation
+
+
+def inputs(samples: int = 2000) -> pl.DataFrame:
+    return pl.read_parquet(RECORD).head(samples)
+
+
+def changed(column: str, value: float) -> pl.DataFrame:
+    """The record with another value at row 100."""
+    values = inputs()[column].to_numpy().copy()
+    values[98] = value
+    return inputs().with_columns(pl.Series(column, values))
+
+
+def discharging_without_rests() -> pl.DataFrame:
+    moving = pl.read_parquet(BUNDLED.ocv[1]).filter(pl.col(CURRENT).abs() > 0.02)
+    return moving.with_columns(pl.Series(TIME, np.arange(len(moving)) * 2.0))
+
+
+FRAMES: dict[str, Callable[[], pl.DataFrame]] = {
+    "no_current.csv": lambda: inputs().drop(CURRENT),
+    "nan [v2].csv": lambda: changed(VOLTAGE, np.nan),
+    "backward.csv": lambda: changed(TIME, 3.5),
+    "milliamperes.csv": lambda: inputs().with_columns(pl.col(CURRENT) * 1000),
+    "header.csv": lambda: inputs(0),
+    "zero_volts.csv": lambda: changed(VOLTAGE, 0.0),
+    "no_rests.csv": discharging_without_rests,
+    "deep.csv": lambda: pl.read_parquet(VALIDATION).with_columns(pl.col(CURRENT) - 8.0),
+}
+CONTENTS = {
+    "empty.csv": b"",
+    "noise.csv": np.random.default_rng(0).bytes(4096),
+    "swapped.toml": b'[bounds]\n"R0 [Ohm]" = [0.1, 0.01]',
+    "unknown.toml": b'[bounds]\n"R7 [Ohm]" = [1, 2]',
+    "single.toml": b'[bounds]\n"R0 [Ohm]" = 0.1',
+    "twice.toml": b'[bounds]\n"C1 [F]" = [1, 2]\n"tau1 [s]" = [1, 2]',
+    "table.toml": b'[box]\n"R0 [Ohm]" = [1, 2]',
+    "broken.toml": b"[bounds\n",
+}
+
+FILES = [
+    *((name, *OCV) for name in (*FRAMES, *CONTENTS) if name.endswith(".csv")),
+    (RECORD, "--ocv", "no_rests.csv"),
+    (RECORD, "--ocv", "nan [v2].csv"),
+    (RECORD, "--ocv", "absent.csv"),
+    (RECORD, "--ocv", VALIDATION),
+    (RECORD, *OCV, "--validate", "backward.csv"),
+    (RECORD, *OCV, "--validate", "zero_volts.csv"),
+    (RECORD, *OCV, "--validate", "deep.csv", "--initial-soc", "0.9"),
+    (RECORD, *OCV, "--validate", RECORD),
+    (RECORD, "copy.parquet", *OCV),
+    (".", *OCV),
+    (300 * "x", *OCV),
+    (RECORD,),
+    OCV,
+    ("--current-sign", "discharge-positive"),
+    ("--ocv-current-sign", "discharge-positive"),
+    ("--validate-current-sign", "discharge-positive"),
+]
+OPTIONS = [
+    ("--method", "nope"),
+    ("--model", "nope"),
+    ("--population", "100000000"),
+    ("--seeds", "1000000000"),
+    ("--score-from", "2000"),
+    ("--score-from", "1e9", "--score-to", "2e9"),
+    ("--score-steps", "7;8"),
+    ("--score-steps", "7"),
+    ("--score-soc", "0.9,0.1"),
+    ("--score-soc", "0.1"),
+    ("--start-after-step", "3"),
+    ("--start-time", "-5"),
+    ("--start-time", "5", "--start-after-step", "3"),
+    ("--start-time", "700"),
+    ("--initial-soc", "80"),
+    ("--initial-soc", "0.02"),
+    ("--initial-soc", "other.csv=0.9"),
+    ("--initial-direction", "0"),
+    ("--rest-current", "-1"),
+    ("--rest-current", "50"),
+    ("--capacity", "-2"),
+    ("--capacity", "0"),
+    ("--capacity", "nan"),
+    ("--capacity", "20"),
+    ("--fix", "C1 [F]"),
+    ("--fix", "C1 [F]=lots"),
+    ("--fix", "R9 [Ohm]=1"),
+    ("--fix", "R0 [Ohm]=-1"),
+    ("--fix", "C1 [F]=5", "--fix", "tau1 [s]=5"),
+    *(("--bounds", name) for name in (*CONTENTS, "absent.toml", ".") if "csv" not in name),
+]
+
+
+@pytest.fixture
+def bad_files(tmp_path: Path) -> None:
+    for name, make in FRAMES.items():
+        make().write_csv(tmp_path / name)
+    for name, content in CONTENTS.items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "copy.parquet").write_bytes(RECORD.read_bytes())
+
+
+@pytest.mark.usefixtures("bad_files")
+@pytest.mark.parametrize(("cases", "golden"), [(FILES, "files"), (OPTIONS, "options")])
+def test_every_refusal_is_one_message_that_says_what_to_do(refuse, monkeypatch, cases, golden):
+    # Nothing is searched for before everything was looked at.
+    monkeypatch.setattr("barnax.pipeline.search_seeds", None)
+    told = []
+    for case in cases:
+        words = [word.name if isinstance(word, Path) else word for word in case]
+        message = refuse("identify", *BUDGET, *case)
+        assert message.count("error: ") == 1
+        assert message.startswith("error: ")
+        told += [f"$ barnax identify {' '.join(words)}", message]
+    require_golden(f"refusals-{golden}.txt", "\n".join(told))
+
+
+@pytest.mark.parametrize(
+    ("words", "choices"),
+    [
+        (("--coordinates", "nope"), ("rc", "log")),
+        (("--current-sign", "nope"), ("charge-positive", "discharge-positive")),
+        (("--trust", "deep"), ("none", "basic", "full")),
+        (("--seeds", "0"), ("--seeds", "1")),
+        (("--iterations", "x"), ("--iterations", "integer")),
+        (("--frce",), ("--frce", "--force")),
+    ],
+)
+def test_what_the_parser_can_tell_is_a_usage_error_that_lists_the_choices(refuse, words, choices):
+    message = refuse("identify", *BUDGET, *words)
+    assert message.startswith("Usage: ")
+    assert all(choice in message for choice in choices)
+
+
+def test_no_command_at_all_shows_the_help(run):
+    outcome = run()
+    assert outcome.status == 2
+    assert "identify" in outcome.out + outcome.err

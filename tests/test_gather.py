@@ -1,0 +1,143 @@
+"""What is read, under which name, and what the checks have against it."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.bundled import BUNDLED
+from barnax.checks import check_file
+from barnax.cli.session import command_line
+from barnax.errors import InputError
+from barnax.gather import (
+    Reading,
+    Settings,
+    file_names,
+    input_warnings,
+    read_inputs,
+    read_validation,
+    windows_of,
+)
+from barnax.model.inputs import Window
+from reference import make_record
+
+
+def read(records, ocv=BUNDLED.ocv, validate=(), window=None, **options):
+    given = {"capacity": None, "ocv_capacity": None, "window": window} | options
+    return read_inputs(
+        records, list(ocv), list(validate), Reading(),
+        ocv_fit="polynomial", hysteresis_fit="continuous", **given,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["cell/a.csv", "cell/b.csv"], ["a.csv", "b.csv"]),
+        (["cell/a.csv", "other/a.csv"], ["cell/a.csv", "other/a.csv"]),
+        (["x/cell/a.csv", "y/cell/a.csv", "b.csv"], ["x/cell/a.csv", "y/cell/a.csv", "b.csv"]),
+        (["cell/a.csv", "cell/a.csv"], ["a.csv", "a.csv"]),
+        (["cell/\x1b[2J.csv"], ["\ufffd[2J.csv"]),
+    ],
+)
+def test_a_name_is_as_short_as_it_can_be(paths, names):
+    called = file_names(paths)
+    assert [called[Path(path)] for path in paths] == names
+
+
+def test_the_stored_command_has_the_names_of_the_results(monkeypatch):
+    words = [
+        "identify", "x/a.csv", "--ocv=tests/ocv.csv", "--validate", "y/a.csv", "--out", "o",
+        "--initial-soc", "y/a.csv=0.9", "--force", "-q",
+    ]  # fmt: skip
+    monkeypatch.setattr("sys.argv", ["barnax", *words])
+    assert command_line(file_names(["x/a.csv", "tests/ocv.csv", "y/a.csv"])) == [
+        "barnax", "identify", "x/a.csv", "--ocv=ocv.csv", "--validate", "y/a.csv",
+        "--initial-soc", "y/a.csv=0.9",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"), [("seeds", 0), ("population", 10**8), ("iterations", 0), ("key", -1)]
+)
+def test_more_than_any_memory_holds_and_less_than_one_are_refused(setting, value):
+    with pytest.raises(InputError, match=rf"`{setting}` {value:,} must be between"):
+        Settings(**{setting: value})
+
+
+def test_a_record_without_an_ocv_test_is_refused_by_its_name():
+    with pytest.raises(InputError, match=r"^identification.parquet: an OCV test"):
+        read(BUNDLED.record, ocv=())
+    with pytest.raises(InputError, match=r"^data frame: an OCV test"):
+        read(pl.read_parquet(BUNDLED.record), ocv=())
+
+
+def test_records_made_by_hand_have_no_bytes_to_be_the_same():
+    records = [make_record(np.arange(9.0), 1.0, name=name) for name in ("a", "b")]
+    assert read(records).records == records
+
+
+def test_each_record_has_its_own_window_or_the_common_one():
+    inputs = read(BUNDLED.record, validate=[BUNDLED.validation])
+    own = Window(initial_soc=0.9, capacity_ah=1.9)
+    windows = windows_of(inputs, {"validation.parquet": own, "": Window(score_to_s=9.0)}, 2.1)
+    assert windows == {
+        "identification.parquet": Window(score_to_s=9.0, capacity_ah=2.1),
+        "validation.parquet": own,
+    }
+    assert windows_of(inputs, Window(score_to_s=9.0), None)["validation.parquet"] == (
+        Window(score_to_s=9.0)
+    )
+
+
+@pytest.fixture
+def told(tmp_path):
+    """What is warned of for a file of these columns, as the record to identify on."""
+
+    def warnings(time_s, current_a, voltage_v, role="identification", window=None):
+        path = tmp_path / "drive.csv"
+        table = {"Test Time / s": time_s, "Current / A": current_a, "Voltage / V": voltage_v}
+        pl.DataFrame(table).write_csv(path)
+        return input_warnings(check_file(path), role, window)
+
+    return warnings
+
+
+def test_a_sound_record_is_in_no_doubt(told, bundled_record):
+    measured = bundled_record
+    assert told(measured.time_s, -measured.current_a, measured.voltage_v) == []
+
+
+def test_a_current_without_a_sign_is_a_finding_with_the_name_of_the_file(told, bundled_record):
+    measured = bundled_record
+    found = told(measured.time_s, np.abs(measured.current_a), measured.voltage_v)
+    assert found
+    assert all(text.startswith("drive.csv: ") for text in found)
+
+
+@pytest.mark.parametrize("role", ["identification", "validation"])
+def test_a_slow_sweep_is_no_dynamic_record(told, role):
+    time_s = np.arange(0.0, 72_000.0, 30.0)
+    current_a = np.where((time_s > 600) & (time_s < 70_000), -0.1, 0.0)
+    found = told(time_s, current_a, 4.18 - 1.2 * np.cumsum(-current_a) / 240, role)
+    assert any(f"drive.csv: is not fit for {role}" in text for text in found)
+
+
+def test_a_window_is_proposed_where_none_is_chosen(real_data):
+    (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
+    found = check_file(path, capacity_ah=2.0)
+    proposed = "`start_after_step=3` `initial_soc=1.0` `score_steps=7,8`"
+    # A capacity says nothing of where to start.
+    for window in (None, Window(capacity_ah=2.0), {"other.csv": Window(score_to_s=9.0)}):
+        assert any(proposed in text for text in input_warnings(found, "identification", window))
+    for window in (Window(score_to_s=9.0), {path.name: Window(initial_soc=1.0)}):
+        assert not any(proposed in text for text in input_warnings(found, "identification", window))
+
+
+def test_a_record_to_validate_on_is_checked_too(tmp_path):
+    table = pl.read_parquet(BUNDLED.validation)
+    doubled = pl.concat([table.head(40), table[39:]])
+    doubled.write_parquet(tmp_path / "twice.parquet")
+    record, warnings = read_validation(tmp_path / "twice.parquet", Reading(), None)
+    assert any("twice.parquet: row 42" in text for text in [*warnings, *record.warnings])

@@ -1,0 +1,280 @@
+"""`barnax.identify`: the answer is the best circuit known, whatever it was found from."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax import pipeline
+from barnax.bundled import BUNDLED
+from barnax.errors import InputError
+from barnax.model.inputs import Window
+from barnax.records import read_record
+from barnax.results import Result
+from reference import filtered_response, make_record
+
+SHORT = Window(score_to_s=1500.0)
+SMALL = {"seeds": 1, "population": 8, "iterations": 1, "trust": "none"}
+OCV = list(BUNDLED.ocv)
+
+
+@pytest.fixture(scope="module")
+def few():
+    """One seed of one generation on the bundled cell."""
+    return barnax.identify(window=SHORT, **SMALL)
+
+
+@pytest.fixture(scope="module")
+def many():
+    return barnax.identify(window=SHORT, seeds=6, population=20, iterations=60)
+
+
+def test_one_seed_of_one_generation_gives_the_answer_of_many(few, many):
+    assert few.parameters == pytest.approx(many.parameters, rel=1e-6)
+    assert few.metrics.validation[0].rmse_v == pytest.approx(
+        many.metrics.validation[0].rmse_v, rel=1e-6
+    )
+
+
+def test_no_answer_lies_above_the_proved_optimum(few, many):
+    for result in (few, many):
+        optimum = result.global_optimum
+        assert optimum.status == "certified"
+        assert result.metrics.identification.rmse_v <= optimum.rmse_v * (1 + 1e-9)
+        assert result.refined.rmse_v >= optimum.lower_bound_v
+
+
+def test_what_the_seeds_did_stays_told(many):
+    assert len(many.search.seeds) == len(many.refined.seeds) == 6
+    assert 1 <= many.global_optimum.seeds_there <= 6
+    assert many.global_optimum.best_gap >= 0
+
+
+def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch):
+    def too_wide(*_, **__):
+        raise InputError("the box is too wide")
+
+    monkeypatch.setattr(pipeline, "find_global_optimum", too_wide)
+    result = barnax.identify(window=SHORT, **SMALL)
+    assert result.global_optimum is None
+    assert result.answer_source == "seeds"
+    assert result.parameters == result.run.refinement.parameters.to_dict()
+    assert "not known" in result._repr_html_()
+
+
+def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
+    bounds = {"tau1 [s]": (1e-300, 1e3), "R1 [Ohm]": (1e-300, 0.2)}
+    result = barnax.identify(window=SHORT, bounds=bounds, **(SMALL | {"trust": "basic"}))
+    assert result.search.objective == "scan"
+    assert math.isfinite(result.metrics.identification.rmse_v)
+    assert result.to_json()
+
+
+def frame_of(path, library):
+    table = pl.read_parquet(path)
+    if library == "polars":
+        return table
+    if library == "mapping":
+        return {name: table[name].to_numpy() for name in table.columns}
+    return pytest.importorskip("pandas").DataFrame(table.to_dict(as_series=False))
+
+
+@pytest.mark.parametrize("library", ["polars", "pandas", "mapping"])
+def test_data_frames_give_what_their_files_give(few, library):
+    result = barnax.identify(
+        frame_of(BUNDLED.record, library),
+        ocv=[frame_of(path, library) for path in OCV],
+        validate=frame_of(BUNDLED.validation, library),
+        window=SHORT,
+        **SMALL,
+    )
+    assert result.parameters == few.parameters
+    assert result.metrics.validation[0].rmse_v == few.metrics.validation[0].rmse_v
+    assert [each.sign for each in result.inputs] == [each.sign for each in few.inputs]
+
+
+def test_records_give_what_their_files_give(few):
+    record, *others = (read_record(path) for path in (BUNDLED.record, BUNDLED.validation, *OCV))
+    result = barnax.identify(record, ocv=others[1:], validate=others[0], window=SHORT, **SMALL)
+    assert result.parameters == few.parameters
+    assert result.inputs == few.inputs
+
+
+@pytest.mark.parametrize(
+    ("records", "validate", "names"),
+    [
+        (["{copy}"], [BUNDLED.record], ("identification.parquet", "copy.parquet")),
+        ([BUNDLED.record, "{copy}"], [], ("copy.parquet", "identification.parquet")),
+        ([BUNDLED.record], [BUNDLED.record], ("identification.parquet",)),
+    ],
+)
+def test_the_same_bytes_twice_are_refused_by_both_names(tmp_path, records, validate, names):
+    copy = tmp_path / "copy.parquet"
+    copy.write_bytes(BUNDLED.record.read_bytes())
+    records = [copy if each == "{copy}" else each for each in records]
+    with pytest.raises(InputError, match="byte for byte") as caught:
+        barnax.identify(records, ocv=OCV, validate=validate)
+    assert all(name in str(caught.value) for name in names)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"population": 10**8}, "`population` 100,000,000 must be between 4 and 100,000"),
+        ({"capacity": 0}, "`capacity` must be positive, in Ah; 0 was given"),
+        ({"model": "rc"}, "no circuit is called 'rc'; there are iso-rc"),
+        ({"trust": "deep"}, "`trust` 'deep' is not known"),
+        ({"window": {"no.csv": SHORT}}, "a window is given for 'no.csv'"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_before_the_search(monkeypatch, options, told):
+    monkeypatch.setattr(pipeline, "search_seeds", None)
+    with pytest.raises(ValueError, match=told):
+        barnax.identify(**options)
+
+
+def test_an_unknown_option_is_a_type_error():
+    with pytest.raises(TypeError, match="no option sedes"):
+        barnax.identify(sedes=3)
+
+
+@pytest.mark.parametrize("failure", [ArithmeticError("math domain error"), np.linalg.LinAlgError()])
+def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
+    def fails(*_, **__):
+        raise failure
+
+    monkeypatch.setattr(pipeline, "assess", fails)
+    result = barnax.identify(window=SHORT, **(SMALL | {"trust": "full"}))
+    assert result.parameters == few.parameters
+    assert result.assessment is None
+    reason = str(failure) or "LinAlgError"
+    assert (
+        f"the intervals could not be computed ({reason}); everything else stands" in result.warnings
+    )
+    assert Result.model_validate_json(result.to_json()).to_json() == result.to_json()
+
+
+@pytest.mark.parametrize("name", ["find_global_optimum", "compile_linearization", "Descent"])
+def test_a_failure_beside_the_search_is_not_swallowed(monkeypatch, name):
+    def fails(*_, **__):
+        raise RuntimeError("beside the search")
+
+    monkeypatch.setattr(pipeline, name, fails)
+    with pytest.raises(RuntimeError, match="beside the search"):
+        barnax.identify(window=SHORT, **(SMALL | {"trust": "basic"}))
+
+
+def test_an_initial_soc_against_the_rested_voltage_is_said(few):
+    result = barnax.identify(window=replace(SHORT, initial_soc=0.95), **SMALL)
+    (told,) = (text for text in result.warnings if text.startswith("identification.parquet"))
+    assert "tells a state of charge of 0.999, but `initial_soc` is 0.95" in told
+    assert any(text.startswith("validation.parquet") for text in result.warnings)
+    assert not any("initial_soc" in text for text in few.warnings)
+
+
+def test_a_parameter_at_its_bound_is_a_warning_of_the_result():
+    result = barnax.identify(window=SHORT, bounds={"R0 [Ohm]": (0.06, 0.2)}, **SMALL)
+    assert ("R0 [Ohm]", "lower") in {(each.name, each.side) for each in result.at_bound}
+    assert any(text.startswith("R0 [Ohm] is at its lower bound") for text in result.warnings)
+
+
+def test_every_input_is_checked_and_every_warning_names_its_file(tmp_path):
+    """A finding of `check` on an OCV test or a validation record is a warning of the result."""
+    for path in (BUNDLED.validation, *OCV):
+        table = pl.read_parquet(path)
+        doubled = pl.concat([table.head(40), table[39:]])
+        doubled.write_parquet(tmp_path / path.name)
+    result = barnax.identify(
+        BUNDLED.record,
+        ocv=[tmp_path / path.name for path in OCV],
+        validate=tmp_path / BUNDLED.validation.name,
+        window=SHORT,
+        **SMALL,
+    )
+    for path in (BUNDLED.validation, *OCV):
+        assert any(f"{path.name}: row 42" in text for text in result.warnings), result.warnings
+
+
+def test_a_figure_is_drawn_by_its_name_and_a_stored_result_says_it_has_no_run(many, tmp_path):
+    assert many.figure("voltage").axes
+    with pytest.raises(InputError, match="there is no figure 'volts'; there are ocv"):
+        many.figure("volts")
+    (tmp_path / "result.json").write_text(many.to_json())
+    stored = Result.from_json(tmp_path / "result.json")
+    assert stored.to_json() == many.to_json()
+    with pytest.raises(InputError, match="holds no records; identify again"):
+        stored.figure("voltage")
+
+
+def test_a_notebook_shows_names_as_names(few):
+    shown = few._repr_html_()
+    assert "Best possible" in shown
+    hostile = few.inputs[0].model_copy(update={"name": "<script>alert(1)</script>.csv"})
+    metrics = few.metrics.model_copy(
+        update={
+            "identification": few.metrics.identification.model_copy(update={"record": hostile.name})
+        }
+    )
+    changed = few.model_copy(update={"inputs": (hostile, *few.inputs[1:]), "metrics": metrics})
+    assert "<script>" not in changed._repr_html_()
+    assert "&lt;script&gt;" in changed._repr_html_()
+
+
+TRUTH = {"R0 [Ohm]": 0.050, "R1 [Ohm]": 0.020, "tau1 [s]": 30.0, "R2 [Ohm]": 0.015, "tau2 [s]": 400}
+
+
+@pytest.fixture(scope="module")
+def cut_record(bundled_cell):
+    """A record that begins at rest in the middle of a discharge, with half a millivolt of noise."""
+    time_s = np.arange(0.0, 4000.0, 2.0)
+    rng = np.random.default_rng(0)
+    levels = rng.choice([0.0, 0.5, 1.0, 2.0, -1.0], size=len(time_s) // 50)
+    current_a = np.repeat(levels, 50)
+    # It rests first, and was discharged before.
+    current_a[:400] = 0.0
+    passed_ah = np.append(0.0, np.cumsum(current_a[:-1] * np.diff(time_s))) / 3600
+    soc = 0.6 - passed_ah / bundled_cell.capacity_ah
+    last, signs = -1.0, []
+    for each in current_a:
+        last = last if each == 0 else -np.sign(each)
+        signs.append(last)
+    drop_v = TRUTH["R0 [Ohm]"] * current_a
+    for pair in (1, 2):
+        drop_v = drop_v + TRUTH[f"R{pair} [Ohm]"] * filtered_response(
+            2.0, current_a, TRUTH[f"tau{pair} [s]"]
+        )
+    source_v = (
+        bundled_cell.average_ocv_v(soc) + np.array(signs) * bundled_cell.hysteresis_v(soc) / 2
+    )
+    voltage_v = source_v - drop_v + 5e-4 * rng.standard_normal(len(time_s))
+    # The rested voltage is on the discharge branch as this was fitted.
+    voltage_v[0] = bundled_cell.discharge(np.array([0.6]))[0]
+    return make_record(time_s, current_a, voltage_v, name="cut.csv")
+
+
+def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
+    result = barnax.identify(cut_record, ocv=OCV, **SMALL)
+    assert (result.start.direction, result.start.direction_source) == (-1, "better fit")
+    assert result.start.other_rmse_v > 2 * result.metrics.identification.rmse_v
+    found = result.circuit_parameters
+    assert found.r0 == pytest.approx(TRUTH["R0 [Ohm]"], rel=0.02)
+    assert found.r == pytest.approx((TRUTH["R1 [Ohm]"], TRUTH["R2 [Ohm]"]), rel=0.02)
+    shown = result._repr_html_()
+    assert "cut.csv comes from a discharge" in shown
+    assert result.metrics.identification.rmse_v == pytest.approx(5e-4, rel=0.1)
+
+
+def test_a_given_direction_is_not_tried_again(cut_record):
+    result = barnax.identify(cut_record, ocv=OCV, window=Window(initial_direction=1), **SMALL)
+    assert (result.start.direction, result.start.direction_source) == (1, "given")
+    assert result.metrics.identification.rmse_v > 1e-3
+
+
+def test_score_soc_leaves_out_what_it_says():
+    window = Window(score_to_s=3000.0, score_soc=(0.9, 1.0))
+    result = barnax.identify(window=window, **SMALL)
+    low, high = result.of_role("identification")[0].soc_range
+    assert 0.9 <= low < 0.91 < high

@@ -1,0 +1,158 @@
+"""The one schema of stored files: what is written is read, and nothing else is."""
+
+import copy
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from barnax.errors import InputError
+from barnax.results import Result
+from golden import RESULT
+
+DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
+PUBLISHED = Path(__file__).parents[1] / "docs" / "result.schema.json"
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[[Any], Result]:
+    """Writes a document, or bytes as they are, and reads it back."""
+
+    def from_disk(content: Any) -> Result:
+        path = tmp_path / "result.json"
+        path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+        return Result.from_json(path)
+
+    return from_disk
+
+
+def test_what_is_read_is_written_again_byte_for_byte():
+    assert Result.from_json(RESULT).to_json() == RESULT.read_text(encoding="utf-8")
+
+
+def test_what_is_not_finite_is_stored_as_null_and_read_again(read):
+    changed = copy.deepcopy(DOCUMENT)
+    changed["search"]["seeds"][0]["history"][0] = None
+    result = read(changed)
+    assert not math.isfinite(result.search.seeds[0].history_v[0])
+    assert result.to_dict()["search"]["seeds"][0]["history"][0] is None
+
+
+def test_the_published_schema_is_that_of_the_code():
+    """`python -m benchmarks.schema` writes it."""
+    published = json.loads(PUBLISHED.read_text(encoding="utf-8"))
+    assert published.pop("$schema") == "https://json-schema.org/draft/2020-12/schema"
+    assert published == Result.json_schema()
+
+
+def test_a_stored_result_has_the_keys_that_the_schema_names():
+    schema = json.loads(PUBLISHED.read_text(encoding="utf-8"))
+    require_keys(DOCUMENT, schema, schema["$defs"])
+
+
+def require_keys(value: Any, schema: dict[str, Any], defs: dict[str, Any]) -> None:
+    """Every key is a property that the schema has, and none that it requires is missing."""
+    while "$ref" in schema:
+        schema = defs[schema["$ref"].rpartition("/")[2]]
+    if "anyOf" in schema and value is not None:
+        kind = {dict: "object", list: "array"}.get(type(value))
+        options = [each for each in schema["anyOf"] if each.get("type") != "null"]
+        if kind and len(options) == 1:
+            require_keys(value, options[0], defs)
+    elif isinstance(value, dict) and "properties" in schema:
+        assert set(schema.get("required", [])) <= set(value) <= set(schema["properties"])
+        for key, part in value.items():
+            require_keys(part, schema["properties"][key], defs)
+    elif isinstance(value, list) and isinstance(schema.get("items"), dict):
+        for part in value:
+            require_keys(part, schema["items"], defs)
+
+
+def put(place: str, value: Any) -> dict[str, Any]:
+    """The document with the value at a place such as `search/key`; `...` deletes it."""
+    changed: Any = copy.deepcopy(DOCUMENT)
+    part = changed
+    *path, last = place.split("/")
+    for step in path:
+        part = part[int(step)] if isinstance(part, list) else part[step]
+    if value is ...:
+        del part[last]
+    else:
+        part[last] = value
+    return changed
+
+
+TAMPERED = [
+    ("surprise", 1),
+    ("search/surprise", 1),
+    ("parameters", ...),
+    ("parameters/R0 [Ohm]", ...),
+    ("parameters/R0 [Ohm]", -0.1),
+    ("parameters/R0 [Ohm]", math.nan),
+    ("parameters/R0 [Ohm]", "low"),
+    ("answer_source", "a guess"),
+    ("refined/optima", []),
+    ("refined/rmse [V]", math.inf),
+    ("refined/rmse [V]", -1.0),
+    ("global_optimum/status", "sure"),
+    ("assessment/uncertainty", 5),
+    ("metrics/validation", None),
+    ("search/seeds", []),
+    ("search/coordinates", "polar"),
+    ("schema_version", 99),
+    ("schema_version", ...),
+    ("model", "so-rc-2"),
+    ("model", "esc"),
+    ("parameters/gamma", 50.0),
+    ("inputs/0/role", "spy"),
+    ("inputs/0/sign/strength", "felt"),
+    ("inputs/0/window/initial_soc", 3.0),
+    ("inputs/0/window/start_time [s]", "noon"),
+    ("inputs/0/window/surprise", 1),
+    ("inputs/0/window/score_steps", [1.5]),
+    ("inputs", []),
+    ("bounds", {"R0 [Ohm]": [1.0]}),
+    ("cell", {}),
+    ("cell/capacity [A.h]", 0),
+    ("cell/capacity [A.h]", 10**400),
+    ("cell/charge", None),
+    ("cell/charge_points", [{}]),
+    ("cell/hysteresis", {"kind": "circular"}),
+    ("cell/warnings", [1]),
+]
+
+
+@pytest.mark.parametrize(("place", "value"), TAMPERED, ids=lambda value: repr(value)[:40])
+def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
+    with pytest.raises(InputError) as caught:
+        read(put(place, value))
+    message = str(caught.value)
+    assert "result.json: is no barnax result: " in message
+    assert message.endswith("give the result.json that barnax identify wrote")
+    assert "\n" not in message
+
+
+CONTENTS = [
+    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 2', b"[" * 100_000,
+    b'{"cell": ' * 100_000, b"\x89PNG\r\n\x1a\n\xff\xfe", "{}".encode("utf-16"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("content", CONTENTS, ids=lambda content: repr(content[:12]))
+def test_content_that_is_no_result_is_refused_under_the_files_name(read, content):
+    with pytest.raises(InputError, match=r"result.json: (is no barnax result|cannot be read)"):
+        read(content)
+
+
+@pytest.mark.parametrize("place", ["absent.json", "."])
+def test_what_is_no_file_is_refused(tmp_path, place):
+    with pytest.raises(InputError, match="cannot be read"):
+        Result.from_json(tmp_path / place)
+
+
+def test_a_file_of_version_1_says_how_to_get_version_2(read):
+    with pytest.raises(InputError, match="is of schema version 1; run the command that it stores"):
+        read({"schema_version": 1, "command": ["barnax", "identify"]})

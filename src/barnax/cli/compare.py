@@ -39,7 +39,7 @@ def compare(
         Path | None,
         typer.Argument(
             metavar="RECORD",
-            help="Dynamic record to identify on; without it, the bundled cell runs.",
+            help="Dynamic record to identify on; without it, the bundled cell is used.",
             show_default=False,
         ),
     ] = None,
@@ -47,7 +47,7 @@ def compare(
         str | None,
         typer.Option(
             metavar="NAME,NAME",
-            help="Circuits, with every method each (default the paper's five rows).",
+            help="Circuits, each with every method (default: the paper's five rows).",
             rich_help_panel=SEARCH,
         ),
     ] = None,
@@ -55,16 +55,18 @@ def compare(
         str | None,
         typer.Option(
             metavar="NAME,NAME",
-            help="Methods: ls, rls, varpro, lm, pso-lm, de, or one of "
-            "[bold]barnax optimizers[/bold]; with every circuit each.",
+            help="Methods, each with every circuit: ls, rls, varpro, lm, pso-lm, de, or any that "
+            "[bold]barnax optimizers[/bold] lists.",
             rich_help_panel=SEARCH,
         ),
     ] = None,
 ) -> None:
-    """Compare models and methods on one cell, and write tables, figures and a report.
+    """Compare models and methods on one cell, and write a report with tables and figures.
 
-    All get the same data, box, budget and key; a row is a method's own answer, unrefined.
-    [bold]barnax compare[/bold] alone sets the paper's five rows side by side on the bundled cell.
+    All get the same data, bounds, budget and key. A row is a method's own answer,
+    before refinement.
+
+    Without arguments it compares the paper's five rows on the bundled cell.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)

@@ -37,8 +37,8 @@ def identify(
         list[Path] | None,
         typer.Argument(
             metavar="[RECORD]...",
-            help="Dynamic record to identify on, several to find one circuit for all of them; "
-            "without any, the bundled cell runs.",
+            help="Dynamic record to identify on; several give one circuit for all of them. "
+            "Without any, the bundled cell is identified.",
             show_default=False,
         ),
     ] = None,
@@ -47,7 +47,7 @@ def identify(
         typer.Option(
             metavar="iso-rc|so-rc|esc|...",
             help="Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
-            "hysteresis; 1rc, 3rc and 4rc have as many pairs and no hysteresis.",
+            "hysteresis; 1rc, 3rc and 4rc have that many pairs and no hysteresis.",
             autocompletion=complete_circuits,
             rich_help_panel=SEARCH,
         ),
@@ -56,8 +56,8 @@ def identify(
         str,
         typer.Option(
             metavar="NAME",
-            help="Optimizer: ibmo, ibmo-printed, ibmo-centered, bmo or another one of "
-            "[bold]barnax optimizers[/bold].",
+            help="Optimizer: ibmo, ibmo-centered, pso or any other that "
+            "[bold]barnax optimizers[/bold] lists.",
             autocompletion=complete_methods,
             rich_help_panel=SEARCH,
         ),
@@ -66,19 +66,20 @@ def identify(
         Literal["none", "basic", "full"],
         typer.Option(
             metavar="none|basic|full",
-            help="How far the answer is looked into: not at all; intervals, identifiability and "
-            "residuals; or also profiles, a block bootstrap and what would lower the error.",
+            help="How closely the answer is examined: basic gives intervals, identifiability and "
+            "residuals; full also profile likelihoods, a block bootstrap, and what would lower "
+            "the error.",
             rich_help_panel=SEARCH,
         ),
     ] = "basic",
     report: Annotated[
         bool,
-        typer.Option("--report", help="Write report.html and report.md, with every figure."),
+        typer.Option("--report", help="Also write report.html and report.md, with every figure."),
     ] = False,
 ) -> None:
-    """Identify the circuit of a cell, prove and assess it, and write result.json and figures.
+    """Identify the circuit of a cell, say how good it is, and write result.json and figures.
 
-    [bold]barnax identify[/bold] alone runs the bundled virtual cell.
+    Without arguments it identifies the bundled virtual cell.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)

@@ -15,8 +15,8 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from ..model.inputs import Window
 
-WINDOW = "Window"
-INPUT = "Reading the files"
+WINDOW = "Records (FILE=VALUE for one of them)"
+INPUT = "Files"
 OUTPUT = "Output"
 SEARCH = "Search"
 MOST_CANDIDATES = 100_000
@@ -74,20 +74,22 @@ class Files:
 
     ocv: Annotated[
         list[Path] | None,
-        _option(INPUT, "FILE", "OCV test: pulses and rests, a slow sweep, or a table; repeatable."),
+        _option(
+            INPUT,
+            "FILE",
+            "OCV test of the same cell: pulses and rests, a slow sweep, or a table; repeatable.",
+        ),
     ] = None
     validate: Annotated[
         list[Path] | None, _option(INPUT, "FILE", "Record to validate on; repeatable.")
     ] = None
     ocv_capacity: Annotated[
         float | None,
-        _option(INPUT, "AH", "Capacity in the OCV test, where that does not span both ends."),
+        _option(INPUT, "AH", "Capacity in the OCV test, where it does not span full to empty."),
     ] = None
     ocv_fit: Annotated[
         Literal["polynomial", "interpolated"],
-        _option(
-            INPUT, "FIT", "OCV curves: polynomial (degree 7) or interpolated (PCHIP of the points)."
-        ),
+        _option(INPUT, "FIT", "OCV curves: polynomial of degree 7, or interpolated (PCHIP)."),
     ] = "polynomial"
     hysteresis_fit: Annotated[
         Literal["continuous", "independent"],
@@ -100,8 +102,8 @@ class Files:
         _option(
             INPUT,
             "SIGN",
-            "Sign of current in the record: charge-positive, discharge-positive, or auto, decided "
-            "from the data.",
+            "Sign of current in the records: charge-positive, discharge-positive, or auto (decided "
+            "from the data).",
         ),
     ] = "auto"
     ocv_current_sign: Annotated[
@@ -115,8 +117,8 @@ class Files:
         _option(
             INPUT,
             "HOLD",
-            "Whether a sample's current flowed in the interval after it (forward) or before it "
-            "(backward), or auto.",
+            "Whether a sample's current flows until the next sample (forward), since the one "
+            "before (backward), or auto (decided from the data).",
         ),
     ] = "auto"
 
@@ -126,23 +128,27 @@ class RecordOptions:
     """What is known of the records, and what of them counts; for all, or for one by its name."""
 
     capacity: Annotated[
-        PerRecord, _of_a_record("AH", "The cell's capacity (default from the OCV test).")
+        PerRecord,
+        _of_a_record(
+            "AH", "Capacity of the cell when the record was measured (default: the OCV test's)."
+        ),
     ] = None
     start_time: Annotated[
-        PerRecord, _of_a_record("S", "Start the simulation here, on the file's clock.")
+        PerRecord, _of_a_record("S", "Time at which the simulation starts, on the file's clock.")
     ] = None
     start_after_step: Annotated[
-        PerRecord, _of_a_record("N", "Start at the last sample of this step's last block.")
+        PerRecord, _of_a_record("N", "Start at the last sample of the last block of this step.")
     ] = None
     initial_soc: Annotated[
         PerRecord,
-        _of_a_record("0..1", "State of charge at the start (default from the rested voltage)."),
+        _of_a_record("0..1", "State of charge at the start (default: from the rested voltage)."),
     ] = None
     initial_direction: Annotated[
         PerRecord,
         _of_a_record(
             "+1|-1",
-            "Last current before the record: +1 charge, -1 discharge (default: both tried).",
+            "What the cell did before the start: +1 charge, -1 discharge (default: from the "
+            "record, else both are tried).",
         ),
     ] = None
     score_steps: Annotated[
@@ -152,10 +158,12 @@ class RecordOptions:
     score_to: Annotated[PerRecord, _of_a_record("S", "Count errors up to this time.")] = None
     score_soc: Annotated[
         PerRecord,
-        _of_a_record("LOW,HIGH", "Count errors between these states of charge, such as 0.1,1."),
+        _of_a_record(
+            "LOW,HIGH", "Count errors only between these states of charge, such as 0.1,1."
+        ),
     ] = None
     rest_current: Annotated[
-        PerRecord, _of_a_record("A", "Current below which the cell rests (default C/100).")
+        PerRecord, _of_a_record("A", "Current below which the cell is at rest (default: C/100).")
     ] = None
 
     def chosen(self) -> dict[str, dict[str, Any]]:
@@ -216,32 +224,36 @@ class SearchOptions:
         _option(
             SEARCH,
             "auto|scan|compressed",
-            "Simulate every sample for every candidate (scan), or reduce the record once "
-            "(compressed, and auto where the box allows it); every error that is reported is the "
-            "scan's.",
+            "How the search computes errors: scan simulates every sample, compressed reduces the "
+            "record once. auto: compressed where the bounds allow it, in compare scan. Reported "
+            "errors are always the scan's.",
         ),
     ] = "auto"
     coordinates: Annotated[
         Literal["rc", "log"],
         _option(
-            SEARCH, "rc|log", "Search raw R and C, as the paper does, or logarithms of R and tau."
+            SEARCH,
+            "rc|log",
+            "Search raw R and C, as the paper does (rc), or logarithms of R and tau (log).",
         ),
     ] = "rc"
-    seeds: Annotated[int, _option(SEARCH, "N", "Independent runs.", min=1)] = 30
+    seeds: Annotated[int, _option(SEARCH, "N", "Independent runs of the optimizer.", min=1)] = 30
     population: Annotated[
-        int, _option(SEARCH, "N", "Candidates a generation.", min=4, max=MOST_CANDIDATES)
+        int, _option(SEARCH, "N", "Candidates in a generation.", min=4, max=MOST_CANDIDATES)
     ] = 30
     iterations: Annotated[int, _option(SEARCH, "N", "Generations.", min=1)] = 500
     key: Annotated[
         int,
-        _option(SEARCH, "N", "The number all randomness comes from.", min=0, max=2**32 - 1),
+        _option(
+            SEARCH, "N", "Random key; the same key gives the same result.", min=0, max=2**32 - 1
+        ),
     ] = 0
     bounds: Annotated[
         Path | None,
         _option(
             SEARCH,
             "FILE.toml",
-            'Bounds, in a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
+            'Bounds: a table \\[bounds] with lines such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
         ),
     ] = None
     fix: Annotated[
@@ -261,26 +273,29 @@ class Output:
     """Where results go, and what is printed."""
 
     out: Annotated[
-        Path | None, _option(OUTPUT, "FOLDER", "Where results go (default barnax-out).")
+        Path | None, _option(OUTPUT, "FOLDER", "Folder for the results (default: barnax-out).")
     ] = None
-    force: Annotated[bool, _option(OUTPUT, "", "Replace the result that the folder holds.")] = False
+    force: Annotated[bool, _option(OUTPUT, "", "Replace the result in the folder.")] = False
     as_json: Annotated[
         bool,
         typer.Option(
             "--json",
-            help="Print the result as JSON; files only with --out.",
+            help="Print the result as JSON; write files only with --out.",
             rich_help_panel=OUTPUT,
         ),
     ] = False
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Print every detail.", rich_help_panel=OUTPUT)
+        bool,
+        typer.Option(
+            "--verbose", help="Print every decision, table and warning.", rich_help_panel=OUTPUT
+        ),
     ] = False
     quiet: Annotated[
         bool,
         typer.Option(
             "--quiet",
             "-q",
-            help="No tables and no progress; warnings still go to stderr.",
+            help="Print no tables and no progress; warnings still go to stderr.",
             rich_help_panel=OUTPUT,
         ),
     ] = False
@@ -291,13 +306,13 @@ Quiet = Annotated[
     typer.Option(
         "--quiet",
         "-q",
-        help="No tables and no progress; warnings still go to stderr.",
+        help="Print no tables and no progress; warnings still go to stderr.",
         rich_help_panel=OUTPUT,
     ),
 ]
 StoredResult = Annotated[
     Path,
-    typer.Argument(metavar="RESULT", help="What identify wrote: result.json, or its folder."),
+    typer.Argument(metavar="RESULT", help="The folder that identify wrote, or its result.json."),
 ]
 
 

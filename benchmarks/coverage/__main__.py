@@ -14,12 +14,16 @@ from datetime import date
 from pathlib import Path
 
 import jax
-from benchmarks.pages import save_page
 
 import barnax
 from barnax.model.problem import Problem
-from barnax.uncertainty.assessment import assess
-from barnax.uncertainty.bootstrap import bootstrap
+from barnax.reporting.sentences import (
+    diagnostics_sentences,
+    identifiability_sentences,
+    uncertainty_sentence,
+)
+from barnax.uncertainty import assess, bootstrap
+from benchmarks.pages import save_page
 
 from .cells import bundled, measured
 from .simulated import CIRCUITS, NOISES, chance_band, coverage, values_of
@@ -73,12 +77,18 @@ def cell_page(name: str, problem: Problem) -> list[str]:
     optimizer = barnax.make_optimizer("ibmo-centered", 30, 200)
     found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=8)
     refinement = barnax.refine(found)
-    assessment = assess(refinement)
-    resampled = bootstrap(refinement, key=jax.random.key(KEY), assessment=assessment)
+    assessment = assess(problem, refinement.parameters)
+    key, covariance = jax.random.key(KEY), assessment.covariance
+    resampled = bootstrap(problem, refinement.parameters, key=key, covariance=covariance)
+    words = [
+        uncertainty_sentence(assessment.uncertainty),
+        *identifiability_sentences(assessment.identifiability),
+        *diagnostics_sentences(assessment.diagnostics),
+    ]
     lines = [
         f"## {name}",
         "",
-        f"RMSE {1e3 * refinement.rmse_v:.3f} mV. {assessment.words}",
+        f"RMSE {1e3 * refinement.rmse_v:.3f} mV. {' '.join(words)}",
         "",
         "| parameter | value | plain | trusted | inflation | bootstrap | degrees of freedom "
         "| 95 % interval |",

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 import barnax
 from barnax.model.problem import Problem
-from barnax.uncertainty.covariance import CONFIDENCE, Estimate, Uncertainty, estimate_uncertainty
+from barnax.uncertainty.covariance import CONFIDENCE, Covariance, Estimate, Uncertainty
 from barnax.uncertainty.linearization import linearize
 from barnax.uncertainty.refit import Ends, Refit
 
@@ -87,13 +87,13 @@ def coverage(
     every = []
     for parameters, base in zip(found, base_v, strict=True):
         changed = _with_voltage(problem, prepared.source_v + base)
-        uncertainty = estimate_uncertainty(parameters, linearize(changed, parameters))
+        uncertainty = Covariance.of(linearize(changed, parameters)).summary(parameters)
         every.append(uncertainty)
         for name, value in values_of(truth).items():
             hits.setdefault(name, []).append(_holds(uncertainty, name, value))
     table = {name: np.array(rows, float).mean(axis=0).tolist() for name, rows in hits.items()}
     rises = _rises_at(start, refit, ends, projected)
-    held = sum(len(uncertainty.names) < len(start) for uncertainty in every)
+    held = sum(len(uncertainty.free) < len(start) for uncertainty in every)
     return Coverage(
         profile={
             name: float(
@@ -135,14 +135,13 @@ def _rises_at(
 
 
 def _is_below(uncertainty: Uncertainty, name: str, rise: float) -> bool:
-    """Whether the profile has not risen to its threshold, as in `barnax.uncertainty.profile`."""
+    """Whether the profile has not risen to its threshold, as `uncertainty.profile` has it."""
     estimate = uncertainty[name]
     if estimate.inflation is None or estimate.degrees_of_freedom is None:
         return False
     quantile = student.ppf((1 + CONFIDENCE) / 2, estimate.degrees_of_freedom)
     return bool(
-        rise
-        <= (quantile * estimate.inflation) ** 2 / (uncertainty.samples - len(uncertainty.names))
+        rise <= (quantile * estimate.inflation) ** 2 / (uncertainty.samples - len(uncertainty.free))
     )
 
 
@@ -152,7 +151,7 @@ def _holds(uncertainty: Uncertainty, name: str, truth: float) -> tuple[bool, boo
         return False, False, 1.0
     low, high = estimate.low, estimate.high
     is_held = low is not None and high is not None and low <= truth <= high
-    plain = student.ppf((1 + CONFIDENCE) / 2, uncertainty.samples - len(uncertainty.names))
+    plain = student.ppf((1 + CONFIDENCE) / 2, uncertainty.samples - len(uncertainty.free))
     miss = abs(np.log(estimate.value / truth))
     return is_held, miss <= plain * estimate.white_noise_relative_error, estimate.inflation
 

@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-from benchmarks.environments import make_environment, run_worker
-from benchmarks.li2023.table2.runs import run_optimizer
-from benchmarks.pages import as_markdown, provenance, save_page, write_csv
 
 from barnax.optimizers import OPTIMIZERS, AbstractPopulationMinimiser, Box
 from barnax.optimizers.draws import written_out
+from benchmarks.environments import make_environment, run_worker
+from benchmarks.li2023.table2.runs import run_optimizer
+from benchmarks.pages import as_markdown, provenance, save_page, write_csv
 
 from .sizes import DIMS, HALF_WIDTH, ITERATIONS, POPULATION, REPEATS, RUNS
 

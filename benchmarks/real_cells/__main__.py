@@ -35,8 +35,9 @@ def page(runs: list[Ran]) -> str:
         "",
         "## Which model is best",
         "",
-        f"The best circuit of each model in its box ({EXACT}, which draws nothing; its regret "
-        "below is measured against the global optimum), so that searches play no part. RMSE in mV.",
+        f"The best circuit of each model in its box ({EXACT}, which draws nothing; its optimality "
+        "gap below is measured against the global optimum), so that searches play no part. RMSE in "
+        "mV.",
         "",
         *summary_table(runs),
         "",

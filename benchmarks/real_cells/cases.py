@@ -5,12 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from benchmarks.hysteresis import CheckInput, bundled, measured
-
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Row
 from barnax.model.inputs import prepare_record
 from barnax.search.evaluate import Evaluation
+from benchmarks.hysteresis import CheckInput, bundled, measured
 
 from .conditions import Condition, condition_of
 

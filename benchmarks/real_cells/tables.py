@@ -44,8 +44,8 @@ def count_sentences(runs: Sequence[Ran]) -> Iterator[str]:
     """On how many records each model is better than another by more than chance."""
     for first, second in PAIRS:
         found = [difference(ran, role, first, second) for ran in runs for role in ran.records]
-        better = sum(each.high_v < 0 for each in found)
-        worse = sum(each.low_v > 0 for each in found)
+        better = sum(each.interval_v[1] < 0 for each in found)
+        worse = sum(each.interval_v[0] > 0 for each in found)
         yield (
             f"- {first} against {second}: better by more than chance on {better} of {len(found)} "
             f"records, worse on {worse}; the median difference is "
@@ -85,7 +85,7 @@ def conditions_table(runs: Sequence[Ran]) -> Iterator[str]:
 def rows_table(ran: Ran) -> Iterator[str]:
     """Every row on one cell."""
     yield (
-        "| row | median [mV] | best | worst | refined | regret [%] | 0-10 % SOC | 10-20 % "
+        "| row | median [mV] | best | worst | refined | optimality gap [%] | 0-10 % SOC | 10-20 % "
         "| 20-100 % | max | validation [mV] | at a bound, notes |"
     )
     yield "|---" * 12 + "|"
@@ -160,7 +160,7 @@ def _change(ran: Ran, role: str, model: str) -> str:
 
 def _shown(found: Resampled) -> str:
     mark = "" if found.is_real else " (n.s.)"
-    low, high = 1e3 * found.low_v, 1e3 * found.high_v
+    low, high = (1e3 * end for end in found.interval_v)
     return f"{1e3 * found.difference_v:+.2f} [{low:+.2f}, {high:+.2f}]{mark}"
 
 

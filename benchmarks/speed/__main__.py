@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import jax
+
 from benchmarks.pages import as_markdown, provenance, save_figure, save_page, write_csv
 
 from . import report

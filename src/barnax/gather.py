@@ -17,6 +17,8 @@ from .model.inputs import Window
 from .model.search_space import Range, Scale, read_bounds
 from .records import Record, Source, read_record, read_source, source_from_frame
 
+# More candidates than this do not fit into a memory.
+MOST_CANDIDATES = 100_000
 # A file, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
@@ -50,6 +52,19 @@ class Settings:
     population: int = 30
     iterations: int = 500
     key: int = 0
+
+    def __post_init__(self):
+        limits = {
+            "seeds": (1, 100_000),
+            "population": (4, MOST_CANDIDATES),
+            "iterations": (1, 10**7),
+        }
+        for name, (least, most) in limits.items():
+            if not least <= getattr(self, name) <= most:
+                raise InputError(
+                    f"`{name}` {getattr(self, name)} is out of range; {least} to {most:,} are "
+                    "possible"
+                )
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,8 +87,8 @@ def identify(
     `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each;
     without any record the bundled cell's are taken. `window` is one for all records, or a mapping
     from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
-    records were measured, `ocv_capacity` its capacity in the OCV test, where that does not span both
-    ends. `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
+    records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
+    `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
     says how far the answer is looked into: "full" fits again. Fields of `Settings` and `Reading`
     may be given by name, such as `model="esc"`. `watch` is asked for a context for every stage.
 
@@ -288,8 +288,8 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
     for each in run.identification:
         if each.metrics.r2 < 0:
             texts.append(
-                f"{each.prepared.record.name}: the circuit does worse than a constant voltage would "
-                f"(R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and "
+                f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
+                f"would (R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax check, and "
                 "at what `fix` and `bounds` hold"
             )
     for each in run.validation:
@@ -315,8 +315,8 @@ def validate_stored(
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
         warnings.append(
-            f"{measured.name}: is the record {own[measured.sha256]} that the circuit was identified "
-            "on, so it validates nothing"
+            f"{measured.name}: is the record {own[measured.sha256]} that the circuit was "
+            "identified on, so it validates nothing"
         )
     cell = stored.cell_model
     prepared = prepare_record(measured, cell, stored.model, window or stored.window)

@@ -185,7 +185,7 @@ class Result(Document):
     assessment: AssessmentPart | None = None
     search: SearchPart
     refined: RefinedPart
-    cell: dict[str, Any]
+    cell: CellModel
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
     inputs: tuple[InputPart, ...] = Field(min_length=1)
@@ -218,12 +218,6 @@ class Result(Document):
             raise ValueError("no record that was identified on is among the inputs")
         return self
 
-    @field_validator("cell")
-    @classmethod
-    def _hold_a_cell(cls, cell: dict[str, Any]) -> dict[str, Any]:
-        CellModel.from_dict(cell)
-        return cell
-
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
         if document.get("schema_version") == 1:
@@ -250,9 +244,9 @@ class Result(Document):
     def circuit_parameters(self) -> CircuitParameters:
         return CircuitParameters.from_dict(self.parameters)
 
-    @functools.cached_property
+    @property
     def cell_model(self) -> CellModel:
-        return CellModel.from_dict(self.cell)
+        return self.cell
 
     def of_role(self, role: str) -> tuple[InputPart, ...]:
         """The inputs that served as `role`."""
@@ -342,7 +336,7 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
             optima=run.refinement.optima,
             seeds=run.refinement.refined,
         ),
-        cell=problem.cell.to_dict(),
+        cell=problem.cell,
         bounds=dict(problem.bounds.ranges),
         fixed=dict(problem.bounds.fixed),
         inputs=(

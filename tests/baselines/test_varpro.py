@@ -86,7 +86,7 @@ def test_no_descent_in_a_narrow_box_finds_better(known_problem):
 
 def test_resistances_are_the_exact_bounded_optimum(known_problem):
     separable = Separable.of(known_problem(NOISY, noise_v=2e-3))
-    columns = np.column_stack([separable.current, separable.answers(np.array([3.0, 40.0]))])
+    columns = np.column_stack([separable.current, separable.responses(np.array([3.0, 40.0]))])
     base = separable.bases(None)[:, 0]
     for low, high in ((0.0, 1.0), (0.03, 0.04), (0.0, 0.02)):
         found = bounded_least_squares(columns, base, np.full(3, low), np.full(3, high))

@@ -5,10 +5,10 @@ import os
 from pathlib import Path
 
 import pytest
-from benchmarks import pages
 from matplotlib.figure import Figure
 
 from barnax.errors import InputError
+from benchmarks import pages
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 IN_PLACE = {"write_text", "write_bytes", "savefig", "copyfile"}

@@ -10,7 +10,6 @@ import jax.random as jr
 import numpy as np
 import pytest
 import scipy.stats
-from benchmarks import environments
 from benchmarks.li2023.rule_check import agreement, comparisons, functions, published, sizes
 from benchmarks.li2023.test_functions import DIMS, QUIET_FUNCTIONS
 from hypothesis import given, settings
@@ -18,6 +17,7 @@ from hypothesis import strategies as st
 
 from barnax.optimizers import Box, SeagullSearch, Swarm
 from barnax.optimizers.pso import Flight
+from benchmarks import environments
 
 samples = st.lists(st.integers(0, 6).map(float), min_size=3, max_size=12).map(np.array)
 

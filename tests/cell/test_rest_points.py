@@ -69,7 +69,7 @@ def test_too_short_runs_are_refused_with_the_longest():
     cycle = [-0.05, 0.05]
     with pytest.raises(InputError, match=r"4 rests of at least 30 min, at most 3 in"):
         sweeps_of([cycle, [-0.1], [-0.1]], start_soc=1.0)
-    with pytest.raises(InputError, match=r"1 rest of at least 30 min, at most 1 in"):
+    with pytest.raises(InputError, match=r"1 rest of at least 30 min"):
         sweeps_of([[-1.0]], start_soc=1.0, rest_s=60.0)
 
 

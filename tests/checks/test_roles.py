@@ -12,8 +12,8 @@ from barnax.records import read_record
 from helpers.records import CURRENT, TIME, VOLTAGE, checked, frame
 
 
-def roles(diagnosis):
-    return {role.name: role for role in diagnosis.roles}
+def roles(outcome):
+    return {role.name: role for role in outcome.roles}
 
 
 @pytest.mark.parametrize("name", ["identification", "validation"])
@@ -22,7 +22,7 @@ def test_a_drive_record_serves_to_identify_and_to_validate(name):
     assert [found[role].is_usable for role in found] == [False, True, True]
     assert "its longest rest is" in found["OCV test"].reason
     assert "it starts at rest" in found["identification"].reason
-    assert found["identification"].options == ()
+    assert found["identification"].window.options == {}
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,8 @@ def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):
     table = frame()
     start = int(np.flatnonzero(np.abs(table[CURRENT].to_numpy()) > 1)[0])
     found = roles(checked(tmp_path, table[start:]))
-    assert found["identification"].options == ("`initial_soc` SOC",)
+    assert found["identification"].window.options == {}
+    assert found["identification"].window.needs_initial_soc
 
 
 def whole_test(rest_s=7200):
@@ -97,7 +98,7 @@ def whole_test(rest_s=7200):
 @pytest.mark.parametrize("rest_s", [60, 7200])
 def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest_s):
     role = roles(checked(tmp_path, whole_test(rest_s)))["identification"]
-    assert role.options == ("--start-after-step 3", "`initial_soc` 1", "--score-steps 7")
+    assert role.window.options == {"start_after_step": 3, "initial_soc": 1, "score_steps": (7,)}
     assert "the cell is full at the end of step 3" in role.reason
     assert ("too short to settle" in role.reason) == (rest_s < 1800)
 
@@ -105,12 +106,11 @@ def test_a_whole_test_is_cut_to_its_profile_from_the_full_cell_on(tmp_path, rest
 def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp_path):
     table = whole_test().filter(pl.col("Step Index / 1") > 4)
     role = roles(checked(tmp_path, table))["identification"]
-    (start, score) = role.options
-    assert score == "--score-steps 7"
     cell = characterize([read_record(path) for path in BUNDLED.ocv])
     record = read_record(tmp_path / "cell.csv")
-    window = Window(start_time_s=float(start.split()[1]), score_steps=(7,))
+    assert role.window.options.keys() == {"start_time_s", "score_steps"}
+    window = Window(**role.window.options)
     prepared = prepare_record(record, cell, "so-rc", window)
     # The start is the last sample of the rest and no other.
     assert abs(record.current_a[prepared.first]) < 0.02 < abs(record.current_a[prepared.first + 1])
-    assert "from the rested voltage" in prepared.initial_soc_reason
+    assert prepared.start.soc_source == "rested voltage"

@@ -13,6 +13,7 @@ from barnax.bundled import BUNDLED
 from barnax.comparison import PAPER_ROWS, ComparisonResult, compare, make_comparison_result
 from barnax.errors import InputError
 from barnax.model.inputs import Window
+from barnax.plots import plot_compared_convergence
 from barnax.records import read_record
 from barnax.search.evaluate import validate
 from barnax.search.refine import SAME_RMSE
@@ -98,7 +99,9 @@ def test_the_seeds_of_a_row_are_those_of_an_identification(comparison, bundled_r
 
     problem = row_of(comparison, "pso so-rc").problem
     optimizer = barnax.make_optimizer("pso", BUDGET.population, BUDGET.iterations)
-    found = barnax.identify(problem, optimizer, key=jax.random.key(BUDGET.key), seeds=BUDGET.seeds)
+    found = barnax.search_seeds(
+        problem, optimizer, key=jax.random.key(BUDGET.key), seeds=BUDGET.seeds
+    )
     assert [seed.parameters for seed in found.seeds] == [
         answer.parameters for answer in row_of(comparison, "pso so-rc").answers
     ]
@@ -246,6 +249,26 @@ def test_regret_is_measured_against_the_global_optimum(comparison, result):
         optimum_v = result.models[row.model].optimum_rmse_v
         assert row.optimality_gap == pytest.approx(row.median.rmse_v / optimum_v - 1, abs=1e-12)
         assert row.method == "ls" or row.optimality_gap > -1e-7
+
+
+def test_seeds_that_stop_after_different_generations_are_stored_and_drawn(
+    bundled_record, bundled_cell
+):
+    """Differential evolution ends where its whole population has come to one error."""
+    compared = compare(
+        bundled_record,
+        bundled_cell,
+        [("1rc", "de")],
+        window=WINDOW,
+        fixed={"R1 [Ohm]": 0.02, "tau1 [s]": 20.0},
+        budget=Budget(population=5, iterations=60, seeds=3),
+    )
+    result = make_comparison_result(compared)
+    histories = [seed.history_v for seed in result.rows[0].seeds]
+    assert len({len(each) for each in histories}) > 1
+    drawn = plot_compared_convergence(result).axes[0].get_lines()[0]
+    assert len(drawn.get_xdata()) == max(map(len, histories))
+    assert drawn.get_ydata()[-1] == pytest.approx(1e3 * np.median([each[-1] for each in histories]))
 
 
 def test_the_optimum_is_stored_with_how_sure_it_is(result):

@@ -37,8 +37,8 @@ def test_differences_are_of_mean_squares_and_of_rmse():
     assert found.difference_v2 == pytest.approx(np.mean(first**2) - np.mean(second**2))
     rmse = np.sqrt([np.mean(first**2), np.mean(second**2)])
     assert found.difference_v == pytest.approx(rmse[0] - rmse[1])
-    assert found.low_v2 < found.difference_v2 < found.high_v2 < 0
-    assert found.low_v < found.difference_v < found.high_v < 0
+    assert found.interval_v2[0] < found.difference_v2 < found.interval_v2[1] < 0
+    assert found.interval_v[0] < found.difference_v < found.interval_v[1] < 0
     assert found.is_real
 
 
@@ -47,13 +47,13 @@ def test_the_interval_of_white_noise_is_the_normal_one():
     first, second = rng.normal(size=(2, 20_000))
     found = compare_over_time(first, second)
     half = 1.96 * np.std(first**2 - second**2) / np.sqrt(20_000)
-    assert (found.high_v2 - found.low_v2) / 2 == pytest.approx(half, rel=0.12)
+    assert np.ptp(found.interval_v2) / 2 == pytest.approx(half, rel=0.12)
 
 
 def test_equal_errors_do_not_differ():
     error_v = np.random.default_rng(3).normal(size=500)
     found = compare_over_time(error_v, error_v.copy())
-    assert (found.difference_v2, found.low_v2, found.high_v2) == (0, 0, 0)
+    assert (found.difference_v2, found.interval_v2) == (0, (0, 0))
     assert not found.is_real
 
 

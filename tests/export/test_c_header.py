@@ -8,8 +8,7 @@ import pytest
 
 from barnax.export import EXPORTERS
 from barnax.export.tables import tables_of
-
-from .sample_results import CIRCUITS, GAMMA, PAIRS, PAIRS_OF, make_result
+from helpers.results import CIRCUITS, GAMMA, PAIRS, PAIRS_OF, make_result
 
 COMPILER = shutil.which("cc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler here")

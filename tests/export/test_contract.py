@@ -6,8 +6,7 @@ import pytest
 from barnax.cell import CIRCUITS as REGISTERED
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, get_exporter
-
-from .sample_results import CIRCUITS, make_cell, make_result
+from helpers.results import CIRCUITS, make_cell, make_result
 
 every_exporter = pytest.mark.parametrize("exporter", EXPORTERS.values(), ids=lambda each: each.name)
 every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)

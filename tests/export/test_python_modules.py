@@ -10,8 +10,7 @@ import pytest
 from barnax.export import EXPORTERS, Profile
 from barnax.export.tables import TOLERANCE_V
 from barnax.export.verification import pulse_profile, simulate_here
-
-from .sample_results import CAPACITY_AH, CIRCUITS, GAMMA, PAIRS, PAIRS_OF, make_cell, make_result
+from helpers.results import CAPACITY_AH, CIRCUITS, GAMMA, PAIRS, PAIRS_OF, make_cell, make_result
 
 every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)
 # What pybamm.EcmParameters and the Thevenin model ask for (PyBaMM 26.10), beside the pairs.

@@ -8,8 +8,7 @@ from scipy.io import loadmat
 
 from barnax.export import EXPORTERS
 from barnax.export.tables import TOLERANCE_V
-
-from .sample_results import CIRCUITS, PAIRS, PAIRS_OF, make_cell, make_result
+from helpers.results import CIRCUITS, PAIRS, PAIRS_OF, make_cell, make_result
 
 every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)
 

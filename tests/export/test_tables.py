@@ -11,8 +11,7 @@ from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
 from barnax.model.inputs import Window
-
-from .sample_results import make_cell, make_result
+from helpers.results import make_cell, make_result
 
 FINE = np.linspace(0.0, 1.0, 40001)
 

@@ -12,8 +12,7 @@ from barnax.errors import InputError
 from barnax.export import EXPORTERS, Profile, pulse_profile, require_package, verify
 from barnax.export.tables import TOLERANCE_V, tables_of
 from barnax.export.verification import simulate_here
-
-from .sample_results import CAPACITY_AH, PAIRS, make_result
+from helpers.results import CAPACITY_AH, PAIRS, make_result
 
 SHORT = Profile(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))
 

@@ -1,67 +1,26 @@
-"""Files that nobody meant well: random, damaged, and well formed with absurd contents."""
+"""Contents that nobody meant well: damaged files, and JSON documents with absurd values."""
 
 import copy
-import io
 import json
-import math
-import zipfile
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from helpers.records import arbin_rows, pulse_frame, workbook
-
-TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
-FRAME = pulse_frame(40)
-
-# Where one kind of number ends and the next begins, or does not.
-NUMBERS = [
-    0.0, -0.0, 5e-324, 1e-300, 1e-9, 1.0, 65_535.0, 2.0**31, 2.0**53, 2.0**63, 1e20, 1e155, 1e300,
-    1.7976931348623157e308, math.inf, math.nan,
-]  # fmt: skip
-CELLS = [
-    "", " ", "nan", "-inf", "1e400", "1e-400", "1_000", "0x10", "1,5", "1.2.3", "--", "+", "٣", "é",
-    "true", "2020-01-01", "9" * 5000, "0." + "3" * 5000, '"', "\ufeff1", "\u2028", "=1+1", "..",
-]  # fmt: skip
+EXAMPLES = [pytest.param(25, id="few"), pytest.param(500, id="many", marks=pytest.mark.slow)]
 
 
-def parquet(frame: pl.DataFrame, **options: Any) -> bytes:
-    """A table as a Parquet file."""
-    file = io.BytesIO()
-    frame.write_parquet(file, **options)
-    return file.getvalue()
+def repeated(examples: int, test: Callable[[Any], None], strategy: st.SearchStrategy) -> None:
+    """Run `test` on that many examples, the slow ones of which hypothesis may not give up on."""
 
+    @settings(max_examples=examples, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(strategy)
+    def test_one(example: Any) -> None:
+        test(example)
 
-def sheet(frame: pl.DataFrame, name: str = "data") -> bytes:
-    """A table as a workbook of one sheet."""
-    return workbook({name: [frame.columns, *map(list, frame.rows())]})
-
-
-def repacked(content: bytes, change: Callable[[str, bytes], bytes]) -> bytes:
-    """An archive with every part given to `change` with its name."""
-    file = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(content)) as old,
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as new,
-    ):
-        for name in old.namelist():
-            new.writestr(name, change(name, old.read(name)))
-    return file.getvalue()
-
-
-GOOD_FILES = {
-    "csv": [FRAME.write_csv().encode(), FRAME.write_csv(separator=";").encode("utf-16")],
-    "parquet": [
-        *(parquet(FRAME, compression=kind) for kind in ("zstd", "snappy", "uncompressed")),
-        parquet(FRAME, row_group_size=7, data_page_size=64, statistics=False),
-        parquet(FRAME.with_columns(pl.lit("pause").alias("Mode"), pl.lit(7).alias("Step"))),
-    ],
-    "workbook": [sheet(FRAME), workbook({"Info": [["x"]], "Channel_1-001": arbin_rows(FRAME)})],
-}
-"""Good files of every format but the old workbook, for which nothing here can write one."""
+    test_one()
 
 
 @st.composite
@@ -93,61 +52,6 @@ def damaged(draw: st.DrawFn, good: list[bytes]) -> bytes:
             begin = draw(st.integers(0, len(other)))
             content[at:] = other[begin:]
     return bytes(content)
-
-
-numbers = st.one_of(
-    st.sampled_from(NUMBERS).flatmap(lambda size: st.sampled_from([size, -size])),
-    st.floats(),
-    st.floats(-10, 10),
-)
-
-
-@st.composite
-def absurd_frames(draw: st.DrawFn) -> pl.DataFrame:
-    """A record with all columns there are, some of its numbers or whole columns absurd."""
-    lines = draw(st.integers(10, 40))
-    frame = FRAME[:lines].with_columns(
-        pl.lit(25.0).alias("Temperature / degC"),
-        (pl.col(TIME) // 7).alias("Step Index / 1"),
-        (pl.col(TIME) / 3600).alias("Charging Capacity / Ah"),
-        (pl.col(TIME) / 3600).alias("Discharging Capacity / Ah"),
-    )
-    columns = {name: frame[name].to_numpy().copy() for name in frame.columns}
-    for _ in range(draw(st.integers(0, 4))):
-        column = columns[draw(st.sampled_from(frame.columns))]
-        change = draw(st.sampled_from(["one", "all", "scale", "shift"]))
-        value = draw(numbers)
-        with np.errstate(all="ignore"):
-            if change == "one":
-                column[draw(st.integers(0, lines - 1))] = value
-            elif change == "all":
-                column[:] = value
-            elif change == "scale":
-                column *= value
-            else:
-                column += value
-    left_out = draw(st.sets(st.sampled_from(frame.columns[3:])))
-    return pl.DataFrame({name: values for name, values in columns.items() if name not in left_out})
-
-
-@st.composite
-def absurd_texts(draw: st.DrawFn) -> bytes:
-    """A delimited file with absurd cells, names, lines or separators."""
-    lines = [line.split(",") for line in draw(absurd_frames()).write_csv().splitlines()]
-    words = st.sampled_from(CELLS) | st.text(max_size=8)
-    for _ in range(draw(st.integers(0, 4))):
-        line = draw(st.sampled_from(lines))
-        if draw(st.booleans()):
-            line[draw(st.integers(0, len(line) - 1))] = draw(words)
-        elif draw(st.booleans()):
-            line.append(draw(words))
-        else:
-            del line[draw(st.integers(0, len(line) - 1)) :]
-            line.append("")
-    separator = draw(st.sampled_from([",", ";", "\t", "|"]))
-    text = draw(st.sampled_from(["\n", "\r\n", "\r", "\n\n"])).join(map(separator.join, lines))
-    encoding = draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "latin-1"]))
-    return text.encode(encoding, errors="replace")
 
 
 # Written where a JSON reader may read it, but JSON has no such numbers.

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from barnax.comparison import ComparisonResult
 from barnax.results import Result
-from export.sample_results import make_cell
+from helpers.results import make_cell
 from sample_comparisons import BOX, PARAMETERS
 
 # What a type alone does not tell.

@@ -1,43 +1,77 @@
-"""Whatever is in a file: it is read, or refused with an InputError, and nothing else happens."""
-
-from collections.abc import Callable
-from pathlib import Path
+"""Whatever is in a file: it is read, or refused with an InputError in our words, and no more."""
 
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import strategies as st
 
+from barnax.cell import OcvTable, read_ocv_test
 from barnax.checks import check_file
 from barnax.errors import InputError
-from barnax.records import Record, read_record
+from barnax.records import Record, read_record, record_from_frame
+from helpers.records import CURRENT, TIME, VOLTAGE, good_files, parquet, pulse_frame, sheet
 
-from .hostile import GOOD_FILES, absurd_frames, absurd_texts, damaged, parquet, sheet
-from .repeated import EXAMPLES, repeated
+from .hostile import EXAMPLES, damaged, repeated
+
+FRAME = pulse_frame(40).with_columns(
+    pl.lit(25.0).alias("Temperature / degC"),
+    (pl.col(TIME) // 7).alias("Step Index / 1"),
+    (pl.col(TIME) / 3600).alias("Charging Capacity / Ah"),
+    (pl.col(TIME) / 3600).alias("Discharging Capacity / Ah"),
+)
+OCV = pl.DataFrame({"SOC [-]": np.linspace(0, 1, 12), "OCV [V]": np.linspace(3, 4.2, 12)})
+GOOD = {
+    "delimited text": [*good_files()["delimited text"], OCV.write_csv().encode()],
+    "Parquet table": [*good_files()["Parquet table"], parquet(OCV)],
+    "spreadsheet workbook": [*good_files()["spreadsheet workbook"], sheet(OCV)],
+}
+# Where one kind of number ends and the next begins, or does not.
+NUMBERS = [
+    0.0, -0.0, 5e-324, 1e-300, 1e-9, 1.0, 65_535.0, 2.0**31, 2.0**53, 2.0**63, 1e20, 1e155, 1e300,
+    1.7976931348623157e308, float("inf"), float("nan"),
+]  # fmt: skip
+CELLS = [
+    "", " ", "nan", "-inf", "1e400", "1e-400", "1_000", "0x10", "1,5", "1.2.3", "--", "+", "٣", "é",
+    "true", "2020-01-01", "9" * 5000, "0." + "3" * 5000, '"', "\ufeff1", "\u2028", "=1+1", "..",
+]  # fmt: skip
 
 
-def survive(folder: Path, content: bytes) -> None:
-    """Read and examine a file. What is refused has an error that the doctor names too."""
+def survive(folder, content):
+    """Read and check a file; the reader raises what the check calls an error, and nothing else."""
     path = folder / "cell.csv"
     path.write_bytes(content)
-    record, refusal = None, "cell.csv: "
+    record, refusal = None, ""
     try:
         record = read_record(path)
     except InputError as problem:
         refusal = str(problem)
-    assert refusal.startswith("cell.csv: ")
-    assert len(refusal) < 5000
-    if record is not None:
+        require_words(refusal)
+    else:
         require_record(record)
     try:
-        diagnosis = check_file(path)
-    except InputError:
-        assert record is None
+        outcome = check_file(path)
+    except InputError as problem:
+        raised = {str(problem)}
     else:
-        has_errors = any(finding.severity == "error" for finding in diagnosis.findings)
-        assert has_errors or record is not None
+        errors = [each for each in outcome.findings if each.severity == "error"]
+        raised = {f"{each.sentence('cell.csv')}." for each in errors}
+    # The whole record shows faults that no sample does.
+    assert record is not None or refusal in raised
+    try:
+        test = read_ocv_test(path)
+    except InputError as problem:
+        require_words(str(problem))
+    else:
+        assert record is not None or isinstance(test, OcvTable)
 
 
-def require_record(record: Record) -> None:
+def require_words(refusal):
+    assert refusal.startswith("cell.csv: ")
+    assert len(refusal) < 5000
+    assert refusal.isprintable()
+
+
+def require_record(record: Record):
     """What every record promises."""
     assert record.samples >= 10
     assert len(record.time_s) == len(record.current_a) == len(record.voltage_v) == record.samples
@@ -47,25 +81,91 @@ def require_record(record: Record) -> None:
     assert np.abs(record.voltage_v).max() <= 100
 
 
-@pytest.mark.parametrize("examples", EXAMPLES)
-@pytest.mark.parametrize("start", [b"", b"PAR1", b"PK\3\4xl/", b"\xff\xfe"])
-def test_random_bytes(tmp_path: Path, start: bytes, examples: int):
-    contents = st.binary(max_size=300).map(lambda content: start + content + start[:4])
-    repeated(examples, lambda content: survive(tmp_path, content), contents)
+@st.composite
+def absurd_frames(draw: st.DrawFn) -> pl.DataFrame:
+    """A record with all columns there are, some of its numbers or whole columns absurd."""
+    lines = draw(st.integers(10, 40))
+    columns = {name: FRAME[name].to_numpy()[:lines].copy() for name in FRAME.columns}
+    numbers = st.sampled_from(NUMBERS + [-each for each in NUMBERS]) | st.floats()
+    for _ in range(draw(st.integers(0, 4))):
+        column = columns[draw(st.sampled_from(FRAME.columns))]
+        change = draw(st.sampled_from(["one", "all", "scale", "shift"]))
+        value = draw(numbers | st.floats(-10, 10))
+        with np.errstate(all="ignore"):
+            if change == "one":
+                column[draw(st.integers(0, lines - 1))] = value
+            elif change == "all":
+                column[:] = value
+            elif change == "scale":
+                column *= value
+            else:
+                column += value
+    left_out = draw(st.sets(st.sampled_from(FRAME.columns[3:])))
+    return pl.DataFrame({name: values for name, values in columns.items() if name not in left_out})
+
+
+@st.composite
+def absurd_texts(draw: st.DrawFn) -> bytes:
+    """A delimited file with absurd cells, names, lines or separators."""
+    table = draw(absurd_frames() | st.just(OCV))
+    lines = [line.split(",") for line in table.write_csv().splitlines()]
+    words = st.sampled_from(CELLS) | st.text(max_size=8)
+    for _ in range(draw(st.integers(0, 4))):
+        line = draw(st.sampled_from(lines))
+        change = draw(st.sampled_from(["word", "more", "fewer"]))
+        if change == "word":
+            line[draw(st.integers(0, len(line) - 1))] = draw(words)
+        elif change == "more":
+            line.append(draw(words))
+        else:
+            line[draw(st.integers(0, len(line) - 1)) :] = [""]
+    separator = draw(st.sampled_from([",", ";", "\t", "|"]))
+    text = draw(st.sampled_from(["\n", "\r\n", "\r", "\n\n"])).join(map(separator.join, lines))
+    encoding = draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "latin-1"]))
+    return text.encode(encoding, errors="replace")
+
+
+STARTS = st.sampled_from(
+    [b"", b"PAR1", b"PK\3\4xl/", b"\xff\xfe", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"]
+)
+CONTENTS = {
+    "random bytes": st.builds(lambda start, rest: start + rest, STARTS, st.binary(max_size=300)),
+    "random text": st.text(max_size=300).map(str.encode),
+    **{f"damaged {kind}": damaged(good) for kind, good in GOOD.items()},
+    "absurd text": absurd_texts(),
+    "absurd Parquet": absurd_frames().map(parquet),
+    "absurd workbook": absurd_frames().map(sheet),
+}
 
 
 @pytest.mark.parametrize("examples", EXAMPLES)
-@pytest.mark.parametrize("kind", GOOD_FILES)
-def test_damaged_files(tmp_path: Path, kind: str, examples: int):
-    repeated(examples, lambda content: survive(tmp_path, content), damaged(GOOD_FILES[kind]))
+@pytest.mark.parametrize("kind", CONTENTS)
+def test_whatever_a_file_holds_is_read_or_refused(tmp_path, kind, examples):
+    repeated(examples, lambda content: survive(tmp_path, content), CONTENTS[kind])
+
+
+@pytest.mark.parametrize("kind", ["Parquet table", "spreadsheet workbook"])
+def test_a_file_cut_anywhere_is_refused(tmp_path, kind):
+    content = GOOD[kind][0]
+    for length in range(8, len(content) - 1, 97):
+        (tmp_path / "cell.csv").write_bytes(content[:length])
+        with pytest.raises(InputError):
+            read_record(tmp_path / "cell.csv")
 
 
 @pytest.mark.parametrize("examples", EXAMPLES)
-def test_absurd_texts(tmp_path: Path, examples: int):
-    repeated(examples, lambda content: survive(tmp_path, content), absurd_texts())
+def test_whatever_a_data_frame_holds_is_read_or_refused(examples):
+    def survive_frame(table):
+        try:
+            require_record(record_from_frame(table, name="cell.csv"))
+        except InputError as problem:
+            require_words(str(problem))
+
+    repeated(examples, survive_frame, absurd_frames())
 
 
-@pytest.mark.parametrize("examples", EXAMPLES)
-@pytest.mark.parametrize("write", [parquet, sheet])
-def test_absurd_numbers(tmp_path: Path, write: Callable, examples: int):
-    repeated(examples, lambda frame: survive(tmp_path, write(frame)), absurd_frames())
+def test_a_column_may_be_of_any_kind():
+    for values in ([1 + 2j] * 20, [[1]] * 20, [b"x"] * 20, [True] * 20, [None] * 20, [{}] * 20):
+        table = {TIME: range(20), CURRENT: [0.0, 1.0] * 10, VOLTAGE: values}
+        with pytest.raises(InputError, match="where a number is needed"):
+            record_from_frame(table)

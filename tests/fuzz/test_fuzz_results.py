@@ -13,8 +13,7 @@ from barnax.errors import InputError
 from barnax.export import EXPORTERS
 from barnax.results import Result
 
-from .hostile import absurd_documents, damaged
-from .repeated import EXAMPLES, repeated
+from .hostile import EXAMPLES, absurd_documents, damaged, repeated
 from .stored import good_comparison, good_result
 
 GOOD = {"result": good_result(), "comparison": good_comparison()}

@@ -7,8 +7,8 @@ import pytest
 from barnax.export import EXPORTERS
 from barnax.results import Result
 from cli.conftest import contents, run_command
+from helpers.records import pulse_frame
 
-from .hostile import FRAME
 from .stored import good_result
 
 NAMES = ["../../escaped", "/escaped", "..", "a/../../escaped.csv", "~/escaped", "C:\\escaped"]
@@ -49,7 +49,7 @@ def test_an_export_goes_where_it_is_told_whatever_the_result_names(inner, tmp_pa
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_repeated_run_reads_no_file_that_the_result_was_not_made_from(inner, tmp_path, name):
-    (tmp_path / "escaped").write_text(FRAME.write_csv())
+    (tmp_path / "escaped").write_text(pulse_frame().write_csv())
     command = ("barnax", "identify", name, "--out", str(tmp_path / "escaped"), "--force", "--")
     stored = named(name).model_copy(update={"command": command})
     (inner / "result.json").write_text(stored.to_json(), encoding="utf-8")

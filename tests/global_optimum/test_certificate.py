@@ -86,14 +86,14 @@ def test_the_third_derivative_of_a_pairs_kernel_is_bounded():
 
 
 @pytest.mark.parametrize("tau", [0.7, 3.0, 20.0, 150.0, 900.0])
-def test_no_answers_third_derivative_exceeds_its_bound(bundled_cell, tau):
+def test_no_response_s_third_derivative_exceeds_its_bound(bundled_cell, tau):
     problem = make_problem(made_record(3), bundled_cell, "1rc", window=KNOWN_SOC)
     record, step = problem.prepared.record, 1e-2
-    answers = [
+    responses = [
         banded_response(record.time_s, record.current_a, tau * np.exp(k * step))
         for k in (-2, -1, 1, 2)
     ]
-    third = (answers[3] - 2 * answers[2] + 2 * answers[1] - answers[0]) / (2 * step**3)
+    third = (responses[3] - 2 * responses[2] + 2 * responses[1] - responses[0]) / (2 * step**3)
     bound = THIRD_DERIVATIVE * Reduced.of(problem).axes[0].input_rms
     assert np.sqrt(np.mean(third**2)) < bound
 
@@ -116,8 +116,8 @@ def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound
     wrong=st.floats(0.0, 0.3),
     cells=st.integers(0, 40),
 )
-def test_what_an_answer_does_between_the_three_places_is_allowed_for(wave, phase, wrong, cells):
-    # One number that is 2 + r sin(wave u + phase), computed up to `wrong`; no circuit's answer is
+def test_what_a_response_does_between_the_three_places_is_allowed_for(wave, phase, wrong, cells):
+    # One number that is 2 + r sin(wave u + phase), computed up to `wrong`; no circuit's response is
     # as wild, so the cells are wide for it.
     def columns(places):
         return np.sin(wave * places + phase)[:, None] + wrong

@@ -64,9 +64,8 @@ def test_moving_the_origin_moves_the_whole_run_of_ibmo_centered():
         np.testing.assert_allclose(here.value, there.value - 512, atol=0.05)
 
 
-@pytest.mark.parametrize("make", [bmo, ibmo])
-def test_moving_the_origin_changes_what_the_published_barnacles_find(make):
-    solver = make(population=10, iterations=40)
+def test_moving_the_origin_changes_what_the_published_barnacles_find():
+    solver = bmo(population=10, iterations=40)
     here, there = (search(solver, jnp.float32(origin)) for origin in (0.0, 512.0))
     assert not np.allclose(here.stats["history"], there.stats["history"], rtol=1e-2)
 

@@ -99,7 +99,7 @@ def test_neighbors_within_reach_are_chosen_equally_often():
         return learn_from_neighbors(numbers, jnp.tile(wolves, (1, 8)), jnp.tile(hunted, (1, 8)))
 
     keys = jr.split(jr.key(0), 2000)
-    learned = np.asarray(jax.vmap(chosen)(keys))
+    learned = np.asarray(jax.jit(jax.vmap(chosen))(keys))
     # The far wolf has no neighbor but itself, so its step is 50 minus one of the four.
     steps = learned[:, 3, :] - 50
     assert steps.min() >= 0
@@ -109,7 +109,7 @@ def test_neighbors_within_reach_are_chosen_equally_often():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.49, -1.0])
-def test_arandom_subset_has_its_share_rounded_down(share):
+def test_a_random_subset_has_its_share_rounded_down(share):
     numbers = jr.uniform(jr.key(0), (21,))
     assert random_subset(numbers, jnp.array(share)).sum() == max(0, int(21 * share))
 

@@ -4,7 +4,6 @@ import io
 
 import numpy as np
 import pytest
-from sample_results import make_evaluation, make_record
 
 from barnax.comparison.result import SeedAnswerPart
 from barnax.plots import (
@@ -16,6 +15,7 @@ from barnax.plots import (
 )
 from barnax.plots.compared_records import row_looks
 from barnax.plots.style import readable
+from helpers.results import make_evaluation, make_record
 from sample_comparisons import BOX, PARAMETERS, make_comparison, make_failure, make_row
 
 

@@ -4,65 +4,65 @@ import io
 
 import numpy as np
 import pytest
-from sample_results import make_cross_check, make_identification
 
 from barnax.plots import plot_convergence
 from barnax.results import make_result
 from barnax.search.evaluate import evaluate
+from helpers.results import make_refinement, make_search
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 
 
 def test_every_seed_is_a_line_in_millivolt_over_its_evaluations():
-    lines = plot_convergence(make_identification(HISTORIES_V)).axes[0].get_lines()
+    lines = plot_convergence(make_search(HISTORIES_V)).axes[0].get_lines()
     for drawn, history_v in zip(lines, HISTORIES_V, strict=False):
         np.testing.assert_allclose(drawn.get_xdata(), [10, 20, 30])
         np.testing.assert_allclose(drawn.get_ydata(), 1e3 * np.array(history_v))
 
 
 def test_the_median_is_bolder_than_the_seeds():
-    *seeds, median = plot_convergence(make_identification(HISTORIES_V)).axes[0].get_lines()
+    *seeds, median = plot_convergence(make_search(HISTORIES_V)).axes[0].get_lines()
     np.testing.assert_allclose(median.get_ydata(), [40.0, 20.0, 12.0])
     assert median.get_linewidth() >= 2 * max(line.get_linewidth() for line in seeds)
 
 
 def test_the_excess_over_the_refined_answer_is_in_percent():
-    found = make_identification(HISTORIES_V)
-    figure = plot_convergence(found, make_cross_check(found, 0.01))
+    found = make_search(HISTORIES_V)
+    figure = plot_convergence(found, make_refinement(found, 0.01))
     assert len(figure.axes) == 2
     np.testing.assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), [200.0, 100.0, 10.0])
 
 
 def test_an_excess_of_nothing_is_drawn_at_the_floor():
-    found = make_identification([[0.02, 0.01]])
-    figure = plot_convergence(found, make_cross_check(found, 0.01))
+    found = make_search([[0.02, 0.01]])
+    figure = plot_convergence(found, make_refinement(found, 0.01))
     figure.savefig(io.BytesIO())
     np.testing.assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), [100.0, 1e-6])
 
 
 def test_one_seed_needs_no_median():
-    figure = plot_convergence(make_identification(HISTORIES_V[:1]))
+    figure = plot_convergence(make_search(HISTORIES_V[:1]))
     figure.savefig(io.BytesIO())
     assert figure.axes[0].get_legend_handles_labels()[1] == ["one seed"]
 
 
 def test_generations_before_the_first_finite_error_are_left_out():
-    found = make_identification([[np.inf, 0.02, 0.01], [0.03, 0.02, 0.01]])
-    figure = plot_convergence(found, make_cross_check(found, 0.01))
+    found = make_search([[np.inf, 0.02, 0.01], [0.03, 0.02, 0.01]])
+    figure = plot_convergence(found, make_refinement(found, 0.01))
     figure.savefig(io.BytesIO())
     np.testing.assert_array_equal(figure.axes[0].get_lines()[0].get_ydata(), [np.nan, 20.0, 10.0])
 
 
 def test_a_refined_error_of_zero_has_no_excess_to_draw():
-    found = make_identification(HISTORIES_V)
-    figure = plot_convergence(found, make_cross_check(found, 0.0))
+    found = make_search(HISTORIES_V)
+    figure = plot_convergence(found, make_refinement(found, 0.0))
     figure.savefig(io.BytesIO())
     assert len(figure.axes) == 1
 
 
 @pytest.mark.parametrize("lowest_v", [0.029, 0.002, 1e-8])
 def test_any_span_of_errors_has_labeled_ticks(lowest_v):
-    figure = plot_convergence(make_identification([[0.03, lowest_v]]))
+    figure = plot_convergence(make_search([[0.03, lowest_v]]))
     figure.savefig(io.BytesIO())
     low, high = figure.axes[0].get_ylim()
     ticks = [

@@ -4,9 +4,9 @@ import io
 
 import numpy as np
 import pytest
-from sample_results import make_evaluation, make_record
 
 from barnax.plots import plot_error
+from helpers.results import make_evaluation, make_record
 
 
 def line(axes, label):

@@ -4,10 +4,10 @@ import io
 
 import numpy as np
 import pytest
-from sample_results import make_evaluation, make_record
 
 from barnax.plots import plot_voltage
 from barnax.plots.voltage import lively_stretch
+from helpers.results import make_evaluation, make_record
 
 
 def test_the_lines_are_the_measured_and_the_simulated_voltage():
@@ -76,10 +76,3 @@ def test_the_magnified_stretch_is_scored_and_lively():
     assert span.stop - span.start == 200
     assert span.start >= 2000 - 5
     assert span.stop <= 2400 + 5
-
-
-def test_dollar_signs_and_length_of_a_file_name_do_no_harm():
-    record = make_record(300, name="$x^{$ " + 100 * "long_" + ".csv")
-    figure = plot_voltage(make_evaluation(record))
-    figure.savefig(io.BytesIO())
-    assert figure.axes[0].get_title("left").endswith("long_.csv")

@@ -76,11 +76,6 @@ def test_an_original_file_gives_the_record_made_from_it(real_data, raw):
     assert original.sign.value == record.sign.value
 
 
-def test_the_stray_sheets_of_a_workbook_are_named(real_data):
-    record = read_record(real_data / "raw/11_05_2015_SP20-2_DST_50SOC.with-extra-sheets.xls")
-    assert "ignored the sheets Info, Sheet1, Sheet2" in record.warnings
-
-
 @pytest.mark.parametrize("start", range(0, 9000, 600))
 @pytest.mark.parametrize("sweep", ["ocv-s1", "ocv-s3"])
 def test_a_piece_of_a_slow_sweep_is_never_strongly_wrong(real_data, tmp_path, sweep, start):

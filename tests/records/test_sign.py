@@ -93,7 +93,7 @@ def test_names_decide_only_where_the_data_say_nothing_and_with_a_warning(tmp_pat
     )
     record = read_record(path)
     assert (record.sign.value, record.sign.strength) == (promised, "assumed")
-    assert any("--current-sign" in warning for warning in record.warnings)
+    assert any("`current_sign=" in warning for warning in record.warnings)
 
 
 @pytest.mark.parametrize("promised", SIGNS)
@@ -103,7 +103,7 @@ def test_a_broken_promise_of_the_names_is_a_warning(tmp_path, promised):
     path = written(tmp_path, current, simulated_cell(current), truth, names=NAMES[promised])
     record = read_record(path)
     assert record.sign.value == truth
-    assert any(f"column names mean {promised}" in warning for warning in record.warnings)
+    assert any(f"names mean {promised}" in warning for warning in record.warnings)
 
 
 @pytest.mark.parametrize("sign", SIGNS)
@@ -122,7 +122,7 @@ def test_a_sign_given_against_weak_evidence_is_taken_with_a_warning(tmp_path):
     assert read_record(path).sign.strength == "weak"
     record = read_record(path, current_sign="discharge-positive")
     assert (record.sign.value, record.sign.strength) == ("discharge-positive", "given")
-    assert any("against weak evidence" in warning for warning in record.warnings)
+    assert any("on weak evidence" in warning for warning in record.warnings)
 
 
 @pytest.mark.parametrize("sign", SIGNS)

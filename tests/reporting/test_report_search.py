@@ -4,16 +4,16 @@ from barnax.reporting.comparison_sentences import (
     bound_sentences,
     budget_sentence,
     failure_sentences,
+    gap_sentences,
     note_sentences,
     optimum_sentences,
-    regret_sentences,
     soc_sentence,
 )
 from sample_comparisons import make_comparison, make_errors, make_failure, make_row
 
 
 def optimality_gaps(*rows, optima_mv=None):
-    return list(regret_sentences(make_comparison(rows, optima_mv=optima_mv)))
+    return list(gap_sentences(make_comparison(rows, optima_mv=optima_mv)))
 
 
 def test_rows_at_the_optimum_are_said_to_reach_it():
@@ -65,7 +65,7 @@ def test_an_optimum_is_told_with_how_sure_it_is():
     sure = {"optimum_status": "certified", "optimum_verdict": "Certified by a proof"}
     models = {"so-rc": result.models["so-rc"].model_copy(update=sure)}
     result = result.model_copy(update={"models": models})
-    assert "of so-rc, 20.00 mV (certified), to 0.1 %" in next(iter(regret_sentences(result)))
+    assert "of so-rc, 20.00 mV (certified), to 0.1 %" in next(iter(gap_sentences(result)))
     assert list(optimum_sentences(result)) == ["so-rc: Certified by a proof."]
 
 
@@ -74,9 +74,9 @@ def test_models_without_a_known_optimum_are_told_together():
     assert sentence.startswith("The global optimum of so-rc and esc is not known")
 
 
-def test_a_model_without_an_answer_has_no_regret():
+def test_a_model_without_an_answer_has_no_optimality_gap():
     result = make_comparison([make_failure("ls so-rc", "No.")])
-    assert list(regret_sentences(result)) == []
+    assert list(gap_sentences(result)) == []
 
 
 def test_a_bound_is_told_with_the_rows_that_are_at_it():

@@ -78,7 +78,7 @@ def test_the_lowest_error_is_the_one_to_be_read_first():
     assert errors_table(make_comparison(rows), 1).best == {(0, 1)}
 
 
-def test_the_search_table_holds_the_spread_the_regret_and_the_time():
+def test_the_search_table_holds_the_spread_the_gap_and_the_time():
     rows = [make_row("a so-rc", 20.0, optimality_gap=0.021, refined_rmse_v=0.0199)]
     rows.append(make_row("b so-rc", 20.0, seeds=1, spread=None, evaluations=None))
     table = search_table(make_comparison(rows), {"a so-rc": 1.234})
@@ -115,7 +115,7 @@ def test_differences_stand_with_their_interval_and_the_seeds():
         ("a so-rc", "b so-rc", "-2.000", "-3.000", "-1.000", "yes", "3–0", "0.25"),
         ("b so-rc", "c so-rc", "0.000", "-1.000", "1.000", "no†", "–", "–"),
     )
-    assert "†: errors stay alike for longer than the blocks" in table.caption
+    assert "†: the residual autocorrelation outlasts the blocks" in table.caption
 
 
 def test_of_very_many_pairs_only_those_asked_for_are_shown():

@@ -1,6 +1,7 @@
-"""Records made from known circuits with noise that remembers, and their cross-checks."""
+"""Records simulated from known circuits with correlated noise, and what is fitted to them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import lfilter
@@ -10,11 +11,46 @@ from barnax.model.inputs import Window
 from barnax.model.problem import Problem, make_problem
 from barnax.optimizers import make_optimizer
 from barnax.records.record import Decision, Hold
-from barnax.search.refine import Refinement, refine
+from barnax.search.refine import refine
 from barnax.search.seeds import Search, SeedAnswer
+from barnax.uncertainty import Assessment, Refit, assess
 from reference import drop_v, filtered_response
 
 TRUTH = CircuitParameters(r0=0.05, r=(0.02, 0.03), c=(10 / 0.02, 120 / 0.03))
+SAMPLES = 1501
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A problem, its optimum, and what is asked of both."""
+
+    problem: Problem
+    parameters: CircuitParameters
+    rmse_v: float
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        return assess(self.problem, self.parameters)
+
+    @cached_property
+    def refit(self) -> Refit:
+        return Refit(self.problem)
+
+    @property
+    def known(self) -> dict:
+        """What need not be computed again."""
+        return {"covariance": self.assessment.covariance, "refit": self.refit}
+
+
+def fit(problem: Problem, start: CircuitParameters = TRUTH) -> Fit:
+    """The optimum next to `start`."""
+    seed = SeedAnswer(1.0, start, np.ones(1), 0, 0)
+    refinement = refine(Search(problem, make_optimizer("ibmo", 12, 40), 0, (seed,)))
+    return Fit(problem, refinement.parameters, refinement.rmse_v)
+
+
+def white_noise(seed: int, sd_v: float = 1e-3) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0, sd_v, SAMPLES)
 
 
 def colored_noise(
@@ -47,9 +83,3 @@ def made_problem(
     record = replace(prepared.record, voltage_v=voltage_v, hold=Decision(hold, "given", "made so"))
     window = Window(initial_soc=prepared.initial_soc, score_to_s=like.window.score_to_s)
     return make_problem(record, like.cell, circuit, window=window, **options)
-
-
-def cross_check(problem: Problem, start: CircuitParameters = TRUTH) -> Refinement:
-    """The refined answer of a search that has ended at `start`."""
-    seed = SeedAnswer(1.0, start, np.ones(1), 0, 0)
-    return refine(Search(problem, make_optimizer("ibmo", 12, 40), 0, (seed,)))

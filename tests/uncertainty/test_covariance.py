@@ -7,25 +7,16 @@ import pytest
 from scipy.optimize import curve_fit
 
 from barnax.model.problem import make_problem
-from barnax.uncertainty.assessment import assess
+from barnax.uncertainty import assess
 from reference import drop_v, filtered_response
 
-from .made import TRUTH, cross_check, made_problem
+from .made import SAMPLES, TRUTH, fit, made_problem, white_noise
 
 LOGARITHMS = np.log([TRUTH.r0, TRUTH.r[0], TRUTH.tau_s[0], TRUTH.r[1], TRUTH.tau_s[1]])
 
 
-@pytest.fixture(scope="module")
-def white(short_problem):
-    """A known circuit under 1 mV of white noise, and its assessment."""
-    noise_v = np.random.default_rng(5).normal(0, 1e-3, 1501)
-    checked = cross_check(made_problem(short_problem, noise_v))
-    return checked, assess(checked)
-
-
-def test_the_plain_covariance_is_that_of_curve_fit(white):
-    checked, assessment = white
-    prepared = checked.search.problem.prepared
+def test_the_white_noise_covariance_is_that_of_curve_fit(white):
+    prepared, uncertainty = white.problem.prepared, white.assessment.uncertainty
 
     def drop(current_a, *logarithms):
         r0, r1, tau1, r2, tau2 = np.exp(logarithms)
@@ -33,42 +24,42 @@ def test_the_plain_covariance_is_that_of_curve_fit(white):
 
     measured_mv = 1e3 * (prepared.source_v - prepared.voltage_v)
     best, covariance = curve_fit(drop, prepared.current_a, measured_mv, LOGARITHMS, xtol=1e-12)
-    uncertainty = assessment.uncertainty
-    assert uncertainty.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
-    np.testing.assert_allclose(uncertainty.white_noise_covariance, covariance, rtol=1e-3, atol=1e-9)
-    assert [uncertainty[name].value for name in uncertainty.names] == pytest.approx(
-        np.exp(best), rel=1e-5
-    )
+    assert uncertainty.free == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
+    found = white.assessment.covariance.white_noise_matrix
+    np.testing.assert_allclose(found, covariance, rtol=1e-3, atol=1e-9)
+    values = [uncertainty[name].value for name in uncertainty.free]
+    assert values == pytest.approx(np.exp(best), rel=1e-5)
 
 
 def test_white_noise_needs_no_inflation(white):
-    _, assessment = white
-    inflations = [each.inflation for each in assessment.uncertainty.estimates]
+    inflations = [each.inflation for each in white.assessment.uncertainty.estimates]
     # Parts that white noise does not have are fitted to its chance correlations.
     assert all(0.6 < inflation < 1.6 for inflation in inflations)
 
 
 def test_capacitances_follow_from_resistances_and_time_constants(white):
-    _, assessment = white
-    uncertainty = assessment.uncertainty
-    first, second = uncertainty.names.index("R1 [Ohm]"), uncertainty.names.index("tau1 [s]")
+    uncertainty = white.assessment.uncertainty
+    first, second = uncertainty.free.index("R1 [Ohm]"), uncertainty.free.index("tau1 [s]")
     difference = np.zeros(5)
     difference[[first, second]] = -1, 1
-    variance = difference @ uncertainty.covariance @ difference
-    assert uncertainty["C1 [F]"].relative_error == pytest.approx(np.sqrt(variance))
-    assert uncertainty["C1 [F]"].value == pytest.approx(
-        uncertainty["tau1 [s]"].value / uncertainty["R1 [Ohm]"].value
-    )
+    variance = difference @ white.assessment.covariance.matrix @ difference
+    c1, r1, tau1 = (uncertainty[name] for name in ("C1 [F]", "R1 [Ohm]", "tau1 [s]"))
+    assert c1.relative_error == pytest.approx(np.sqrt(variance))
+    assert c1.value == pytest.approx(tau1.value / r1.value)
 
 
 def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
-    for each in white[1].uncertainty.estimates:
+    for each in white.assessment.uncertainty.estimates:
         assert each.low < each.value < each.high
         assert each.low * each.high == pytest.approx(each.value**2)
+        assert each.standard_error == each.value * each.relative_error
+        assert each.standard_error == pytest.approx(
+            each.inflation * each.white_noise_standard_error
+        )
 
 
 def test_the_correlation_matrix_has_ones_on_its_diagonal(white):
-    correlation = white[1].uncertainty.correlation
+    correlation = np.array(white.assessment.uncertainty.correlation)
     np.testing.assert_allclose(np.diag(correlation), 1.0)
     assert np.abs(correlation).max() < 1 + 1e-12
 
@@ -76,19 +67,19 @@ def test_the_correlation_matrix_has_ones_on_its_diagonal(white):
 def test_what_is_fixed_or_at_a_bound_has_no_interval_and_says_why(short_problem):
     problem = made_problem(
         short_problem,
-        np.random.default_rng(5).normal(0, 1e-3, 1501),
+        white_noise(5),
         fixed={"tau2 [s]": 120.0},
         bounds={"R0 [Ohm]": (0.01, 0.045)},
     )
-    uncertainty = assess(cross_check(problem)).uncertainty
+    uncertainty = assess(problem, replace(TRUTH, r0=0.045)).uncertainty
     assert uncertainty["tau2 [s]"].held == "fixed"
-    assert uncertainty["R0 [Ohm]"].held == "at its upper bound"
+    assert uncertainty["R0 [Ohm]"].held == "at upper bound"
     assert uncertainty["tau2 [s]"].low is None
     # What is made of a held and a free parameter has the free one's error.
     assert uncertainty["C2 [F]"].relative_error == pytest.approx(
         uncertainty["R2 [Ohm]"].relative_error
     )
-    assert uncertainty.names == ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]")
+    assert uncertainty.free == ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]")
 
 
 def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
@@ -96,32 +87,32 @@ def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
     values = dict(zip(names, (0.02, 10.0, 0.03, 120.0), strict=True))
     problem = made_problem(
         short_problem,
-        np.random.default_rng(5).normal(0, 1e-3, 1501),
+        white_noise(5),
         fixed=values,
         bounds={"R0 [Ohm]": (0.01, 0.045)},
     )
-    assessment = assess(cross_check(problem))
+    assessment = assess(problem, replace(TRUTH, r0=0.045))
     assert all(each.relative_error is None for each in assessment.uncertainty.estimates)
     assert assessment.identifiability.condition_number == 1
-    assert assessment.diagnostics.samples == 1501
+    assert assessment.diagnostics.samples == SAMPLES
 
 
-def test_the_noise_of_several_records_remembers_no_longer_than_one_of_them_lasts(short_problem):
-    rng = np.random.default_rng(6)
-    one, other = (made_problem(short_problem, rng.normal(0, 1e-3, 1501)) for _ in range(2))
+def test_the_noise_of_several_records_is_correlated_no_longer_than_one_of_them_lasts(short_problem):
+    one, other = (made_problem(short_problem, white_noise(seed)) for seed in (5, 6))
     records = [problem.prepared.record for problem in (one, other)]
     window = replace(one.window, initial_soc=one.prepared.initial_soc)
     together = make_problem(records, one.cell, "so-rc", window=window)
-    assessment = assess(cross_check(together))
-    noise, linearization = assessment.uncertainty.noise, assessment.linearization
-    assert linearization.samples == 2 * 1501
+    assessment = fit(together).assessment
+    covariance = assessment.covariance
+    noise, linearization = covariance.noise, covariance.linearization
+    assert linearization.samples == 2 * SAMPLES
     assert linearization.longest_s == pytest.approx(1500.0)
     assert noise.correlation_s.max() == pytest.approx(1501 / 4)
     assert noise.lags_s.max() < 750.0
     # The first of the second record is further from the last of the first than either lasts.
     assert linearization.time_s[1501] - linearization.time_s[1500] > linearization.longest_s
     # Twice the data, independent: intervals are narrower by the square root of two.
-    alone = assess(cross_check(one)).uncertainty
+    alone = fit(one).assessment.uncertainty
     for name in linearization.names:
         narrower = (
             alone[name].white_noise_relative_error

@@ -36,13 +36,13 @@ def test_every_part_spreads_over_the_columns_as_its_dense_covariance_says(waves,
 
 
 @pytest.mark.parametrize("correlation_s", [0.0, 5.0, 60.0])
-def test_the_integrated_time_is_that_of_first_order_autoregression(correlation_s):
+def test_the_correlation_time_is_that_of_first_order_autoregression(correlation_s):
     error_v = colored_noise(np.random.default_rng(0), 60_000, correlation_s, 5e-3)[0]
     constant = np.full((60_000, 1), 1 / np.sqrt(60_000))
     noise = fit_noise(error_v, constant, np.arange(60_000.0))
     rho = np.exp(-1 / correlation_s) if correlation_s else 0.0
     # 60,000 samples hold 500 correlation lengths of 120 s: about 10 % of error are usual.
-    assert noise.integrated_time(1.0) == pytest.approx((1 + rho) / (1 - rho), rel=0.3)
+    assert noise.correlation_time_s(1.0) == pytest.approx((1 + rho) / (1 - rho), rel=0.3)
     assert noise.sd_v == pytest.approx(5e-3, rel=0.1)
 
 
@@ -146,4 +146,4 @@ def test_a_perfect_fit_leaves_no_noise(waves):
     noise = fit_noise(np.zeros(400), waves, np.arange(400.0))
     assert noise.sd_v == 0
     assert not noise.spread_v2.any()
-    assert noise.integrated_time(1.0) == 1.0
+    assert noise.correlation_time_s(1.0) == 1.0

@@ -8,20 +8,15 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
-from barnax.uncertainty.assessment import assess
-from barnax.uncertainty.refit import Refit
+from barnax.uncertainty import Refit
 
-from .made import TRUTH, cross_check, made_problem
-
-
-def white(seed=0, sd_v=1e-3):
-    return np.random.default_rng(seed).normal(0, sd_v, 1501)
+from .made import SAMPLES, TRUTH, fit, made_problem, white_noise
 
 
 @pytest.fixture(scope="module")
 def jointly(short_problem):
     """One circuit under two voltages of the same current."""
-    first, second = (made_problem(short_problem, white(seed)) for seed in (0, 1))
+    first, second = (made_problem(short_problem, white_noise(seed)) for seed in (0, 1))
     return replace(first, prepared_records=(*first.prepared_records, *second.prepared_records))
 
 
@@ -46,8 +41,8 @@ def test_the_error_of_a_held_circuit_is_the_scan_s(kind, request):
 
 
 def test_another_voltage_is_fitted_as_if_it_were_the_record_s(short_problem):
-    problem = made_problem(short_problem, white(0))
-    changed = made_problem(short_problem, white(1))
+    problem = made_problem(short_problem, white_noise(0))
+    changed = made_problem(short_problem, white_noise(1))
     refit, own = Refit(problem), Refit(changed)
     start = refit.encode(TRUTH)[None]
     foreign = refit(start, base_v=refit.voltages.project(own.voltages.own_v[None]))
@@ -56,7 +51,7 @@ def test_another_voltage_is_fitted_as_if_it_were_the_record_s(short_problem):
 
 
 def test_how_many_fits_run_at_a_time_changes_no_bit(short_problem):
-    problem = made_problem(short_problem, white(0))
+    problem = made_problem(short_problem, white_noise(0))
     refit = Refit(problem)
     starts = refit.encode(TRUTH) + 0.1 * np.random.default_rng(2).normal(size=(11, 5))
     together = refit(starts)
@@ -66,15 +61,15 @@ def test_how_many_fits_run_at_a_time_changes_no_bit(short_problem):
 
 
 def test_records_identified_jointly_are_assessed_together(jointly):
-    checked = cross_check(jointly)
-    together = assess(checked)
-    assert together.linearization.samples == 2 * 1501
-    assert np.all(np.diff(together.linearization.time_s) > 0)
+    together = fit(jointly).assessment
+    linearization = together.covariance.linearization
+    assert linearization.samples == 2 * SAMPLES
+    assert np.all(np.diff(linearization.time_s) > 0)
     # Two records tell more than one: errors shrink by about the root of two.
-    alone = assess(cross_check(replace(jointly, prepared_records=jointly.prepared_records[:1])))
+    alone = fit(replace(jointly, prepared_records=jointly.prepared_records[:1])).assessment
     ratio = [
         together.uncertainty[name].white_noise_relative_error
         / alone.uncertainty[name].white_noise_relative_error
-        for name in together.uncertainty.names
+        for name in together.uncertainty.free
     ]
     np.testing.assert_allclose(ratio, np.sqrt(0.5), rtol=0.15)

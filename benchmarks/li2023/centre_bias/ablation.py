@@ -3,10 +3,10 @@
 import dataclasses
 
 import numpy as np
-from benchmarks.li2023.test_functions import FUNCTIONS
-from benchmarks.pages import as_markdown
 
 from barnax.optimizers import BarnacleMating, ibmo_centered
+from benchmarks.li2023.test_functions import FUNCTIONS
+from benchmarks.pages import as_markdown
 
 from .runs import EVALUATIONS, POPULATION, RUNS, Losses
 from .statistics import average_run_ranks, duels, losses_of

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
+from numpy.typing import NDArray
+
 from benchmarks.li2023.test_functions import (
     DIMS,
     FUNCTIONS,
@@ -16,7 +18,6 @@ from benchmarks.li2023.test_functions import (
     make_problem,
     quiet_loss_of_problem,
 )
-from numpy.typing import NDArray
 
 from .runs import EVALUATIONS, POPULATION, RUNS, Losses, displacements
 

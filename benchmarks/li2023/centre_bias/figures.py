@@ -1,8 +1,9 @@
 """Average ranks with their critical difference (Demsar, 2006)."""
 
 import numpy as np
-from benchmarks.li2023.test_functions import FUNCTIONS
 from matplotlib.figure import Figure
+
+from benchmarks.li2023.test_functions import FUNCTIONS
 
 from .runs import Losses
 from .statistics import critical_difference, friedman, losses_of, methods_under

@@ -1,6 +1,7 @@
 """The Markdown page."""
 
 import numpy as np
+
 from benchmarks.li2023.test_functions import FUNCTIONS
 from benchmarks.pages import as_markdown
 

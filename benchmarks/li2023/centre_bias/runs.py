@@ -9,6 +9,14 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import optimistix as optx
+from numpy.typing import NDArray
+
+from barnax.optimizers import (
+    OPTIMIZERS,
+    AbstractPopulationMinimiser,
+    evaluations_per_iteration,
+    make_optimizer,
+)
 from benchmarks.li2023.test_functions import (
     DIMS,
     FUNCTIONS,
@@ -17,14 +25,6 @@ from benchmarks.li2023.test_functions import (
     draw_displacement,
     make_problem,
     quiet_loss_of_problem,
-)
-from numpy.typing import NDArray
-
-from barnax.optimizers import (
-    OPTIMIZERS,
-    AbstractPopulationMinimiser,
-    evaluations_per_iteration,
-    make_optimizer,
 )
 
 POPULATION, EVALUATIONS, RUNS = 30, 15_000, 30

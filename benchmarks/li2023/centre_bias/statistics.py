@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.stats
-from benchmarks.li2023.test_functions import FUNCTIONS
 from numpy.typing import NDArray
+
+from benchmarks.li2023.test_functions import FUNCTIONS
 
 from .runs import Losses
 

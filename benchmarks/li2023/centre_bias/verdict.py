@@ -1,6 +1,7 @@
 """The verdict in words, each sentence made from the numbers."""
 
 import numpy as np
+
 from benchmarks.li2023.test_functions import FUNCTIONS
 
 from .runs import Losses

@@ -9,10 +9,9 @@ from datetime import date
 from itertools import combinations
 from pathlib import Path
 
-from benchmarks.pages import save_page
-
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
+from benchmarks.pages import save_page
 
 from .printed import CLAIMS, TABLE_3, TABLE_4, TABLE_5, Errors
 
@@ -103,18 +102,19 @@ def _change(
     """RMSE of `better` minus that of `worse`, its interval, in V, and what the seeds say."""
     for each in differences:
         over_time, pairs = each.over_time, each.over_seeds
+        low_v, high_v = over_time.interval_v
         if each.is_validation != is_validation:
             continue
         if (each.first, each.second) == (better, worse):
             seeds = (
                 "-" if pairs is None else f"{pairs.wins} - {pairs.losses}, p {pairs.p_value:.2g}"
             )
-            return over_time.difference_v, over_time.low_v, over_time.high_v, seeds
+            return over_time.difference_v, low_v, high_v, seeds
         if (each.first, each.second) == (worse, better):
             seeds = (
                 "-" if pairs is None else f"{pairs.losses} - {pairs.wins}, p {pairs.p_value:.2g}"
             )
-            return -over_time.difference_v, -over_time.high_v, -over_time.low_v, seeds
+            return -over_time.difference_v, -high_v, -low_v, seeds
     raise ValueError(f"{better} and {worse} were not compared")
 
 
@@ -134,7 +134,7 @@ def order_sentence(rows: Sequence[Row], paper: Mapping[str, Errors], record: int
 def settings_table(settings: Mapping[str, Comparison]) -> Iterator[str]:
     """The rows under every setting of the search."""
     yield (
-        "| search | row | median [mV] | best [mV] | worst [mV] | refined [mV] | regret [%] "
+        "| search | row | median [mV] | best [mV] | worst [mV] | refined [mV] | optimality gap [%] "
         "| validation [mV] | at a bound |"
     )
     yield "|---|---|---|---|---|---|---|---|---|"
@@ -245,8 +245,8 @@ def main() -> None:
         "## The same rows under other settings of the search",
         "",
         "The order of the rows is an order of searches, not of circuits, where the searches stop "
-        "short: what Levenberg-Marquardt makes of the median seed, and the regret against the "
-        "global optimum of the circuit in the box, tell the two apart.",
+        "short: what Levenberg-Marquardt makes of the median seed, and the optimality gap against "
+        "the global optimum of the circuit in the box, tell the two apart.",
         "",
         *settings_table(settings),
         "",

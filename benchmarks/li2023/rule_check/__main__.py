@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from benchmarks.environments import WorkerError, make_environment, run_worker
 from benchmarks.pages import provenance, save_page
 

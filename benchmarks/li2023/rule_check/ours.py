@@ -8,6 +8,9 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import optimistix as optx
+from numpy.typing import NDArray
+
+from barnax.optimizers import AbstractPopulationMinimiser
 from benchmarks.li2023.test_functions import (
     DIMS,
     FUNCTIONS,
@@ -17,9 +20,6 @@ from benchmarks.li2023.test_functions import (
     make_problem,
     quiet_loss_of_problem,
 )
-from numpy.typing import NDArray
-
-from barnax.optimizers import AbstractPopulationMinimiser
 
 from .comparisons import COMPARISONS, Comparison
 from .sizes import OUR_RUNS, POINTS, SHIFTED

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+
 from benchmarks.li2023.centre_bias.statistics import holm
 from benchmarks.li2023.test_functions import DIMS, FUNCTIONS
 from benchmarks.pages import as_markdown
-from numpy.typing import NDArray
 
 from .agreement import Difference, difference, joint_difference
 from .coco_report import RunningTimes, coco_section, coco_verdict

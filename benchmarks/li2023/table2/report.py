@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+
 from benchmarks.li2023.test_functions import FUNCTIONS
 from benchmarks.pages import as_markdown
 

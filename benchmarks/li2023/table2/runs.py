@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import optimistix as optx
-from benchmarks.li2023.test_functions import DIMS, FUNCTIONS, loss_of_problem, make_problem
 
 from barnax.optimizers import AbstractPopulationMinimiser, ParticleSwarm, make_optimizer
+from benchmarks.li2023.test_functions import DIMS, FUNCTIONS, loss_of_problem, make_problem
 
 POPULATION, ITERATIONS, RUNS = 30, 500, 30
 OPTIMIZERS = ("pso", "woa", "soa", "sfo", "gwo", "igwo", "bmo", "ibmo")

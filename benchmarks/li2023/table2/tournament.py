@@ -4,6 +4,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
+
 from benchmarks.li2023.test_functions import FUNCTIONS
 
 from .runs import OPTIMIZERS, RUNS, Runs, run_table

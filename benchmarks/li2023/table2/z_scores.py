@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+
 from benchmarks.li2023.test_functions import FUNCTIONS
 from benchmarks.pages import as_markdown
 

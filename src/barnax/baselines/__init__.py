@@ -1,6 +1,19 @@
 """Everything that can identify a circuit, population optimizers and others, under one name each."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from ..optimizers import OPTIMIZERS
+from .descent import LM, PSO_LM, population_method
+from .differential_evolution import DE
 from .method import Answer, Budget, Method, MethodFailure, Trajectory
-from .registry import METHODS
+from .regression import LS, RLS
+from .varpro import VARPRO
 
 __all__ = ["METHODS", "Answer", "Budget", "Method", "MethodFailure", "Trajectory"]
+
+# A new method is one file and one name here.
+METHODS: Mapping[str, Method] = MappingProxyType(
+    {method.name: method for method in (LS, RLS, VARPRO, LM, PSO_LM, DE)}
+    | {name: population_method(name) for name in OPTIMIZERS}
+)

@@ -8,8 +8,11 @@ import jax
 from ..model.problem import Problem
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
 from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
-from ..search.seeds import search_seeds
+from ..search.seeds import SeedAnswer, search_seeds
 from .method import Answer, Budget, Method, MethodFailure, Progress, generator_of, random_circuits
+
+# Starts a seed, fewer where the budget does not hold as many.
+STARTS = 10
 
 
 def population_method(name: str) -> Method:
@@ -25,26 +28,27 @@ def population_method(name: str) -> Method:
         if iterations < 1:
             raise MethodFailure(
                 f"it evaluates {cost} candidates a generation, more than the budget of "
-                f"{budget.evaluations} a seed holds; raise --iterations"
+                f"{budget.evaluations} a seed holds; raise `iterations`"
             )
-        found = search_seeds(
-            problem,
-            make_optimizer(name, budget.population, iterations),
-            key=jax.random.key(budget.key),
-            seeds=budget.seeds,
-            progress=progress,
-        )
         return [
             Answer(seed.parameters, seed.rmse_v, seed.evaluations, seed.history_v)
-            for seed in found.seeds
+            for seed in _search(problem, name, iterations, budget, progress)
         ]
 
     source = (inspect.getdoc(OPTIMIZERS[name]) or "").split("\n")[0].rstrip(".")
     return Method(name, source, is_deterministic=False, run=search)
 
 
-# Starts a seed, fewer where the budget does not hold as many.
-STARTS = 10
+def _search(
+    problem: Problem, name: str, iterations: int, budget: Budget, progress: Progress
+) -> tuple[SeedAnswer, ...]:
+    return search_seeds(
+        problem,
+        make_optimizer(name, budget.population, iterations),
+        key=jax.random.key(budget.key),
+        seeds=budget.seeds,
+        progress=progress,
+    ).seeds
 
 
 def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
@@ -54,8 +58,7 @@ def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Ans
     As many starts are made as the budget could hold if each took all its steps, so the evaluations
     spent are fewer.
     """
-    dearest = STEPS * (1 + len(problem.coordinates.names))
-    starts = max(1, min(STARTS, budget.evaluations // dearest))
+    starts = max(1, min(STARTS, budget.evaluations // _dearest(problem)))
     circuits = [
         circuit
         for seed in range(budget.seeds)
@@ -72,6 +75,11 @@ def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Ans
     return [
         best_of(ends[first : first + starts]) for first in range(0, budget.seeds * starts, starts)
     ]
+
+
+def _dearest(problem: Problem) -> int:
+    """Evaluations of a descent that takes all its steps."""
+    return STEPS * (1 + len(problem.coordinates.names))
 
 
 def best_of(ends: list[RefinedSeed], spent: int = 0) -> Answer:
@@ -96,22 +104,15 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
     The swarm has the budget less what one descent of at most 50 steps could cost. Their circuit
     is another; the two scales are theirs.
     """
-    dearest = STEPS * (1 + len(problem.coordinates.names))
-    iterations = (budget.evaluations - dearest) // budget.population - 1
+    iterations = (budget.evaluations - _dearest(problem)) // budget.population - 1
     if iterations < 1:
         raise MethodFailure(
             f"the budget of {budget.evaluations} evaluations a seed holds no swarm and a descent; "
-            "raise --iterations"
+            "raise `iterations`"
         )
-    found = search_seeds(
-        problem,
-        make_optimizer("pso", budget.population, iterations),
-        key=jax.random.key(budget.key),
-        seeds=budget.seeds,
-        progress=progress,
-    )
-    ends = Descent(problem)([seed.parameters for seed in found.seeds], SEED_TOLERANCE)
-    return [best_of([end], seed.evaluations) for seed, end in zip(found.seeds, ends, strict=True)]
+    seeds = _search(problem, "pso", iterations, budget, progress)
+    ends = Descent(problem)([seed.parameters for seed in seeds], SEED_TOLERANCE)
+    return [best_of([end], seed.evaluations) for seed, end in zip(seeds, ends, strict=True)]
 
 
 PSO_LM = Method(

@@ -23,8 +23,9 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
     Optim. 11 (1997) 341).
 
     SciPy's defaults (best1bin, dithered mutation 0.5 to 1, crossover 0.7), in the search
-    coordinates and box of all others, over our compiled RMSE; no polish, and no early stop, so
-    that the whole budget is spent. Raises `MethodFailure` for a population under `FEWEST`.
+    coordinates and box of all others, over our compiled RMSE; no polish, and no stop before the
+    budget is spent but where the whole population has come to one error. Raises `MethodFailure`
+    for a population under `FEWEST`.
     """
     box = problem.coordinates
     if budget.population < FEWEST:
@@ -42,14 +43,14 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
         history = []
 
         def errors(points: np.ndarray) -> np.ndarray:
-            found = np.asarray(compiled(jnp.asarray(points.T), problem.objective))
-            finite = np.where(np.isfinite(found), found, np.inf)
+            rmse_v = np.asarray(compiled(jnp.asarray(points.T), problem.objective))
+            finite = np.where(np.isfinite(rmse_v), rmse_v, np.inf)
             history.append(min(np.min(finite), history[-1] if history else np.inf))
             return finite
 
         fractions = latin_hypercube(generator, budget.population, len(low))
         start: Any = low + fractions * (high - low)  # SciPy's types know of names only
-        found = differential_evolution(
+        end = differential_evolution(
             errors,
             list(zip(low, high, strict=True)),
             maxiter=budget.iterations,
@@ -60,7 +61,7 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             updating="deferred",
             vectorized=True,
         )
-        return found.x, np.array(history)
+        return end.x, np.array(history)
 
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
         waiting = [pool.submit(run, seed) for seed in range(budget.seeds)]

@@ -19,6 +19,17 @@ from .method import Answer, Budget, Method, MethodFailure, Progress, Trajectory
 EVEN = 0.05
 # With fewer scored samples than these, as a share, the answer would be of another record.
 LEAST_SHARE = 0.5
+# R C is a product, and may miss a bound of tau by its rounding.
+ROUNDING = 1e-9
+# Ljung's usual range is 0.98 to 0.995; at one sample a second those forget within the slower time
+# constant of a cell. This remembers a thousand samples.
+FORGETTING = 0.999
+# Of the first guess, in units of each scaled coefficient: nothing is known of it.
+VARIANCE = 1e6
+# Samples after which the first guess is forgotten; the answer is averaged from there on.
+MEMORY = round(1 / (1 - FORGETTING))
+
+Coefficients = Float[np.ndarray, "... coefficients"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +91,6 @@ def even_samples(prepared: PreparedRecord, lags: int) -> EvenSamples:
     )
 
 
-# R C is a product, and may miss a bound of tau by its rounding.
-ROUNDING = 1e-9
-
-Coefficients = Float[np.ndarray, "... coefficients"]
-
-
 def regression(
     samples: EvenSamples, pairs: int
 ) -> tuple[Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
@@ -103,7 +108,7 @@ def regression(
     return np.stack(columns, axis=1), differences(samples.drop_v, pairs)
 
 
-def impedances(
+def circuit_values(
     coefficients: Coefficients, samples: EvenSamples, pairs: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """R0, every pair's R and every pair's tau in s, from fast to slow, at any number of rows.
@@ -153,7 +158,7 @@ def require_all_free(problem: Problem) -> None:
         held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
         raise MethodFailure(
             f"a regression of the difference equation cannot hold {held}; use another method, such "
-            "as varpro, or leave out --fix"
+            "as varpro, or leave out `fix`"
         )
 
 
@@ -161,14 +166,24 @@ def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, .
     """A note where parameters lie outside the search box, which a linear method does not know."""
     values = parameters.to_dict()
     values |= {f"tau{pair} [s]": tau for pair, tau in enumerate(parameters.tau_s, 1)}
-    outside = [
+    outside = ", ".join(
         f"{name} = {values[name]:.4g} ({low:.4g} to {high:.4g})"
         for name, (low, high) in problem.bounds.ranges.items()
         if not low * (1 - ROUNDING) <= values[name] <= high * (1 + ROUNDING)
-    ]
-    return (f"outside the search box, which it does not know: {', '.join(outside)}",) * bool(
-        outside
     )
+    return (f"outside the search box, which it does not know: {outside}",) if outside else ()
+
+
+def _answer(
+    problem: Problem,
+    parameters: CircuitParameters,
+    notes: tuple[str, ...],
+    trajectory: Trajectory | None = None,
+) -> list[Answer]:
+    """The one answer of a method that draws nothing and simulates nothing but its answer."""
+    rmse_v = evaluate(problem.prepared, parameters).metrics.rmse_v
+    notes = (*notes, *outside_box(parameters, problem))
+    return [Answer(parameters, rmse_v, evaluations=0, trajectory=trajectory, notes=notes)]
 
 
 def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
@@ -188,16 +203,9 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     # Columns in volts, amperes and their differences span many decades.
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     coefficients = np.linalg.lstsq(columns / scale, target)[0] / scale
-    parameters = circuit_of(*impedances(coefficients, samples, pairs))
+    parameters = circuit_of(*circuit_values(coefficients, samples, pairs))
     progress(1)
-    return [
-        Answer(
-            parameters=parameters,
-            rmse_v=evaluate(problem.prepared, parameters).metrics.rmse_v,
-            evaluations=0,
-            notes=samples.notes + outside_box(parameters, problem),
-        )
-    ]
+    return _answer(problem, parameters, samples.notes)
 
 
 LS = Method(
@@ -206,15 +214,6 @@ LS = Method(
     is_deterministic=True,
     run=least_squares,
 )
-
-
-# Ljung's usual range is 0.98 to 0.995; at one sample a second those forget within the slower time
-# constant of a cell. This remembers a thousand samples.
-FORGETTING = 0.999
-# Of the first guess, in units of each scaled coefficient: nothing is known of it.
-VARIANCE = 1e6
-# Samples after which the first guess is forgotten; the answer is averaged from there on.
-MEMORY = round(1 / (1 - FORGETTING))
 
 
 @in_float64
@@ -235,7 +234,7 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
     columns, target = regression(samples, pairs)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     coefficients = np.asarray(_track(jnp.asarray(columns / scale), jnp.asarray(target))) / scale
-    r0, r, tau_s = impedances(coefficients, samples, pairs)
+    r0, r, tau_s = circuit_values(coefficients, samples, pairs)
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
     late = np.arange(len(r0)) >= min(MEMORY, len(r0) // 2)
     counted = late & is_circuit
@@ -250,26 +249,17 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
         np.median(tau_s[counted], axis=0),
     ).ordered()
     progress(1)
-    hidden = ~is_circuit[:, None]
-    return [
-        Answer(
-            parameters=parameters,
-            rmse_v=evaluate(problem.prepared, parameters).metrics.rmse_v,
-            evaluations=0,
-            trajectory=Trajectory(
-                time_s=samples.time_s[samples.is_row],
-                r0=np.where(is_circuit, r0, np.nan),
-                r=np.where(hidden, np.nan, r),
-                tau_s=np.where(hidden, np.nan, tau_s),
-            ),
-            notes=(
-                f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} "
-                "samples at which its equation belongs to a circuit",
-                *samples.notes,
-                *outside_box(parameters, problem),
-            ),
-        )
-    ]
+    trajectory = Trajectory(
+        time_s=samples.time_s[samples.is_row],
+        r0=np.where(is_circuit, r0, np.nan),
+        r=np.where(is_circuit[:, None], r, np.nan),
+        tau_s=np.where(is_circuit[:, None], tau_s, np.nan),
+    )
+    averaged = (
+        f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} samples at "
+        "which its equation belongs to a circuit"
+    )
+    return _answer(problem, parameters, (averaged, *samples.notes), trajectory)
 
 
 @jax.jit

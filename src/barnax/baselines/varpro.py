@@ -19,14 +19,23 @@ from ..model.simulate import RCParameters, SimulationInput, overpotential, unit_
 from ..search.evaluate import evaluate
 from .method import Answer, Budget, Method, Progress
 
+# Grid points a time constant, by the number of pairs, and grid points of the hysteresis' rate.
+TAUS = {1: 48, 2: 24, 3: 14, 4: 11}
+GAMMAS = 8
+# Of the grid points that are better than all around them, this many are polished.
+POLISHED = 4
+TOLERANCE = 1e-12
+
+Point = Float[np.ndarray, "outer"]
+
 
 @dataclass(frozen=True, eq=False)
 class Separable:
     """One problem whose error is linear in the resistances once tau and gamma are known.
 
-    The error is base(gamma) + R0 times the current + the sum of R_i times the answer of a pair of
-    1 ohm. Everything is in V and ohm over the scored samples, scaled so that the sum of squares is
-    the RMSE squared.
+    The error is base(gamma) + R0 times the current + the sum of R_i times the response of a
+    pair of 1 ohm. Everything is in V and ohm over the scored samples, scaled so that the sum of
+    squares is the RMSE squared.
     """
 
     inputs: SimulationInput
@@ -42,9 +51,11 @@ class Separable:
         return self._scored(self.inputs.current_a)
 
     @in_float64
-    def answers(self, tau_s: Float[np.ndarray, "taus"]) -> Float[np.ndarray, "samples taus"]:
-        """What a pair of 1 ohm answers, for every time constant."""
-        return np.stack([self._scored(row) for row in _answers(jnp.asarray(tau_s), self.inputs)], 1)
+    def responses(self, tau_s: Float[np.ndarray, "taus"]) -> Float[np.ndarray, "samples taus"]:
+        """The response of a pair of 1 ohm, for every time constant."""
+        return np.stack(
+            [self._scored(row) for row in _responses(jnp.asarray(tau_s), self.inputs)], 1
+        )
 
     @in_float64
     def bases(
@@ -104,7 +115,9 @@ def triangular_factor(
 
 
 @eqx.filter_jit
-def _answers(tau_s: Float[Array, "taus"], inputs: SimulationInput) -> Float[Array, "taus samples"]:
+def _responses(
+    tau_s: Float[Array, "taus"], inputs: SimulationInput
+) -> Float[Array, "taus samples"]:
     return jax.vmap(lambda tau: unit_response(tau, inputs.held_a, inputs.intervals))(tau_s)
 
 
@@ -120,16 +133,6 @@ def _bases(
     return jax.vmap(base)(gammas)
 
 
-# Grid points a time constant, by the number of pairs, and grid points of the hysteresis' rate.
-TAUS = {1: 48, 2: 24, 3: 14, 4: 11}
-GAMMAS = 8
-# Of the grid points that are better than all around them, this many are polished.
-POLISHED = 4
-TOLERANCE = 1e-12
-
-Point = Float[np.ndarray, "outer"]
-
-
 def variable_projection(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
     """The best circuit of a search over ln tau alone (Golub and Pereyra, SIAM J. Numer. Anal. 10
     (1973) 413).
@@ -138,7 +141,7 @@ def variable_projection(problem: Problem, budget: Budget, progress: Progress) ->
     least-squares problem. The outer search is a grid over the ordered time constants, evenly
     spaced in ln tau, whose best local minima SciPy's trust-region least squares then polishes
     with finite differences; a dynamic hysteresis adds ln gamma to the search. It draws nothing.
-    One evaluation is one pair's answer on the grid, and one residual in the polish.
+    One evaluation is one pair's response on the grid, and one residual in the polish.
     """
     del budget
     search = OuterSearch(problem)
@@ -240,25 +243,25 @@ class OuterSearch:
         return np.linspace(low, high, size) if high > low else np.array([low])
 
     def _signals(self, taus: list[np.ndarray], gammas: list[np.ndarray]):
-        """Columns (current, then all pairs' answers), bases, and where each pair's answers begin.
+        """Columns (current, then all pairs' responses), bases, and where each pair's begin.
 
-        Pairs that are alike share their answers.
+        Pairs with one box share their responses.
         """
         own = taus[:1] if self.is_ordered else taus
         begin = np.cumsum([1, *(len(axis) for axis in own)])
         starts = [1] * self.pairs if self.is_ordered else begin[:-1].tolist()
-        answers = self.separable.answers(np.exp(np.concatenate(own)))
+        responses = self.separable.responses(np.exp(np.concatenate(own)))
         bases = self.separable.bases(np.exp(gammas[0]) if gammas else None)
-        self.evaluations += answers.shape[1] + (bases.shape[1] if gammas else 0)
-        columns = np.concatenate([self.separable.current[:, None], answers], axis=1)
+        self.evaluations += responses.shape[1] + (bases.shape[1] if gammas else 0)
+        columns = np.concatenate([self.separable.current[:, None], responses], axis=1)
         return columns, bases, starts
 
     def _solve(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Columns, base and the best resistances at a point."""
         self.evaluations += 1
         tau_s, gamma = np.exp(point[: self.pairs]), np.exp(point[self.pairs :])
-        answers = self.separable.answers(tau_s)
-        columns = np.concatenate([self.separable.current[:, None], answers], axis=1)
+        responses = self.separable.responses(tau_s)
+        columns = np.concatenate([self.separable.current[:, None], responses], axis=1)
         base = self.separable.bases(gamma if len(gamma) else None)[:, 0]
         box = self.separable.box.resistance_box(tau_s)
         return columns, base, bounded_least_squares(columns, base, *box)

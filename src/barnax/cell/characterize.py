@@ -8,7 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
 from ..records.record import Record
-from .curves import AbstractCurve, OcvFit, curve_warnings, fit_curve
+from .curves import AbstractCurve, Curve, OcvFit, curve_warnings, fit_curve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError, fit_error
 from .ocv_points import find_sweeps
@@ -123,7 +123,7 @@ def _require_one_each(
         )
 
 
-def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> AbstractCurve:
+def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> Curve:
     soc = np.array([point.soc for point in points])
     voltage_v = np.array([point.voltage_v for point in points])
     return fit_curve(soc, voltage_v, ocv_fit)

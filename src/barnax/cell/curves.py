@@ -1,10 +1,9 @@
 """OCV over SOC as a curve: a polynomial of degree 7, or a monotone interpolation."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +11,6 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
-from .stored import LARGEST_SOC, LARGEST_V, stored_numbers, stored_value
 
 OcvFit = Literal["polynomial", "interpolated"]
 
@@ -63,10 +61,6 @@ class AbstractCurve(ABC):
     def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Voltage between the end points, for an array of at least one axis."""
 
-    @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
-        """The curve as plain numbers, for JSON."""
-
 
 @dataclass(frozen=True)
 class PolynomialCurve(AbstractCurve):
@@ -101,14 +95,6 @@ class PolynomialCurve(AbstractCurve):
     def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         return np.polynomial.polynomial.polyval(soc, self.coefficients)
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "fit": "polynomial",
-            "coefficients [V]": list(self.coefficients),
-            "soc": self.soc.tolist(),
-            "voltage [V]": self.voltage_v.tolist(),
-        }
-
 
 @dataclass(frozen=True)
 class InterpolatedCurve(AbstractCurve):
@@ -130,17 +116,13 @@ class InterpolatedCurve(AbstractCurve):
     def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         return self._pchip(soc)
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "fit": "interpolated",
-            "soc": self.soc.tolist(),
-            "voltage [V]": self.voltage_v.tolist(),
-        }
+
+Curve = PolynomialCurve | InterpolatedCurve
 
 
 def fit_curve(
     soc: Float[np.ndarray, "points"], voltage_v: Float[np.ndarray, "points"], fit: OcvFit
-) -> AbstractCurve:
+) -> Curve:
     """The curve of the kind `fit` through the points, SOC strictly increasing.
 
     Raises `ValueError` for an unknown kind and `InputError` for too few points.
@@ -150,36 +132,6 @@ def fit_curve(
     if fit == "interpolated":
         return InterpolatedCurve.fit(soc, voltage_v)
     raise ValueError(f"no OCV fit is called {fit!r}; there are polynomial, interpolated")
-
-
-def curve_from_dict(stored: Mapping[str, Any]) -> AbstractCurve:
-    """The curve that `to_dict` wrote. Raises `InputError` for what it did not write."""
-    fit = stored_value(stored, "fit", "OCV curve")
-    soc = stored_numbers(stored, "soc", "OCV curve", LARGEST_SOC)
-    voltage_v = stored_numbers(stored, "voltage [V]", "OCV curve", LARGEST_V)
-    if len(soc) != len(voltage_v):
-        raise InputError(
-            f"the stored OCV curve has {len(soc)} SOC values but {len(voltage_v)} voltages"
-        )
-    points = tuple(zip(soc, voltage_v, strict=True))
-    if fit == "interpolated":
-        return InterpolatedCurve(points)
-    if fit != "polynomial":
-        raise InputError(f"the stored OCV curve is of the unknown fit {fit!r}")
-    coefficients = stored_numbers(stored, "coefficients [V]", "OCV curve")
-    if len(coefficients) != POLYNOMIAL_DEGREE + 1:
-        raise InputError(
-            f"the stored OCV polynomial has {len(coefficients)} coefficients; "
-            f"degree {POLYNOMIAL_DEGREE} has {POLYNOMIAL_DEGREE + 1}"
-        )
-    curve = PolynomialCurve(points, coefficients)
-    with np.errstate(over="ignore", invalid="ignore"):
-        reached_v = np.abs(curve(np.linspace(curve.soc[0], curve.soc[-1], STORED_CHECKS)))
-    if not reached_v.max() <= LARGEST_V:
-        raise InputError(
-            f"the stored OCV polynomial reaches {reached_v.max():g} V, beyond {LARGEST_V:g} V"
-        )
-    return curve
 
 
 def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:

@@ -1,14 +1,12 @@
 """The hysteresis voltage W(soc) in five straight segments (Li et al. 2023, Eq. 4)."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .stored import LARGEST_V, stored_numbers, stored_value
 
 HysteresisFit = Literal["continuous", "independent"]
 Values = Float[np.ndarray, "points"]
@@ -89,37 +87,6 @@ class SegmentedHysteresis:
             values[slope] = slope_v
             values[intercept] = left_v - slope_v * float(KNOTS[segment])
         return values | {"P": self.ends_v[FLAT][0]}
-
-    def to_dict(self) -> dict[str, Any]:
-        """The segments as plain numbers, for JSON; `from_dict` reads the end values."""
-        return {
-            "fit": self.kind,
-            "knots": KNOTS.tolist(),
-            "left [V]": [left for left, _ in self.ends_v],
-            "right [V]": [right for _, right in self.ends_v],
-            "parameters [V]": self.parameters,
-            "soc": [soc for soc, _ in self.points],
-            "voltage [V]": [w for _, w in self.points],
-        }
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
-        """The segments that `to_dict` wrote. Raises `InputError` for what it did not write."""
-        what = "hysteresis"
-        kind = stored_value(stored, "fit", what)
-        if kind not in ("continuous", "independent"):
-            raise InputError(f"the stored hysteresis is of the unknown fit {kind!r}")
-        knots, left, right, soc, voltage = (
-            stored_numbers(stored, key, what, LARGEST_V)
-            for key in ("knots", "left [V]", "right [V]", "soc", "voltage [V]")
-        )
-        if knots != tuple(KNOTS.tolist()) or not len(left) == len(right) == len(KNOTS) - 1:
-            raise InputError(f"the stored hysteresis must have five segments with knots {KNOTS}")
-        if len(soc) != len(voltage):
-            raise InputError("the stored hysteresis points differ in number of SOC and voltage")
-        return cls(
-            kind, tuple(zip(left, right, strict=True)), tuple(zip(soc, voltage, strict=True))
-        )
 
 
 def _locate(soc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

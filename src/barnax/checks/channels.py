@@ -19,14 +19,14 @@ Channel = Float[np.ndarray, "samples"]
 
 
 def find_voltage_spikes(given: CheckInput) -> Iterator[Finding]:
-    """Voltages that leave the course of their neighbors, and no current says why."""
+    """Voltages that leave their neighbors, and no current says why."""
     spiked = voltage_spikes(given)
     if spiked.any():
         yield _spike_finding(given, spiked, "voltage", given.record.voltage_v, "V")
 
 
 def find_current_spikes(given: CheckInput) -> Iterator[Finding]:
-    """Currents that leave the course of their neighbors, and the voltage does not answer."""
+    """Currents that leave their neighbors, and the voltage does not answer."""
     if not given.resistance_ohm:
         return
     ohmic_v = given.record.current_a * given.resistance_ohm

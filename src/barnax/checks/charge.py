@@ -120,8 +120,7 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
         "warning",
         f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
         f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %",
-        "check the current's range and offset, and whether both ends were reached; do not put "
-        "both branches on one axis of charge",
+        "check the current's range and offset, and whether both ends were reached",
     )
 
 
@@ -138,7 +137,7 @@ _LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
 _LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
 # An offset is more than one step of the reading, and more than noise makes.
 _OFFSET_QUANTA, _SIGMAS = 1.5, 5.0
-# The longest stretches tell enough.
+# The longest runs tell enough.
 _ENOUGH = 1000
 # In the second half of a rest the voltage hardly moves, as it does in a slow sweep, and the current
 # is steady, as it is not in a taper.
@@ -192,7 +191,7 @@ def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
 
 
 def _rests(given: CheckInput) -> list[_Rest]:
-    """The stretches that look like rests."""
+    """The runs of samples that look like rests."""
     record = given.record
     small_a = min(_turnover_ah(given) / _LOAD_HOURS, _SMALL_SHARE * given.peak_a)
     is_small = np.abs(record.current_a) < small_a
@@ -201,7 +200,7 @@ def _rests(given: CheckInput) -> list[_Rest]:
     last = last_interval + 1
     length_s = record.time_s[last] - record.time_s[first]
     chosen = last - first + 1 >= _FEWEST
-    # Of short stretches some may be loads; they count only where there are no long ones.
+    # Of short runs some may be loads; they count only where there are no long ones.
     if np.any(chosen & (length_s >= _LONG_S)):
         chosen &= length_s >= _LONG_S
     places = np.flatnonzero(chosen)
@@ -226,7 +225,7 @@ def _turnover_ah(given: CheckInput) -> float:
 
 
 def _is_counted(given: CheckInput, first: int, last: int) -> bool:
-    """Whether the tester itself counted the charge of a stretch, which is then no rest."""
+    """Whether the tester itself counted the charge of a run, which is then no rest."""
     counters = given.samples.counters
     if counters.charged_ah is None or counters.discharged_ah is None:
         return False

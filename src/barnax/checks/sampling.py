@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..errors import counted
 from ..records.findings import Finding
 from .check_input import CheckInput
 
@@ -33,9 +32,10 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     source_v = record.voltage_v + given.resistance_ohm * record.current_a
     jump_v = np.abs(np.diff(source_v)[gaps])
     worst = gaps[int(np.argmax(interval_s[gaps]))]
-    where = f"{counted(len(gaps), 'gap')}, the longest {interval_s[worst]:.4g} s"
+    where = f"a gap of {interval_s[worst]:.4g} s"
     if len(gaps) > 1:
-        where += f" before row {int(record.row[worst + 1])}"
+        row = int(record.row[worst + 1])
+        where = f"{len(gaps)} gaps, the longest {interval_s[worst]:.4g} s before row {row}"
     first = int(gaps[0]) + 1
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
         yield given.at(
@@ -46,7 +46,7 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
             "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)",
         )
     else:
-        yield given.at(first, "note", f"{where}; nothing happens in them that shows")
+        yield given.at(first, "note", f"{where}, in which nothing seems to happen")
 
 
 def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 import typer
 
 from ..errors import InputError
+from .session import command_line
 
 if TYPE_CHECKING:
     from ..model.inputs import Window
@@ -19,7 +20,6 @@ WINDOW = "Records (FILE=VALUE for one of them)"
 INPUT = "Files"
 OUTPUT = "Output"
 SEARCH = "Search"
-MOST_CANDIDATES = 100_000
 
 Sign = Literal["auto", "charge-positive", "discharge-positive"]
 Hold = Literal["auto", "forward", "backward"]
@@ -32,6 +32,27 @@ def _option(panel: str, metavar: str, text: str, **more: Any) -> Any:
 
 def _of_a_record(metavar: str, text: str) -> Any:
     return _option(WINDOW, f"[FILE=]{metavar}", text)
+
+
+def complete_methods(incomplete: str) -> list[str]:
+    """Registered optimizers for shell completion."""
+    from ..optimizers import OPTIMIZERS
+
+    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
+
+
+def complete_circuits(incomplete: str) -> list[str]:
+    """Registered circuits for shell completion."""
+    from ..cell import CIRCUITS
+
+    return [name for name in CIRCUITS if name.startswith(incomplete)]
+
+
+def complete_exporters(incomplete: str) -> list[str]:
+    """Registered export targets for shell completion."""
+    from ..export import EXPORTERS
+
+    return [name for name in EXPORTERS if name.startswith(incomplete)]
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -50,7 +71,9 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
             inspect.Parameter(
                 each.name,
                 inspect.Parameter.KEYWORD_ONLY,
-                default=each.default,
+                default=(
+                    inspect.Parameter.empty if each.default is dataclasses.MISSING else each.default
+                ),
                 annotation=hints[each.name],
             )
             for each in dataclasses.fields(group)
@@ -238,9 +261,7 @@ class SearchOptions:
         ),
     ] = "rc"
     seeds: Annotated[int, _option(SEARCH, "N", "Independent runs of the optimizer.", min=1)] = 30
-    population: Annotated[
-        int, _option(SEARCH, "N", "Candidates in a generation.", min=4, max=MOST_CANDIDATES)
-    ] = 30
+    population: Annotated[int, _option(SEARCH, "N", "Candidates in a generation.", min=4)] = 30
     iterations: Annotated[int, _option(SEARCH, "N", "Generations.", min=1)] = 500
     key: Annotated[
         int,
@@ -266,6 +287,110 @@ class SearchOptions:
         from ..model.search_space import parse_fixed
 
         return parse_fixed(self.fix or [])
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Which circuit, which method, and how far the answer is looked into."""
+
+    model: Annotated[
+        str,
+        _option(
+            SEARCH,
+            "iso-rc|so-rc|esc|...",
+            "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
+            "hysteresis; 1rc, 3rc and 4rc have that many pairs and no hysteresis.",
+            autocompletion=complete_circuits,
+        ),
+    ] = "iso-rc"
+    method: Annotated[
+        str,
+        _option(
+            SEARCH,
+            "NAME",
+            "Optimizer: ibmo, ibmo-centered, pso or any other that "
+            "[bold]barnax optimizers[/bold] lists.",
+            autocompletion=complete_methods,
+        ),
+    ] = "ibmo"
+    trust: Annotated[
+        Literal["none", "basic", "full"],
+        _option(
+            SEARCH,
+            "none|basic|full",
+            "How closely the answer is examined: basic gives intervals, identifiability and "
+            "residuals; full also profile likelihoods, a block bootstrap, and what would lower "
+            "the error.",
+        ),
+    ] = "basic"
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report",
+            help="Also write report.html and report.md, with every figure.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which rows are compared."""
+
+    models: Annotated[
+        str | None,
+        _option(
+            SEARCH,
+            "NAME,NAME",
+            "Circuits, each with every method (default: the paper's five rows).",
+        ),
+    ] = None
+    methods: Annotated[
+        str | None,
+        _option(
+            SEARCH,
+            "NAME,NAME",
+            "Methods, each with every circuit: ls, rls, varpro, lm, pso-lm, de, or any that "
+            "[bold]barnax optimizers[/bold] lists.",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class ExportChoices:
+    """Where an export goes, and whether it is simulated there."""
+
+    to: Annotated[
+        str,
+        _option(
+            OUTPUT,
+            "pybamm|thevenin|simscape|c-header|csv",
+            "The tool or format to write for.",
+            autocompletion=complete_exporters,
+        ),
+    ]
+    out: Annotated[
+        Path | None,
+        _option(
+            OUTPUT,
+            "FILE",
+            "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
+            "barnax_cell.h or barnax_parameters.csv).",
+        ),
+    ] = None
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace the file if it exists.", rich_help_panel=OUTPUT),
+    ] = False
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify",
+            help="Simulate the exported circuit in PyBaMM or thevenin, and print the largest "
+            "difference from barnax.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
 
 
 @dataclass(frozen=True)
@@ -316,28 +441,42 @@ StoredResult = Annotated[
 ]
 
 
+def run_options(
+    files: Files, of_records: RecordOptions, search: SearchOptions, records: list[Path]
+) -> dict[str, Any]:
+    """What a run takes of the shared options, by the names of the library's arguments."""
+    from ..gather import Reading, Settings, file_names
+
+    given = [records, files.ocv or [], files.validate or []]
+    return {
+        "records": given[0],
+        "ocv": given[1],
+        "validate": given[2],
+        "window": of_records.windows(),
+        "ocv_capacity": files.ocv_capacity,
+        "bounds": search.bounds,
+        "fix": search.fixed,
+        "ocv_fit": files.ocv_fit,
+        "hysteresis_fit": files.hysteresis_fit,
+        "reading": Reading(
+            files.current_sign,
+            files.ocv_current_sign,
+            files.validate_current_sign,
+            files.current_hold,
+        ),
+        "settings": Settings(
+            objective=search.objective,
+            coordinates=search.coordinates,
+            seeds=search.seeds,
+            population=search.population,
+            iterations=search.iterations,
+            key=search.key,
+        ),
+        "command": command_line(file_names([path for paths in given for path in paths])),
+    }
+
+
 def require_choice(option: str, value: str, choices: Iterable[str]) -> None:
     """Raise `InputError` where an option's value is none of its choices."""
     if value not in choices:
         raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(choices)}")
-
-
-def complete_methods(incomplete: str) -> list[str]:
-    """Registered optimizers for shell completion."""
-    from ..optimizers import OPTIMIZERS
-
-    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
-
-
-def complete_circuits(incomplete: str) -> list[str]:
-    """Registered circuits for shell completion."""
-    from ..cell import CIRCUITS
-
-    return [name for name in CIRCUITS if name.startswith(incomplete)]
-
-
-def complete_exporters(incomplete: str) -> list[str]:
-    """Registered export targets for shell completion."""
-    from ..export import EXPORTERS
-
-    return [name for name in EXPORTERS if name.startswith(incomplete)]

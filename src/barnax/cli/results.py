@@ -21,12 +21,12 @@ from .options import (
     INPUT,
     OUTPUT,
     WINDOW,
+    ExportChoices,
     Hold,
     Quiet,
     RecordOptions,
     Sign,
     StoredResult,
-    complete_exporters,
     grouped,
 )
 from .output import require_free_file, write_file
@@ -245,38 +245,10 @@ def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
             yield path, repr(part)
 
 
+@grouped
 def export(
     result: StoredResult,
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="pybamm|thevenin|simscape|c-header|csv",
-            help="The tool or format to write for.",
-            autocompletion=complete_exporters,
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="File to write (default: barnax_pybamm.py, barnax_thevenin.py, "
-            "barnax_simscape.mat, barnax_cell.h or barnax_parameters.csv).",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    force: Annotated[
-        bool,
-        typer.Option("--force", help="Replace the file if it exists.", rich_help_panel=OUTPUT),
-    ] = False,
-    verify: Annotated[
-        bool,
-        typer.Option(
-            "--verify",
-            help="Simulate the exported circuit in PyBaMM or thevenin, and print the largest "
-            "difference from barnax.",
-        ),
-    ] = False,
+    chosen: ExportChoices,
     quiet: Quiet = False,
 ) -> None:
     """Write an identified circuit for another tool.
@@ -291,19 +263,19 @@ def export(
         from ..export import get_exporter, require_package
         from ..export import verify as simulate_both
 
-    exporter = get_exporter(to)
-    if verify:
+    exporter = get_exporter(chosen.to)
+    if chosen.verify:
         require_package(exporter)
-    path = out or Path(exporter.file_name)
+    path = chosen.out or Path(exporter.file_name)
     # Names that are no files are refused elsewhere, with the reason.
     with suppress(OSError):
         if path.samefile(result / "result.json" if result.is_dir() else result):
             raise InputError(f"{path}: is the result itself; give `out` another file")
-    require_free_file(path, force)
+    require_free_file(path, chosen.force)
     stored = load(result)
     content, caveats = exporter.write(stored)
     found = None
-    if verify:
+    if chosen.verify:
         with session.watch(f"Simulating in {exporter.package}"):
             found = simulate_both(stored, exporter, content)
     write_file(path, content)

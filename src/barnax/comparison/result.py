@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, PrivateAttr, field_validator
+from pydantic import ConfigDict, PrivateAttr
 
-from ..baselines import METHODS
+from ..baselines import METHODS, Answer
 from ..cell import CellModel, CircuitParameters, OcvTable
 from ..global_optimum import GlobalOptimum
 from ..model.problem import Problem
@@ -24,7 +24,7 @@ from ..results import (
 )
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound
-from .run import Comparison, Difference, Row
+from .run import Comparison, Row
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -48,7 +48,7 @@ class ComparisonPart(Part):
     """A part of the file, with the keys of a comparison."""
 
     model_config = ConfigDict(
-        alias_generator=lambda name: OWN_KEYS.get(name) or key_of(name),
+        alias_generator=lambda name: OWN_KEYS.get(name) or key_of(name), from_attributes=True
     )
 
 
@@ -122,7 +122,7 @@ class RowPart(ComparisonPart):
 class OverTimePart(ComparisonPart):
     """Moving-block bootstrap over time: 95 % intervals, negative where the first row is better.
 
-    Where `is_block_capped` the errors stay alike for longer than the blocks may be, and the
+    Where `is_block_capped` the errors' autocorrelation outlasts the longest block, and the
     intervals are narrower than they should be.
     """
 
@@ -158,7 +158,7 @@ class DifferencePart(ComparisonPart):
 class ModelPart(ComparisonPart):
     """The search box of one model, and its global optimum where that is known.
 
-    `optimum_status` says whether it is proved ("certified") or found on a grid.
+    `optimum_status` says whether it is proved ("certified") or the best of a grid.
     """
 
     bounds: dict[str, tuple[float, float]]
@@ -195,21 +195,15 @@ class ComparisonResult(ComparisonPart, Document):
     differences: tuple[DifferencePart, ...]
     models: dict[str, ModelPart]
     budget: BudgetPart
-    cell: dict[str, Any]
+    cell: CellModel
     inputs: tuple[InputPart, ...]
     warnings: tuple[str, ...]
     command: tuple[str, ...]
     versions: dict[str, str]
 
-    @field_validator("cell")
-    @classmethod
-    def _hold_a_cell(cls, cell: dict[str, Any]) -> dict[str, Any]:
-        CellModel.from_dict(cell)
-        return cell
-
     @property
     def cell_model(self) -> CellModel:
-        return CellModel.from_dict(self.cell)
+        return self.cell
 
     _what: str = PrivateAttr("barnax comparison")
     _remedy: str = PrivateAttr("give the comparison.json that barnax compare wrote")
@@ -238,7 +232,7 @@ def make_comparison_result(
     inputs += [input_part("ocv", test) for test in ocv]
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
-        differences=tuple(_difference_part(each) for each in comparison.differences),
+        differences=tuple(DifferencePart.model_validate(each) for each in comparison.differences),
         models={
             model: _model_part(problem, comparison.optima.get(model))
             for model, problem in problems.items()
@@ -249,7 +243,7 @@ def make_comparison_result(
             coordinates=first.scale,
             objective=first.kind,
         ),
-        cell=first.cell.to_dict(),
+        cell=first.cell,
         inputs=tuple(inputs),
         warnings=comparison_warnings(comparison, ocv, warnings),
         command=tuple(command),
@@ -271,68 +265,63 @@ def comparison_warnings(
 
 
 def _model_part(problem: Problem, optimum: GlobalOptimum | None) -> ModelPart:
-    known = (
-        {}
-        if optimum is None
-        else {
-            "optimum_rmse_v": optimum.rmse_v,
-            "optimum_parameters": optimum.parameters.to_dict(),
-            "optimum_status": optimum.status,
-            "optimum_proved_gap": optimum.proved_gap,
-        }
-    )
-    return ModelPart(bounds=dict(problem.bounds.ranges), fixed=dict(problem.bounds.fixed), **known)
+    known: dict[str, Any] | None = optimum and {
+        "optimum_rmse_v": optimum.rmse_v,
+        "optimum_parameters": optimum.parameters.to_dict(),
+        "optimum_status": optimum.status,
+        "optimum_proved_gap": optimum.proved_gap,
+    }
+    box = problem.bounds
+    return ModelPart(bounds=dict(box.ranges), fixed=dict(box.fixed), **known or {})
 
 
 def _row_part(row: Row) -> RowPart:
-    source = METHODS[row.method].source
+    known: dict[str, Any] = {
+        "model": row.model,
+        "method": row.method,
+        "source": METHODS[row.method].source,
+        "is_deterministic": row.is_deterministic,
+    }
     if row.failure is not None:
-        return RowPart(
-            model=row.model,
-            method=row.method,
-            source=source,
-            is_deterministic=row.is_deterministic,
-            failure=row.failure,
-        )
+        return RowPart(**known, failure=row.failure)
     identification, *validation = (
         RecordErrorsPart(
             metrics=metrics_part(evaluation),
-            bands=tuple(BandPart(**asdict(band)) for band in bands),
+            bands=tuple(BandPart.model_validate(band) for band in bands),
         )
         for evaluation, bands in zip(row.evaluations, row.bands, strict=True)
     )
-    errors_v = row.errors_v
     return RowPart(
-        model=row.model,
-        method=row.method,
-        source=source,
-        is_deterministic=row.is_deterministic,
+        **known,
         notes=row.notes,
         parameters=row.median.parameters.to_dict(),
         time_constants=time_constants(row.median.parameters),
         evaluations=row.median.evaluations,
         at_bound=row.at_bound,
-        spread=None
-        if row.is_deterministic
-        else SpreadPart(
-            best_rmse_v=float(errors_v.min()),
-            worst_rmse_v=float(errors_v.max()),
-            deviation_v=_deviation_v(errors_v),
-        ),
+        spread=None if row.is_deterministic else _spread_part(row.errors_v),
         identification=identification,
         validation=tuple(validation),
         refined_rmse_v=row.refined.rmse_v if row.refined else None,
         refined_parameters=row.refined.parameters.to_dict() if row.refined else None,
         optimality_gap=row.optimality_gap,
-        seeds=tuple(
-            SeedAnswerPart(
-                rmse_v=answer.rmse_v,
-                parameters=answer.parameters.to_dict(),
-                evaluations=answer.evaluations,
-                history_v=None if answer.history_v is None else tuple(answer.history_v.tolist()),
-            )
-            for answer in row.answers
-        ),
+        seeds=tuple(_seed_part(answer) for answer in row.answers),
+    )
+
+
+def _seed_part(answer: Answer) -> SeedAnswerPart:
+    return SeedAnswerPart(
+        rmse_v=answer.rmse_v,
+        parameters=answer.parameters.to_dict(),
+        evaluations=answer.evaluations,
+        history_v=None if answer.history_v is None else tuple(answer.history_v.tolist()),
+    )
+
+
+def _spread_part(errors_v: np.ndarray) -> SpreadPart:
+    return SpreadPart(
+        best_rmse_v=float(errors_v.min()),
+        worst_rmse_v=float(errors_v.max()),
+        deviation_v=_deviation_v(errors_v),
     )
 
 
@@ -346,23 +335,3 @@ def _deviation_v(errors_v: np.ndarray) -> float:
 def time_constants(parameters: CircuitParameters) -> dict[str, float]:
     """The time constants in s under their names, such as `tau1 [s]`."""
     return {f"tau{pair} [s]": tau for pair, tau in enumerate(parameters.tau_s, 1)}
-
-
-def _difference_part(difference: Difference) -> DifferencePart:
-    over_time, over_seeds = difference.over_time, difference.over_seeds
-    return DifferencePart(
-        first=difference.first,
-        second=difference.second,
-        record=difference.record,
-        is_validation=difference.is_validation,
-        over_time=OverTimePart(
-            difference_v2=over_time.difference_v2,
-            interval_v2=(over_time.low_v2, over_time.high_v2),
-            difference_v=over_time.difference_v,
-            interval_v=(over_time.low_v, over_time.high_v),
-            block_samples=over_time.block_samples,
-            is_block_capped=over_time.is_block_capped,
-            is_real=over_time.is_real,
-        ),
-        over_seeds=OverSeedsPart(**asdict(over_seeds)) if over_seeds else None,
-    )

@@ -121,7 +121,7 @@ PAPER_ROWS = (
 # Asked with a row's name, or with what else is done, it gives a context that is told of finished
 # seeds.
 Watch = Callable[[str], AbstractContextManager[Callable[[int], None]]]
-CROSS_CHECK, OPTIMA, DIFFERENCES = "cross-check", "global optima", "differences"
+REFINEMENT, OPTIMA, DIFFERENCES = "refinement", "global optima", "differences"
 
 
 def unwatched(name: str) -> AbstractContextManager[Callable[[int], None]]:
@@ -189,7 +189,7 @@ def compare(
         _run(problems[model], prepared_records[model], method, budget, watch)
         for model, method in rows
     ]
-    with watch(CROSS_CHECK):
+    with watch(REFINEMENT):
         refined = _refine(answered)
     with watch(OPTIMA):
         optima = _optima(problems)
@@ -253,7 +253,7 @@ def _run(
     budget: Budget,
     watch: Watch,
 ) -> Row:
-    """One row, before its cross-check."""
+    """One row, before its refinement."""
     row = Row(problem.circuit, method, problem, METHODS[method].is_deterministic)
     with watch(row.name) as advance:
         try:

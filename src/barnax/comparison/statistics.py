@@ -105,17 +105,15 @@ class Resampled:
 
     `difference_v2` is the mean of the first row's squared errors minus the second's;
     `difference_v` the same as a difference of RMSE. Negative: the first row is better. Where
-    `is_block_capped`, errors stay alike for longer than the longest block that the rule allows,
+    `is_block_capped`, the errors' autocorrelation outlasts the longest block that the rule allows,
     and the intervals are narrower than they should be. `is_real` says that the interval leaves
     out zero, and that the two RMSE are not one by `SAME_RMSE`.
     """
 
     difference_v2: float
-    low_v2: float
-    high_v2: float
+    interval_v2: tuple[float, float]
     difference_v: float
-    low_v: float
-    high_v: float
+    interval_v: tuple[float, float]
     block_samples: int
     is_block_capped: bool
     is_real: bool
@@ -179,15 +177,14 @@ def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int
     tail = 100 * (1 - CONFIDENCE) / 2
     mean = np.mean(squares, axis=1)
     first_v, second_v = np.sqrt(mean)
-    low_v2, high_v2 = np.percentile(means[0] - means[1], [tail, 100 - tail])
-    low_v, high_v = np.percentile(np.sqrt(means[0]) - np.sqrt(means[1]), [tail, 100 - tail])
+    ends = [tail, 100 - tail]
+    low_v2, high_v2 = np.percentile(means[0] - means[1], ends).tolist()
+    low_v, high_v = np.percentile(np.sqrt(means[0]) - np.sqrt(means[1]), ends).tolist()
     return Resampled(
         difference_v2=float(mean[0] - mean[1]),
-        low_v2=float(low_v2),
-        high_v2=float(high_v2),
+        interval_v2=(low_v2, high_v2),
         difference_v=float(first_v - second_v),
-        low_v=float(low_v),
-        high_v=float(high_v),
+        interval_v=(low_v, high_v),
         block_samples=length,
         is_block_capped=is_capped,
         is_real=bool((low_v2 > 0 or high_v2 < 0) and _differ(first_v, second_v)),

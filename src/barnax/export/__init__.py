@@ -4,8 +4,14 @@
 ['barnax_pybamm.py', 'barnax_thevenin.py']
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from ..errors import InputError
 from .exporter import Export, Exporter, Profile
-from .registry import EXPORTERS, get_exporter
+from .files import C_HEADER, CSV, SIMSCAPE
+from .pybamm import PYBAMM
+from .thevenin import THEVENIN
 from .verification import Verification, pulse_profile, require_package, verify
 
 __all__ = [
@@ -19,3 +25,19 @@ __all__ = [
     "require_package",
     "verify",
 ]
+
+# A new target is one file and one name here.
+EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
+    {exporter.name: exporter for exporter in (PYBAMM, THEVENIN, SIMSCAPE, C_HEADER, CSV)}
+)
+
+
+def get_exporter(name: str) -> Exporter:
+    """The exporter registered as `name`. Raises `InputError` that lists the names.
+
+    >>> get_exporter("csv").file_name
+    'barnax_parameters.csv'
+    """
+    if name not in EXPORTERS:
+        raise InputError(f"`to` {name!r} is not known; there are {', '.join(EXPORTERS)}")
+    return EXPORTERS[name]

@@ -123,9 +123,9 @@ Columns = Float[np.ndarray, "points rows"]
 class Axis:
     """One of the coordinates in which the error is not linear: log of a tau in s, or of gamma.
 
-    `columns` gives the unit responses at some places on it. `input_rms` bounds the RMS over all scored
-    samples of what they respond to, a fixed time earlier, whichever that time; `error` bounds how
-    wrong they are, in the unit of the columns.
+    `columns` gives the unit responses at some places on it. `input_rms` bounds the RMS over all
+    scored samples of what they respond to, a fixed time earlier, whichever that time; `error`
+    bounds how wrong they are, in the unit of the columns.
     """
 
     low: float

@@ -200,36 +200,29 @@ def find_global_optimum(
     """
     reduced = Reduced.of(problem)
     landscape = landscape_of(reduced)
-    polish = _Polish(problem)
+    descent = Descent(problem)
     starts = landscape.minima(FACTOR)[:MOST_MINIMA]
-    ends = polish([landscape.circuit(point) for point in starts])
+    ends = _polish(descent, [landscape.circuit(point) for point in starts])
     certificate = None
     for _ in range(MOST_PROOFS if prove else 0):
         certificate = certify(reduced, min(end.rmse_v for end in ends), most_cells)
         if certificate.better is None:
             break
         # The grid can miss a basin; a proof cannot.
-        ends += polish([certificate.better])
+        ends += _polish(descent, [certificate.better])
     optima = distinct_optima(ends)
     optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
-    bounded = at_bound(polish.descent.objective.coordinates, optima[0].parameters)
+    bounded = at_bound(descent.objective.coordinates, optima[0].parameters)
     return GlobalOptimum(optima, bounded, certificate, landscape)
 
 
-class _Polish:
+def _polish(descent: Descent, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
     """Levenberg-Marquardt from grid points, in blocks of one shape so that nothing recompiles."""
-
-    def __init__(self, problem: Problem):
-        self.descent = Descent(problem)
-
-    def __call__(self, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
-        missing = -len(circuits) % SEEDS_PER_BLOCK
-        starts = [*circuits, *circuits[-1:] * missing]
-        ends = self.descent(starts, SEED_TOLERANCE)
-        for _ in range(FINAL_ROUNDS):
-            ends = self.descent(
-                [end.parameters for end in ends], FINAL_TOLERANCE, holds_bounds=True
-            )
-            if min(ends, key=lambda end: end.rmse_v).has_converged:
-                break
-        return ends[: len(circuits)]
+    missing = -len(circuits) % SEEDS_PER_BLOCK
+    ends = descent([*circuits, *circuits[-1:] * missing], SEED_TOLERANCE)
+    for _ in range(FINAL_ROUNDS):
+        starts = [end.parameters for end in ends]
+        ends = descent(starts, FINAL_TOLERANCE, holds_bounds=True)
+        if min(ends, key=lambda end: end.rmse_v).has_converged:
+            break
+    return ends[: len(circuits)]

@@ -1,14 +1,12 @@
 """The barnacle mating optimizer and its improvements, each a switchable field."""
 
-from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-import optimistix as optx
 from jax import lax
-from jaxtyping import Array, Float, Int, Key, PyTree, Scalar, UInt32
+from jaxtyping import Array, Float, Int, Key, PyTree, UInt32
 
 from .draws import TentBranch, levy_step, normal, tent_map
 from .population import AbstractPopulationMinimiser
@@ -81,9 +79,6 @@ class BarnacleMating(AbstractPopulationMinimiser):
     brood_share: float = 0.0
     reevaluate_parents: bool = False
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def __check_init__(self):
         if self.mating_factor not in get_args(MatingFactor):

@@ -18,7 +18,11 @@ def written_out(key: Key[Array, "*keys"]) -> Key[Array, "*keys"]:
     """The key as one whose numbers are those of `jax.random` for `key`, only sooner.
 
     They are those of JAX's default setting, `jax_threefry_partitionable`. Keys of other kinds than
-    its default are left as they are.
+    its default are left as they are. JAX's own rounds are a loop, which keeps a draw from being
+    compiled together with what uses it: `bmo` on an objective with a key of its own (13
+    candidates, 60 generations, 2 searches, two CPU cores) takes 4.7 s of processor time from the
+    first call to its answer with these, 11.1 s with JAX's. Long searches without such keys run
+    as fast with either.
 
     >>> key = jr.key(0)
     >>> bool(jr.uniform(written_out(key)) == jr.uniform(key))

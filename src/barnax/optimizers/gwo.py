@@ -1,14 +1,12 @@
 """Grey wolves: GWO, and the improved IGWO."""
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
-import optimistix as optx
 from jax import lax
-from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Float, Int, Key, PyTree
 
 from .population import AbstractPopulationMinimiser
 from .swarm import Box, Swarm, best_first
@@ -33,9 +31,6 @@ class GreyWolf(AbstractPopulationMinimiser):
     iterations: int = 500
     demote_leaders: bool = False
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
@@ -126,9 +121,6 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
     population: int = 30
     iterations: int = 500
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))

@@ -10,7 +10,8 @@ history are settled here, once. Every algorithm is an `optimistix.AbstractMinimi
 import abc
 import math
 from collections.abc import Callable
-from typing import Any
+from dataclasses import field
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -70,10 +71,15 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
     population: AbstractVar[int]
     iterations: AbstractVar[int]
     bounded: AbstractVar[bool]
-    # Optimistix asks for these three; here the budget alone ends a run, so they stay unread.
-    rtol: AbstractVar[float]
-    atol: AbstractVar[float]
-    norm: AbstractVar[Callable[[PyTree], Scalar]]
+    # Optimistix asks for these three; here the budget alone ends a run, so they are no settings.
+    if TYPE_CHECKING:
+        rtol: float = field(default=0.0, init=False)
+        atol: float = field(default=0.0, init=False)
+        norm: Callable[[PyTree], Scalar] = field(default=optx.max_norm, init=False)
+    else:
+        rtol = property(lambda self: 0.0)
+        atol = property(lambda self: 0.0)
+        norm = property(lambda self: optx.max_norm)
 
     @abc.abstractmethod
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:

@@ -1,13 +1,11 @@
 """PSO, particle swarm optimization."""
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
-import optimistix as optx
-from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Float, Int, Key, PyTree
 
 from .population import AbstractPopulationMinimiser
 from .swarm import Box, Swarm
@@ -42,9 +40,6 @@ class ParticleSwarm(AbstractPopulationMinimiser):
     velocity_fraction: float = 0.06
     velocity_limit: float | None = None
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))

@@ -1,14 +1,12 @@
 """SFO, the sailfish optimizer."""
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import jax.random as jr
-import optimistix as optx
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from .population import AbstractPopulationMinimiser
 from .swarm import Box, Swarm, best_of, better_leader, ranks, sort_by_loss
@@ -32,9 +30,6 @@ class SailfishSearch(AbstractPopulationMinimiser):
     sailfish_share: float = 0.3
     attack_power: float = 4.0
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def __check_init__(self):
         if not 0 < self.sailfish_share < 1:

@@ -1,11 +1,9 @@
 """SOA, the seagull optimization algorithm."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import jax.random as jr
-import optimistix as optx
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
 
 from .population import AbstractPopulationMinimiser
@@ -34,9 +32,6 @@ class SeagullSearch(AbstractPopulationMinimiser):
     iterations: int = 500
     spiral_attack: bool = False
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))

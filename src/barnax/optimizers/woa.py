@@ -1,24 +1,25 @@
 """WOA, the whale optimization algorithm."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import jax.random as jr
-import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from .population import AbstractPopulationMinimiser
 from .swarm import Box, Swarm, best_of, better_leader
 
 
 class Swim(NamedTuple):
-    """One generation's numbers: one of each a whale, and whom it follows in each dimension."""
+    """One generation's numbers: one of each a whale, and whom it follows in each dimension.
+
+    A whale ends at `place + step * |weight * place - position|`, where `place` is that of a random
+    whale where `follows_random`, else the best. On a spiral the weight is one.
+    """
 
     step: Float[Array, "candidates 1"]
     weight: Float[Array, "candidates 1"]
-    spiral: Float[Array, "candidates 1"]
-    is_spiral: Bool[Array, "candidates 1"]
+    follows_random: Bool[Array, "candidates 1"]
     whale: Int[Array, "candidates #dims"]
 
 
@@ -36,9 +37,6 @@ class WhaleSearch(AbstractPopulationMinimiser):
     iterations: int = 500
     one_random_whale: bool = False
     bounded: bool = True
-    rtol: float = 0.0
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
@@ -60,11 +58,16 @@ class WhaleSearch(AbstractPopulationMinimiser):
             self.population,
             jnp.int32,
         )
+        # Told apart here, spiral and circle are one formula below: were both computed there to
+        # choose from, the compiler would round their products differently from one number of
+        # searches to another.
+        spiral = jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn)
+        is_spiral = own[3] >= 0.5
+        circle = a - 2 * a * own[0]
         return Swim(
-            step=2 * a * own[0] - a,
-            weight=2 * own[1],
-            spiral=jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn),
-            is_spiral=own[3] >= 0.5,
+            step=jnp.where(is_spiral, spiral, circle),
+            weight=jnp.where(is_spiral, 1, 2 * own[1]),
+            follows_random=~is_spiral & (jnp.abs(circle) >= 1),
             whale=whales,
         )
 
@@ -73,10 +76,8 @@ class WhaleSearch(AbstractPopulationMinimiser):
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
         positions, best = swarm.positions, swarm.memory.position
         random = jnp.take_along_axis(positions, drawn.whale, axis=0)
-        prey = jnp.where(jnp.abs(drawn.step) >= 1, random, best)
-        encircling = prey - drawn.step * jnp.abs(drawn.weight * prey - positions)
-        spiral = jnp.abs(best - positions) * drawn.spiral + best
-        return jnp.where(drawn.is_spiral, spiral, encircling), swarm.memory
+        place = jnp.where(drawn.follows_random, random, best)
+        return place + drawn.step * jnp.abs(drawn.weight * place - positions), swarm.memory
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
         leader = better_leader(offspring.memory, offspring)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from .error import (
     broken_line,
@@ -26,14 +25,15 @@ from .style import (
     PURPLE,
     SKY_BLUE,
     VERMILLION,
-    decimate,
+    draw_line,
     figure_style,
     finish_axes,
     legend_above,
     make_figure,
+    show_name,
     title,
 )
-from .voltage import choose_time_unit, lively_stretch, shade_unscored
+from .voltage import choose_time_unit, lively_stretch, shade_unscored, stretch_clock
 
 if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
@@ -44,6 +44,21 @@ if TYPE_CHECKING:
 COLORS: Final = (BLUE, ORANGE, BLACK, VERMILLION, SKY_BLUE, GREEN, PURPLE)
 LINES: Final = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+
+# Strips of errors.
+MOST_STRIPS: Final = 10
+STRIP_IN: Final = 1.1
+FURNITURE_IN: Final = 1.1
+# Rows farther off than this many times the best do not set the scale: theirs is cut, and said.
+FAR_OFF: Final = 3.0
+
+# More lines of voltage than these hide each other even in the magnified stretch.
+MOST_VOLTAGES: Final = 8
+MARKERS_PER_LINE: Final = 8
+HEIGHT_IN: Final = 6.0
+MEASURED: Final = "#BEBEBE"
+FRAME: Final = "#6A6A6A"
+TIE: Final = "#ADADAD"
 
 
 @dataclass(frozen=True)
@@ -91,20 +106,13 @@ def most_accurate(evaluations: Mapping[str, "Evaluation"], most: int) -> dict[st
     return {label: each for label, each in evaluations.items() if label in kept}
 
 
-def selection_note(kept: int, of: int) -> str:
-    """What a title adds where not every row is drawn.
+def heading(record: str, kept: int, of: int) -> str:
+    """The record's name, and what a title adds where not every row is drawn.
 
-    >>> selection_note(8, 12)
-    'the 8 of 12 rows with the lowest RMSE'
+    >>> heading("cycle.csv", 8, 12)
+    'cycle.csv: the 8 of 12 rows with the lowest RMSE'
     """
-    return "" if kept == of else f"the {kept} of {of} rows with the lowest RMSE"
-
-
-MOST_ROWS = 10
-STRIP_IN = 1.1
-FURNITURE_IN = 1.1
-# Rows farther off than this many times the best do not set the scale: theirs is cut, and said.
-FAR_OFF = 3.0
+    return record if kept == of else f"{record}: the {kept} of {of} rows with the lowest RMSE"
 
 
 @figure_style()
@@ -128,7 +136,7 @@ def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     """
     require_one_record(evaluations)
     looks = row_looks(evaluations)
-    shown = most_accurate(evaluations, MOST_ROWS)
+    shown = most_accurate(evaluations, MOST_STRIPS)
     prepared = next(iter(shown.values())).prepared
     unit = choose_time_unit(prepared.time_s)
     time, scored = prepared.time_s / unit.seconds, prepared.scored
@@ -153,10 +161,8 @@ def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     panels[-1, 0].set_xlabel(unit.label)
     panels[-1, 1].set_xlabel("State of charge [-]")
     figure.supylabel("Error [mV] (measured − simulated)", fontsize=9)
-    note = selection_note(len(shown), len(evaluations))
-    heading = f"{prepared.record.name}: {note}" if note else prepared.record.name
     finish_axes(*panels.flat)
-    title(panels[0, 0], heading)
+    title(panels[0, 0], heading(prepared.record.name, len(shown), len(evaluations)))
     legend_above(figure, *panels[0], columns=3)
     return figure
 
@@ -172,26 +178,9 @@ def _common_limits(shown: Mapping[str, "Evaluation"]) -> tuple[float, float]:
 def _name_strip(axes: Axes, text: str) -> None:
     """A line of text in the upper left corner, readable over data."""
     if text:
-        axes.text(
-            0.01,
-            0.97,
-            text,
-            transform=axes.transAxes,
-            verticalalignment="top",
-            fontsize=8,
-            parse_math=False,
-            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0},
-            zorder=4,
-        )
-
-
-# More lines than these hide each other even in the magnified stretch.
-MOST_VOLTAGES = 8
-MARKERS_PER_LINE = 8
-HEIGHT_IN = 6.0
-MEASURED = "#BEBEBE"
-FRAME = "#6A6A6A"
-TIE = "#ADADAD"
+        box = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0}
+        place = {"transform": axes.transAxes, "verticalalignment": "top", "zorder": 4}
+        show_name(axes.text(0.01, 0.97, text, fontsize=8, bbox=box, **place))
 
 
 @figure_style()
@@ -226,13 +215,11 @@ def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     _draw_rows(whole, time, slice(None), shown, looks, is_close=span is None)
     shade_unscored(whole, time, prepared.scored)
     whole.set_xlabel(unit.label)
-    note = selection_note(len(shown), len(evaluations))
-    title(whole, f"{prepared.record.name}: {note}" if note else prepared.record.name)
+    title(whole, heading(prepared.record.name, len(shown), len(evaluations)))
     if span is not None:
-        origin = np.floor(prepared.time_s[span.start] / unit.seconds * 100) / 100
-        seconds = prepared.time_s - origin * unit.seconds
+        seconds, label = stretch_clock(prepared.time_s, span, unit)
         _draw_rows(close[0], seconds, span, shown, looks, is_close=True)
-        close[0].set_xlabel(f"Time after {origin:g} {unit.name} [s]")
+        close[0].set_xlabel(label)
         _frame(whole, close[0], *time[[span.start, span.stop - 1]])
     finish_axes(whole, *close)
     legend_above(figure, *close, whole, columns=3)
@@ -250,13 +237,15 @@ def _draw_rows(
 ) -> None:
     """The measured line and every row's; markers only where single samples can be seen."""
     measured_v = next(iter(shown.values())).prepared.voltage_v
-    _draw_line(
-        axes, time, measured_v, samples, "measured", MEASURED, linewidth=3.2 if is_close else 1.6
-    )
+    width = 3.2 if is_close else 1.6
+    time = time[samples]
+    draw_line(axes, time, measured_v[samples], label="measured", color=MEASURED, linewidth=width)
     for place, (label, each) in enumerate(shown.items()):
         look = looks[label]
         name = f"{label} ({1e3 * each.metrics.rmse_v:.3g} mV)"
-        drawn = _draw_line(axes, time, each.simulated_v, samples, name, look.color, linewidth=0.6)
+        drawn = draw_line(
+            axes, time, each.simulated_v[samples], label=name, color=look.color, linewidth=0.6
+        )
         if is_close:
             drawn.set(linewidth=1.1, linestyle=look.line, marker=look.marker)
             drawn.set(markersize=3.6, markerfacecolor="white")
@@ -264,21 +253,6 @@ def _draw_rows(
             spacing = max(1, np.size(drawn.get_xdata()) // MARKERS_PER_LINE)
             drawn.set_markevery((spacing * place // len(shown), spacing))
     axes.set_ylabel("Voltage [V]")
-
-
-def _draw_line(
-    axes: Axes,
-    time: np.ndarray,
-    voltage_v: np.ndarray,
-    samples: slice,
-    label: str,
-    color: str,
-    linewidth: float,
-) -> Line2D:
-    x, y = time[samples], voltage_v[samples]
-    kept = decimate(x, y)
-    (drawn,) = axes.plot(x[kept], y[kept], color=color, linewidth=linewidth, label=label)
-    return drawn
 
 
 def _frame(whole: Axes, close: Axes, start: float, stop: float) -> None:

@@ -1,4 +1,4 @@
-"""The rows of a comparison: how they converged, and what their seeds found."""
+"""The rows of a comparison: how they converged, and what every seed found."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .compared_records import RowLook, row_looks
+from .convergence import LEAST_EXCESS_PERCENT, padded
 from .sources import comparison_of
 from .style import (
     BLACK,
@@ -28,9 +29,17 @@ if TYPE_CHECKING:
 
 BAND = (10, 90)
 MARKERS_PER_LINE = 6
-# Regret below this is rounding, and zero has no place on a logarithmic axis.
-LEAST_REGRET_PERCENT = 1e-6
 HEIGHT_IN = 4.8
+
+RMSE = "RMSE [mV]"
+COLUMNS = 3
+LINE_IN = 0.26
+FURNITURE_IN = 0.65
+LEGEND_IN = 0.3
+# Seeds are spread about their row's line, evenly and without a draw, so equal answers show.
+SPREAD = 0.56
+MARGIN = 0.06
+GOLDEN_RATIO = 0.6180339887498949
 
 
 @figure_style()
@@ -47,25 +56,18 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
     optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
     rows = [row for row in result.rows if row.seeds]
     looks = row_looks(row.name for row in rows)
-    has_regret = any(optima_v.get(row.model) for row in rows)
+    has_excess = any(optima_v.get(row.model) for row in rows)
     figure = make_figure(height_in=HEIGHT_IN)
-    panels = figure.subplots(1, 2 if has_regret else 1, squeeze=False)[0]
+    panels = figure.subplots(1, 2 if has_excess else 1, squeeze=False)[0]
     for row in rows:
-        population = result.budget.population
-        _draw(panels[0], row, looks[row.name], population, lambda rmse_v: 1e3 * rmse_v)
+        spent, errors_v = _convergence(row, result.budget.population)
+        _draw_convergence(panels[0], row.name, looks[row.name], spent, 1e3 * errors_v)
         optimum_v = optima_v.get(row.model)
-        if has_regret and optimum_v:
-            _draw(
-                panels[1],
-                row,
-                looks[row.name],
-                population,
-                lambda rmse_v, optimum_v=optimum_v: np.maximum(
-                    100 * (rmse_v / optimum_v - 1), LEAST_REGRET_PERCENT
-                ),
-            )
+        if optimum_v:
+            excess_percent = np.maximum(100 * (errors_v / optimum_v - 1), LEAST_EXCESS_PERCENT)
+            _draw_convergence(panels[1], row.name, looks[row.name], spent, excess_percent)
     panels[0].set_ylabel("Best RMSE [mV]")
-    if has_regret:
+    if has_excess:
         panels[1].set_ylabel("Best RMSE above the global optimum [%]")
     for axes in panels:
         axes.set(xscale="log", yscale="log", xlabel="Evaluations of one seed [-]")
@@ -75,54 +77,49 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
     return figure
 
 
-def _draw(axes: Axes, row: "RowPart", look: RowLook, population: int, scale) -> None:
-    style = {"color": look.color, "marker": look.marker, "markersize": 4.0}
+def _convergence(row: "RowPart", population: int) -> tuple[np.ndarray, np.ndarray]:
+    """What a seed had spent, and the best RMSE of every seed by then.
+
+    One column, of the median RMSE at the median cost, for a row without a history.
+    """
     histories = [seed.history_v for seed in row.seeds if seed.history_v]
-    spent = float(np.median([seed.evaluations for seed in row.seeds]))
+    spent = [seed.evaluations for seed in row.seeds]
     if len(histories) < len(row.seeds):
         rmse_v = np.median([seed.rmse_v for seed in row.seeds])
-        axes.plot(max(spent, 1.0), scale(rmse_v), linestyle="none", label=row.name, **style)
+        return np.array([max(float(np.median(spent)), 1.0)]), np.array([[rmse_v]])
+    errors_v = padded(histories)
+    return np.linspace(population, max(spent), errors_v.shape[1]), errors_v
+
+
+def _draw_convergence(
+    axes: Axes, name: str, look: RowLook, spent: np.ndarray, values: np.ndarray
+) -> None:
+    style = {"color": look.color, "marker": look.marker, "markersize": 4.0, "label": name}
+    if len(spent) == 1:
+        axes.plot(spent, values[0], linestyle="none", **style)
         return
-    values = scale(np.array(histories))
-    evaluations = np.linspace(population, spent, values.shape[1])
     # Between infinite errors nothing can be interpolated; what comes of it is not drawn.
     with np.errstate(invalid="ignore"):
         low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
-    if len(histories) > 1:
+    if len(values) > 1:
         axes.fill_between(
-            evaluations, _finite(low), _finite(high), color=look.color, alpha=0.16, linewidth=0.0
+            spent, _finite(low), _finite(high), color=look.color, alpha=0.16, linewidth=0.0
         )
     # Evenly along a logarithmic axis.
-    marked = np.unique(
-        np.searchsorted(
-            evaluations, np.geomspace(evaluations[0], evaluations[-1], MARKERS_PER_LINE)
-        )
-    )
+    places = np.searchsorted(spent, np.geomspace(spent[0], spent[-1], MARKERS_PER_LINE))
     axes.plot(
-        evaluations,
+        spent,
         _finite(median),
         linestyle=look.line,
         linewidth=1.3,
         markerfacecolor="white",
-        markevery=[int(place) for place in np.minimum(marked, len(evaluations) - 1)],
-        label=row.name,
+        markevery=np.unique(np.minimum(places, len(spent) - 1)).tolist(),
         **style,
     )
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(values), values, np.nan)
-
-
-RMSE = "RMSE [mV]"
-COLUMNS = 3
-LINE_IN = 0.26
-FURNITURE_IN = 0.65
-LEGEND_IN = 0.3
-# Seeds are spread about their row's line, evenly and without a draw, so equal answers show.
-SPREAD = 0.56
-MARGIN = 0.06
-GOLDEN_RATIO = 0.6180339887498949
 
 
 @figure_style()

@@ -32,6 +32,16 @@ Histories = Float[np.ndarray, "seeds generations"]
 LEAST_EXCESS_PERCENT = 1e-6
 
 
+def padded(histories: "Sequence[Sequence[float] | np.ndarray]") -> Histories:
+    """Histories as rows of one length: a seed that stopped early stays at its last value.
+
+    >>> padded([[3.0, 2.0, 1.0], [4.0]]).tolist()
+    [[3.0, 2.0, 1.0], [4.0, 4.0, 4.0]]
+    """
+    longest = max(len(each) for each in histories)
+    return np.array([[*each, *([each[-1]] * (longest - len(each)))] for each in histories])
+
+
 @figure_style()
 def plot_convergence(
     searches: "Search | Result | str | Path | Mapping[str, Any]",
@@ -108,7 +118,7 @@ def _plot_errors(
 
     A refined RMSE of zero, as of data without noise, has neither excess nor a logarithm.
     """
-    history_mv = 1e3 * np.array([seed.history_v for seed in seeds])
+    history_mv = 1e3 * padded([seed.history_v for seed in seeds])
     spent = np.array([seed.evaluations for seed in seeds])
     evaluations = np.linspace(population, spent, history_mv.shape[1], axis=1)
     rmse, *excess = figure.subplots(1, 2 if refined_mv > 0 else 1, squeeze=False)[0]

@@ -52,10 +52,9 @@ def plot_landscape(
     over the lowest value, in percent: a problem with two basins shows two dark patches. `answers`
     are each row's circuits, one a seed; `refined` what Levenberg-Marquardt made of some;
     `optimum` the global optimum and `others` the local ones. Circuits beyond the box are drawn at
-    its edge. Raises `ValueError` for what has not
-    two time constants to choose.
+    its edge. Raises `ValueError` for what has not two time constants to choose.
 
-    >>> from barnax.optimum import Landscape
+    >>> from barnax.global_optimum import Landscape
     >>> tau_s = np.geomspace(1.0, 1e4, 30)
     >>> rmse_v = 0.01 + 1e-3 * np.abs(np.log(tau_s[:, None] * tau_s / 1e4))
     >>> landscape = Landscape((tau_s, tau_s), None, rmse_v, np.zeros((3, 30, 30)))

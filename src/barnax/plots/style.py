@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, Final, Literal
 
 import matplotlib
@@ -12,6 +13,9 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, fontManager, get_font
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ..cell import CircuitParameters
@@ -64,6 +68,14 @@ TICKS: Final[dict[str, Any]] = {
 MINOR_TICKS: Final[dict[str, Any]] = TICKS | {"length": 1.5, "width": 0.5}
 GRID: Final[dict[str, Any]] = {"color": "#D9D9D9", "linestyle": "-", "linewidth": 0.5}
 
+# What matplotlib brings along, and what systems have for the letters it lacks.
+FONT: Final = "DejaVu Sans"
+FURTHER_FONTS: Final = (
+    *("Noto Sans CJK SC", "Noto Sans CJK JP", "Source Han Sans SC", "WenQuanYi Zen Hei"),
+    *("Microsoft YaHei", "PingFang SC", "Hiragino Sans", "Yu Gothic", "Malgun Gothic"),
+    *("Arial Unicode MS", "Noto Emoji"),
+)
+
 
 @contextmanager
 def figure_style() -> Iterator[None]:
@@ -93,12 +105,47 @@ def finish_axes(*many: Axes) -> None:
 
 
 def title(axes: Axes, text: str) -> None:
-    """A small title at the left, its end kept where it is too long.
-
-    Names of files come here, so dollar signs are no formulas.
-    """
+    """A small title at the left, its end kept where it is too long."""
+    text = legible(text)
     shown = text if len(text) <= LONGEST_TITLE else "…" + text[1 - LONGEST_TITLE :]
-    axes.set_title(shown, parse_math=False)
+    show_name(axes.set_title(shown))
+
+
+def show_name(text: Text) -> None:
+    """Show names of files and rows as they are: no formulas, and no letter without a glyph."""
+    text.set_parse_math(False)
+    shown = legible(text.get_text())
+    text.set_text(shown)
+    if not shown.isascii():
+        text.set_fontfamily(_fonts())
+
+
+def legible(name: str) -> str:
+    r"""The name, with escapes in place of controls and of letters that no font here can draw.
+
+    Controls would break an SVG file, and letters without a glyph are drawn as empty boxes.
+
+    >>> legible("cell \x1b µ.csv")
+    'cell \\x1b µ.csv'
+    """
+    return "".join(
+        letter
+        if letter.isprintable() and ord(letter) in _letters()
+        else letter.encode("unicode_escape").decode()
+        for letter in name
+    )
+
+
+@cache
+def _fonts() -> list[str]:
+    installed = {font.name for font in fontManager.ttflist}
+    return [FONT, *(name for name in FURTHER_FONTS if name in installed)]
+
+
+@cache
+def _letters() -> frozenset[int]:
+    """The code points that some font here can draw."""
+    return frozenset().union(*(get_font(findfont(name)).get_charmap() for name in _fonts()))
 
 
 def legend_above(figure: Figure, *panels: Axes, columns: int) -> None:
@@ -107,7 +154,11 @@ def legend_above(figure: Figure, *panels: Axes, columns: int) -> None:
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=columns)
+    legend = figure.legend(
+        list(entries.values()), list(entries), loc="outside upper center", ncols=columns
+    )
+    for text in legend.get_texts():
+        show_name(text)
 
 
 SHORT = 10.0
@@ -163,6 +214,15 @@ def decimate(
     last = np.append(first[1:], len(x)) - 1
     by_height = np.lexsort((y, column))
     return np.unique(np.concatenate([first, last, by_height[first], by_height[last]]))
+
+
+def draw_line(
+    axes: Axes, x: Float[np.ndarray, "samples"], y: Float[np.ndarray, "samples"], **style: Any
+) -> Line2D:
+    """y over x, of as many samples as can be seen."""
+    kept = decimate(x, y)
+    (line,) = axes.plot(x[kept], y[kept], **style)
+    return line
 
 
 Kind = Literal["png", "svg", "pdf"]

@@ -15,7 +15,7 @@ from .style import (
     SHADE,
     SKY_BLUE,
     VERMILLION,
-    decimate,
+    draw_line,
     figure_style,
     finish_axes,
     legend_above,
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
 
 
+FRAME = "#7A7A7A"
 NOT_SCORED = "not scored"
 HOURS_FROM_S = 7200.0
 STRETCH_SAMPLES = 200
@@ -104,6 +105,15 @@ def lively_stretch(current_a: Samples, scored: Bool[np.ndarray, "samples"]) -> s
     return slice(start, start + length)
 
 
+def stretch_clock(time_s: Samples, span: slice, unit: TimeUnit) -> tuple[Samples, str]:
+    """Seconds after a round time before a stretch, and what an axis of them is called.
+
+    Hours would need too many digits on so short an axis.
+    """
+    origin = np.floor(time_s[span.start] / unit.seconds * 100) / 100
+    return time_s - origin * unit.seconds, f"Time after {origin:g} {unit.name} [s]"
+
+
 @figure_style()
 def plot_condition(prepared: "PreparedRecord") -> Figure:
     """Current, measured voltage and state of charge of the simulated stretch of one record.
@@ -112,7 +122,7 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
     hours; discharge current is positive. Samples that do not count are shaded.
 
     >>> from barnax import Window, bundled_file, characterize, read_record
-    >>> from barnax.prepared import prepare_record
+    >>> from barnax.model.inputs import prepare_record
     >>> cell = characterize([read_record(bundled_file("ocv_discharge"))])
     >>> record = read_record(bundled_file("identification"))
     >>> figure = plot_condition(prepare_record(record, cell, "so-rc", Window()))
@@ -125,8 +135,8 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
     panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1.6, 1.0])
     current, voltage, charge = panels
     draw_current(current, time, prepared.current_a, prepared.record.hold.value)
-    _draw(voltage, time, prepared.voltage_v, BLUE)
-    _draw(charge, time, prepared.soc, BLACK)
+    draw_line(voltage, time, prepared.voltage_v, color=BLUE, linewidth=0.8)
+    draw_line(charge, time, prepared.soc, color=BLACK, linewidth=0.8)
     voltage.set_ylabel("Voltage [V]")
     charge.set_ylabel("SOC [-]")
     charge.set_xlabel(unit.label)
@@ -141,24 +151,10 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
 
 def draw_current(axes: Axes, time: np.ndarray, current_a: np.ndarray, hold: str) -> None:
     """The current as it flowed between samples, by the record's hold."""
-    kept = decimate(time, current_a)
-    axes.plot(
-        time[kept],
-        current_a[kept],
-        color=VERMILLION,
-        linewidth=0.8,
-        drawstyle="steps-post" if hold == "forward" else "steps-pre",
-    )
+    steps = "steps-post" if hold == "forward" else "steps-pre"
+    draw_line(axes, time, current_a, color=VERMILLION, linewidth=0.8, drawstyle=steps)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set_ylabel("Current [A]\n(discharge > 0)")
-
-
-def _draw(axes: Axes, time: np.ndarray, values: np.ndarray, color: str) -> None:
-    kept = decimate(time, values)
-    axes.plot(time[kept], values[kept], color=color, linewidth=0.8)
-
-
-FRAME = "#7A7A7A"
 
 
 @figure_style()
@@ -209,23 +205,12 @@ def _draw_voltage(
     axes: Axes, evaluation: "Evaluation", time: np.ndarray, span: slice, width: float = 1.0
 ) -> None:
     prepared = evaluation.prepared
-    drawn = {
-        "measured": (prepared.voltage_v, SKY_BLUE, 1.8 * width),
-        f"simulated (RMSE {1e3 * evaluation.metrics.rmse_v:.3g} mV)": (
-            evaluation.simulated_v,
-            BLACK,
-            0.6 * width,
-        ),
-    }
-    for label, (voltage_v, color, line_width) in drawn.items():
-        kept = decimate(time[span], voltage_v[span])
-        axes.plot(
-            time[span][kept],
-            voltage_v[span][kept],
-            color=color,
-            linewidth=line_width,
-            label=label,
-        )
+    simulated = f"simulated (RMSE {1e3 * evaluation.metrics.rmse_v:.3g} mV)"
+    for label, voltage_v, color, line_width in (
+        ("measured", prepared.voltage_v, SKY_BLUE, 1.8 * width),
+        (simulated, evaluation.simulated_v, BLACK, 0.6 * width),
+    ):
+        draw_line(axes, time[span], voltage_v[span], color=color, linewidth=line_width, label=label)
     axes.set_ylabel("Voltage [V]")
 
 
@@ -239,12 +224,10 @@ def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> 
     prepared = evaluation.prepared
     unit = choose_time_unit(prepared.time_s)
     voltage, current = panels[:, 1]
-    # Seconds after a round time: hours would need too many digits on so short an axis.
-    origin = np.floor(prepared.time_s[span.start] / unit.seconds * 100) / 100
-    time_s = prepared.time_s - origin * unit.seconds
+    time_s, label = stretch_clock(prepared.time_s, span, unit)
     _draw_voltage(voltage, evaluation, time_s, span, width=1.6)
     _draw_current(current, evaluation, time_s, span)
-    current.set_xlabel(f"Time after {origin:g} {unit.name} [s]")
+    current.set_xlabel(label)
     for axes in (voltage, current):
         axes.set_ylabel("")
     title(voltage, "framed stretch")

@@ -5,12 +5,13 @@ Reading a record raises the first error; checking a file lists everything.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
-
-import numpy as np
-from jaxtyping import Int
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .samples import Samples
+    from .table import Lines
 
 Severity = Literal["error", "warning", "note"]
 
@@ -62,19 +63,13 @@ class Finding:
         }
 
 
-class Located(Protocol):
-    """What knows the source row and sheet of each of its lines."""
-
-    @property
-    def row(self) -> Int[np.ndarray, "lines"]: ...
-    @property
-    def sheet(self) -> Int[np.ndarray, "lines"]: ...
-    @property
-    def sheets(self) -> tuple[str, ...]: ...
-
-
 def found_at(
-    source: Located, line: int, severity: Severity, what: str, remedy: str = "", **more: Any
+    source: "Lines | Samples",
+    line: int,
+    severity: Severity,
+    what: str,
+    remedy: str = "",
+    **more: Any,
 ) -> Finding:
     """A finding at one line, with the row and the sheet it stands in."""
     sheet = source.sheets[int(source.sheet[line])] if len(source.sheets) > 1 else None

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import narwhals as nw
 import numpy as np
 import polars as pl
 
@@ -59,6 +58,9 @@ def source_from_frame(frame: Any, name: str) -> Source:
     A mapping of names to columns will do too. Rows count as in a file whose first row holds the
     names.
     """
+    # Only data frames need it, and it takes longer to load than a file to read.
+    import narwhals as nw
+
     table = pl.DataFrame(frame) if isinstance(frame, Mapping) else frame
     try:
         whole = nw.from_native(table)
@@ -73,13 +75,12 @@ def source_from_frame(frame: Any, name: str) -> Source:
     return _clean(Source(printable(name), made, table_sha256(made)))
 
 
-def _series(column: nw.Series[Any]) -> pl.Series:
+def _series(column: Any) -> pl.Series:
+    """A narwhals column as Polars holds it."""
     if isinstance(native := column.to_native(), pl.Series):
         return native
-    if column.dtype.is_numeric():
-        values = column.cast(nw.Float64).to_list()
-        return pl.Series(column.name, values, dtype=pl.Float64, nan_to_null=False)
-    return pl.Series(str(column.name), column.to_list(), strict=False)
+    kind = pl.Float64 if column.dtype.is_numeric() else None
+    return pl.Series(str(column.name), column.to_list(), dtype=kind, strict=False)
 
 
 def _clean(source: Source) -> Source:
@@ -126,11 +127,10 @@ def read_record(
         source = read_source(source)
     examined = examine(source.table, source.name)
     raise_first_error(examined.findings, source.name)
-    assert examined.samples is not None  # Where there are none, that is an error.
-    sign, doubts = decide_sign(examined.samples, current_sign, source.name)
-    record = make_record(
-        source, examined.samples, sign, decide_hold(examined.samples, current_hold)
-    )
+    samples = examined.samples
+    assert samples is not None  # Where there are none, that was an error.
+    sign, doubts = decide_sign(samples, current_sign, source.name)
+    record = make_record(source, samples, sign, decide_hold(samples, current_hold))
     return replace(record, warnings=warnings_of((*examined.findings, *doubts), source.name))
 
 

@@ -53,7 +53,9 @@ def examine(table: Table, file: str, capacity_ah: float | None = None) -> Examin
         return Examined(None, None, tuple(findings))
     samples = mended = samples_of(lines)
     if short := _too_short(mended):
-        return Examined(None, None, (*findings, short))
+        # Where bad cells took the samples, that is said already.
+        findings += [] if any(each.severity == "error" for each in findings) else [short]
+        return Examined(None, None, tuple(findings))
     # Absurd values overflow on their way to being found absurd.
     with np.errstate(all="ignore"):
         for check, rule in (

@@ -9,13 +9,13 @@ from .comparison_sentences import (
     bound_sentences,
     budget_sentence,
     failure_sentences,
+    gap_sentences,
     leaders,
     model_sentences,
     note_sentences,
     optimum_sentences,
     ranking_sentences,
     records,
-    regret_sentences,
     rmse_on,
     soc_sentence,
 )
@@ -90,7 +90,7 @@ def _summary(result: "ComparisonResult") -> str:
 def _verdict(result: "ComparisonResult") -> Iterator[str]:
     yield from ranking_sentences(result)
     yield from model_sentences(result)
-    yield from regret_sentences(result)
+    yield from gap_sentences(result)
     yield from bound_sentences(result)
     yield from failure_sentences(result)
 
@@ -134,7 +134,7 @@ def _results(
     roles = record_roles(1, len(records(result)) - 1)
     for record, (name, role) in enumerate(zip(records(result), roles, strict=True)):
         yield Section(
-            f"{'Search' if record == 0 else 'Validation'}: {name}",
+            f"{'Identification' if record == 0 else 'Validation'}: {name}",
             (
                 errors_table(result, record),
                 Paragraph(soc_sentence(result, record)),

@@ -1,25 +1,40 @@
 """A comparison in sentences: who leads, by how much, and whether a model pays."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from .words import bound_words, counted, joined, millivolt, percent, sentence
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..comparison.result import BandPart, OverSeedsPart, RecordErrorsPart, RowPart
+    from ..comparison.result import BandPart, RecordErrorsPart, RowPart
 
 
 # Rows whose RMSE agree this closely, relative, found the same answer.
 SAME_RMSE = 1e-5
+# An optimality gap below this is no loss to anyone; above it an answer is not the best there is.
+REACHED = 1e-3
+LOW_SOC = 0.2
+NARROW = "the residual autocorrelation outlasts the blocks, so the interval is too narrow"
+
+Change = Literal["better", "worse", "same"]
+
+# The plainest model, against which others must show that they pay, and one more question.
+BASE = "so-rc"
+SWITCHES = ("iso-rc", "esc")
+ADDITIONS = {
+    (BASE, "iso-rc"): "the hysteresis correction (iso-rc)",
+    (BASE, "esc"): "the dynamic hysteresis (esc)",
+    SWITCHES: "hysteresis that takes charge to turn (esc in place of iso-rc)",
+}
 
 
 @dataclass(frozen=True)
 class Contrast:
     """The first row's RMSE minus the second's on one record, in V, with a 95 % interval.
 
-    Where `is_narrow`, errors stay alike for longer than the bootstrap's blocks, and the interval
+    Where `is_narrow`, the errors' autocorrelation outlasts the bootstrap's blocks, and the interval
     is narrower than it should be. `seeds` are the wins and losses of the first row, seed by seed,
     and Wilcoxon's p-value.
     """
@@ -74,35 +89,23 @@ def contrast(
         is_there = each.record == name and each.is_validation == (record > 0)
         if not is_there or {each.first, each.second} != {first.name, second.name}:
             continue
-        over_time, seeds = each.over_time, _seeds(each.over_seeds)
-        low_v, high_v = over_time.interval_v
-        found = Contrast(
-            over_time.difference_v,
+        over_time, seeds = each.over_time, each.over_seeds
+        # Stored may be the second row against the first.
+        sign = 1 if each.first == first.name else -1
+        low_v, high_v = sorted(sign * end_v for end_v in over_time.interval_v)
+        wins, losses = (seeds.wins, seeds.losses)[::sign] if seeds else (0, 0)
+        return Contrast(
+            sign * over_time.difference_v,
             (low_v, high_v),
             over_time.is_real,
             over_time.is_block_capped,
-            seeds,
-        )
-        if each.first == first.name:
-            return found
-        return replace(
-            found,
-            difference_v=-found.difference_v,
-            interval_v=(-high_v, -low_v),
-            seeds=seeds and (seeds[1], seeds[0], seeds[2]),
+            (wins, losses, seeds.p_value) if seeds else None,
         )
     return None
 
 
 def _every(row: "RowPart") -> "list[RecordErrorsPart]":
     return [*([row.identification] if row.identification else []), *row.validation]
-
-
-def _seeds(part: "OverSeedsPart | None") -> tuple[int, int, float] | None:
-    return None if part is None else (part.wins, part.losses, part.p_value)
-
-
-NARROW = "errors stay alike for longer than the blocks, so the interval is too narrow"
 
 
 def ranking_sentences(result: "ComparisonResult") -> Iterator[str]:
@@ -180,12 +183,7 @@ def _lead(result: "ComparisonResult", record: int, best: "list[RowPart]") -> Ite
         yield f"{joined(worse)} {verb} worse by more than chance."
 
 
-# A regret below this is no loss to anyone; above it an answer is not the best there is.
-REACHED = 1e-3
-LOW_SOC = 0.2
-
-
-def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
+def gap_sentences(result: "ComparisonResult") -> Iterator[str]:
     """For each model how far above its global optimum the rows are, before and after refinement."""
     rows = answered(result)
     unknown = []
@@ -212,25 +210,17 @@ def regret_sentences(result: "ComparisonResult") -> Iterator[str]:
         )
 
 
-def _reach(how: str, optimality_gaps: dict[str, float], optimum: str) -> str:
-    if not optimality_gaps:
+def _reach(how: str, gaps: dict[str, float], optimum: str) -> str:
+    if not gaps:
         return ""
-    short = {
-        name: optimality_gap
-        for name, optimality_gap in optimality_gaps.items()
-        if optimality_gap > REACHED
-    }
-    there = [name for name in optimality_gaps if name not in short]
-    if not short:
-        everyone = "every row reaches" if len(optimality_gaps) > 1 else f"{there[0]} reaches"
-        return f"{how}, {everyone} {optimum}, to {percent(REACHED)}."
-    far = joined(
-        [f"{percent(optimality_gap)} for {name}" for name, optimality_gap in short.items()]
-    )
+    there = [name for name, gap in gaps.items() if gap <= REACHED]
+    far = joined([f"{percent(gap)} for {name}" for name, gap in gaps.items() if gap > REACHED])
     if not there:
         return f"{how}, no row reaches {optimum}; the excess is {far}."
     verb = "reaches" if len(there) == 1 else "reach"
-    return f"{how}, {joined(there)} {verb} {optimum}, to {percent(REACHED)}; the excess is {far}."
+    who = "every row reaches" if not far and len(gaps) > 1 else f"{joined(there)} {verb}"
+    excess = f"; the excess is {far}" if far else ""
+    return f"{how}, {who} {optimum}, to {percent(REACHED)}{excess}."
 
 
 def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
@@ -303,18 +293,6 @@ def budget_sentence(result: "ComparisonResult") -> str:
         f"coordinates, by the {budget.objective} objective; methods that draw nothing ran once. A "
         "row is the method's own answer, not refined: that of its median seed."
     )
-
-
-Change = Literal["better", "worse", "same"]
-
-# The plainest model, against which others must show that they pay, and one more question.
-BASE = "so-rc"
-SWITCHES = ("iso-rc", "esc")
-ADDITIONS = {
-    (BASE, "iso-rc"): "the hysteresis correction (iso-rc)",
-    (BASE, "esc"): "the dynamic hysteresis (esc)",
-    SWITCHES: "hysteresis that takes charge to turn (esc in place of iso-rc)",
-}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 from ..cell import CircuitParameters
 from ..global_optimum.search import FACTOR, Status, optimality_gap
 from ..search.refine import AtBound, Optimum
-from ..uncertainty.covariance import WIDEST_FACTOR, Estimate, Uncertainty
+from ..uncertainty.covariance import CONFIDENCE, WIDEST_FACTOR, Estimate, Uncertainty
 from ..uncertainty.diagnostics import Band, Diagnostics
 from ..uncertainty.identifiability import Finding, Identifiability
 from ..uncertainty.linearization import Held
@@ -32,8 +32,8 @@ NUMBERS = ("no", "one", "two", "three", "four")
 ORDINALS = ("", "first", "second", "third", "fourth")
 # What a drift over the whole record may come from.
 DRIFT = (
-    "so slow a drift often comes from `capacity` or `initial_soc`; `score_soc` leaves out a part of "
-    "the record"
+    "Such a drift often means a wrong `capacity` or `initial_soc`, or a part of the SOC range that "
+    "`score_soc` can leave out"
 )
 
 BandQuantity = Literal["SOC", "current", "temperature"]
@@ -67,32 +67,40 @@ def optimum_sentence(optimum: OptimumLike) -> str:
     grid = "Best found: verified on a grid of time constants"
     if optimum.cells is None:
         return f"{grid}, not proved."
-    return f"{grid}; proved after {optimum.cells:,} cells is only that {better}."
+    return f"{grid}; the proof stopped after {optimum.cells:,} cells: {better}."
 
 
 def local_optima_sentence(optimum: OptimumLike) -> str:
     """The other optima, the nearest in error with its time constants."""
-    others, reach = optimum.local_optima, percent(FACTOR - 1)
+    others, reach = optimum.local_optima, f"less than {percent(FACTOR - 1)} above the best one"
     if not others:
-        return f"No other local optimum has an RMSE less than {reach} above it."
+        return f"No other local optimum is {reach}."
     gap = percent(optimality_gap(others[0].rmse_v, optimum.rmse_v))
     where = f"{gap} above at {_taus(others[0].parameters.tau_s)}"
     if others[0].rmse_v < (1 + HARDLY_ABOVE) * optimum.rmse_v:
         where += ", another circuit with nearly the same error"
     if len(others) == 1:
-        return f"One other local optimum is less than {reach} above it: {where}."
-    return f"{len(others)} other local optima are less than {reach} above it, the nearest {where}."
+        return f"One other local optimum is {reach}: {where}."
+    return f"{len(others)} other local optima are {reach}, the nearest {where}."
 
 
 def at_bound_sentence(at_bound: Sequence[AtBound]) -> str:
     """What the bounds decide, empty where they decide nothing."""
     if not at_bound:
         return ""
-    if len(at_bound) == 1:
-        name, side = symbol(at_bound[0].name), at_bound[0].side
-        return f"{name} is at its {side} bound: the bounds, not the data, set it."
-    places = joined([f"{symbol(each.name)} ({each.side})" for each in at_bound])
-    return f"{places} are at bounds: these, not the data, set them."
+    them = "it" if len(at_bound) == 1 else "them"
+    return f"{_at_bounds(at_bound, verb=True)}: the bounds, not the data, set {them}."
+
+
+def _at_bounds(at_bound: Sequence[AtBound], *, verb: bool = False) -> str:
+    parts = []
+    for side in ("lower", "upper"):
+        names = [symbol(each.name) for each in at_bound if each.side == side]
+        if names:
+            be = (" are" if len(names) > 1 else " is") if verb else ""
+            whose = f"their {side} bounds" if len(names) > 1 else f"its {side} bound"
+            parts.append(f"{joined(names)}{be} at {whose}")
+    return joined(parts)
 
 
 def held_words(held: Held) -> str:
@@ -152,7 +160,7 @@ def finding_sentence(finding: Finding) -> str:
                 f"{symbol(each.name)} {_times(step)}"
                 for each, step in zip(finding.estimates, finding.log_steps, strict=True)
             ]
-            text = f"{joined(moves)} at once is within one standard error"
+            text = f"{joined(moves)} together stays within one standard error"
             return f"{text}; {combined} is determined." if combined else f"{text}."
 
 
@@ -170,19 +178,20 @@ def _too_fast(finding: Finding, combined: str) -> str:
 
 def _too_slow(finding: Finding) -> str:
     tau, resistance = finding.estimates
-    text = (
-        f"{_equation(tau)} is longer than the record or as long ({_seconds(finding.duration_s)}): "
-    )
     capacitance = finding.combined
+    text = f"{symbol(tau.name)} is as long as the record ({_seconds(finding.duration_s)}) or longer"
     if capacitance is None or capacitance.low is None:
-        text += f"R{symbol(tau.name)[3:]}, {symbol(tau.name)} and their ratio are not determined"
+        text += f", and not even {symbol(tau.name).replace('tau', 'C')} is determined"
     else:
-        text += f"only {_with_interval(capacitance)} is determined"
-    at_bound = [each for each in (tau, resistance) if each.held not in (None, "fixed", "unseen")]
+        text += f": only {_with_interval(capacitance)} shows"
+    at_bound = [
+        AtBound(each.name, "lower" if each.held == "at lower bound" else "upper")
+        for each in (tau, resistance)
+        if each.held in ("at lower bound", "at upper bound")
+    ]
     if not at_bound:
         return text
-    places = [f"{symbol(each.name)} {held_words(each.held or 'fixed')}" for each in at_bound]
-    return f"{text}, with {joined(places)}; {DRIFT}"
+    return f"{text}, with {_at_bounds(at_bound)}. {DRIFT}"
 
 
 def _loose(finding: Finding) -> str:
@@ -201,11 +210,11 @@ def _loose(finding: Finding) -> str:
 def diagnostics_sentences(diagnostics: Diagnostics) -> tuple[str, ...]:
     """How long residuals are correlated, and where most of the squared error is."""
     count = f"{max(diagnostics.effective_samples, 1):,.0f}"
-    ones = "one" if count == "1" else "ones"
+    independent = "a single independent one" if count == "1" else f"{count} independent ones"
     sentences = [
         f"Residual correlation time {_seconds(diagnostics.correlation_time_s)}: "
-        f"{diagnostics.samples:,} samples carry as much information about a constant as {count} "
-        f"independent {ones}."
+        f"{diagnostics.samples:,} samples carry as much information about a constant as "
+        f"{independent}."
     ]
     kinds: tuple[tuple[BandQuantity, tuple[Band, ...] | None], ...] = (
         ("SOC", diagnostics.by_soc),
@@ -257,17 +266,17 @@ def _notable(quantity: BandQuantity, bands: Sequence[Band]) -> Iterator[str]:
             )
 
 
-def profile_sentence(profile: Profile, confidence: float = 0.95) -> str:
+def profile_sentence(profile: Profile) -> str:
     """A parameter's interval by its profile."""
     name = symbol(profile.name)
-    level = f"{100 * confidence:.0f} % interval of its profile"
+    level = f"{100 * CONFIDENCE:.0f} %"
     if profile.low is None and profile.high is None:
-        return f"{name} is not determined: no value in the bounds leaves the {level}."
+        return f"{name} is not determined: its profile excludes no value in the bounds ({level})."
     if profile.low is None or profile.high is None:
         side, end = ("above", profile.low) if profile.high is None else ("below", profile.high)
-        return f"{name} is {side} {with_unit(profile.name, end or 0.0)} by the {level}, else open."
+        return f"{name} is {side} {with_unit(profile.name, end or 0.0)} by its profile ({level})."
     ends = between(profile.name, profile.low, profile.high)
-    return f"{name} = {with_unit(profile.name, profile.value)}, {ends} by the {level}."
+    return f"{name} = {with_unit(profile.name, profile.value)}, {ends} by its profile ({level})."
 
 
 def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[str, ...]:
@@ -305,7 +314,7 @@ def _change(suggestion: Suggestion) -> str:
 def _option(suggestion: Suggestion) -> str:
     """The option that makes the change, where there is one."""
     if suggestion.circuit is not None:
-        return f", with `circuit={suggestion.circuit}`"
+        return f", with `model={suggestion.circuit}`"
     if suggestion.initial_soc is not None:
         return f", with `initial_soc={suggestion.initial_soc:.10g}`"
     if suggestion.capacity_ah is not None:
@@ -326,8 +335,9 @@ def _with_interval(estimate: Estimate) -> str:
 def _times(log_step: float) -> str:
     """A factor; beyond `WIDEST_FACTOR` nothing is known of its size."""
     if abs(log_step) > math.log(WIDEST_FACTOR):
-        return f"{WIDEST_FACTOR:g} times {'higher' if log_step > 0 else 'lower'} or more"
-    return f"times {math.exp(log_step):.3g}"
+        less = f"less than {1 / WIDEST_FACTOR:g}"
+        return f"times {less if log_step < 0 else f'more than {WIDEST_FACTOR:g}'}"
+    return f"times {math.exp(log_step):.2g}"
 
 
 def _taus(tau_s: Sequence[float]) -> str:

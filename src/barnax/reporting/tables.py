@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..plots.style import readable
-from .comparison_sentences import answered, errors_on, leaders, ranked, records, rmse_on
+from .comparison_sentences import NARROW, answered, errors_on, leaders, ranked, records, rmse_on
 from .document import Column, Table
-from .words import NOTHING, bound_words, fixed, joined, percent, significant
+from .words import NOTHING, bound_words, fixed, joined, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -126,14 +126,14 @@ def errors_table(result: "ComparisonResult", record: int) -> Table:
 def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None = None) -> Table:
     """What every row's search gave and cost on the identification record."""
     rows = answered(result)
-    has_regret = any(row.optimality_gap is not None for row in rows)
+    has_gap = any(row.optimality_gap is not None for row in rows)
     columns = (
         ROW,
         Column("median", "mV"),
         Column("best", "mV"),
         Column("worst", "mV"),
         Column("deviation", "mV"),
-        *((Column("regret", "%"),) if has_regret else ()),
+        *((Column("optimality gap", "%"),) if has_gap else ()),
         Column("refined", "mV"),
         Column("seeds"),
         Column("evaluations"),
@@ -142,11 +142,11 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
     return Table(
         caption="RMSE of the median, best and worst seed on the record identified on, with the "
         "standard deviation over the seeds"
-        + ("; regret: how far the median seed is above the global optimum" if has_regret else "")
+        + ("; optimality gap: the median seed's excess over the global optimum" if has_gap else "")
         + "; what refinement makes of it; evaluations of the median seed"
         + (", and the time of all seeds, compilation included." if seconds else "."),
         columns=columns,
-        rows=tuple(_search_cells(row, seconds, has_regret) for row in rows),
+        rows=tuple(_search_cells(row, seconds, has_gap) for row in rows),
     )
 
 
@@ -192,10 +192,7 @@ def differences_table(result: "ComparisonResult", record: int) -> Table:
         found = [each for each in found if _is_asked_for(each, leader, rows)]
         note = " Shown are the pairs with the leader and those of one method."
     if any(each.over_time.is_block_capped for each in found):
-        note += (
-            f" {NARROW_MARK}: errors stay alike for longer than the blocks, so the interval is "
-            "too narrow."
-        )
+        note += f" {NARROW_MARK}: {NARROW}."
     has_seeds = any(each.over_seeds is not None for each in found)
     by_seed = (Column("wins–losses"), Column("p"))
     return Table(
@@ -236,12 +233,9 @@ def failures_table(result: "ComparisonResult") -> Table:
 
 
 def _search_cells(
-    row: "RowPart", seconds: Mapping[str, float] | None, has_regret: bool
+    row: "RowPart", seconds: Mapping[str, float] | None, has_gap: bool
 ) -> tuple[str, ...]:
     spread = row.spread
-    optimality_gap = (
-        NOTHING if row.optimality_gap is None else percent(row.optimality_gap).removesuffix(" %")
-    )
     time = (fixed(seconds.get(row.name), 2),) if seconds else ()
     return (
         row.name,
@@ -249,7 +243,7 @@ def _search_cells(
         _millivolts(spread and spread.best_rmse_v),
         _millivolts(spread and spread.worst_rmse_v),
         _millivolts(spread and spread.deviation_v),
-        *((optimality_gap,) if has_regret else ()),
+        *((_percents(row.optimality_gap),) if has_gap else ()),
         _millivolts(row.refined_rmse_v),
         str(len(row.seeds)),
         NOTHING if row.evaluations is None else str(row.evaluations),
@@ -284,3 +278,9 @@ def _is_asked_for(each: "DifferencePart", leader: str, rows: "Sequence[RowPart]"
 
 def _millivolts(value_v: float | None) -> str:
     return fixed(None if value_v is None else 1e3 * value_v, 3)
+
+
+def _percents(ratio: float | None) -> str:
+    """A ratio in percent, two digits or all before the point."""
+    value = None if ratio is None else 100 * ratio
+    return fixed(value, 0) if value and abs(value) >= 10 else significant(value, 2)

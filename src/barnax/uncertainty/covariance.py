@@ -150,14 +150,14 @@ class Covariance:
 
     def estimates(self, parameters: CircuitParameters) -> tuple[Estimate, ...]:
         """Those of all parameters of the circuit and its time constants."""
-        estimates = []
-        for name, value in named_values(parameters).items():
+
+        def one(name: str, value: float) -> Estimate:
             direction, held = self.linearization.direction_of(name)
-            is_free = held is None or bool(np.any(direction))
-            estimates.append(
-                self.estimate(name, value, direction) if is_free else Estimate(name, value, held)
-            )
-        return tuple(estimates)
+            if held is not None and not np.any(direction):
+                return Estimate(name, value, held)
+            return self.estimate(name, value, direction)
+
+        return tuple(one(name, value) for name, value in named_values(parameters).items())
 
     def summary(self, parameters: CircuitParameters) -> Uncertainty:
         """All of it that is stored."""

@@ -88,6 +88,12 @@ def identifiability(
 ) -> Identifiability:
     """What the records of a problem determine of an optimum and what they leave open."""
     linearization = covariance.linearization
+    findings = _Findings(
+        covariance,
+        {each.name: each for each in covariance.estimates(parameters)},
+        min(prepared.median_interval_s for prepared in problem.prepared_records),
+        max(prepared.scored_duration_s for prepared in problem.prepared_records),
+    )
     scaled = linearization.slope_v / np.linalg.norm(linearization.slope_v, axis=0)
     singular = _singular(scaled)
     return Identifiability(
@@ -98,7 +104,7 @@ def identifiability(
             for i, j in combinations(range(len(linearization.names)), 2)
             if (index := collinearity(scaled[:, [i, j]])) > COLLINEAR
         ),
-        findings=_Findings.of(problem, parameters, covariance).all(parameters.pairs),
+        findings=findings.all(parameters.pairs),
     )
 
 
@@ -120,17 +126,6 @@ class _Findings:
     estimates: dict[str, Estimate]
     interval_s: float
     duration_s: float
-
-    @classmethod
-    def of(
-        cls, problem: Problem, parameters: CircuitParameters, covariance: Covariance
-    ) -> "_Findings":
-        return cls(
-            covariance,
-            {each.name: each for each in covariance.estimates(parameters)},
-            min(prepared.median_interval_s for prepared in problem.prepared_records),
-            max(prepared.scored_duration_s for prepared in problem.prepared_records),
-        )
 
     def all(self, pairs: int) -> tuple[Finding, ...]:
         """All findings. A parameter that one kind is about is left out by the next ones."""

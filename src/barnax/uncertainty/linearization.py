@@ -11,17 +11,16 @@ from jaxtyping import Array, Float
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-
-# Voltages and derivatives beyond this are overflows on their way.
-LARGEST_NUMBER = 1e20
 from ..execution import compile_for, in_float64
 from ..model.inputs import PreparedRecord
 from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
 from ..search.refine import AT_BOUND
 
-# A parameter that moves the voltage by less than this (RMS, for a factor of e) is not seen: far below
-# rounding, but squares of it are still numbers.
+# Voltages and derivatives beyond this are overflows on their way.
+LARGEST_NUMBER = 1e20
+# A parameter that moves the voltage by less than this (RMS, for a factor of e) is not seen: far
+# below rounding, but squares of it are still numbers.
 LEAST_V = 1e-18
 # Why a parameter is not free; "unseen" is one that no scored sample depends on.
 Held = Literal["fixed", "at lower bound", "at upper bound", "unseen"]
@@ -107,9 +106,9 @@ def linearize(
     scored = np.concatenate([prepared.scored for prepared in problem.prepared_records])
     unit = np.sqrt(problem.scored)
     error_v, slope_v = unit * error[scored], unit * slope[scored]
-    if not max(np.max(np.abs(error_v)), np.max(np.abs(slope_v), initial=0.0)) < LARGEST_NUMBER:
+    if not (np.all(np.abs(error_v) < LARGEST_NUMBER) and np.all(np.abs(slope_v) < LARGEST_NUMBER)):
         raise InputError(
-            "the circuit's voltage or its derivatives are no finite numbers of volts, so nothing "
+            "the circuit's voltage or its derivatives by the parameters are not finite, so nothing "
             "can be said of its parameters; narrow the bounds"
         )
     is_seen = np.sqrt(np.mean(slope_v**2, axis=0)) > LEAST_V

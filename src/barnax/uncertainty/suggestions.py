@@ -47,76 +47,6 @@ Change = Literal[
 ]
 
 
-@dataclass(frozen=True, eq=False)
-class SocColumns:
-    """Voltages over the scored samples that the error is linear in, time constants kept.
-
-    The error is `base_error_v` plus columns times their coefficients: `constant` with the
-    resistances R0, R1, ..., `resistances` with their values at every knot (R0's first), `offsets`
-    with the OCV's errors at the knots.
-    """
-
-    base_error_v: Float[np.ndarray, "scored"]
-    constant: Float[np.ndarray, "scored resistances"]
-    resistances: Float[np.ndarray, "scored tabulated"]
-    offsets: Float[np.ndarray, "scored knots"]
-    knots: int
-
-
-@in_float64
-def soc_columns(problem: Problem, parameters: CircuitParameters) -> SocColumns | None:
-    """The columns for `KNOTS` knots over the scored SOC; None where that hardly changes.
-
-    A resistance between knots is interpolated. In an RC pair it multiplies the current that
-    charges it, so the pair's voltage moves to a new resistance with its own time constant.
-    """
-    prepared_records = problem.prepared_records
-    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
-    knots = np.linspace(soc.min(), soc.max(), KNOTS)
-    if knots[-1] - knots[0] < NARROWEST:
-        return None
-    rc = rc_parameters(parameters)
-    base, constant, tabulated = [], [], []
-    for prepared, inputs in zip(prepared_records, problem.all_inputs, strict=True):
-        hats = np.stack([np.interp(prepared.soc, knots, row) for row in np.eye(KNOTS)])
-        responses = np.asarray(_responses(jnp.stack(rc.tau), jnp.asarray(hats), inputs))
-        scored = prepared.scored
-        response = 0.0 if rc.gamma is None else _hysteresis_response(rc.gamma, inputs)
-        base.append((np.asarray(inputs.base_error_v) - response)[scored])
-        constant.append(responses.sum(axis=1)[:, scored].T)
-        tabulated.append(responses.reshape(-1, responses.shape[-1])[:, scored].T)
-    return SocColumns(
-        base_error_v=np.concatenate(base),
-        constant=np.concatenate(constant),
-        resistances=np.concatenate(tabulated),
-        offsets=np.stack([np.interp(soc, knots, row) for row in np.eye(KNOTS)], axis=1),
-        knots=KNOTS,
-    )
-
-
-@eqx.filter_jit
-def _responses(
-    tau: Float[Array, "pairs"], hats: Float[Array, "knots samples"], inputs: SimulationInput
-) -> Float[Array, "resistances knots samples"]:
-    """The voltage over R0 and every pair of 1 ohm for the current around each knot."""
-
-    def one(tau, hat):
-        return unit_response(tau, hat * inputs.held_a, inputs.intervals)
-
-    pairs = jax.vmap(jax.vmap(one, in_axes=(None, 0)), in_axes=(0, None))(tau, hats)
-    return jnp.concatenate([(hats * inputs.current_a)[None], pairs])
-
-
-@eqx.filter_jit
-def _hysteresis_response(
-    gamma: Float[Array, ""], inputs: SimulationInput
-) -> Float[Array, "samples"]:
-    given = inputs.hysteresis
-    if given is None:
-        return jnp.zeros_like(inputs.base_error_v)
-    return given.amplitude_v * unit_response(1 / gamma, given.hysteresis_input, given.intervals)
-
-
 @dataclass(frozen=True)
 class Suggestion:
     """One change that was tried, the RMSE it reaches and how many numbers it adds to the model.
@@ -172,32 +102,19 @@ def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Sugg
     wider = replace(problem, bounds=replace(problem.bounds, ranges=ranges, pairs=pairs + 1))
     low, high = ranges[PAIRS[pairs][0]]
     r = float(np.mean(parameters.r)) / 3
-    best = _best_of(
-        wider,
-        [
-            replace(parameters, r=(*parameters.r, r), c=(*parameters.c, float(tau) / r))
-            for tau in np.geomspace(low, high, STARTS + 2)[1:-1]
-        ],
-    )
+    c = [float(tau) / r for tau in np.geomspace(low, high, STARTS + 2)[1:-1]]
+    starts = [replace(parameters, r=(*parameters.r, r), c=(*parameters.c, each)) for each in c]
+    best = _best_of(wider, starts)
     own = get_circuit(problem.circuit)
-    return [
-        Suggestion(
-            "one more pair",
-            best.rmse_v,
-            added=2,
-            circuit=_circuit_like(pairs + 1, own.source_voltage, own.hysteresis_amplitude),
-            tau_s=tuple(sorted(best.parameters.tau_s)),
-        )
+    wanted = (pairs + 1, own.source_voltage, own.hysteresis_amplitude)
+    like = [
+        name
+        for name, each in CIRCUITS.items()
+        if (each.pairs, each.source_voltage, each.hysteresis_amplitude) == wanted
     ]
-
-
-def _circuit_like(pairs: int, source_voltage: Any, hysteresis_amplitude: Any) -> str | None:
-    """The registered circuit with so many pairs and these voltages, None where there is none."""
-    wanted = (pairs, source_voltage, hysteresis_amplitude)
-    for name, each in CIRCUITS.items():
-        if (each.pairs, each.source_voltage, each.hysteresis_amplitude) == wanted:
-            return name
-    return None
+    tau_s = tuple(sorted(best.parameters.tau_s))
+    circuit = like[0] if like else None
+    return [Suggestion("one more pair", best.rmse_v, 2, circuit=circuit, tau_s=tau_s)]
 
 
 def _dynamic_hysteresis(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
@@ -207,16 +124,9 @@ def _dynamic_hysteresis(problem: Problem, parameters: CircuitParameters) -> list
     changed = replace(_prepared_again(problem, "esc"), bounds=bounds)
     gammas = np.geomspace(*RATE_RANGE, STARTS + 2)[1:-1]
     best = _best_of(changed, [replace(parameters, gamma=float(gamma)) for gamma in gammas])
-    has_its_pairs = get_circuit("esc").pairs == problem.bounds.pairs
-    return [
-        Suggestion(
-            "dynamic hysteresis",
-            best.rmse_v,
-            added=1,
-            circuit="esc" if has_its_pairs else None,
-            gamma=best.parameters.gamma,
-        )
-    ]
+    circuit = "esc" if get_circuit("esc").pairs == problem.bounds.pairs else None
+    gamma = best.parameters.gamma
+    return [Suggestion("dynamic hysteresis", best.rmse_v, 1, circuit=circuit, gamma=gamma)]
 
 
 def _initial_soc(
@@ -242,7 +152,9 @@ def _initial_soc(
 def _capacity(
     problem: Problem, parameters: CircuitParameters, rmse_v: float, refit: Refit
 ) -> list[Suggestion]:
-    own_ah = _capacity_ah(problem)
+    own_ah = problem.prepared.capacity_ah
+    if any(each.capacity_ah != own_ah for each in problem.prepared_records):
+        return []
 
     def scaled(change: float) -> Problem:
         capacity_ah = float(f"{own_ah * (1 + change):.{CAPACITY_DIGITS}g}")
@@ -252,33 +164,76 @@ def _capacity(
     if found is None:
         return []
     best, changed_v = found
-    capacity_ah = _capacity_ah(best)
+    capacity_ah = best.prepared.capacity_ah
     return [Suggestion("capacity", changed_v, added=1, capacity_ah=capacity_ah, instead_of=own_ah)]
 
 
+@in_float64
 def _over_soc(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
-    columns = soc_columns(problem, parameters)
-    if columns is None:
+    """Resistances and OCV tabulated at `KNOTS` knots over the scored SOC, time constants kept.
+
+    The error is then linear in them. A resistance between knots is interpolated; in an RC pair it
+    multiplies the current that charges it, so the pair's voltage moves to a new resistance with its
+    own time constant. Nothing where the SOC hardly changes.
+    """
+    prepared_records = problem.prepared_records
+    soc = np.concatenate([prepared.soc[prepared.scored] for prepared in prepared_records])
+    knots = np.linspace(soc.min(), soc.max(), KNOTS)
+    if knots[-1] - knots[0] < NARROWEST:
         return []
-    kinds: tuple[tuple[Change, bool, int], ...] = (
-        ("resistance over SOC", True, columns.resistances.shape[1] - columns.constant.shape[1]),
-        ("OCV over SOC", False, columns.offsets.shape[1]),
-    )
+    rc = rc_parameters(parameters)
+    base, tabulated = [], []
+    for prepared, inputs in zip(prepared_records, problem.all_inputs, strict=True):
+        hats = np.stack([np.interp(prepared.soc, knots, row) for row in np.eye(KNOTS)])
+        responses, hysteresis_v = _responses(jnp.stack(rc.tau), rc.gamma, jnp.asarray(hats), inputs)
+        base.append((np.asarray(inputs.base_error_v) - hysteresis_v)[prepared.scored])
+        tabulated.append(np.asarray(responses)[..., prepared.scored])
+    base_v, by_knot = np.concatenate(base), np.concatenate(tabulated, axis=-1)
+    over_soc = by_knot.reshape(-1, len(soc)).T
+    constant = by_knot.sum(axis=1).T
+    offsets = np.stack([np.interp(soc, knots, row) for row in np.eye(KNOTS)], axis=1)
+    resistance_v = _nonnegative_rmse(base_v, over_soc)
+    ocv_v = _nonnegative_rmse(base_v, constant, offsets)
+    more = over_soc.shape[1] - constant.shape[1]
     return [
-        Suggestion(kind, _linear_rmse(columns, with_resistances=over), added, knots=columns.knots)
-        for kind, over, added in kinds
+        Suggestion("resistance over SOC", resistance_v, more, knots=KNOTS),
+        Suggestion("OCV over SOC", ocv_v, KNOTS, knots=KNOTS),
     ]
 
 
-def _linear_rmse(columns: SocColumns, *, with_resistances: bool) -> float:
-    """The RMSE of the best nonnegative resistances, tabulated, or with tabulated offsets."""
-    parts = [columns.resistances] if with_resistances else [columns.constant, columns.offsets]
-    design = np.concatenate(parts, axis=1)
-    lower = np.zeros(design.shape[1])
-    if not with_resistances:
-        lower[columns.constant.shape[1] :] = -np.inf
-    fitted = lsq_linear(design, -columns.base_error_v, (lower, np.inf), method="bvls")
-    return float(np.sqrt(2 * fitted.cost / len(columns.base_error_v)))
+@eqx.filter_jit
+def _responses(
+    tau: Float[Array, "pairs"],
+    gamma: Float[Array, ""] | None,
+    hats: Float[Array, "knots samples"],
+    inputs: SimulationInput,
+) -> tuple[Float[Array, "resistances knots samples"], Float[Array, "samples"]]:
+    """The voltage over R0 and every pair of 1 ohm for the current around each knot, and the
+    hysteresis voltage."""
+
+    def one(tau, hat):
+        return unit_response(tau, hat * inputs.held_a, inputs.intervals)
+
+    pairs = jax.vmap(jax.vmap(one, in_axes=(None, 0)), in_axes=(0, None))(tau, hats)
+    hysteresis_v, given = jnp.zeros_like(inputs.base_error_v), inputs.hysteresis
+    if gamma is not None and given is not None:
+        response = unit_response(1 / gamma, given.hysteresis_input, given.intervals)
+        hysteresis_v = given.amplitude_v * response
+    return jnp.concatenate([(hats * inputs.current_a)[None], pairs]), hysteresis_v
+
+
+def _nonnegative_rmse(
+    base_v: Float[np.ndarray, "scored"],
+    resistances: Float[np.ndarray, "scored resistances"],
+    offsets: Float[np.ndarray, "scored knots"] | None = None,
+) -> float:
+    """The RMSE with the best nonnegative resistances and, where given, the best offsets."""
+    lower = np.zeros(resistances.shape[1])
+    if offsets is not None:
+        lower = np.append(lower, np.full(offsets.shape[1], -np.inf))
+        resistances = np.concatenate([resistances, offsets], axis=1)
+    fitted = lsq_linear(resistances, -base_v, (lower, np.inf), method="bvls")
+    return float(np.sqrt(2 * fitted.cost / len(base_v)))
 
 
 def _best_of(problem: Problem, starts: Sequence[CircuitParameters]):
@@ -313,12 +268,8 @@ def _best_along(
     best, lowest_v = 0.0, own_v
     for end in (_furthest(changed, -reach), _furthest(changed, reach)):
         if end != 0:
-            found: Any = minimize_scalar(
-                refitted,
-                bounds=(min(end, 0.0), max(end, 0.0)),
-                method="bounded",
-                options={"xatol": SEARCHED_TO},
-            )
+            span, options = (min(end, 0.0), max(end, 0.0)), {"xatol": SEARCHED_TO}
+            found: Any = minimize_scalar(refitted, bounds=span, method="bounded", options=options)
             if found.fun < lowest_v:
                 best, lowest_v = float(found.x), float(found.fun)
     if best == 0:
@@ -362,11 +313,6 @@ def _spread_starts(problem: Problem, parameters: CircuitParameters) -> list[Circ
     return starts
 
 
-def _capacity_ah(problem: Problem) -> float:
-    """The capacity that the records' state of charge is counted with."""
-    return problem.cell.capacity_ah
-
-
 def _prepared_again(
     problem: Problem,
     circuit: str,
@@ -376,18 +322,15 @@ def _prepared_again(
 ) -> Problem:
     """The same problem with its records made ready otherwise. Raises `InputError` where the state
     of charge then leaves the OCV curve."""
-    cell = replace(problem.cell, capacity_ah=capacity_ah or _capacity_ah(problem))
-    prepared_records = tuple(
-        prepare_record(
-            prepared.record,
-            cell,
-            circuit,
-            replace(
-                problem.window,
-                initial_soc=prepared.start.soc if initial_soc is None else initial_soc,
-                rest_current_a=prepared.rest_current_a,
-            ),
+    prepared_records = []
+    for prepared in problem.prepared_records:
+        window = replace(
+            prepared.window,
+            initial_soc=prepared.start.soc if initial_soc is None else initial_soc,
+            rest_current_a=prepared.rest_current_a,
+            capacity_ah=prepared.capacity_ah if capacity_ah is None else capacity_ah,
         )
-        for prepared in problem.prepared_records
-    )
-    return replace(problem, cell=cell, prepared_records=prepared_records)
+        if prepared.start.direction_source == "better fit":
+            window = replace(window, initial_direction=prepared.start.direction)
+        prepared_records.append(prepare_record(prepared.record, problem.cell, circuit, window))
+    return replace(problem, prepared_records=tuple(prepared_records))

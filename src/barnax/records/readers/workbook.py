@@ -5,9 +5,7 @@ An Arbin workbook holds `Info`, `Channel_<chassis>-<channel>` and, past the old 
 publishes OOXML workbooks under the suffix `.xls`, so the suffix says nothing.
 """
 
-import io
 import re
-import zipfile
 
 import fastexcel
 import numpy as np
@@ -18,9 +16,6 @@ from ..columns import NEEDED, find_columns, has_arbin_header, is_ocv_table, name
 from ..table import Reader, Table
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-# More are read one by one, each from its whole sheet.
-_MOST_SHEETS = 100
-_LARGEST_UNPACKED = 2_000_000_000
 _CHANNEL = re.compile(r"^channel[ _]*(?P<channel>\d+(?:-\d+)?)?", re.IGNORECASE)
 
 
@@ -31,16 +26,8 @@ def _recognizes(content: bytes) -> bool:
 
 def _read(content: bytes, file: str) -> Table:
     try:
-        _require_unpacked_size(content, file)
         workbook = fastexcel.read_excel(content)
-        headers = {
-            name: _header(workbook, name) for name in workbook.sheet_names[: _MOST_SHEETS + 1]
-        }
-        if len(headers) > _MOST_SHEETS:
-            raise InputError(
-                f"{file}: has over {_MOST_SHEETS} sheets, more than are read; delete those that do "
-                "not belong to the record."
-            )
+        headers = {name: _header(workbook, name) for name in workbook.sheet_names}
         chosen = _chosen_sheets(headers, file)
         bodies = {name: _body(workbook, name) for name in chosen}
     except InputError:
@@ -60,19 +47,6 @@ def _read(content: bytes, file: str) -> Table:
                 "and cannot be joined; give them the same first row."
             )
     return _joined(bodies, header, ignored=[name for name in headers if name not in chosen])
-
-
-def _require_unpacked_size(content: bytes, file: str) -> None:
-    """Raise InputError where a workbook would unpack to more than is read."""
-    if content.startswith(_OLE):
-        return
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        unpacked = sum(part.file_size for part in archive.infolist())
-    if unpacked > _LARGEST_UNPACKED:
-        raise InputError(
-            f"{file}: unpacks to {unpacked / 1e9:.1f} GB, more than is read; give a part of the "
-            "record, or export it as CSV."
-        )
 
 
 def _header(workbook: fastexcel.ExcelReader, name: str) -> tuple[str, ...]:
@@ -135,7 +109,8 @@ def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: l
     if len(names) > 1:
         clock = find_columns(header)["time"].index
         names.sort(key=lambda name: _first_number(filled[name].to_series(clock)))
-    notes = (f"ignored the sheets {listed(ignored)}",) if ignored else ()
+    word = "sheets" if len(ignored) > 1 else "sheet"
+    notes = (f"ignored the {word} {listed(ignored)}",) if ignored else ()
     return Table(
         header=header,
         columns=tuple(

@@ -1,0 +1,154 @@
+"""The check as a whole: nothing hides behind anything, and it agrees with the reader."""
+
+import json
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import barnax.records.read
+from barnax.bundled import BUNDLED_NAMES, bundled_file
+from barnax.checks import check_file
+from barnax.errors import InputError
+from barnax.records import read_record, read_source, source_from_frame
+from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, frame, sheet
+
+from .test_findings import FAULTS
+
+
+@pytest.mark.parametrize("name", BUNDLED_NAMES)
+@pytest.mark.parametrize("capacity_ah", [None, 2.0])
+def test_the_bundled_records_are_clean(name, capacity_ah):
+    assert check_file(bundled_file(name), capacity_ah=capacity_ah).is_clean
+
+
+@pytest.mark.parametrize(
+    "fault", [name for name in FAULTS if name != "milliamperes by the capacity"]
+)
+def test_what_the_rules_call_an_error_the_reader_raises_and_nothing_else(tmp_path, fault):
+    outcome = checked(tmp_path, FAULTS[fault][0])
+    errors = [finding for finding in outcome.findings if finding.severity == "error"]
+    if not errors:
+        read_record(tmp_path / "cell.csv")
+        return
+    with pytest.raises(InputError) as caught:
+        read_record(tmp_path / "cell.csv")
+    assert str(caught.value) in {f"{finding.sentence('cell.csv')}." for finding in errors}
+
+
+def test_one_read_of_a_file_gives_its_record_and_its_check(tmp_path, monkeypatch):
+    path = tmp_path / "cell.csv"
+    frame().write_csv(path)
+    source = read_source(path)
+    expected = check_file(path), read_record(path).sha256
+    monkeypatch.setattr(barnax.records.read, "read_table", None)
+    path.unlink()
+    assert (check_file(source), read_record(source).sha256) == expected
+
+
+def test_a_data_frame_is_checked_like_its_file(tmp_path):
+    table = changed(frame(), TIME, 12.5, [500])
+    in_file = checked(tmp_path, table)
+    assert check_file(source_from_frame(table, "cell.csv")).findings == in_file.findings
+
+
+def test_many_faults_are_all_found_at_once(tmp_path):
+    table = frame()
+    table = changed(table, VOLTAGE, np.nan, [77])
+    table = changed(table, TIME, 12.5, [500])
+    table = changed(table, CURRENT, -1000 * table[CURRENT].to_numpy())
+    table = changed(table, VOLTAGE, table[VOLTAGE].to_numpy() * 1000)
+    table = changed(table, VOLTAGE, 4500.0, [3001])
+    outcome = checked(tmp_path, pl.concat([table[:9000], table[9600:]]))
+    assert counting(outcome) == {
+        "cells": "error",
+        "clock": "error",
+        "voltage unit": "error",
+        "current unit": "error",
+        "sign": "warning",
+        "voltage spikes": "warning",
+        "gaps": "warning",
+    }
+    severities = [finding.severity for finding in outcome.findings]
+    assert severities == sorted(severities, key=["error", "warning", "note"].index)
+
+
+def test_rows_are_the_file_s_own_below_a_preamble(tmp_path):
+    text = "Tester 7\nChannel 3\n\n" + changed(frame(), TIME, 12.5, [500]).write_csv()
+    (tmp_path / "cell.csv").write_text(text)
+    (clock,) = [finding for finding in check_file(tmp_path / "cell.csv").findings if finding.counts]
+    assert clock.row == 505
+    assert text.splitlines()[clock.row - 1].startswith("12.5,")
+
+
+def test_a_missing_column_of_a_workbook_is_found_too(tmp_path):
+    (tmp_path / "cell.xlsx").write_bytes(sheet(frame()[:50].drop(CURRENT)))
+    assert counting(check_file(tmp_path / "cell.xlsx")) == {"columns": "error"}
+
+
+def test_two_columns_of_one_used_name_are_a_warning(tmp_path):
+    lines = frame()[:500].write_csv().splitlines()
+    rows = [f"{line},{number}" for number, line in enumerate(lines)]
+    rows[0] = f"{TIME},{CURRENT},{VOLTAGE},{VOLTAGE}"
+    (tmp_path / "cell.csv").write_text("\n".join(rows))
+    assert counting(check_file(tmp_path / "cell.csv")) == {"columns": "warning"}
+
+
+@pytest.mark.parametrize("name", ["cell.xls", "cell.parquet"])
+def test_a_suffix_that_lies_is_a_note(tmp_path, name):
+    (tmp_path / name).write_text(frame().write_csv())
+    (finding,) = check_file(tmp_path / name).findings
+    assert (finding.check, finding.severity) == ("format", "note")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x00\x01\x02" * 100, b"PAR1 cut short", b"name,colour\na,red\n"]
+)
+def test_what_is_no_table_of_a_record_is_refused(tmp_path, content):
+    (tmp_path / "cell.csv").write_bytes(content)
+    with pytest.raises(InputError, match=r"^cell\.csv: "):
+        check_file(tmp_path / "cell.csv")
+
+
+def test_an_outcome_is_plain_values():
+    document = json.loads(json.dumps(check_file(bundled_file("ocv_charge")).to_dict()))
+    assert document["clean"] is True
+    assert document["facts"]["samples"] == 17_594
+    assert document["roles"]["OCV test"]["usable"] is True
+
+
+@pytest.mark.parametrize("capacity_ah", [0.0, -2.0, float("nan")])
+def test_a_capacity_that_is_none_is_refused(capacity_ah):
+    with pytest.raises(InputError, match="`capacity` must be positive"):
+        check_file(bundled_file("validation"), capacity_ah=capacity_ah)
+
+
+@pytest.mark.slow
+def test_a_million_rows_take_seconds(tmp_path):
+    table = pl.concat([frame().with_columns(pl.col(TIME) + 19_680.0 * k) for k in range(51)])
+    table.write_parquet(tmp_path / "long.parquet")
+    assert table.height > 1_000_000
+    # Processor seconds: the machine may be busy with other things.
+    start = time.process_time()
+    check_file(tmp_path / "long.parquet")
+    assert time.process_time() - start < 10
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(10, 300))
+def test_a_rough_record_of_any_shape_is_checked_without_a_crash(tmp_path_factory, seed, rows):
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.integers(-6, 7, 3)
+    levels = rng.choice([0.0, 1.0, -1.0, 0.02, rng.normal()], rows // 3 + 1)
+    table = pl.DataFrame(
+        {
+            TIME: np.cumsum(rng.choice([0.0, 1.0, 1.0, 10.0, -5.0], rows)) * scale[0],
+            CURRENT: np.repeat(levels, 3)[:rows] * scale[1],
+            VOLTAGE: rng.choice([3.7, 4.2, rng.uniform(2, 4)], rows) * scale[2],
+            "Step Index / 1": rng.integers(0, 4, rows),
+        }
+    )
+    assert json.dumps(checked(tmp_path_factory.mktemp("rough"), table).to_dict())

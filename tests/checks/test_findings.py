@@ -1,0 +1,339 @@
+"""Every fault is found where it is, by its own check and no other; the words are in `findings.txt`.
+
+They are written anew with BARNAX_WRITE_GOLDEN=1.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.bundled import BUNDLED_NAMES
+from barnax.checks import CHECKS
+from helpers.golden import require_golden
+from helpers.records import (
+    CURRENT,
+    TIME,
+    VOLTAGE,
+    changed,
+    checked,
+    counting,
+    found,
+    frame,
+    simulated_cell,
+    with_counters,
+)
+
+DRIVES = ("identification", "validation")
+CHARGED, DISCHARGED = "Charging Capacity / Ah", "Discharging Capacity / Ah"
+STEP, TEMPERATURE = "Step Index / 1", "Surface Temperature / degC"
+DRIVE, OUT = frame(), frame("ocv_discharge")
+LINES = np.arange(DRIVE.height)
+
+
+def array(table, column):
+    return table[column].to_numpy()
+
+
+def scaled(table, column, factor):
+    return changed(table, column, array(table, column) * factor)
+
+
+def cut(table, first, last):
+    return pl.concat([table[:first], table[last:]])
+
+
+def with_words(column, line, word):
+    words = DRIVE.with_columns(pl.all().cast(str))
+    values = words[column].to_list()
+    values[line] = word
+    return words.with_columns(pl.Series(column, values))
+
+
+def units_row():
+    units = pl.DataFrame({TIME: ["s"], CURRENT: ["A"], VOLTAGE: ["V"]})
+    return pl.concat([units, DRIVE.with_columns(pl.all().cast(str))])
+
+
+def unclosed_test():
+    hours = np.arange(0, 40, 0.02)
+    is_charge = hours >= 20
+    voltage_v = 4.1 - 0.08 * np.where(is_charge, 40 - hours, hours) / 2
+    current_a = np.where(is_charge, 0.092, -0.1)
+    return pl.DataFrame({TIME: hours * 3600, CURRENT: current_a, VOLTAGE: voltage_v})
+
+
+def rest_with_a_gap():
+    # A second of each half minute is logged at rest; ten of them are missing.
+    middle = int(np.flatnonzero(np.diff(array(OUT, TIME)) > 29)[100])
+    return cut(OUT, middle, middle + 10)
+
+
+def silent_voltage():
+    current_a = np.tile([0.0, 1.0], 50)
+    return pl.DataFrame({TIME: np.arange(100.0), CURRENT: current_a, VOLTAGE: 0 * current_a + 3.7})
+
+
+def coarse_log():
+    return DRIVE[np.concatenate([LINES[:9000], LINES[9000::60]])]
+
+
+def rebuilt_clock():
+    step = LINES // 2000
+    clock = np.cumsum(1 + 1e-4 * step)
+    return changed(DRIVE, TIME, clock).with_columns(pl.Series(STEP, step))
+
+
+def exchanged_counters():
+    return with_counters(DRIVE).rename({CHARGED: DISCHARGED, DISCHARGED: CHARGED})
+
+
+def doubled_stamp():
+    jump = int(np.argmax(np.abs(np.diff(array(DRIVE, CURRENT)))))
+    return changed(DRIVE, TIME, DRIVE[TIME][jump], [jump + 1])
+
+
+def noisy_rest():
+    noise_a = np.random.default_rng(0).normal(0, 0.012, OUT.height)
+    return changed(OUT, CURRENT, array(OUT, CURRENT) + noise_a)
+
+
+# Every fault: a table, and all findings of it that count.
+FAULTS = {
+    "none": (DRIVE, {}),
+    "no time": (DRIVE.drop(TIME), {"columns": "error"}),
+    "no current": (DRIVE.drop(CURRENT), {"columns": "error"}),
+    "no voltage": (DRIVE.drop(VOLTAGE), {"columns": "error"}),
+    "a likely name, and its values looked at": (
+        changed(DRIVE, VOLTAGE, 6.5, [99]).rename({VOLTAGE: "Spannung [V]"}),
+        {"columns": "error", "voltage unit": "warning"},
+    ),
+    "another likely name": (DRIVE.rename({TIME: "Zeit(s)"}), {"columns": "error"}),
+    "a foreign name": (DRIVE.rename({CURRENT: "电流(A)"}), {"columns": "error"}),
+    "a misspelt name": (DRIVE.rename({CURRENT: "Curent (A)"}), {"columns": "error"}),
+    "the unit of a likely name": (
+        scaled(DRIVE, CURRENT, 1000.0).rename({CURRENT: "Strom [mA]"}),
+        {"columns": "error"},
+    ),
+    "several likely names": (
+        DRIVE.rename({CURRENT: "Current (C-rate)"}).with_columns(pl.lit(1).alias("Current set")),
+        {"columns": "error"},
+    ),
+    "numbers for names": (
+        DRIVE.rename({TIME: "0.0", CURRENT: "0.1", VOLTAGE: "3.7"}),
+        {"columns": "error"},
+    ),
+    "no units": (DRIVE.rename({TIME: "time", CURRENT: "current", VOLTAGE: "voltage"}), {}),
+    "units below the names": (units_row(), {"cells": "error"}),
+    "a word": (with_words(CURRENT, 77, "OVERFLOW"), {"cells": "error"}),
+    "nan": (with_words(CURRENT, 77, "nan"), {"cells": "error"}),
+    "a column of words": (DRIVE.with_columns(pl.lit("x").alias(CURRENT)), {"cells": "error"}),
+    "five samples": (DRIVE[:5], {"length": "error"}),
+    "no samples": (DRIVE[:0], {"length": "error"}),
+    "a stamp twice": (doubled_stamp(), {"repeats": "warning"}),
+    "a coarse clock": (changed(DRIVE, TIME, np.floor(LINES / 10) * 10.0), {"repeats": "error"}),
+    "an absurd voltage": (changed(DRIVE, VOLTAGE, 65535.0, [77]), {"voltage unit": "error"}),
+    "an odd voltage": (changed(DRIVE, VOLTAGE, 0.0, [77]), {"voltage unit": "warning"}),
+    "no load": (scaled(DRIVE, CURRENT, 0.0), {"current unit": "error"}),
+    "a large cell": (scaled(DRIVE, CURRENT, 100.0), {}),
+    "milliamperes by the capacity": (
+        scaled(DRIVE[:2500], CURRENT, 100.0),
+        {"current unit": "error"},
+    ),
+    "a discharge-positive current": (scaled(DRIVE, CURRENT, -1.0), {"sign": "warning"}),
+    "a discharge-positive current of plain names": (
+        scaled(DRIVE, CURRENT, -1).rename({TIME: "time", CURRENT: "current", VOLTAGE: "voltage"}),
+        {},
+    ),
+    "no evidence of the sign": (silent_voltage(), {"sign": "warning"}),
+    "a noisy rest": (noisy_rest(), {}),
+    "a cold sensor": (
+        DRIVE.with_columns(pl.lit(-273.15).alias(TEMPERATURE)),
+        {"temperature": "warning"},
+    ),
+    "coarse readings": (DRIVE.with_columns(pl.col(VOLTAGE).round(2), pl.col(CURRENT).round(2)), {}),
+    "counters that agree": (with_counters(DRIVE), {}),
+    "counters that disagree": (with_counters(DRIVE, 1.06), {"counters": "warning"}),
+    "counters a little off": (with_counters(DRIVE, 1.03), {}),
+    "counters in mAh": (with_counters(DRIVE, 1000.0), {"counters": "warning"}),
+    "exchanged counters": (exchanged_counters(), {"sign": "warning"}),
+    "counters that began before": (
+        with_counters(DRIVE).with_columns(pl.col(DISCHARGED) + 1.25),
+        {},
+    ),
+    "more charge than the capacity": (DRIVE, {"capacity": "warning"}),
+    "a little more": (DRIVE, {}),
+    "an unclosed test": (unclosed_test(), {"closure": "warning"}),
+    "a gap under load": (cut(DRIVE, 3000, 3600), {"gaps": "warning"}),
+    "a gap at rest": (rest_with_a_gap(), {}),
+    "a coarse log at rest": (frame("ocv_charge"), {}),
+    "a coarse log under load": (coarse_log(), {}),
+    "a rebuilt clock": (rebuilt_clock(), {}),
+    "a steady clock": (DRIVE.with_columns(pl.Series(STEP, LINES // 2000)), {}),
+}
+CAPACITY_AH = {
+    "a large cell": 200.0,
+    "milliamperes by the capacity": 0.2,
+    "a noisy rest": 2.0,
+    "more charge than the capacity": 1.7,
+    "a little more": 1.9,
+}
+ROWS = {
+    "no time": {"columns": 1},
+    "no current": {"columns": 1},
+    "no voltage": {"columns": 1},
+    "a likely name, and its values looked at": {"voltage unit": 101},
+    "units below the names": {"cells": 2},
+    "a word": {"cells": 79},
+    "nan": {"cells": 79},
+    "a column of words": {"cells": 2},
+    "a stamp twice": {"repeats": 16738},
+    "an absurd voltage": {"voltage unit": 79},
+    "an odd voltage": {"voltage unit": 79},
+    "an unclosed test": {"closure": 1002},
+    "a gap under load": {"gaps": 3002},
+}
+TEXTS = {}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_found_by_its_own_check_at_its_row(tmp_path, fault):
+    table, expected = FAULTS[fault]
+    outcome = checked(tmp_path, table, capacity_ah=CAPACITY_AH.get(fault))
+    assert counting(outcome) == expected
+    for check, row in ROWS.get(fault, {}).items():
+        assert found(outcome, check).row == pytest.approx(row, abs=1)
+    for finding in outcome.findings:
+        assert finding.remedy or not finding.counts
+    TEXTS[fault] = "".join(
+        f"  {finding.severity} {finding.check}: {finding.sentence('')}\n"
+        for finding in outcome.findings
+    )
+
+
+def test_every_finding_is_worded_as_it_was_written_down():
+    if len(TEXTS) < len(FAULTS):
+        pytest.skip("needs all faults in one process")
+    text = "".join(f"{fault}\n{lines}" for fault, lines in TEXTS.items())
+    assert "--" not in text
+    for quoted in re.findall(r"`([^`]*)`", text):
+        assert re.fullmatch(r"[a-z_]+(='?[\w.,-]+'?)?", quoted)
+    require_golden(Path(__file__).with_name("findings.txt"), text)
+
+
+def test_every_check_has_a_name_of_its_own():
+    assert len(set(CHECKS.values())) == len(CHECKS)
+
+
+@pytest.mark.parametrize("name", BUNDLED_NAMES)
+@pytest.mark.parametrize(("column", "height"), [(VOLTAGE, 0.5), (VOLTAGE, -0.4), (CURRENT, 8.0)])
+@pytest.mark.parametrize("width", [1, 2, 3])
+def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
+    table = frame(name)
+    line = 3001 if name != "ocv_charge" else 4001
+    lines = np.arange(line, line + width)
+    outcome = checked(tmp_path, changed(table, column, array(table, column)[lines] + height, lines))
+    check = "voltage spikes" if column == VOLTAGE else "current spikes"
+    assert counting(outcome) == {check: "warning"}
+    assert found(outcome, check).row == line + 2
+    assert f"({width} sample" in found(outcome, check).what
+
+
+def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
+    current_a = np.where(np.arange(3000) % 100 == 50, 4.0, 0.5 * (np.arange(3000) // 500 % 2))
+    voltage_v = simulated_cell(current_a)
+    table = pl.DataFrame({TIME: np.arange(3000.0), CURRENT: -current_a, VOLTAGE: voltage_v})
+    assert checked(tmp_path, table).is_clean
+
+
+@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize(
+    ("column", "value", "check"),
+    [
+        (VOLTAGE, None, "stuck voltage"),
+        (CURRENT, 0.0, "stuck current"),
+        (CURRENT, 0.5538, "stuck current"),
+    ],
+)
+def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value, check):
+    table = frame(name)
+    value = array(table, column)[3000] if value is None else value
+    outcome = checked(tmp_path, changed(table, column, value, np.arange(3000, 3400)))
+    assert counting(outcome) == {check: "error"}
+    assert found(outcome, check).row == pytest.approx(3002, abs=3)
+
+
+@pytest.mark.parametrize("name", BUNDLED_NAMES)
+def test_a_clipped_voltage_is_found(tmp_path, name):
+    table = frame(name)
+    clipped = changed(table, VOLTAGE, np.clip(array(table, VOLTAGE), 3.3, 3.9))
+    assert "stops at" in found(checked(tmp_path, clipped), "stuck voltage").what
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
+    table = frame(name)
+    table = changed(table, CURRENT, np.clip(array(table, CURRENT), -1.5, 1.5))
+    findings = checked(tmp_path, table).findings
+    clipped = [finding.what for finding in findings if finding.check == "clipped current"]
+    assert [re.findall(r"-?[\d.]+ A", what)[0] for what in clipped] == ["-1.5 A", "1.5 A"]
+
+
+def test_a_held_voltage_is_not_stuck(tmp_path):
+    # 4.2 V held to the last digit while the charging current tapers, then rest.
+    seconds = np.arange(9000.0)
+    current_a = np.where(seconds < 3000, 1.0, np.exp(-(seconds - 3000) / 900))
+    current_a[seconds >= 7000] = 0.0
+    voltage_v = np.where(seconds < 3000, 3.9 + 0.3 * seconds / 3000, 4.2)
+    voltage_v[seconds >= 7000] = 4.19
+    for start in range(0, 2000, 200):
+        current_a[start : start + 20] = 0.0
+        voltage_v[start : start + 20] -= 0.06
+    table = pl.DataFrame({TIME: seconds, CURRENT: np.round(current_a, 3), VOLTAGE: voltage_v})
+    assert not counting(checked(tmp_path, table)).keys() & {"stuck voltage", "stuck current"}
+
+
+@pytest.mark.parametrize("name", BUNDLED_NAMES)
+@pytest.mark.parametrize("offset_a", [0.05, -0.05, 0.005])
+def test_a_current_offset_at_rest_is_found_with_its_size(tmp_path, name, offset_a):
+    table = frame(name)
+    outcome = checked(tmp_path, changed(table, CURRENT, array(table, CURRENT) + offset_a))
+    rests = found(outcome, "rests")
+    assert rests.severity == "warning"
+    size_ma = float(rests.what.removeprefix("the current is ").split(" mA")[0])
+    assert size_ma == pytest.approx(1e3 * offset_a, abs=1.0)
+    # Past C/100 barnax would not see the rests.
+    assert ("`rest_current" in rests.remedy) == (abs(offset_a) > 0.02)
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_current_without_a_sign_is_an_error(tmp_path, name):
+    table = frame(name)
+    outcome = checked(tmp_path, changed(table, CURRENT, np.abs(array(table, CURRENT))))
+    assert counting(outcome) == {"sign": "error"}
+
+
+@pytest.mark.parametrize("name", BUNDLED_NAMES)
+def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
+    table = frame(name)
+    half = table.height // 2
+    turned = np.where(np.arange(table.height) < half, 1.0, -1.0) * array(table, CURRENT)
+    outcome = checked(tmp_path, changed(table, CURRENT, turned))
+    assert counting(outcome) == {"sign": "error"}
+    # The first clear step after the turn, or the turn's own.
+    assert 0 <= found(outcome, "sign").row - half < 500
+
+
+def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
+    low = OUT.filter(pl.col(TIME) > 100_000)
+    outcome = checked(tmp_path, pl.concat([OUT.filter(pl.col(TIME) < 4000), low]))
+    assert counting(outcome)["gaps"] == "warning"
+
+
+def test_the_integrated_charge_is_that_of_a_plain_sum(tmp_path):
+    moved_ah = array(DRIVE, CURRENT)[:-1] * np.diff(array(DRIVE, TIME)) / 3600
+    facts = checked(tmp_path, DRIVE).facts
+    assert facts.charged_ah == pytest.approx(moved_ah[moved_ah > 0].sum())
+    assert facts.discharged_ah == pytest.approx(-moved_ah[moved_ah < 0].sum())

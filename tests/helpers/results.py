@@ -1,0 +1,145 @@
+"""Records, evaluations, searches and results made by hand, whose every number a test knows."""
+
+from typing import Any, cast
+
+import numpy as np
+
+from barnax.cell import (
+    CellModel,
+    CircuitParameters,
+    InterpolatedCurve,
+    OcvPoint,
+    SegmentedHysteresis,
+)
+from barnax.metrics import measure
+from barnax.model.inputs import PreparedRecord, Window
+from barnax.optimizers import make_optimizer
+from barnax.records.record import Decision, Record
+from barnax.results import MetricsBlock, MetricsPart, Result
+from barnax.search.evaluate import Evaluation
+from barnax.search.refine import Optimum, Refinement
+from barnax.search.seeds import Search, SeedAnswer
+
+CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
+CAPACITY_AH = 2.0
+PAIRS = ((0.0123, 812.5), (0.0211, 4321.0), (0.0075, 60000.0), (0.004, 1e6))
+PAIRS_OF = {"so-rc": 2, "iso-rc": 2, "esc": 2, "1rc": 1, "3rc": 3, "4rc": 4}
+CIRCUITS = tuple(PAIRS_OF)
+GAMMA = 87.25
+
+
+def make_record(samples: int, interval_s: float = 1.0, name: str = "cycle.csv") -> Record:
+    """A repeated square wave of current, and a voltage that falls with ripple."""
+    number = np.arange(samples)
+    current_a = np.where(number % 20 < 10, 2.0, -1.0)
+    given = Decision("forward", "given", "made so")
+    return Record(
+        name=name,
+        time_s=1000.0 + interval_s * number,
+        current_a=current_a,
+        voltage_v=4.0 - 0.5 * number / samples - 0.05 * current_a,
+        temperature_degc=None,
+        step=None,
+        row=number + 2,
+        sign=Decision("discharge-positive", "given", "made so"),
+        hold=given,
+        sha256="",
+    )
+
+
+def make_evaluation(
+    record: Record, scored: np.ndarray | None = None, error_v: np.ndarray | None = None
+) -> Evaluation:
+    """An evaluation of all samples of `record`, off by `error_v` (a slow wave by default)."""
+    number = np.arange(record.samples)
+    scored = np.ones(record.samples, bool) if scored is None else scored
+    error_v = 5e-3 * np.sin(number / 50) if error_v is None else error_v
+    prepared = PreparedRecord(
+        record=record,
+        circuit="so-rc",
+        first=0,
+        soc=1.0 - number / record.samples,
+        direction=np.full(record.samples, -1.0),
+        source_v=record.voltage_v,
+        hysteresis_amplitude_v=None,
+        scored=scored,
+        rest_current_a=0.02,
+        initial_soc=1.0,
+        initial_soc_reason="given",
+        warnings=(),
+    )
+    simulated_v = record.voltage_v - error_v
+    return Evaluation(prepared, simulated_v, measure(record.voltage_v[scored], simulated_v[scored]))
+
+
+def make_search(histories_v: list[list[float]], population: int = 10) -> Search:
+    """Seeds with these histories, each generation as large as the population."""
+    seeds = tuple(
+        SeedAnswer(history[-1], CIRCUIT, np.array(history), population * len(history), 0)
+        for history in histories_v
+    )
+    generations = len(histories_v[0]) - 1
+    optimizer = make_optimizer("bmo", population, generations)
+    return Search(cast(Any, None), optimizer, 0, seeds)
+
+
+def make_refinement(found: Search, rmse_v: float) -> Refinement:
+    optimum = Optimum(rmse_v, CIRCUIT, len(found.seeds), is_family=False)
+    return Refinement(found, (), (optimum,), (), "", "scan", 0)
+
+
+def ocv_v(soc: np.ndarray) -> np.ndarray:
+    """An average OCV with a knee at low SOC."""
+    return 3.2 + 0.9 * soc - 0.4 * np.exp(-30 * soc)
+
+
+def make_cell(hysteresis_fit: str = "continuous") -> CellModel:
+    """A cell with a measured gap of 10 mV to 40 mV, more of it at low SOC."""
+    soc = np.linspace(0.0, 1.0, 21)
+    gap_v = 0.01 + 0.03 * (1 - soc) ** 2
+    charge_v, discharge_v = ocv_v(soc) + gap_v / 2, ocv_v(soc) - gap_v / 2
+
+    def points(voltage_v: np.ndarray) -> tuple[OcvPoint, ...]:
+        return tuple(
+            OcvPoint(soc=float(s), voltage_v=float(v), source="made so", row=2, rest_s=7200.0)
+            for s, v in zip(soc, voltage_v, strict=True)
+        )
+
+    return CellModel(
+        capacity_ah=CAPACITY_AH,
+        capacity_origin="given",
+        charge=InterpolatedCurve.fit(soc, charge_v),
+        discharge=InterpolatedCurve.fit(soc, discharge_v),
+        hysteresis=SegmentedHysteresis.fit(soc, gap_v, hysteresis_fit),
+        charge_points=points(charge_v),
+        discharge_points=points(discharge_v),
+        errors={},
+    )
+
+
+def make_result(
+    model: str = "iso-rc",
+    initial_soc: float = 0.9,
+    record: str = "cycle.csv",
+    hysteresis_fit: str = "continuous",
+    initial_direction: int | None = 1,
+    rest_current_a: float | None = 0.035,
+) -> Result:
+    """A result of this circuit, with what an export reads of it."""
+    parameters = {"R0 [Ohm]": 0.0511}
+    for pair, (r, c) in enumerate(PAIRS[: PAIRS_OF[model]], start=1):
+        parameters |= {f"R{pair} [Ohm]": r, f"C{pair} [F]": c}
+    if model == "esc":
+        parameters["gamma"] = GAMMA
+    metrics = MetricsPart.model_construct(record=record, rmse_v=0.0232)
+    return Result.model_construct(
+        model=model,
+        parameters=parameters,
+        cell=make_cell(hysteresis_fit).to_dict(),
+        metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
+        window=Window(initial_direction=1),
+        initial_soc=initial_soc,
+        initial_direction=initial_direction,
+        rest_current_a=rest_current_a,
+        versions={"barnax": "0.1.0"},
+    )

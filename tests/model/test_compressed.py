@@ -1,0 +1,277 @@
+"""The compressed objective against the scan: one objective, two ways to compute it."""
+
+from dataclasses import replace
+from itertools import cycle, repeat
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
+
+from barnax.cell import CIRCUITS, CircuitParameters
+from barnax.errors import InputError
+from barnax.model.compressed import BLOCK, ROW_STEP
+from barnax.model.inputs import Window
+from barnax.model.problem import (
+    make_problem,
+    rc_parameters,
+    residuals,
+    rmse,
+    rmse_by_scan,
+)
+from barnax.optimizers import make_optimizer
+from barnax.search.evaluate import evaluate
+from barnax.search.seeds import search_many, search_seeds
+from reference import banded_response, drop_v, make_record
+
+# What is promised: the larger of these, over the whole box.
+RELATIVE, ABSOLUTE_V = 1e-9, 1e-12
+KNOWN_SOC = Window(initial_soc=0.6)
+CLOCKS = ("even", "uneven", "gaps")
+# One length, so that few programs serve all.
+SAMPLES = 403
+
+rmse_of_all = eqx.filter_jit(jax.vmap(rmse, in_axes=(0, None)))
+
+
+def record_of(clock: str, samples: int, seed: int, hold="forward"):
+    """A made-up drive cycle: steps, rests and noise, on a clock of the kind named."""
+    rng = np.random.default_rng(seed)
+    interval_s = np.full(samples - 1, 1.0)
+    if clock != "even":
+        interval_s = rng.choice([0.5, 1.0, 1.0001, 2.0], samples - 1)
+    if clock == "gaps":
+        interval_s[rng.integers(0, samples - 1, 3)] = rng.uniform(30, 200, 3)
+    time_s = np.append(0.0, np.cumsum(interval_s))
+    current_a = np.repeat(rng.choice([0.0, 0.5, 3.0, -1.5], samples // 10 + 1), 10)[:samples]
+    current_a = current_a + 1e-3 * rng.standard_normal(samples)
+    voltage_v = 3.7 - 0.06 * current_a + 0.05 * np.sin(time_s / 300)
+    voltage_v = voltage_v + 2e-3 * rng.standard_normal(samples)
+    return make_record(time_s, current_a, voltage_v, hold=hold)
+
+
+def points_in(box, count: int, seed: int):
+    fractions = jr.uniform(jr.key(seed), (count, len(box.lower)), box.lower.dtype)
+    # The ends of the box belong to it.
+    fractions = jnp.concatenate([fractions, jnp.eye(len(box.lower)), 1 - jnp.eye(len(box.lower))])
+    return box.lower + fractions * (box.upper - box.lower)
+
+
+def rmses_of(points, objective):
+    return np.asarray(rmse_of_all(points, objective))
+
+
+def assert_both_agree(problem, scale="log"):
+    with jax.enable_x64(True):
+        scan, short = (problem.objective_in(scale, kind) for kind in ("scan", "compressed"))
+        points = points_in(scan.coordinates, 20, 0)
+        expected, found = rmses_of(points, scan), rmses_of(points, short)
+    np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
+
+
+def assert_compressed_is_the_reference(problem, seed=0):
+    """Against a banded solve of every record, so that no scan is compiled."""
+    with jax.enable_x64(True):
+        short = problem.objective_in("log", "compressed")
+        points = points_in(short.coordinates, 20, seed)
+        found = rmses_of(points, short)
+        rc = jax.tree.map(np.asarray, jax.vmap(short.coordinates.decode)(points))
+    squares = np.zeros(len(points))
+    for each in problem.prepared_records:
+        for at in range(len(points)):
+            circuit = rc.r0[at], [r[at] for r in rc.r], [tau[at] for tau in rc.tau]
+            hold = each.record.hold.value
+            drop = drop_v(banded_response, each.time_s, each.current_a, circuit, hold)
+            error_v = (each.voltage_v - each.source_v + drop)[each.scored]
+            squares[at] += error_v @ error_v
+    expected = np.sqrt(squares / problem.scored)
+    np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
+
+
+# Every circuit, each on another clock, hold and scale; and what has most of all on all of them.
+CASES = [
+    *zip(CIRCUITS, cycle(CLOCKS), cycle(("forward", "backward")), repeat("log")),
+    ("so-rc", "gaps", "backward", "rc"),
+    ("esc", "uneven", "backward", "rc"),
+    ("esc", "gaps", "backward", "log"),
+]
+
+
+@pytest.mark.parametrize(("circuit", "clock", "hold", "scale"), CASES)
+def test_every_circuit_in_the_box_has_the_scans_error(bundled_cell, circuit, clock, hold, scale):
+    record = record_of(clock, SAMPLES, seed=1, hold=hold)
+    assert_both_agree(make_problem(record, bundled_cell, circuit, window=KNOWN_SOC), scale)
+
+
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    seed=st.integers(0, 10_000),
+    clock=st.sampled_from(CLOCKS),
+    hold=st.sampled_from(["forward", "backward"]),
+    low=st.floats(0.05, 5.0),
+    decades=st.floats(0.3, 4.0),
+    scored_from_s=st.floats(0.0, 200.0),
+    r1_ohm=st.none() | st.floats(0.01, 0.1),
+)
+def test_any_box_and_window_has_the_error_of_a_plain_simulation(
+    bundled_cell, seed, clock, hold, low, decades, scored_from_s, r1_ohm
+):
+    tau = (low, low * 10**decades)
+    problem = make_problem(
+        record_of(clock, SAMPLES, seed, hold),
+        bundled_cell,
+        "so-rc",
+        window=replace(KNOWN_SOC, score_from_s=scored_from_s),
+        bounds={"tau1 [s]": tau, "tau2 [s]": tau, "R0 [Ohm]": (1e-3, 1.0)},
+        fixed={} if r1_ohm is None else {"R1 [Ohm]": r1_ohm},
+    )
+    assert_compressed_is_the_reference(problem, seed)
+
+
+def test_a_record_longer_than_a_block_is_carried_across_its_edges(bundled_record, bundled_cell):
+    window = Window(score_from_s=BLOCK - 50.5, score_to_s=2 * BLOCK + 50.5)
+    problem = make_problem(bundled_record, bundled_cell, "so-rc", window=window)
+    assert len(problem.prepared.soc) > 2 * BLOCK
+    assert_compressed_is_the_reference(problem)
+
+
+def test_a_record_of_fewer_samples_than_nodes_has_the_error_of_a_plain_simulation(bundled_cell):
+    problem = make_problem(record_of("uneven", 15, 8), bundled_cell, "so-rc", window=KNOWN_SOC)
+    assert problem.scored < len(problem.compressed.in_tau.nodes)
+    assert_compressed_is_the_reference(problem)
+
+
+def test_records_reduced_together_have_their_joint_error(bundled_cell):
+    records = [record_of("uneven", 300, 2), record_of("gaps", 400, 3, "backward")]
+    problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)
+    assert problem.scored == 700
+    assert_compressed_is_the_reference(problem)
+    assert_both_agree(problem)
+
+
+def test_a_circuit_that_fits_perfectly_keeps_its_zero(bundled_cell):
+    made = make_problem(record_of("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
+    circuit = CircuitParameters(0.05, (0.03, 0.02), (300.0, 5000.0))
+    exact_v = evaluate(made.prepared, circuit).simulated_v
+    record = replace(made.prepared.record, voltage_v=exact_v)
+    problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
+    with jax.enable_x64(True):
+        short = problem.objective_in("log", "compressed")
+        point = short.coordinates.encode(rc_parameters(circuit))
+        assert rmses_of(jnp.stack([point] * 30), short)[0] < ABSOLUTE_V
+    assert rmse_by_scan(problem, [circuit])[0] < ABSOLUTE_V
+
+
+def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundled_cell):
+    problem = make_problem(record_of("even", SAMPLES, 2), bundled_cell, "esc", window=KNOWN_SOC)
+    with jax.enable_x64(True):
+        slopes = eqx.filter_jit(jax.jacfwd(residuals))
+        values = eqx.filter_jit(residuals)
+        objectives = [problem.objective_in("log", kind) for kind in ("scan", "compressed")]
+        point = points_in(objectives[0].coordinates, 1, 4)[0]
+        normal, gradient = [], []
+        for objective in objectives:
+            jacobian = np.asarray(slopes(point, objective))
+            normal.append(jacobian.T @ jacobian)
+            gradient.append(jacobian.T @ np.asarray(values(point, objective)))
+    np.testing.assert_allclose(normal[1], normal[0], rtol=1e-8, atol=1e-12 * np.max(normal[0]))
+    np.testing.assert_allclose(gradient[1], gradient[0], rtol=1e-7, atol=1e-12)
+
+
+def test_single_precision_agrees_to_its_own_rounding(bundled_cell):
+    problem = make_problem(record_of("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
+    with jax.enable_x64(True):
+        short = problem.objective_in("log", "compressed")
+        points = points_in(short.coordinates, 20, 3)
+        expected = rmses_of(points, short)
+    narrow = jax.tree.map(
+        lambda leaf: jnp.asarray(np.asarray(leaf), jnp.float32) if eqx.is_array(leaf) else leaf,
+        short,
+    )
+    found = rmses_of(jnp.asarray(np.asarray(points), jnp.float32), narrow)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, rtol=2e-4, atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def compressed_problem(short_problem):
+    return make_problem(
+        short_problem.prepared.record,
+        short_problem.cell,
+        window=short_problem.window,
+        objective="compressed",
+    )
+
+
+def test_the_errors_of_a_compressed_search_are_the_scans(compressed_problem):
+    found = search_seeds(compressed_problem, make_optimizer("pso", 12, 40), key=jr.key(0), seeds=3)
+    expected = rmse_by_scan(
+        replace(compressed_problem, kind="scan"), [seed.parameters for seed in found.seeds]
+    )
+    assert [seed.rmse_v for seed in found.seeds] == expected
+    for seed in found.seeds:
+        assert seed.history_v[-1] == pytest.approx(seed.rmse_v, rel=RELATIVE)
+
+
+def test_a_compressed_search_has_the_same_bits_among_any_seeds_and_cells(
+    compressed_problem, bundled_cell
+):
+    other = make_problem(
+        record_of("even", 1400, 9),
+        bundled_cell,
+        window=KNOWN_SOC,
+        bounds=dict(compressed_problem.bounds.ranges),
+        objective="compressed",
+    )
+    optimizer = make_optimizer("pso", 12, 40)
+    together = search_many([other, compressed_problem, other], optimizer, key=jr.key(1), seeds=10)
+    alone = search_seeds(compressed_problem, optimizer, key=jr.key(1), seeds=3)
+    for many, one in zip(together[1].seeds, alone.seeds, strict=False):
+        assert many.parameters == one.parameters
+        assert many.rmse_v == one.rmse_v
+        assert many.history_v.tobytes() == one.history_v.tobytes()
+    assert together[0].best.parameters == together[2].best.parameters
+
+
+def test_reducing_gives_the_same_bits_whatever_the_threads_of_linear_algebra(short_problem):
+    factors = set()
+    for threads in (1, 4, 4):
+        problem = replace(short_problem)
+        with threadpool_limits(threads, "blas"):
+            factors.add(np.asarray(problem.compressed.factor).tobytes())
+    assert len(factors) == 1
+
+
+def test_records_of_different_lengths_and_currents_share_the_shape_of_their_factor(bundled_cell):
+    tau = {"tau1 [s]": (0.5, 2000.0), "tau2 [s]": (0.5, 2000.0)}
+    shapes = {
+        make_problem(
+            record_of("even", samples, samples), bundled_cell, window=KNOWN_SOC, bounds=tau
+        ).compressed.factor.shape
+        for samples in (2000, 2700, 3500)
+    }
+    assert len(shapes) == 1
+    rows, columns = shapes.pop()
+    assert rows % ROW_STEP == 0
+    assert rows < columns
+
+
+def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):
+    with pytest.raises(InputError, match="`objective='scan'`"):
+        make_problem(
+            short_problem.prepared.record,
+            short_problem.cell,
+            window=short_problem.window,
+            bounds={"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)},
+            objective="compressed",
+        )
+
+
+def test_an_unknown_objective_is_named(short_problem):
+    with pytest.raises(ValueError, match="no objective is called 'fast'"):
+        make_problem(short_problem.prepared.record, short_problem.cell, objective="fast")

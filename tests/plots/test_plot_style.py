@@ -1,0 +1,176 @@
+"""How every figure looks and is written: decimation, ticks, names, bytes."""
+
+import itertools
+from xml.etree import ElementTree
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from barnax.plots import (
+    plot_compared_errors,
+    plot_compared_voltages,
+    plot_condition,
+    plot_error,
+    plot_hysteresis,
+    plot_ocv,
+    plot_voltage,
+    style,
+)
+from barnax.plots.sources import Illustration, cell_of
+from barnax.plots.style import LONGEST_TITLE, decimate, encode, label_plainly, legible
+from barnax.results import Result, make_result
+from barnax.search.evaluate import evaluate
+from helpers.results import make_evaluation, make_record
+
+BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+
+
+def make_figure():
+    return plot_error(make_evaluation(make_record(300)))
+
+
+def test_a_short_record_keeps_every_sample():
+    x = np.arange(40.0)
+    np.testing.assert_array_equal(decimate(x, np.sin(x), columns=10), np.arange(40))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(121, 600))
+def test_every_column_keeps_its_extremes_and_ends(seed, columns, samples):
+    random = np.random.default_rng(seed)
+    x = np.cumsum(random.exponential(size=samples))
+    y = random.normal(size=samples)
+    kept = decimate(x, y, columns)
+    edges = np.linspace(x[0], x[-1], columns + 1)
+    for left, right in itertools.pairwise(edges):
+        # Samples within rounding of an edge may belong to either side.
+        inside = np.flatnonzero((x > left + 1e-9) & (x < right - 1e-9))
+        if len(inside) == 0:
+            continue
+        among = kept[(x[kept] > left - 1e-9) & (x[kept] < right + 1e-9)]
+        assert y[among].min() <= y[inside].min()
+        assert y[among].max() >= y[inside].max()
+    assert (kept[0], kept[-1]) == (0, samples - 1)
+    assert len(kept) <= 4 * columns
+
+
+@pytest.mark.parametrize("plot", [plot_voltage, plot_error])
+def test_a_long_record_is_drawn_with_few_points(plot):
+    random = np.random.default_rng(0)
+    evaluation = make_evaluation(make_record(200_000), error_v=random.normal(size=200_000))
+    lines = [line for line in plot(evaluation).axes[0].get_lines() if len(line.get_xdata()) > 2]
+    assert lines
+    assert all(len(line.get_xdata()) <= 8000 for line in lines)
+    highest = (
+        evaluation.error_v.max() if plot is plot_error else evaluation.prepared.voltage_v.max()
+    )
+    drawn = max(np.nanmax(line.get_ydata()) for line in lines)
+    assert drawn >= highest
+
+
+def labels(low: float, high: float) -> list[str]:
+    axes = Figure().subplots()
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    label_plainly(axes.yaxis)
+    ticks = axes.yaxis.get_majorticklocs()
+    assert not len(axes.yaxis.get_minorticklocs())
+    shown = [tick for tick in ticks if low <= tick <= high]
+    return axes.yaxis.get_major_formatter().format_ticks(shown)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (2.0, 9.0, ["3", "4.5", "6", "7.5", "9"]),
+        (0.5, 60.0, ["1", "3", "10", "30"]),
+        (0.5, 2000.0, ["1", "10", "100", "1000"]),
+        (1e-7, 2.0, ["10⁻⁷", "10⁻⁶", "10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "10⁰"]),
+        (1e9, 2e13, ["10⁹", "10¹⁰", "10¹¹", "10¹²", "10¹³"]),
+    ],
+)
+def test_labels_are_plain_numbers_or_powers_of_ten(low, high, expected):
+    found = labels(low, high)
+    assert found == expected
+    assert not any("$" in label for label in found)
+
+
+# Letters of other scripts, a formula, an escape sequence, a byte that is no UTF-8, an emoji.
+ODD = "电池 $x^{$ \x1b[0m\x00 \udcff \U0001f50b.csv"
+DRAWN = {
+    "voltage": lambda each: plot_voltage(each),
+    "error": lambda each: plot_error(each),
+    "condition": lambda each: plot_condition(each.prepared),
+    "voltages": lambda each: plot_compared_voltages({ODD: each}),
+    "errors": lambda each: plot_compared_errors({ODD: each}),
+}
+
+
+@pytest.mark.parametrize("plot", DRAWN.values(), ids=DRAWN)
+def test_odd_names_of_files_and_rows_are_drawn_without_a_warning(plot):
+    figure = plot(make_evaluation(make_record(200, name=ODD)))
+    ElementTree.fromstring(encode(figure, "svg"))
+    for kind in ("png", "pdf"):
+        assert encode(figure, kind, dpi=40).startswith(BEGINNINGS[kind])
+    assert "$x^{$ \\x1b[0m\\x00 \\udcff" in figure.axes[0].get_title("left")
+
+
+def test_a_letter_without_a_glyph_keeps_its_code_and_all_others_stay(monkeypatch):
+    monkeypatch.setattr("barnax.plots.style.FURTHER_FONTS", ())
+    for cached in (style._fonts, style._letters):
+        cached.cache_clear()
+    try:
+        assert legible("Zelle µ−1 電.csv") == "Zelle µ−1 \\u96fb.csv"
+    finally:
+        for cached in (style._fonts, style._letters):
+            cached.cache_clear()
+
+
+def test_the_end_of_a_long_name_is_kept():
+    figure = plot_voltage(make_evaluation(make_record(200, name=100 * "long_" + ".csv")))
+    shown = figure.axes[0].get_title("left")
+    assert shown.startswith("…")
+    assert shown.endswith("long_.csv")
+    assert len(shown) == LONGEST_TITLE
+
+
+@pytest.mark.parametrize("kind", BEGINNINGS)
+def test_a_figure_gives_the_same_bytes_every_time_and_after_other_forms(kind):
+    figure = make_figure()
+    first = encode(figure, kind)
+    assert first.startswith(BEGINNINGS[kind])
+    encode(figure, "png", dpi=40)
+    assert first == encode(figure, kind) == encode(make_figure(), kind)
+
+
+def test_the_style_of_the_session_does_not_show_in_the_bytes():
+    plain = encode(make_figure(), "svg")
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "other"}):
+        assert encode(make_figure(), "svg") == plain
+
+
+def test_an_illustration_has_every_form_of_its_figure():
+    illustration = Illustration("error", make_figure(), "", "")
+    for kind, beginning in BEGINNINGS.items():
+        assert getattr(illustration, kind).startswith(beginning)
+    assert illustration.png is illustration.png
+
+
+def test_the_cell_of_a_result_or_of_its_file_is_drawn_as_the_cell_itself(
+    refinement, short_problem, tmp_path
+):
+    evaluation = evaluate(short_problem.prepared, refinement.parameters)
+    result = make_result(refinement, [evaluation])
+    path = tmp_path / "result.json"
+    path.write_text(result.to_json())
+    assert isinstance(result, Result)
+    for plot in (plot_ocv, plot_hysteresis):
+        drawn = [
+            [each.get_xydata().tolist() for axes in plot(source).axes for each in axes.get_lines()]
+            for source in (short_problem.cell, result, path, str(path))
+        ]
+        assert all(each == drawn[0] for each in drawn)
+    assert cell_of(short_problem.cell) is short_problem.cell

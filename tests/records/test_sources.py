@@ -1,0 +1,146 @@
+"""Records come from files of any name and from data frames of any library, by the same rules."""
+
+import doctest
+import importlib
+import os
+import pkgutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax.checks import check_file
+from barnax.errors import InputError
+from barnax.records import read_record, record_from_frame
+from barnax.records.readers import READERS
+from helpers.records import CURRENT, TIME, VOLTAGE, good_files, pulse_frame
+from reference import make_record
+
+FRAME = pulse_frame().with_columns(pl.Series("Step Index / 1", np.arange(200) // 50))
+
+
+@pytest.fixture
+def record(tmp_path):
+    FRAME.write_csv(tmp_path / "cell.csv")
+    return read_record(tmp_path / "cell.csv")
+
+
+def pandas_frame(table):
+    pandas = pytest.importorskip("pandas")
+    return pandas.DataFrame({name: table[name].to_list() for name in table.columns})
+
+
+LIBRARIES = {
+    "Polars": lambda table: table,
+    "lazy Polars": lambda table: table.lazy(),
+    "pandas": pandas_frame,
+    "a mapping": lambda table: {name: table[name].to_numpy() for name in table.columns},
+}
+
+
+@pytest.mark.parametrize("made", LIBRARIES.values(), ids=LIBRARIES)
+def test_a_data_frame_gives_the_record_of_its_file(record, made):
+    framed = record_from_frame(made(FRAME), name="cell.csv")
+    for name, values in vars(record).items():
+        if isinstance(values, np.ndarray):
+            np.testing.assert_array_equal(getattr(framed, name), values)
+    assert (framed.sign, framed.hold, framed.warnings) == (record.sign, record.hold, ())
+
+
+@pytest.mark.parametrize("made", LIBRARIES.values(), ids=LIBRARIES)
+def test_a_fault_of_a_data_frame_is_named_by_its_row(made):
+    table = FRAME.with_columns(pl.Series(VOLTAGE, [3.7] * 40 + [None] + [3.7] * 159))
+    with pytest.raises(InputError, match=r"^drive: row 42: .* under 'Voltage / V'"):
+        record_from_frame(made(table), name="drive")
+
+
+def test_the_hash_of_a_data_frame_is_of_its_names_and_values():
+    first = record_from_frame(FRAME)
+    assert first.sha256 == record_from_frame(FRAME.clone(), name="other").sha256
+    assert first.sha256 != record_from_frame(FRAME.rename({TIME: "Time [s]"})).sha256
+    moved = FRAME.with_columns(pl.col(VOLTAGE) + 1e-9)
+    assert first.sha256 != record_from_frame(moved).sha256
+
+
+def test_sign_and_hold_of_a_data_frame_can_be_given():
+    record = record_from_frame(
+        FRAME, current_sign="charge-positive", current_hold="backward", name="x"
+    )
+    assert (record.sign.strength, record.hold.value) == ("given", "backward")
+
+
+@pytest.mark.parametrize("frame", [3, "cell.csv", [1.0, 2.0], None])
+def test_what_is_no_data_frame_is_refused(frame):
+    with pytest.raises(InputError, match=r"^data frame: is no data frame, but of type"):
+        record_from_frame(frame)
+
+
+@pytest.mark.parametrize("name", ["us06\x1b[2J\x1b[31m.csv", "line\nbreak.csv", "\u202egnp.csv"])
+def test_a_name_cannot_command_a_terminal(tmp_path, name):
+    FRAME.write_csv(tmp_path / name)
+    shown = read_record(tmp_path / name).name
+    assert "\ufffd" in shown
+    assert shown.replace("\ufffd", "").isprintable()
+    (tmp_path / name).write_text("nothing")
+    with pytest.raises(InputError) as caught:
+        read_record(tmp_path / name)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_name_of_broken_utf8_harms_nothing(tmp_path):
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/us\xff06.csv"))
+    FRAME.write_csv(tmp_path / "cell.csv")
+    (tmp_path / "cell.csv").rename(path)
+    assert read_record(path).name == "us\ufffd06.csv"
+    assert check_file(path).file.encode() == "us\ufffd06.csv".encode()
+    path.unlink()
+    with pytest.raises(InputError, match="no such file"):
+        read_record(path)
+
+
+def test_column_names_cannot_command_a_terminal_and_may_break_lines(tmp_path):
+    table = FRAME.rename({CURRENT: "Current\n[A]"})
+    table.with_columns(pl.lit("x").alias("\x1b[2J")).write_parquet(tmp_path / "cell.parquet")
+    assert read_record(tmp_path / "cell.parquet").samples == 200
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_a_reader_is_the_first_to_recognize_its_own_content(reader):
+    for content in good_files()[reader.name]:
+        assert next(other for other in READERS if other.recognizes(content)) is reader
+        table = reader.read(content, "cell")
+        assert {len(column) for column in table.columns} == {40}
+        assert list(table.row) == list(range(2, 42))
+
+
+@pytest.mark.parametrize("name", ["time_s", "current_a", "voltage_v", "row"])
+def test_the_arrays_of_a_record_cannot_be_written_to(record, name):
+    for each in (record, replace(record, name="other.csv")):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(each, name)[0] = 1
+
+
+def test_writing_to_what_a_record_was_made_from_does_not_change_it():
+    time_s, current_a = np.arange(20.0), np.ones(20)
+    record = make_record(time_s, current_a)
+    current_a[3], time_s[3] = 7.0, -1.0
+    assert (record.current_a == 1).all()
+    assert (np.diff(record.time_s) > 0).all()
+
+
+PACKAGES = ["errors", "records", "checks", "cell"]
+MODULES = [
+    module.name
+    for module in pkgutil.walk_packages(barnax.__path__, "barnax.")
+    if module.name.split(".")[1] in PACKAGES
+]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_the_examples_run(module):
+    assert doctest.testmod(importlib.import_module(module)).failed == 0

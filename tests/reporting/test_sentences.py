@@ -1,0 +1,145 @@
+"""Every kind of sentence, from numbers made for it, against one golden file."""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from barnax.cell import CircuitParameters
+from barnax.reporting.sentences import (
+    at_bound_sentence,
+    diagnostics_sentences,
+    finding_sentence,
+    identifiability_sentences,
+    local_optima_sentence,
+    optimum_sentence,
+    profile_sentence,
+    suggestion_sentences,
+    uncertainty_sentence,
+)
+from barnax.search.refine import AtBound, Optimum
+from barnax.uncertainty import Band, Diagnostics, Estimate, Finding, Identifiability, Profile
+from barnax.uncertainty import Suggestion as Change
+from barnax.uncertainty.covariance import NoiseParts, Uncertainty
+
+GOLDEN = Path(__file__).parent / "sentences.txt"
+CIRCUIT = CircuitParameters(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
+# What options of Python a sentence may name.
+OPTIONS = {"bounds", "capacity", "circuit", "initial_soc", "score_soc"}
+
+
+@dataclass(frozen=True)
+class Found:
+    """A global optimum as a stored one has it."""
+
+    parameters: CircuitParameters = CIRCUIT
+    rmse_v: float = 0.025
+    status: str = "certified"
+    proved_gap: float = 4.41e-6
+    cells: int | None = 812
+    local_optima: tuple[Optimum, ...] = ()
+
+
+def optima() -> list[str]:
+    other = Optimum(0.02515, CIRCUIT, 3, is_family=False)
+    tried = replace(Found(), status="grid-verified", proved_gap=0.0312, cells=50_000)
+    return [
+        optimum_sentence(Found()),
+        optimum_sentence(replace(Found(), proved_gap=0.0)),
+        optimum_sentence(tried),
+        optimum_sentence(replace(tried, cells=None)),
+        local_optima_sentence(Found()),
+        local_optima_sentence(replace(Found(), local_optima=(other,))),
+        local_optima_sentence(
+            replace(
+                Found(), local_optima=(replace(other, rmse_v=0.03), replace(other, rmse_v=0.035))
+            )
+        ),
+        at_bound_sentence([AtBound("R0 [Ohm]", "lower")]),
+        at_bound_sentence([AtBound("R2 [Ohm]", "upper"), AtBound("tau2 [s]", "upper")]),
+    ]
+
+
+def known(name: str, value: float, low: float, high: float) -> Estimate:
+    return Estimate(name, value, None, 0.1, 0.02, 20.0, low, high)
+
+
+R0, R1 = known("R0 [Ohm]", 0.05, 0.049, 0.051), known("R1 [Ohm]", 0.0149, 0.004, 0.06)
+TAU1, TAU2 = known("tau1 [s]", 0.43, 0.05, 3.0), known("tau2 [s]", 25_000, 4000, 156_000)
+R2, C2 = known("R2 [Ohm]", 0.1, 0.03, 0.3), known("C2 [F]", 2120, 1900, 2400)
+SUM = known("R0 + R1 [Ohm]", 0.0649, 0.0640, 0.0658)
+
+
+def findings() -> list[str]:
+    def said(kind, *estimates, **given) -> str:
+        return finding_sentence(Finding(kind, estimates, 1.0, 19_680.0, **given))
+
+    held = replace(TAU2, held="at upper bound", value=19_680.0)
+    return [
+        said("too fast", TAU1, R1, R0, combined=SUM),
+        said("too fast", replace(TAU1, held="at lower bound"), combined=R1),
+        said("too slow", TAU2, R2, combined=C2),
+        said("too slow", held, R2, combined=C2),
+        said(
+            "too slow", held, replace(R2, held="at upper bound"), combined=Estimate("C2 [F]", 9.0)
+        ),
+        said("alike", TAU1, TAU2, R0, R1, combined=SUM),
+        said("at bound", replace(R0, held="at upper bound")),
+        said("at bound", replace(R0, held="unseen")),
+        said("loose", R1),
+        said("loose", replace(R1, low=None, high=None)),
+        said("loose", TAU1),
+        said("loose", TAU2),
+        said("direction", R1, TAU1, log_steps=(0.8, -0.9), combined=SUM),
+        said("direction", R1, TAU1, log_steps=(9.0, -9.0)),
+        *identifiability_sentences(Identifiability(2.0, 3.0, (), ())),
+    ]
+
+
+def errors() -> list[str]:
+    noise = NoiseParts((0.0, 60.0), (1e-3, 5e-3))
+    uncertainty = Uncertainty(0.95, 19_680, (R0, replace(R1, relative_error=0.3)), (), (), noise)
+    soc = (Band(0.0, 0.1, 100, 0.0876, -0.06, 0.59), Band(0.1, 0.2, 1900, 0.012, 0.001, 0.41))
+    current = (Band(-0.05, 0.05, 500, 1e-3, 0.0, 0.3), Band(2.0, None, 1500, 0.02, 0.0, 0.7))
+    found = Diagnostics((0.0, 1.0), (1.0, 0.99), 742.0, 7.41, 19_680, soc, current, None)
+    warm = (Band(20.0, 21.0, 100, 0.03, 0.01, 0.9), Band(21.0, 22.0, 1900, 0.001, 0.0, 0.1))
+    alone = replace(found, effective_samples=0.3, by_soc=(), by_current=(), by_temperature=warm)
+    profiles = [Profile("R1 [Ohm]", 0.0149, (), (), 0.02, *ends) for ends in (
+        (0.0136, 0.0168), (0.0136, None), (None, 0.0168), (None, None))]  # fmt: skip
+    return [
+        uncertainty_sentence(uncertainty),
+        uncertainty_sentence(replace(uncertainty, estimates=())),
+        *diagnostics_sentences(found),
+        *diagnostics_sentences(alone),
+        *map(profile_sentence, profiles),
+    ]
+
+
+def changes() -> list[str]:
+    found = [
+        Change("resistance over SOC", 0.0111, 15, knots=6),
+        Change("capacity", 0.0126, 1, capacity_ah=1.9593, instead_of=1.99972),
+        Change("OCV over SOC", 0.0141, 6, knots=6),
+        Change("initial SOC", 0.0152, 1, initial_soc=0.9832, instead_of=1.0),
+        Change("dynamic hysteresis", 0.0212, 1, circuit="esc", gamma=54.13),
+        Change("one more pair", 0.0232, 2, circuit="3rc", tau_s=(11.8, 91.5, 19_680.0)),
+    ]
+    return [
+        *suggestion_sentences(found, 0.02321),
+        *suggestion_sentences([replace(found[-1], rmse_v=0.01, circuit=None)], 0.02321),
+        *suggestion_sentences([], 0.02321),
+    ]
+
+
+def test_every_sentence_is_as_in_the_golden_file():
+    said = [*optima(), *findings(), *errors(), *changes()]
+    assert said == GOLDEN.read_text().splitlines()
+
+
+@pytest.mark.parametrize("make", [optima, findings, errors, changes])
+def test_backticks_hold_options_of_python_and_nothing_else(make):
+    for text in make():
+        for option in re.findall("`(.*?)`", text):
+            assert option.partition("=")[0] in OPTIONS
+        assert "--" not in text

@@ -1,0 +1,68 @@
+"""One circuit on one record: what was simulated, and the errors where they count."""
+
+import jax
+import numpy as np
+import pytest
+
+from barnax.bundled import BUNDLED
+from barnax.cell import CircuitParameters
+from barnax.errors import InputError
+from barnax.model.inputs import Window, prepare_record
+from barnax.records import read_record
+from barnax.search.evaluate import evaluate, validate
+from reference import drop_v, filtered_response
+
+CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
+WINDOW = Window(score_from_s=99.5, score_to_s=1500.5)
+
+
+@pytest.fixture(scope="module")
+def evaluation(bundled_cell):
+    return validate(read_record(BUNDLED.validation), bundled_cell, "iso-rc", CIRCUIT, WINDOW)
+
+
+def test_the_simulated_voltage_is_that_of_a_digital_filter(evaluation):
+    prepared = evaluation.prepared
+    circuit = (0.05, (0.01, 0.02), (5.0, 80.0))
+    expected_v = prepared.source_v - drop_v(filtered_response, 1.0, prepared.current_a, circuit)
+    np.testing.assert_allclose(evaluation.simulated_v, expected_v, rtol=1e-12)
+
+
+def test_errors_are_measured_minus_simulated(evaluation):
+    expected_v = evaluation.prepared.voltage_v - evaluation.simulated_v
+    np.testing.assert_array_equal(evaluation.error_v, expected_v)
+
+
+def test_metrics_count_scored_samples_only(evaluation):
+    scored_v = evaluation.error_v[evaluation.prepared.scored]
+    assert evaluation.metrics.samples == len(scored_v) == 1401
+    assert evaluation.metrics.rmse_v == pytest.approx(np.sqrt(np.mean(scored_v**2)), rel=1e-12)
+    assert evaluation.metrics.max_v == np.abs(scored_v).max()
+
+
+def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bundled_cell):
+    fast = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1.0, 4000.0))
+    prepared = prepare_record(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
+    circuit = (0.05, (0.01, 0.02), (0.01, 80.0))
+    expected_v = prepared.source_v - drop_v(filtered_response, 1.0, prepared.current_a, circuit)
+    np.testing.assert_allclose(evaluate(prepared, fast).simulated_v, expected_v, rtol=1e-12)
+
+
+def test_swapped_pairs_are_the_same_circuit(evaluation):
+    swapped = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
+    again = evaluate(evaluation.prepared, swapped)
+    np.testing.assert_allclose(again.simulated_v, evaluation.simulated_v, rtol=1e-14)
+
+
+def test_an_evaluation_leaves_the_callers_precision(bundled_record, bundled_cell):
+    prepared = prepare_record(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
+    for is_double in (False, True):
+        with jax.enable_x64(is_double):
+            simulated_v = evaluate(prepared, CIRCUIT).simulated_v
+            assert jax.config.jax_enable_x64 is is_double
+        assert simulated_v.dtype == np.float64
+
+
+def test_a_window_that_does_not_fit_the_record_is_refused_by_name(bundled_record, bundled_cell):
+    with pytest.raises(InputError, match=r"identification\.parquet: `start_after_step` needs a"):
+        validate(bundled_record, bundled_cell, "iso-rc", CIRCUIT, Window(start_after_step=3))

@@ -1,0 +1,162 @@
+"""Every seed refined: never worse, the same to the bit, inside its box, gathered into optima."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from barnax.cell import CircuitParameters
+from barnax.model.problem import make_problem
+from barnax.optimizers import make_optimizer
+from barnax.search.evaluate import evaluate
+from barnax.search.refine import SAME_RMSE, AtBound, RefinedSeed, distinct_optima, refine
+from barnax.search.seeds import search_seeds
+
+CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
+
+
+@pytest.fixture(scope="module")
+def refined_in(short_problem, found):
+    """The refinement on the short problem in another box; its compiled program is shared."""
+
+    def run(bounds):
+        problem = make_problem(
+            short_problem.prepared.record,
+            short_problem.cell,
+            window=short_problem.window,
+            bounds=bounds,
+        )
+        return refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
+
+    return run
+
+
+def refined_at(rmse_v, circuit=CIRCUIT):
+    return RefinedSeed(rmse_v, circuit, 0.0, True)
+
+
+def test_no_seed_is_made_worse(found, refinement):
+    for before, after in zip(found.seeds, refinement.refined, strict=True):
+        assert after.rmse_v <= before.rmse_v * (1 + 1e-12)
+        assert refinement.rmse_v <= after.rmse_v * (1 + 1e-12)
+
+
+def test_the_refined_error_is_that_of_the_refined_circuit(short_problem, refinement):
+    metrics = evaluate(short_problem.prepared, refinement.parameters).metrics
+    assert refinement.rmse_v == pytest.approx(metrics.rmse_v, rel=1e-9)
+
+
+def test_an_optimum_already_reached_is_not_left(found, refinement):
+    at_the_end = replace(found.best, parameters=refinement.parameters, rmse_v=refinement.rmse_v)
+    again = refine(replace(found, seeds=(at_the_end,) * 8))
+    assert again.rmse_v == pytest.approx(refinement.rmse_v, rel=1e-9)
+    assert max(seed.moved for seed in again.refined) < 1e-3
+
+
+def test_every_seed_says_how_far_it_moved(found, refinement):
+    for before, after in zip(found.seeds, refinement.refined, strict=True):
+        old, new = (np.array(list(each.parameters.to_dict().values())) for each in (before, after))
+        assert after.moved == pytest.approx(np.max(np.abs(new / old - 1)), rel=1e-12)
+
+
+def test_every_seed_is_counted_in_one_optimum_or_was_still_moving(refinement):
+    def is_in(seed, optimum):
+        return optimum.rmse_v <= seed.rmse_v * (1 + 1e-12) <= optimum.rmse_v * (1 + SAME_RMSE)
+
+    outside = [
+        seed for seed in refinement.refined if not any(is_in(seed, o) for o in refinement.optima)
+    ]
+    unsettled = sum(not seed.has_converged for seed in outside)
+    assert sum(optimum.seeds for optimum in refinement.optima) + unsettled == 8
+
+
+def test_the_best_optimum_comes_first_with_its_faster_pair_first_and_touches_no_bound(refinement):
+    errors_v = [optimum.rmse_v for optimum in refinement.optima]
+    assert errors_v == sorted(errors_v)
+    assert refinement.parameters == refinement.optima[0].parameters
+    tau_s = [seed.parameters.tau_s for seed in refinement.refined]
+    assert tau_s == [tuple(sorted(each)) for each in tau_s]
+    assert refinement.at_bound == ()
+
+
+def test_a_seed_is_refined_the_same_among_any_number_of_seeds(found, refinement):
+    fewer = refine(replace(found, seeds=found.seeds[:3]))
+    assert fewer.refined == refinement.refined[:3]
+
+
+@pytest.mark.parametrize("is_double", [False, True])
+def test_a_search_is_refined_to_the_same_bits_in_any_callers_precision(
+    found, refinement, is_double
+):
+    with jax.enable_x64(is_double):
+        again = refine(found)
+        assert jax.config.jax_enable_x64 is is_double
+    assert again.refined == refinement.refined
+    assert (again.optima, again.at_bound) == (refinement.optima, refinement.at_bound)
+    assert again.evaluations == refinement.evaluations
+
+
+def test_progress_sums_to_the_seeds_and_many_blocks_finish(found):
+    steps = []
+    many = refine(replace(found, seeds=found.seeds * 5), progress=steps.append)
+    assert sum(steps) == len(many.refined) == 40
+
+
+@pytest.mark.parametrize(("factors", "end"), [((0.5, 0.95), "upper"), ((1.05, 2.0), "lower")])
+def test_a_box_that_excludes_the_optimum_is_reported(refined_in, refinement, factors, end):
+    low, high = (factor * refinement.parameters.r0 for factor in factors)
+    narrow = refined_in({"R0 [Ohm]": (low, high)})
+    assert AtBound("R0 [Ohm]", end) in narrow.at_bound
+    assert narrow.parameters.r0 == pytest.approx(high if end == "upper" else low, rel=1e-2)
+    assert low * (1 - 1e-12) <= narrow.parameters.r0 <= high * (1 + 1e-12)
+    assert narrow.rmse_v > refinement.rmse_v
+
+
+def test_pairs_with_boxes_of_their_own_keep_their_labels(refined_in, refinement):
+    # The faster pair has the smaller resistance; these boxes make it the second one.
+    best = refinement.parameters
+    middle = np.sqrt(best.r[0] * best.r[1])
+    assert best.r[0] < best.r[1]
+    labelled = refined_in({"R1 [Ohm]": (middle, 0.2), "R2 [Ohm]": (1e-4, middle)})
+    expected = replace(best, r=best.r[::-1], c=best.c[::-1])
+    assert labelled.rmse_v == pytest.approx(refinement.rmse_v, rel=1e-7)
+    assert labelled.parameters.to_dict() == pytest.approx(expected.to_dict(), rel=1e-3)
+
+
+def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
+    fixed = {"C1 [F]": 500.0, "R0 [Ohm]": 0.05}
+    problem = make_problem(
+        short_problem.prepared.record,
+        short_problem.cell,
+        "so-rc",
+        window=short_problem.window,
+        fixed=fixed,
+        objective="compressed",
+    )
+    searched = search_seeds(problem, make_optimizer("pso", 8, 20), key=jax.random.key(0), seeds=8)
+    refined = refine(searched)
+    for seed in (*searched.seeds, *refined.refined):
+        assert seed.parameters.to_dict() == pytest.approx(seed.parameters.to_dict() | fixed)
+    assert not {each.name for each in refined.at_bound} & {"C1 [F]", "R0 [Ohm]", "tau1 [s]"}
+
+
+def test_equal_errors_are_one_optimum():
+    first, second = distinct_optima(
+        [refined_at(0.012), refined_at(0.010), refined_at(0.010 * (1 + 1e-7))]
+    )
+    assert (first.rmse_v, first.seeds) == (0.010, 2)
+    assert (second.rmse_v, second.seeds) == (0.012, 1)
+    assert not first.is_family
+
+
+def test_a_seed_still_moving_counts_only_where_it_reached_an_optimum():
+    moving = replace(refined_at(0.011), has_converged=False)
+    arrived = replace(refined_at(0.010 * (1 + 1e-7)), has_converged=False)
+    first, second = distinct_optima([refined_at(0.010), moving, arrived, refined_at(0.012)])
+    assert (first.seeds, second.seeds, second.rmse_v) == (2, 1, 0.012)
+
+
+def test_different_circuits_of_equal_error_are_a_family():
+    (only,) = distinct_optima([refined_at(0.010), refined_at(0.010, replace(CIRCUIT, r0=0.06))])
+    assert only.is_family

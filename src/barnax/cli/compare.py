@@ -40,15 +40,17 @@ def compare(
         Path | None,
         typer.Argument(
             metavar="RECORD",
-            help="Dynamic record to identify on; without it, the bundled cell runs.",
+            help="Dynamic record to identify on; without it, the bundled cell is used.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Compare models and methods on one cell, and write tables, figures and a report.
+    """Compare models and methods on one cell, and write a report with tables and figures.
 
-    All get the same data, box, budget and key; a row is a method's own answer, unrefined.
-    [bold]barnax compare[/bold] alone sets the paper's five rows side by side on the bundled cell.
+    All get the same data, bounds, budget and key. A row is a method's own answer,
+    before refinement.
+
+    Without arguments it compares the paper's five rows on the bundled cell.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)

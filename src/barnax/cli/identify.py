@@ -36,15 +36,15 @@ def identify(
         list[Path] | None,
         typer.Argument(
             metavar="[RECORD]...",
-            help="Dynamic record to identify on, several to find one circuit for all of them; "
-            "without any, the bundled cell runs.",
+            help="Dynamic record to identify on; several give one circuit for all of them. "
+            "Without any, the bundled cell is identified.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Identify the circuit of a cell, prove and assess it, and write result.json and figures.
+    """Identify the circuit of a cell, say how good it is, and write result.json and figures.
 
-    [bold]barnax identify[/bold] alone runs the bundled virtual cell.
+    Without arguments it identifies the bundled virtual cell.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)

@@ -11,17 +11,17 @@ from datetime import date
 from pathlib import Path
 
 import jax
-from benchmarks.pages import save_page
 
 import barnax
 from barnax.reporting.comparison_sentences import conclusion
+from benchmarks.pages import save_page
 
 RESULTS = Path(__file__).parent / "results" / "hysteresis.md"
 KEY, SEEDS, ITERATIONS = 0, 8, 200
 
 
 @dataclass(frozen=True)
-class CheckInput:
+class Cell:
     """One cell: its OCV tests, the record to identify on, the one to validate on."""
 
     name: str
@@ -32,8 +32,8 @@ class CheckInput:
     capacity_ah: float | None = None
 
 
-def bundled() -> CheckInput:
-    return CheckInput(
+def bundled() -> Cell:
+    return Cell(
         "bundled virtual cell (NMC/graphite-Si, simulated)",
         (barnax.bundled_file("ocv_discharge"), barnax.bundled_file("ocv_charge")),
         barnax.bundled_file("identification"),
@@ -42,11 +42,11 @@ def bundled() -> CheckInput:
     )
 
 
-def measured(folder: Path) -> Iterator[CheckInput]:
+def measured(folder: Path) -> Iterator[Cell]:
     """CALCE INR18650-20R at three temperatures and Plett's A123 26650."""
     calce = folder / "calce-inr18650-20r"
     for temperature in (25, 0, 45):
-        yield CheckInput(
+        yield Cell(
             f"CALCE INR18650-20R (NMC), {temperature} degC, OCV at 25 degC",
             (calce / "ocv-incremental_25degC_SP20-3.parquet",),
             calce / f"dst_{temperature}degC_80soc_SP20-2.parquet",
@@ -55,7 +55,7 @@ def measured(folder: Path) -> Iterator[CheckInput]:
             2.0,
         )
     plett = folder / "plett-a123-26650"
-    yield CheckInput(
+    yield Cell(
         "A123 26650 (LFP), 25 degC, C/30 OCV",
         (plett / "ocv-s1_25degC.parquet", plett / "ocv-s3_25degC.parquet"),
         plett / "dyn-s1_25degC.parquet",
@@ -64,7 +64,7 @@ def measured(folder: Path) -> Iterator[CheckInput]:
     )
 
 
-def errors_mv(case: CheckInput, ocv_fit: str, circuit: str) -> tuple[float, float | None, str]:
+def errors_mv(case: Cell, ocv_fit: str, circuit: str) -> tuple[float, float | None, str]:
     """Refined RMSE on the identification and validation records, and what is at a bound."""
     cell = barnax.characterize(
         [barnax.read_record(path) for path in case.ocv],
@@ -84,7 +84,7 @@ def errors_mv(case: CheckInput, ocv_fit: str, circuit: str) -> tuple[float, floa
     return 1e3 * refinement.rmse_v, validated, ", ".join(refinement.at_bound) or "-"
 
 
-def report(case: CheckInput) -> list[str]:
+def report(case: Cell) -> list[str]:
     """Table and verdict of one cell."""
     lines = [
         f"## {case.name}",

@@ -9,7 +9,7 @@ import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Row
 from barnax.model.inputs import prepare_record
 from barnax.search.evaluate import Evaluation
-from benchmarks.hysteresis import CheckInput, bundled, measured
+from benchmarks.hysteresis import Cell, bundled, measured
 
 from .conditions import Condition, condition_of
 
@@ -29,7 +29,7 @@ def data_folder(given: str | None) -> Path | None:
     return path if path.is_dir() else None
 
 
-def cases(folder: Path | None) -> Iterator[CheckInput]:
+def cases(folder: Path | None) -> Iterator[Cell]:
     """The bundled cell, and every measured one that is here."""
     yield bundled()
     if folder is not None:
@@ -64,7 +64,7 @@ class Ran:
         return next(row for row in self.comparison.rows if row.name == f"{EXACT} {model}")
 
 
-def run(case: CheckInput) -> list[Ran]:
+def run(case: Cell) -> list[Ran]:
     """Every row on one case; twice where there is one dynamic record only.
 
     That one is scored down to `LOWEST_SOC`, in whole, and its first half against its second.

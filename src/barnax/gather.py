@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from .bundled import BUNDLED
 from .cell import CellModel, OcvTable, characterize, read_ocv_test
 from .cell.curves import OcvFit
@@ -17,8 +19,6 @@ from .model.inputs import Window
 from .model.search_space import Range, Scale, read_bounds
 from .records import Record, Source, read_record, read_source, source_from_frame
 
-# More candidates than this do not fit into a memory.
-MOST_CANDIDATES = 100_000
 # A file, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
@@ -195,9 +195,7 @@ def _is_chosen(window: Window | Mapping[str, Window] | None, name: str) -> bool:
 def window_advice(suggested: SuggestedWindow) -> list[str]:
     """What to give, where a record is not to be simulated from its first sample to its last."""
     options = [
-        f"`{name.removesuffix('_s')}={','.join(map(str, value))}`"
-        if isinstance(value, tuple)
-        else f"`{name.removesuffix('_s')}={value}`"
+        f"`{name.removesuffix('_s')}={','.join(f'{each:.10g}' for each in np.atleast_1d(value))}`"
         for name, value in suggested.options.items()
     ]
     return [f"{suggested.reason}; give {' '.join(options)}"] if options else []
@@ -212,7 +210,7 @@ def windows_of(
     unknown = sorted(window.keys() - inputs.names - {""})
     if unknown:
         raise InputError(
-            f"a window is given for {unknown[0]!r}; the records are "
+            f"no record is called {unknown[0]!r}, for which options are given; there are "
             f"{', '.join(sorted(inputs.names))}"
         )
     common = window.get("", Window())
@@ -261,8 +259,7 @@ def _require_different(records: Sequence[Record]) -> None:
     seen: dict[str, str] = {}
     for record in records:
         if record.sha256 and record.sha256 in seen:
-            raise InputError(
-                f"{record.name}: is the same record as {seen[record.sha256]}, byte for byte; give "
-                "each once, and validate on another"
-            )
+            first = seen[record.sha256]
+            twice = "is given twice" if first == record.name else f"is {first}, byte for byte"
+            raise InputError(f"{record.name}: {twice}; give each once, and validate on another")
         seen[record.sha256] = record.name

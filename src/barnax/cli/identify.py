@@ -18,8 +18,8 @@ from .options import (
     require_choice,
     run_options,
 )
-from .output import DEFAULT_FOLDER, require_free, write_folder
-from .session import Session, as_flags, use_compilation_cache, without_appearance
+from .output import DEFAULT_FOLDER, free_name, require_free, write_folder
+from .session import APPEARANCE, Session, as_flags, use_compilation_cache, without_options
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -134,6 +134,6 @@ def _next(result: "Result") -> str:
     if not options:
         return as_flags(advice)
     words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    given = without_appearance(sys.argv[1:])
-    command = shlex.join(["barnax", *given, *words, "--out", "barnax-out-2"])
+    given = without_options(sys.argv[1:], {**APPEARANCE, **dict.fromkeys(words[::2], 2)})
+    command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
     return f"{command}   {as_flags(advice)}"

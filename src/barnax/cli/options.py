@@ -407,7 +407,10 @@ class Output:
     out: Annotated[
         Path | None, _option(OUTPUT, "FOLDER", "Folder for the results (default: barnax-out).")
     ] = None
-    force: Annotated[bool, _option(OUTPUT, "", "Replace the result in the folder.")] = False
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace the result in the folder.", rich_help_panel=OUTPUT),
+    ] = False
     as_json: Annotated[
         bool,
         typer.Option(

@@ -58,7 +58,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     place = folder.resolve()
     is_replaced = is_forced and any((place / name).is_file() for name in RESULTS)
     if not is_replaced or not _users_files(place, files).isdisjoint(files):
-        place = _free_name(place)
+        place = free_name(place)
     listed = json.dumps(sorted([*files, LIST]), indent=1) + "\n"
     with _described(folder, "nothing was changed; give `out` another folder"):
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -82,7 +82,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     return folder
 
 
-def _free_name(place: Path) -> Path:
+def free_name(place: Path) -> Path:
     """The place itself where nothing or an empty folder is, else the first free name after it."""
     for number in itertools.count(1):
         free = place if number == 1 else place.with_name(f"{place.name}-{number}")

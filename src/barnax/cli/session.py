@@ -115,7 +115,7 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
     `names` are what results call the files.
     """
     kept = ["barnax"]
-    for word in without_appearance(sys.argv[1:]):
+    for word in without_options(sys.argv[1:], APPEARANCE):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
         if value.rpartition("=")[0] not in names.values():
             value = names.get(Path(value), _file_name(value))
@@ -123,14 +123,14 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
     return kept
 
 
-def without_appearance(words: list[str]) -> list[str]:
-    """The words of a command without the options that say where and how results appear."""
+def without_options(words: list[str], options: Mapping[str, int]) -> list[str]:
+    """The words of a command without some options, each of so many words."""
     kept = []
     while words:
         option, equals, _ = words[0].partition("=")
-        if option not in APPEARANCE:
+        if option not in options:
             kept.append(words[0])
-        words = words[1 if equals else APPEARANCE.get(option, 1) :]
+        words = words[1 if equals else options.get(option, 1) :]
     return kept
 
 

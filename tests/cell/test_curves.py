@@ -8,7 +8,6 @@ from scipy.interpolate import PchipInterpolator
 from barnax.cell.curves import (
     InterpolatedCurve,
     PolynomialCurve,
-    curve_from_dict,
     curve_warnings,
     fit_curve,
 )
@@ -43,12 +42,6 @@ def test_a_curve_is_constant_beyond_its_end_points(fit):
     outside = curve(np.array([-0.2, 0.0, 1.0, 1.3]))
     ends = curve(SOC[[1, 1, -2, -2]])
     np.testing.assert_array_equal(outside, ends)
-
-
-@pytest.mark.parametrize("fit", ["polynomial", "interpolated"])
-def test_a_curve_survives_its_dictionary_bit_for_bit(fit):
-    curve = fit_curve(SOC, VOLTAGE_V, fit)
-    assert curve_from_dict(curve.to_dict()) == curve
 
 
 def test_errors_at_the_points_are_curve_minus_measurement():
@@ -139,37 +132,6 @@ def test_a_curve_that_leaves_the_range_of_neighboring_points_is_warned_about(sid
     points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.25, 0.5, 0.75))
     found = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
     assert any("leaves its points by 36.1 mV between SOC 0.250 and 0.500" in text for text in found)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"fit": "spline"}, "unknown fit"),
-        ({"soc": [0.0, 1.0]}, "SOC values"),
-        ({"voltage [V]": "high"}, "list of numbers"),
-        ({"voltage [V]": [float("nan")] * 12}, "finite"),
-        ({"coefficients [V]": [1.0]}, "coefficients"),
-    ],
-)
-def test_a_stored_curve_that_was_tampered_with_is_refused(change, message):
-    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict() | change
-    with pytest.raises(InputError, match=message):
-        curve_from_dict(stored)
-
-
-@pytest.mark.parametrize("tip", [Polynomial([1, -1]) ** 7, Polynomial([0, 1]) ** 7])
-@pytest.mark.parametrize("height_v", [-150.0, 150.0])
-def test_a_stored_polynomial_of_more_than_a_hundred_volt_at_an_end_is_refused(tip, height_v):
-    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict()
-    with pytest.raises(InputError, match="reaches 150 V"):
-        curve_from_dict(stored | {"coefficients [V]": (height_v * tip).coef.tolist()})
-
-
-def test_a_stored_polynomial_of_a_hundred_volt_is_believed():
-    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict()
-    coefficients = [100.0, *7 * [0.0]]
-    curve = curve_from_dict(stored | {"coefficients [V]": coefficients})
-    assert curve(np.array(0.5)) == 100.0
 
 
 @given(

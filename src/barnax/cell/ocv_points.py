@@ -6,10 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError, counted
-from ..records import rests
-from ..records.record import Record
-from ..records.rests import is_rested, rest_blocks, runs
-from .sweeps import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
+from ..records import rest_current_a as usual_rest_current_a
+from ..records.record import Record, is_rested, rest_blocks, runs
+from .soc_axis import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
 
 
 class NoOcvTest(InputError):
@@ -294,7 +293,7 @@ def find_sweeps(
     if threshold_a is None:
         # A capacity given in mAh would turn the whole record into one rest.
         provisional_ah = span_ah if capacity_ah is None else min(capacity_ah, span_ah)
-        threshold_a = rests.rest_current_a(record, provisional_ah)
+        threshold_a = usual_rest_current_a(record, provisional_ah)
     elif threshold_a > np.abs(record.current_a).max():
         raise InputError(
             f"{record.name}: no current reaches {threshold_a:.4g} A, so all of it is rest: give a "

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cell.soc_axis import CAPACITY_WARNING, CLOSURE
-from ..cell.sweeps import CHARGE, DISCHARGE
+from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..errors import counted
-from ..records.counters import gain_ah
 from ..records.findings import Finding
-from ..records.rests import runs
-from ..records.samples import STEADY_SHARE
+from ..records.record import runs
+from ..records.samples import STEADY_SHARE, gain_ah
 from .check_input import CheckInput
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell.ocv_points import NoOcvTest, find_sweeps
-from ..cell.sweeps import Sweep
+from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..records import Record, is_rested, rest_current_a
 from ..records.findings import Finding, Severity, found_at

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
-from ..cell.soc_axis import decide_capacity
-from ..cell.sweeps import WORD, Sweep, join_sweeps
+from ..cell.soc_axis import WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError
 from ..records.samples import bulk_time_s
 from .check_input import CheckInput

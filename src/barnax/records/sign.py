@@ -13,8 +13,7 @@ from jaxtyping import Float, Int
 from ..errors import InputError, counted
 from .columns import Dialect
 from .findings import Finding, found_at
-from .record import Decision
-from .rests import runs
+from .record import Decision, runs
 from .samples import Samples, voltage_noise_v
 
 CHARGE, DISCHARGE = "charge-positive", "discharge-positive"

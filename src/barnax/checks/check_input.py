@@ -109,9 +109,15 @@ class CheckInput:
         except InputError as problem:
             return str(problem)
 
-    def at(self, sample: int, severity: Severity, what: str, remedy: str = "") -> Finding:
-        """A finding at one sample."""
-        return found_at(self.samples, sample, severity, what, remedy)
+    def at(
+        self,
+        where: int | Bool[np.ndarray, "samples"],
+        severity: Severity,
+        what: str,
+        remedy: str = "",
+    ) -> Finding:
+        """A finding at one sample, or the first of several."""
+        return found_at(self.samples, where, severity, what, remedy)
 
 
 Check = Callable[[CheckInput], Iterable[Finding]]

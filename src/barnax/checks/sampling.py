@@ -38,13 +38,12 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         where = f"{len(gaps)} gaps, the longest {interval_s[worst]:.4g} s before row {row}"
     first = int(gaps[0]) + 1
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
-        yield given.at(
-            first,
-            "warning",
+        what = (
             f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and up to "
-            f"{doubt_ah:.2g} Ah are in doubt",
-            "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)",
+            f"{doubt_ah:.2g} Ah are in doubt"
         )
+        remedy = "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)"
+        yield given.at(first, "warning", what, remedy)
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")
 
@@ -78,8 +77,7 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
         return
     starts = np.flatnonzero(np.diff(record.step, prepend=record.step[0] - 1) != 0)
     lengths = np.diff(np.append(starts, record.samples))
-    starts = starts[lengths >= 20]
-    lengths = lengths[lengths >= 20]
+    starts, lengths = starts[lengths >= 20], lengths[lengths >= 20]
     if len(starts) < 3:
         return
     inside = np.concatenate([np.arange(a + 1, a + n) for a, n in zip(starts, lengths, strict=True)])
@@ -104,11 +102,8 @@ def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
     # Only what is long against the shortest in a hundred is worth a look at its neighbors.
     likely = np.flatnonzero(interval_s > _GAP * np.quantile(interval_s, 0.01))
     padded = np.concatenate([np.full(_BESIDE, np.nan), interval_s, np.full(_BESIDE, np.nan)])
-    offsets = np.arange(_BESIDE)
-    before, after = (
-        padded[likely[:, None] + offsets],
-        padded[likely[:, None] + _BESIDE + 1 + offsets],
-    )
+    near = likely[:, None] + np.arange(_BESIDE)
+    before, after = padded[near], padded[near + _BESIDE + 1]
     # An interval at either end has neighbors on one side only.
     before[likely == 0] = -np.inf
     after[likely == len(interval_s) - 1] = -np.inf
@@ -143,11 +138,8 @@ def find_temperature(given: CheckInput) -> Iterator[Finding]:
     low, high = _TEMPERATURE_DEGC
     outside = (temperature < low) | (temperature > high)
     if outside.any():
-        first = int(np.argmax(outside))
-        yield given.at(
-            first,
-            "warning",
-            f"a temperature of {temperature[first]:.4g} degC ({int(outside.sum())} samples outside "
-            f"{low:g} to {high:g} degC)",
-            "check the sensor, or delete the column",
+        what = (
+            f"a temperature of {temperature[np.argmax(outside)]:.4g} degC "
+            f"({int(outside.sum())} samples outside {low:g} to {high:g} degC)"
         )
+        yield given.at(outside, "warning", what, "check the sensor, or delete the column")

@@ -30,11 +30,11 @@ class Counters:
         return {name: values for name, values in vars(self).items() if values is not None}
 
     @property
-    def gains_ah(self) -> tuple[float, float] | None:
-        """What was counted in and out over the record, resets left out; None without both."""
+    def both(self) -> tuple[Charge, ...]:
+        """What was counted in and out; nothing unless the file has both."""
         if self.charged_ah is None or self.discharged_ah is None:
-            return None
-        return gain_ah(self.charged_ah), gain_ah(self.discharged_ah)
+            return ()
+        return self.charged_ah, self.discharged_ah
 
     @property
     def quantum_ah(self) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import counted
 from .findings import Finding, Severity, found_at
-from .samples import Samples, bulk_time_s, step_resistance_ohm
+from .samples import Samples, bulk_time_s, gain_ah, step_resistance_ohm
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 _CELL_RANGE_V = (0.5, 6.0)
@@ -214,9 +214,9 @@ def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
 
 def _throughput_ratio(samples: Samples) -> float | None:
     """Integrated |I| over what the tester counted in and out, where it counted enough to tell."""
-    gains_ah = samples.counters.gains_ah
+    counted_ah = sum(map(gain_ah, samples.counters.both))
     # A counter printed to 0.1 mAh that moved a few times proves nothing.
-    if gains_ah is None or sum(gains_ah) <= 1e-3:
+    if counted_ah <= 1e-3:
         return None
     interval_h = np.diff(samples.time_s) / 3600
-    return float(np.sum(np.abs(samples.current_a[1:]) * interval_h)) / sum(gains_ah)
+    return float(np.sum(np.abs(samples.current_a[1:]) * interval_h)) / counted_ah

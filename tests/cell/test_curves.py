@@ -49,11 +49,6 @@ def test_errors_at_the_points_are_curve_minus_measurement():
     np.testing.assert_allclose(curve.errors_v, curve(SOC) - VOLTAGE_V)
 
 
-def test_a_polynomial_through_too_few_points_suggests_interpolation():
-    with pytest.raises(InputError, match="`ocv_fit='interpolated'`"):
-        PolynomialCurve.fit(SOC[:7], VOLTAGE_V[:7])
-
-
 def test_a_polynomial_passes_through_eight_points():
     curve = PolynomialCurve.fit(SOC[:8], VOLTAGE_V[:8])
     np.testing.assert_allclose(curve.errors_v, 0, atol=1e-10)
@@ -66,11 +61,6 @@ def test_no_voltage_at_all_is_the_polynomial_of_eight_zeros():
 def test_two_points_make_a_straight_line():
     curve = InterpolatedCurve.fit(np.array([0.2, 0.6]), np.array([3.0, 3.4]))
     np.testing.assert_allclose(curve(np.array([0.3, 0.5])), [3.1, 3.3])
-
-
-def test_an_unknown_fit_is_refused_with_the_known_ones():
-    with pytest.raises(ValueError, match="polynomial, interpolated"):
-        fit_curve(SOC, VOLTAGE_V, "spline")  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("at", [[2, 1, 0], [0, 2, 1], [0, 1, 1, 2]])
@@ -105,14 +95,6 @@ def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
     (text,) = curve_warnings(curve, "charge")
     assert "falls by 40.0 mV from SOC 0.400 to 0.600" in text
     assert "look at the points there" in text
-
-
-def test_a_falling_polynomial_is_warned_about_where_it_falls():
-    soc = np.linspace(0, 1, 30)
-    steep_v = 3.0 + np.tanh(30 * soc) + 0.01 * soc
-    (first, *_) = curve_warnings(PolynomialCurve.fit(soc, steep_v), "charge")
-    assert "charge OCV curve falls by" in first
-    assert "`ocv_fit='interpolated'`" in first
 
 
 @pytest.mark.parametrize("side", [-1, 1])

@@ -7,6 +7,7 @@ import pytest
 from barnax.cell import CellModel, CircuitParameters, characterize
 from barnax.errors import InputError
 from barnax.schema import Document
+from fuzz.hostile import EXAMPLES, damaged, repeated
 from helpers.ocv_tests import both_ways, discharge_only
 
 
@@ -54,3 +55,22 @@ def test_a_cell_that_cannot_be_is_refused_under_the_files_name(tmp_path, old, ne
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=rf"stored\.json: .*{words}"):
         Stored.from_json(path)
+
+
+@pytest.mark.parametrize("examples", EXAMPLES)
+def test_a_damaged_file_is_refused_or_gives_itself_back(tmp_path, examples):
+    path = tmp_path / "stored.json"
+    good = stored(path).to_json().encode()
+
+    def survive(content: bytes) -> None:
+        path.write_bytes(content)
+        try:
+            again = Stored.from_json(path)
+        except InputError as problem:
+            assert str(problem).startswith(f"{path}: ")
+            assert len(str(problem)) < 2000 + len(str(path))
+        else:
+            path.write_text(again.to_json())
+            assert Stored.from_json(path).to_json() == again.to_json()
+
+    repeated(examples, survive, damaged([good]))

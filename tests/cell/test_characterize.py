@@ -58,19 +58,6 @@ def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
     np.testing.assert_allclose(cell.average_ocv_v(soc), average_v(soc), atol=1e-8)
 
 
-def test_the_record_may_begin_with_the_charge():
-    rest = np.zeros(60)
-    record = record_of(np.concatenate([rest, pulses(+1), pulses(-1)]), start_soc=0.0, direction=-1)
-    cell = characterize([record], ocv_fit="interpolated")
-    np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
-
-
-def test_hysteresis_is_zero_at_the_turning_rest():
-    cell = characterize([both_ways()], ocv_fit="interpolated")
-    empty = np.array([cell.soc_range[0]])
-    assert cell.charge(empty) == cell.discharge(empty)
-
-
 def test_one_file_keeps_one_axis_when_the_recharge_stops_short():
     cell = characterize([both_ways(returned=0.98)], ocv_fit="interpolated")
     assert cell.charge_points[0].soc == pytest.approx(0.0, abs=1e-9)

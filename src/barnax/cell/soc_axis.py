@@ -151,7 +151,7 @@ def decide_capacity(
     20 % (by a factor of 2, where the test spans both ends), or where none was given and none was
     measured.
     """
-    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
+    main = _main(sweeps)
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
     passed = f"the {WORD[main.direction]} passed {main.passed_ah:.4g} Ah"
     spans = spans_both_ends(sweeps)
@@ -161,10 +161,7 @@ def decide_capacity(
         ocv_given_ah = None
     axis_ah = ocv_given_ah or given_ah
     if axis_ah is None:
-        agrees = len(sweeps) == 1 or _is_near(
-            sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
-        )
-        if not agrees and main.kind != "slow":
+        if len(sweeps) == 2 and not _agree(sweeps, AGREEMENT) and main.kind != "slow":
             raise InputError(
                 f"{main.source}: the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but "
                 f"charged {sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: "
@@ -183,15 +180,13 @@ def decide_capacity(
 
 def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) -> None:
     """Raise InputError where the sweeps cannot be of a cell of that capacity."""
-    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
+    main = _main(sweeps)
     most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
     ratio = main.passed_ah / axis_ah
     if spans:
         is_wrong = not HALF <= ratio <= 1 / HALF
     else:
-        agrees = len(sweeps) == 2 and _is_near(
-            sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
-        )
+        agrees = _agree(sweeps, AGREEMENT)
         is_wrong = abs(ratio - 1) > CAPACITY_ERROR if agrees else ratio < HALF
         is_wrong |= most.passed_ah > (1 + CAPACITY_ERROR) * axis_ah
     if is_wrong:
@@ -215,8 +210,10 @@ def place_on_soc(
     other sweep), else by the capacity.
     """
     if _has_one_axis(sweeps, shares_axis):
-        anchor = sweeps.get(DISCHARGE) or sweeps[CHARGE]
-        scale_ah = _shared_scale_ah(anchor, sweeps, capacity)
+        anchor = _main(sweeps)
+        is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
+        is_own = is_other and spans_both_ends(sweeps)
+        scale_ah = anchor.passed_ah if is_own else capacity.axis_ah
         return {direction: _place(sweep, anchor, scale_ah) for direction, sweep in sweeps.items()}
     return {
         direction: _place(sweep, sweep, _scale_ah(sweep, sweeps.get(-direction), capacity))
@@ -260,25 +257,24 @@ def _scale_ah(sweep: Sweep, other: Sweep | None, capacity: Capacity) -> float:
     return sweep.passed_ah if is_whole else capacity.axis_ah
 
 
-def _shared_scale_ah(anchor: Sweep, sweeps: Mapping[int, Sweep], capacity: Capacity) -> float:
-    """The charge that is SOC 1 for rests on one axis of ampere-hours."""
-    is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
-    return anchor.passed_ah if is_other and spans_both_ends(sweeps) else capacity.axis_ah
-
-
 def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]:
     anchor_soc = 1.0 if anchor.direction == DISCHARGE else 0.0
-    points = [
-        OcvPoint(
-            soc=anchor_soc + (anchor.start_ah - point.discharged_ah) / scale_ah,
-            voltage_v=point.voltage_v,
-            source=point.source,
-            row=point.row,
-            rest_s=point.rest_s,
-        )
-        for point in sweep.points
-    ]
+    points = []
+    for point in sweep.points:
+        soc = anchor_soc + (anchor.start_ah - point.discharged_ah) / scale_ah
+        points.append(OcvPoint(soc, point.voltage_v, point.source, point.row, point.rest_s))
     return tuple(sorted(points, key=lambda point: point.soc))
+
+
+def _main(sweeps: Mapping[int, Sweep]) -> Sweep:
+    return sweeps.get(DISCHARGE) or sweeps[CHARGE]
+
+
+def _agree(sweeps: Mapping[int, Sweep], tolerance: float) -> bool:
+    """Whether there are both directions, and they passed the same charge."""
+    return len(sweeps) == 2 and _is_near(
+        sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, tolerance
+    )
 
 
 def _is_near(charge_ah: float, reference_ah: float, tolerance: float) -> bool:
@@ -291,11 +287,8 @@ def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
     A slow sweep does; so do two directions that close and each stop at a cut-off, one at empty and
     one at full.
     """
-    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
-    return main.kind == "slow" or (
-        len(sweeps) == 2
-        and _is_near(sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, CLOSURE)
-        and all(sweep.stops_at_cutoff for sweep in sweeps.values())
+    return _main(sweeps).kind == "slow" or (
+        _agree(sweeps, CLOSURE) and all(sweep.stops_at_cutoff for sweep in sweeps.values())
     )
 
 

@@ -195,16 +195,14 @@ def characterize(
         if direction in points
     }
     for direction, curve in measured.items():
-        source = _sources(points[direction])
         of_curve = curve_warnings(curve, WORD.get(direction, ""))
-        warnings.extend(f"{source}: {text}" for text in of_curve)
+        warnings.extend(f"{_sources(points[direction])}: {text}" for text in of_curve)
     only = next(iter(measured.values()))
     charge, discharge = measured.get(CHARGE, only), measured.get(DISCHARGE, only)
+    hysteresis = SegmentedHysteresis.zero()
     if len(measured) == 2:
         soc = _shared_soc(charge, discharge)
         hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
-    else:
-        hysteresis = SegmentedHysteresis.zero()
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,

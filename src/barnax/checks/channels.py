@@ -38,15 +38,13 @@ def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
         return samples, []
     kinds = [CHARGE if part.mean() > 0 else DISCHARGE for part in parts]
     row = int(at[split]) + 1
-    finding = found_at(
-        samples,
-        row,
-        "error",
+    what = (
         f"the sign of the current turns here: {kinds[0]} at {len(parts[0])} steps before, "
-        f"{kinds[1]} at {len(parts[1])} from here on",
-        "split the file here and give each part its own `current_sign`",
+        f"{kinds[1]} at {len(parts[1])} from here on"
     )
+    remedy = "split the file here and give each part its own `current_sign`"
     turned_a = np.concatenate([samples.current_a[:row], -samples.current_a[row:]])
+    finding = found_at(samples, row, "error", what, remedy)
     return replace(samples, current_a=turned_a), [finding]
 
 

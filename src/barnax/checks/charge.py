@@ -109,13 +109,12 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
     ]
     later = max(out.points[0].row, into.points[0].row)
     at = int(np.searchsorted(given.record.row, later)) if len(given.samples.sheets) < 2 else 0
-    yield given.at(
-        at,
-        "warning",
+    what = (
         f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
-        f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %",
-        "check the current's range and offset, and whether both ends were reached",
+        f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %"
     )
+    remedy = "check the current's range and offset, and whether both ends were reached"
+    yield given.at(at, "warning", what, remedy)
 
 
 def _throughput_ah(given: CheckInput, hold: str) -> float:
@@ -244,11 +243,11 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
         f"the current is {value:.3g} mA while the cell rests, "
         f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
     )
-    if abs(offset_a) >= _turnover_ah(given) / 100:
-        limit_a = 1.5 * abs(offset_a)
-        remedy = f"subtract it from the current, or `rest_current={limit_a:.2g}` to see the rests"
+    turnover_ah, remedy = _turnover_ah(given), "subtract it from the current"
+    if abs(offset_a) >= turnover_ah / 100:
+        remedy += f", or `rest_current={1.5 * abs(offset_a):.2g}` to see the rests"
         yield given.at(first, "warning", what, remedy)
-    elif drift_ah > _DRIFT * _turnover_ah(given):
-        yield given.at(first, "warning", what, "subtract it from the current")
-    elif drift_ah > _NOTED_DRIFT * _turnover_ah(given):
-        yield given.at(first, "note", what, "subtract it from the current if it is none")
+    elif drift_ah > _DRIFT * turnover_ah:
+        yield given.at(first, "warning", what, remedy)
+    elif drift_ah > _NOTED_DRIFT * turnover_ah:
+        yield given.at(first, "note", what, f"{remedy} if it is none")

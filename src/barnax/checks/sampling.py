@@ -58,13 +58,12 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
     if is_coarse.sum() < 2 or fine_s > _FINE_SHARE * _COARSE_S:
         return
     long_s = float(np.median(interval_s[is_coarse]))
-    yield given.at(
-        int(np.argmax(is_coarse)) + 1,
-        "note",
+    what = (
         f"{int(is_coarse.sum())} intervals of {long_s:.3g} s under load beside others of "
-        f"{fine_s:.3g} s: what happened inside them was not logged",
-        "leave them out with `score_steps`, `score_from` or `score_to`",
+        f"{fine_s:.3g} s: what happened inside them was not logged"
     )
+    remedy = "leave them out with `score_steps`, `score_from` or `score_to`"
+    yield given.at(int(np.argmax(is_coarse)) + 1, "note", what, remedy)
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
@@ -88,13 +87,11 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
     is_even = high_s - low_s <= 1e-6 * high_s
     spread = float(np.ptp(low_s)) / float(np.median(low_s))
     if is_even.all() and 1e-5 < spread < 0.05:
-        yield given.at(
-            int(starts[0]),
-            "note",
+        what = (
             f"time is laid evenly inside each of {len(starts)} steps, at {low_s.min():.6g} to "
-            f"{low_s.max():.6g} s a sample: it was rebuilt, not logged",
-            "trust no time constant near one interval",
+            f"{low_s.max():.6g} s a sample: it was rebuilt, not logged"
         )
+        yield given.at(int(starts[0]), "note", what, "trust no time constant near one interval")
 
 
 def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
@@ -122,12 +119,11 @@ def find_resolution(given: CheckInput) -> Iterator[Finding]:
     share = given.resolution_a / loaded_a
     if given.resolution_v < _COARSE_V and share < _COARSE_SHARE:
         return
-    yield Finding(
-        "note",
+    what = (
         f"coarse readings: voltage in steps of {1e3 * given.resolution_v:.2g} mV, current in steps "
-        f"of {1e3 * given.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)",
-        "no fit can be better than its readings",
+        f"of {1e3 * given.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)"
     )
+    yield Finding("note", what, "no fit can be better than its readings")
 
 
 def find_temperature(given: CheckInput) -> Iterator[Finding]:

@@ -106,10 +106,8 @@ def _restart(samples: Samples, falls: np.ndarray, is_midnight: bool) -> tuple[st
     if samples.step is not None and np.mean(np.diff(samples.step)[falls] != 0) > 0.8:
         what = f"'{name}' starts again with each step ({times})"
         return what, "give the test's own clock, not the step's"
-    return (
-        f"the clock starts again ({times})",
-        "split joined tests into files of their own, or give the test's own clock",
-    )
+    remedy = "split joined tests into files of their own, or give the test's own clock"
+    return f"the clock starts again ({times})", remedy
 
 
 def _running_on(time: Clock) -> Clock:
@@ -204,9 +202,8 @@ def _spread(time_s: Clock) -> Clock:
 def _close(samples: Samples) -> list[Finding]:
     """A note of samples hard upon the one before, which testers log where a step ends."""
     interval_s = np.diff(samples.time_s)
-    if not len(interval_s):
-        return []
-    is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * float(np.median(interval_s)))
+    usual_s = float(np.median(interval_s)) if len(interval_s) else 0.0
+    is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * usual_s)
     if not is_close.any():
         return []
     what = (

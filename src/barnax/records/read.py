@@ -134,14 +134,8 @@ def read_source(path: str | Path) -> Source:
     path = Path(path)
     name = printable(path.name)
     content = _read_content(path)
-    return _clean(
-        Source(
-            name,
-            read_table(content, name),
-            hashlib.sha256(content).hexdigest(),
-            examine_suffix(name, content),
-        )
-    )
+    sha256 = hashlib.sha256(content).hexdigest()
+    return _clean(Source(name, read_table(content, name), sha256, examine_suffix(name, content)))
 
 
 def source_from_frame(frame: Any, name: str) -> Source:
@@ -157,9 +151,8 @@ def source_from_frame(frame: Any, name: str) -> Source:
     try:
         whole = nw.from_native(table)
     except TypeError as error:
-        raise InputError(
-            f"{name}: is no data frame, but of type {type(frame).__name__}."
-        ) from error
+        kind = type(frame).__name__
+        raise InputError(f"{name}: is no data frame, but of type {kind}.") from error
     whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
     columns = tuple(_series(column) for column in whole.iter_columns())
     header = tuple(str(column) for column in whole.columns)
@@ -285,9 +278,8 @@ def _read_content(path: Path) -> bytes:
     except IsADirectoryError:
         raise InputError(f"{shown}: is a directory; give one file of measured samples.") from None
     except FileNotFoundError:
-        raise InputError(
-            f"{shown}: there is no such file; check the name and the folder."
-        ) from None
+        words = "there is no such file; check the name and the folder."
+        raise InputError(f"{shown}: {words}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{shown}: cannot be read ({reason}).") from error

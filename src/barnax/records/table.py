@@ -113,16 +113,10 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     """The lines of a table under the given columns, blank ones left out."""
     is_blank = np.all([column.is_null().to_numpy() for column in table.columns], axis=0)
     at = np.flatnonzero(~is_blank)
-    return Lines(
-        table=table,
-        columns=columns,
-        values={
-            name: _numbers(table.columns[found.index], found)[at] for name, found in columns.items()
-        },
-        at=at,
-        row=table.row[at],
-        sheet=table.sheet_of_line[at],
-    )
+    values = {
+        name: _numbers(table.columns[found.index], found)[at] for name, found in columns.items()
+    }
+    return Lines(table, columns, values, at, table.row[at], table.sheet_of_line[at])
 
 
 def _numbers(cells: pl.Series, found: Column) -> Float[np.ndarray, "lines"]:
@@ -314,13 +308,11 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
 
 def _units_row(lines: Lines) -> str:
     """The units that the first line spells under time, current and voltage, or nothing."""
-    spelled = []
-    for name, column in lines.columns.items():
-        if not column.quantity.is_required:
-            continue
-        cell = lines.cell(name, 0) if len(lines.row) else None
-        word = cell.strip().strip("[]()").lower() if isinstance(cell, str) else ""
-        if word not in column.quantity.units:
-            return ""
-        spelled.append(repr(cell))
-    return ", ".join(spelled)
+    needed = [name for name in lines.columns if name in NEEDED]
+    cells = [lines.cell(name, 0) for name in needed] if len(lines.row) else []
+    are_units = [
+        isinstance(cell, str)
+        and cell.strip().strip("[]()").lower() in lines.columns[name].quantity.units
+        for name, cell in zip(needed, cells, strict=False)
+    ]
+    return ", ".join(map(repr, cells)) if all(are_units) else ""

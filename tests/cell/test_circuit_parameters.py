@@ -18,27 +18,11 @@ def circuits(draw) -> CircuitParameters:
 
 
 @given(circuits())
-def test_the_ordered_circuit_has_its_pairs_from_fast_to_slow(circuit):
-    taus = circuit.ordered().tau_s
-    assert list(taus) == sorted(taus)
-
-
-@given(circuits())
-def test_ordering_twice_changes_nothing_more(circuit):
-    assert circuit.ordered().ordered() == circuit.ordered()
-
-
-@given(circuits())
-def test_ordering_keeps_each_resistance_with_its_capacitance(circuit):
+def test_the_ordered_circuit_has_the_same_pairs_from_fast_to_slow(circuit):
     ordered = circuit.ordered()
-    assert sorted(zip(ordered.r, ordered.c, strict=True)) == sorted(
-        zip(circuit.r, circuit.c, strict=True)
-    )
-
-
-@given(circuits())
-def test_a_circuit_survives_its_dictionary(circuit):
-    assert CircuitParameters.from_dict(circuit.to_dict()) == circuit
+    assert list(ordered.tau_s) == sorted(circuit.tau_s)
+    assert {*zip(ordered.r, ordered.c, strict=True)} == {*zip(circuit.r, circuit.c, strict=True)}
+    assert CircuitParameters.from_dict(ordered.to_dict()) == ordered.ordered()
 
 
 def test_the_dictionary_uses_pybamm_names():
@@ -98,17 +82,6 @@ def test_an_unknown_parameter_is_named(name):
         CircuitParameters.from_dict(values)
 
 
-def test_a_missing_parameter_is_named():
-    with pytest.raises(InputError, match=r"R2 \[Ohm\]"):
-        CircuitParameters.from_dict({"R0 [Ohm]": 1, "R1 [Ohm]": 1, "C1 [F]": 1, "C2 [F]": 1})
-
-
 def test_a_circuit_without_any_pair_lacks_the_first():
     with pytest.raises(InputError, match=r"missing: R1 \[Ohm\], C1 \[F\]$"):
         CircuitParameters.from_dict({"R0 [Ohm]": 0.05})
-
-
-def test_a_parameter_that_is_no_number_is_refused():
-    values = CircuitParameters(0.05, (0.02, 0.03), (500.0, 2000.0)).to_dict() | {"C2 [F]": "much"}
-    with pytest.raises(InputError, match="much"):
-        CircuitParameters.from_dict(values)  # pyright: ignore[reportArgumentType]

@@ -8,7 +8,6 @@ from scipy.interpolate import PchipInterpolator
 from barnax.cell.curves import (
     InterpolatedCurve,
     PolynomialCurve,
-    curve_from_dict,
     curve_warnings,
     fit_curve,
 )
@@ -45,39 +44,9 @@ def test_a_curve_is_constant_beyond_its_end_points(fit):
     np.testing.assert_array_equal(outside, ends)
 
 
-@pytest.mark.parametrize("fit", ["polynomial", "interpolated"])
-def test_a_curve_survives_its_dictionary_bit_for_bit(fit):
-    curve = fit_curve(SOC, VOLTAGE_V, fit)
-    assert curve_from_dict(curve.to_dict()) == curve
-
-
-def test_errors_at_the_points_are_curve_minus_measurement():
-    curve = PolynomialCurve.fit(SOC, VOLTAGE_V)
-    np.testing.assert_allclose(curve.errors_v, curve(SOC) - VOLTAGE_V)
-
-
-def test_a_polynomial_through_too_few_points_suggests_interpolation():
-    with pytest.raises(InputError, match="`ocv_fit='interpolated'`"):
-        PolynomialCurve.fit(SOC[:7], VOLTAGE_V[:7])
-
-
 def test_a_polynomial_passes_through_eight_points():
     curve = PolynomialCurve.fit(SOC[:8], VOLTAGE_V[:8])
     np.testing.assert_allclose(curve.errors_v, 0, atol=1e-10)
-
-
-def test_no_voltage_at_all_is_the_polynomial_of_eight_zeros():
-    assert PolynomialCurve.fit(SOC, 0 * SOC).coefficients == (0.0,) * 8
-
-
-def test_two_points_make_a_straight_line():
-    curve = InterpolatedCurve.fit(np.array([0.2, 0.6]), np.array([3.0, 3.4]))
-    np.testing.assert_allclose(curve(np.array([0.3, 0.5])), [3.1, 3.3])
-
-
-def test_an_unknown_fit_is_refused_with_the_known_ones():
-    with pytest.raises(ValueError, match="polynomial, interpolated"):
-        fit_curve(SOC, VOLTAGE_V, "spline")  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("at", [[2, 1, 0], [0, 2, 1], [0, 1, 1, 2]])
@@ -103,23 +72,11 @@ def test_a_curve_through_points_that_do_not_fall_gives_no_warning(slope_v):
     assert curve_warnings(InterpolatedCurve.fit(SOC, 3.2 + slope_v * SOC), "charge") == ()
 
 
-def test_a_smooth_rising_curve_gives_no_warning():
-    assert curve_warnings(PolynomialCurve.fit(SOC, VOLTAGE_V), "charge") == ()
-
-
 def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
     curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.31), (1.0, 3.6)))
     (text,) = curve_warnings(curve, "charge")
     assert "falls by 40.0 mV from SOC 0.400 to 0.600" in text
     assert "look at the points there" in text
-
-
-def test_a_falling_polynomial_is_warned_about_where_it_falls():
-    soc = np.linspace(0, 1, 30)
-    steep_v = 3.0 + np.tanh(30 * soc) + 0.01 * soc
-    (first, *_) = curve_warnings(PolynomialCurve.fit(soc, steep_v), "charge")
-    assert "charge OCV curve falls by" in first
-    assert "`ocv_fit='interpolated'`" in first
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -139,37 +96,6 @@ def test_a_curve_that_leaves_the_range_of_neighboring_points_is_warned_about(sid
     points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.25, 0.5, 0.75))
     found = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
     assert any("leaves its points by 36.1 mV between SOC 0.250 and 0.500" in text for text in found)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"fit": "spline"}, "unknown fit"),
-        ({"soc": [0.0, 1.0]}, "SOC values"),
-        ({"voltage [V]": "high"}, "list of numbers"),
-        ({"voltage [V]": [float("nan")] * 12}, "finite"),
-        ({"coefficients [V]": [1.0]}, "coefficients"),
-    ],
-)
-def test_a_stored_curve_that_was_tampered_with_is_refused(change, message):
-    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict() | change
-    with pytest.raises(InputError, match=message):
-        curve_from_dict(stored)
-
-
-@pytest.mark.parametrize("tip", [Polynomial([1, -1]) ** 7, Polynomial([0, 1]) ** 7])
-@pytest.mark.parametrize("height_v", [-150.0, 150.0])
-def test_a_stored_polynomial_of_more_than_a_hundred_volt_at_an_end_is_refused(tip, height_v):
-    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict()
-    with pytest.raises(InputError, match="reaches 150 V"):
-        curve_from_dict(stored | {"coefficients [V]": (height_v * tip).coef.tolist()})
-
-
-def test_a_stored_polynomial_of_a_hundred_volt_is_believed():
-    stored = PolynomialCurve.fit(SOC, VOLTAGE_V).to_dict()
-    coefficients = [100.0, *7 * [0.0]]
-    curve = curve_from_dict(stored | {"coefficients [V]": coefficients})
-    assert curve(np.array(0.5)) == 100.0
 
 
 @given(

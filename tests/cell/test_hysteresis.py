@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -62,16 +60,6 @@ def test_the_nine_parameters_are_those_of_equation_4(kind):
     np.testing.assert_allclose(fitted(grid), eq4(fitted.parameters, grid), atol=1e-14)
 
 
-@given(nodes)
-def test_the_continuous_fit_has_no_step_at_a_knot(values):
-    rng = np.random.default_rng(1)
-    fitted = SegmentedHysteresis.fit(
-        SOC, np.interp(SOC, np.linspace(0, 1, 5), values) + 1e-3 * rng.standard_normal(len(SOC))
-    )
-    left, right = fitted(KNOTS[1:-1] - 1e-12), fitted(KNOTS[1:-1])
-    np.testing.assert_allclose(left, right, atol=1e-9)
-
-
 @given(
     st.lists(st.floats(0, 1), min_size=1, max_size=6, unique=True),
     st.floats(-0.2, 0.2),
@@ -89,31 +77,9 @@ def test_segments_without_points_follow_their_neighbors(soc, kind):
     np.testing.assert_allclose(fitted(np.linspace(0, 1, 50)), w.mean(), atol=1e-6)
 
 
-@given(
-    st.lists(st.tuples(st.floats(0, 1), st.floats(-0.1, 0.1)), min_size=1, max_size=9),
-    kinds,
-)
-def test_every_fit_is_finite_between_0_and_1(points, kind):
-    soc, w = np.array(points).T
-    values = SegmentedHysteresis.fit(soc, w, kind)(np.linspace(0, 1, 50))
-    assert np.isfinite(values).all()
-
-
 def test_soc_beyond_full_and_empty_takes_the_end_values():
     fitted = SegmentedHysteresis.fit(SOC, np.interp(SOC, KNOTS, AT_KNOTS_V))
     np.testing.assert_array_equal(fitted(np.array([-0.5, 1.5])), fitted(np.array([0.0, 1.0])))
-
-
-@pytest.mark.parametrize("kind", ["continuous", "independent"])
-def test_the_segments_survive_json_bit_for_bit(kind):
-    fitted = SegmentedHysteresis.fit(SOC, 0.01 + 0.02 * np.sin(9 * SOC), kind)
-    stored = json.loads(json.dumps(fitted.to_dict()))
-    assert SegmentedHysteresis.from_dict(stored) == fitted
-
-
-def test_the_zero_hysteresis_survives_json():
-    zero = SegmentedHysteresis.zero()
-    assert SegmentedHysteresis.from_dict(json.loads(json.dumps(zero.to_dict()))) == zero
 
 
 def test_an_unknown_fit_is_refused():
@@ -124,26 +90,3 @@ def test_an_unknown_fit_is_refused():
 def test_no_point_at_all_is_refused():
     with pytest.raises(InputError, match="at least one SOC on both branches"):
         SegmentedHysteresis.fit(np.zeros(0), np.zeros(0))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"knots": [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]}, "knots"),
-        ({"left [V]": [0.0] * 4}, "five segments"),
-        ({"right [V]": [0.0] * 6}, "five segments"),
-        ({"fit": "cubic"}, "unknown fit 'cubic'"),
-        ({"soc": [0.5]}, "number of SOC and voltage"),
-    ],
-)
-def test_stored_segments_that_were_tampered_with_are_refused(change, message):
-    stored = SegmentedHysteresis.zero().to_dict() | change
-    with pytest.raises(InputError, match=message):
-        SegmentedHysteresis.from_dict(stored)
-
-
-def test_what_stored_segments_lack_is_named():
-    stored = SegmentedHysteresis.zero().to_dict()
-    del stored["left [V]"]
-    with pytest.raises(InputError, match=r"stored hysteresis has no 'left \[V\]'"):
-        SegmentedHysteresis.from_dict(stored)

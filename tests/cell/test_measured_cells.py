@@ -56,11 +56,6 @@ def test_both_branches_of_the_samsung_cell_share_one_axis(incremental):
     assert cell.charge_points[-1].soc == pytest.approx(0.9879, abs=1e-4)
 
 
-def test_a_capacity_of_20_ah_is_refused_for_the_samsung_cell(incremental):
-    with pytest.raises(InputError, match=r"20 Ah was given, but the OCV test passed 1.996 Ah"):
-        characterize([incremental], capacity_ah=20.0)
-
-
 def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
     folder = real_data / "plett-a123-26650"
     records = [read_record(folder / f"ocv-{name}_25degC.parquet") for name in ("s3", "s1")]

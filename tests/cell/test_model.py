@@ -1,13 +1,10 @@
-import json
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from barnax.cell import CIRCUITS, CellModel, FitError, PolynomialCurve, characterize, get_circuit
+from barnax.cell import CIRCUITS, CellModel, FitError, characterize, get_circuit
 from barnax.cell.model import fit_error
 from barnax.errors import InputError
-from helpers.ocv_tests import average_v, both_ways, branch_v, discharge_only, hysteresis_v
+from helpers.ocv_tests import average_v, both_ways, branch_v, hysteresis_v
 
 GRID = np.linspace(0.0, 1.0, 21)
 
@@ -15,55 +12,6 @@ GRID = np.linspace(0.0, 1.0, 21)
 @pytest.fixture(scope="module")
 def cell() -> CellModel:
     return characterize([both_ways()], ocv_fit="interpolated")
-
-
-@pytest.mark.parametrize("ocv_fit", ["polynomial", "interpolated"])
-@pytest.mark.parametrize("hysteresis_fit", ["continuous", "independent"])
-@pytest.mark.parametrize("make", [both_ways, discharge_only])
-def test_a_cell_survives_json_bit_for_bit(make, ocv_fit, hysteresis_fit):
-    cell = characterize([make()], ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit)
-    assert CellModel.from_dict(json.loads(json.dumps(cell.to_dict()))) == cell
-
-
-def test_a_stored_cell_without_capacity_is_refused(cell):
-    stored = cell.to_dict()
-    del stored["capacity [A.h]"]
-    with pytest.raises(InputError, match=r"stored cell has no 'capacity \[A.h\]'"):
-        CellModel.from_dict(stored)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"capacity [A.h]": 0.0}, "capacity of 0 Ah"),
-        ({"capacity [A.h]": -2.0}, "capacity of -2 Ah"),
-        ({"capacity [A.h]": 1e13}, r"capacity of 1e\+13 Ah"),
-        ({"fit errors": []}, "fit errors"),
-        ({"charge points": {}}, "OCV points"),
-    ],
-)
-def test_a_stored_cell_that_was_tampered_with_is_refused(cell, change, message):
-    with pytest.raises(InputError, match=message):
-        CellModel.from_dict(cell.to_dict() | change)
-
-
-def test_a_stored_cell_without_points_is_refused(cell):
-    stored = cell.to_dict() | {"charge points": [], "discharge points": []}
-    with pytest.raises(InputError, match="no OCV points"):
-        CellModel.from_dict(stored)
-
-
-def test_the_average_coefficients_are_the_average_inside_both_branches():
-    cell = characterize([both_ways()])
-    coefficients = cell.to_dict()["average coefficients [V]"]
-    expected = np.polynomial.polynomial.polyval(GRID, coefficients)
-    np.testing.assert_allclose(cell.average_ocv_v(GRID), expected, atol=1e-9)
-
-
-def test_branches_of_different_kinds_have_no_average_coefficients(cell):
-    mixed = replace(cell, charge=PolynomialCurve.fit(cell.charge.soc, cell.charge.voltage_v))
-    assert "average coefficients [V]" not in mixed.to_dict()
-    assert CellModel.from_dict(mixed.to_dict()) == mixed
 
 
 @pytest.mark.parametrize("soc", [0.0, 0.03, 0.42, 0.77, 1.0])

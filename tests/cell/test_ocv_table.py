@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.cell import OcvTable, characterize, read_ocv_table, read_ocv_test
-from barnax.errors import InputError
 from barnax.records import Record, source_from_frame
 from helpers.ocv_tests import average_v, branch_v, charge_only, discharge_only
 from helpers.records import parquet, pulse_frame, sheet
@@ -31,12 +30,6 @@ def written(folder, table, name="ocv.csv"):
     return folder / name
 
 
-def refusal(folder, table):
-    with pytest.raises(InputError) as caught:
-        read_ocv_table(written(folder, table))
-    return str(caught.value)
-
-
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "xlsx"])
 def test_two_branches_give_average_and_hysteresis_back(tmp_path, suffix):
     table = read_ocv_table(written(tmp_path, TWO, f"ocv.{suffix}"))
@@ -45,15 +38,6 @@ def test_two_branches_give_average_and_hysteresis_back(tmp_path, suffix):
     np.testing.assert_allclose(cell.discharge(GRID), branch_v(GRID, -1), atol=1e-9)
     assert (cell.capacity_ah, cell.capacity_origin, cell.warnings) == (2.0, "given", ())
     assert [point.row for point in cell.charge_points] == list(range(2, 43))
-
-
-def test_one_voltage_is_both_branches_and_its_hysteresis_unknown(tmp_path):
-    table = read_ocv_table(written(tmp_path, ONE))
-    cell = characterize([table], capacity_ah=2.0, ocv_fit="interpolated")
-    np.testing.assert_allclose(cell.average_ocv_v(GRID), average_v(GRID), atol=1e-9)
-    assert (cell.hysteresis_v(GRID) == 0).all()
-    (warning,) = cell.warnings
-    assert warning.startswith("ocv.csv: the OCV table has one voltage for both directions")
 
 
 @pytest.mark.parametrize(
@@ -77,13 +61,6 @@ def test_usual_names_and_units_are_understood(names):
     np.testing.assert_allclose([point.voltage_v for point in points], average_v(SOC), rtol=1e-12)
 
 
-def test_a_soc_that_passes_one_is_percent_and_said_so():
-    frame = pl.DataFrame({"SOC": 100 * SOC, "OCV [V]": average_v(SOC)})
-    table = read_ocv_table(source_from_frame(frame, "ocv"))
-    assert table.warnings == ("ocv: 'SOC' is taken as percent",)
-    assert table.branches[0][-1].soc == 1.0
-
-
 @settings(max_examples=20, deadline=None)
 @given(order=st.permutations(range(41)), empty=st.sets(st.integers(0, 40), max_size=30))
 def test_rows_may_stand_in_any_order_and_a_branch_may_have_gaps(order, empty):
@@ -94,44 +71,12 @@ def test_rows_may_stand_in_any_order_and_a_branch_may_have_gaps(order, empty):
     assert [point.soc for point in branches[1]] == np.delete(SOC, list(empty)).tolist()
 
 
-@pytest.mark.parametrize(
-    ("table", "words"),
-    [
-        (ONE.with_columns(pl.Series("SOC [-]", [0.5, *SOC[1:]])), "SOC 0.5 stands twice"),
-        (ONE.with_columns(pl.col("SOC [-]") + 0.2), "is no SOC between 0 and 1"),
-        (ONE.with_columns(pl.col("OCV [V]") * 10), "is no cell's voltage"),
-        (ONE.with_columns(pl.lit("x").alias("OCV [V]")), "'x' is no cell's voltage"),
-        (ONE.with_columns(pl.lit(None).alias("SOC [-]")), "is no SOC between 0 and 1"),
-        (ONE[:3], "needs at least 4 points, and 'OCV [V]' has 3"),
-        (pulse_frame(), "is no OCV table"),
-    ],
-)
-def test_a_bad_table_is_refused_with_its_file(tmp_path, table, words):
-    message = refusal(tmp_path, table)
-    assert message.startswith("ocv.csv: ")
-    assert words in message
-
-
-def test_a_table_does_not_tell_the_capacity():
-    table = read_ocv_table(source_from_frame(ONE, "ocv"))
-    with pytest.raises(InputError, match=r"^ocv: an OCV table does not tell the capacity"):
-        characterize([table])
-
-
 def test_a_branch_of_a_table_and_a_record_of_the_other_make_one_cell():
     table = read_ocv_table(source_from_frame(TWO.drop("discharge OCV [V]"), "ocv"))
     cell = characterize([table, discharge_only()], ocv_fit="interpolated")
     both = characterize([charge_only(), discharge_only()], ocv_fit="interpolated")
     assert cell.capacity_ah == both.capacity_ah
     np.testing.assert_allclose(cell.average_ocv_v(GRID), both.average_ocv_v(GRID), atol=1e-9)
-
-
-@pytest.mark.parametrize("table", [ONE, TWO])
-def test_a_branch_cannot_be_given_twice(table):
-    given_table = read_ocv_table(source_from_frame(table, "ocv"))
-    for other in (given_table, discharge_only()):
-        with pytest.raises(InputError, match="gives a branch that another OCV test gives too"):
-            characterize([given_table, other], capacity_ah=2.0)
 
 
 def test_what_a_file_is_decides_how_it_is_read(tmp_path):

@@ -9,7 +9,6 @@ from barnax.cell import characterize
 from barnax.errors import InputError
 from helpers.ocv_tests import (
     CAPACITY_AH,
-    both_ways,
     branch_v,
     charge_only,
     discharge_only,
@@ -40,16 +39,6 @@ def test_a_slow_conditioning_discharge_does_not_hide_the_pulses(minutes):
     assert (len(cell.discharge_points), len(cell.charge_points)) == (21, 21)
     np.testing.assert_allclose(cell.discharge(GRID), branch_v(GRID, -1), atol=1e-9)
     np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
-
-
-def test_the_slow_discharge_left_out_is_named_with_its_rows():
-    cell = characterize([conditioned()])
-    (text,) = [text for text in cell.warnings if "is ignored" in text]
-    assert (
-        "long.csv holds two OCV tests: the discharge by a slow sweep in rows 62 to 1261, 2 Ah"
-        in text
-    )
-    assert not any("was measured" in text for text in cell.warnings)
 
 
 def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
@@ -89,19 +78,8 @@ def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
     ]
 
 
-@pytest.mark.parametrize("rest_current_a", [0.0, -0.1, float("nan")])
-def test_a_rest_current_that_is_not_positive_is_refused(rest_current_a):
-    with pytest.raises(InputError, match="`rest_current` must be positive"):
-        characterize([discharge_only()], rest_current_a=rest_current_a)
-
-
 @pytest.mark.parametrize("test", [discharge_only, charge_only])
 @pytest.mark.parametrize("rest_current_a", [0.02, 1.0])
 def test_a_rest_current_up_to_that_of_the_pulses_serves(test, rest_current_a):
     assert np.abs(test().current_a).max() == 1.0
     assert characterize([test()], rest_current_a=rest_current_a) == characterize([test()])
-
-
-def test_a_rest_current_above_every_current_is_refused():
-    with pytest.raises(InputError, match="lower `rest_current"):
-        characterize([both_ways()], rest_current_a=5.0)

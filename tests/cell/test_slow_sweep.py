@@ -7,13 +7,10 @@ import pytest
 
 from barnax.cell import characterize
 from barnax.cell.ocv_points import find_slow_sweeps
-from barnax.errors import InputError
 from helpers.ocv_tests import (
     CAPACITY_AH,
     RESISTANCE_OHM,
     branch_v,
-    charge_only,
-    discharge_only,
     record_of,
 )
 
@@ -164,25 +161,3 @@ def test_an_hour_of_rest_ends_a_sweep_however_few_its_samples(samples):
     interval_s = np.where(current_a == 0, 3600 / samples, 10.0)
     found = slow_sweeps(record_of(current_a, interval_s=interval_s, start_soc=1.0, direction=1))
     assert [each.passed_ah for each in found] == pytest.approx([CAPACITY_AH / 2] * 2, rel=1e-9)
-
-
-def test_a_discharge_at_one_c_is_no_slow_sweep():
-    current_a = np.concatenate([np.zeros(60), np.full(60, 2.0), np.zeros(60)])
-    record = record_of(current_a, start_soc=1.0, direction=1)
-    with pytest.raises(InputError, match="not an OCV test"):
-        characterize([record])
-
-
-def test_two_slow_sweeps_of_one_direction_are_refused():
-    with pytest.raises(InputError, match="give one of them only"):
-        characterize([sweep(-1), sweep(-1)])
-
-
-def test_a_slow_sweep_beside_rests_is_a_warning():
-    cell = characterize([discharge_only(), sweep(+1)], ocv_fit="interpolated")
-    assert any("overpotential of the slow current" in text for text in cell.warnings)
-
-
-def test_a_capacity_off_by_a_factor_is_refused():
-    with pytest.raises(InputError, match="20 Ah was given"):
-        characterize([sweep(-1), charge_only()], capacity_ah=20.0)

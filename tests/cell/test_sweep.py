@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from barnax.cell.sweeps import Sweep, SweepPoint, join_sweeps
+from barnax.cell.soc_axis import Sweep, SweepPoint, join_sweeps
 from barnax.errors import InputError
 
 

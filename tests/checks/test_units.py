@@ -37,67 +37,59 @@ def assert_seen_through(folder, name, outcome):
     assert mine.voltage_v == pytest.approx(clean.voltage_v, rel=1e-6)
 
 
+def times(column, factor):
+    return lambda table: scaled(table, column, factor)
+
+
+def named(column, name):
+    return lambda table: table.rename({column: name})
+
+
+# What is done to a record, the check that finds it, and words of what it says and advises.
+FAULTS = {
+    "minutes": (times(TIME, 1 / 60), "time unit", "minutes", "'Test Time / min'"),
+    "hours": (times(TIME, 1 / 3600), "time unit", "hours", "'Test Time / h'"),
+    "milliseconds": (times(TIME, 1e3), "time unit", "milliseconds", "'Test Time / ms'"),
+    "no hours": (named(TIME, "Test Time / h"), "time unit", "seconds", "'Test Time / s'"),
+    "no minutes": (named(TIME, "Test Time / min"), "time unit", "seconds", "'Test Time / s'"),
+    "milliamperes": (times(CURRENT, 1e3), "current unit", "milliamperes", "'Current / mA'"),
+    "no milliamperes": (
+        named(CURRENT, "Current / mA"),
+        "current unit",
+        "amperes, not milliamperes",
+        "'Current / A'",
+    ),
+    "millivolts": (times(VOLTAGE, 1e3), "voltage unit", "millivolts", "'Voltage / mV'"),
+    "swapped leads": (times(VOLTAGE, -1.0), "voltage unit", "negative", "turn its sign"),
+    "a module": (times(VOLTAGE, 12.0), "voltage unit", "about 12 in series", "one cell"),
+    "kilovolts": (times(VOLTAGE, 1e-3), "voltage unit", "kilovolts", "multiply"),
+}
+
+# How many cells a module has shows by their voltage near its middle, and currents too small for
+# their name by counters, or beside a capacity where much of it moves.
+ONCE = {"a module", "no milliamperes"}
+CASES = [
+    (name, fault)
+    for fault in FAULTS
+    for name in BUNDLED_NAMES
+    if fault not in ONCE or name == "identification"
+]
+
+
 @pytest.mark.parametrize("counters", [False, True], ids=["alone", "with counters"])
-@pytest.mark.parametrize(
-    ("unit", "symbol", "seconds"),
-    [("minutes", "min", 60), ("hours", "h", 3600), ("milliseconds", "ms", 1e-3)],
-)
-@pytest.mark.parametrize("name", BUNDLED_NAMES)
-def test_time_in_another_unit_is_named(tmp_path, name, unit, symbol, seconds, counters):
-    table = with_counters(frame(name)) if counters else frame(name)
-    outcome = checked(tmp_path, scaled(table, TIME, 1 / seconds))
-    assert counting(outcome) == {"time unit": "error"}
-    assert f"looks like {unit}" in found(outcome, "time unit").what
-    assert found(outcome, "time unit").remedy == f"rename the column to 'Test Time / {symbol}'"
+@pytest.mark.parametrize(("name", "fault"), CASES)
+def test_another_unit_is_named_and_the_rest_seen_through(tmp_path, name, fault, counters):
+    change, check, words, remedy = FAULTS[fault]
+    capacity_ah = CAPACITY_AH if fault == "no milliamperes" and not counters else None
+    table = change(with_counters(frame(name)) if counters else frame(name))
+    outcome = checked(tmp_path, table, capacity_ah=capacity_ah)
+    assert counting(outcome) == {check: "error"}
+    assert words in found(outcome, check).what
+    assert remedy in found(outcome, check).remedy
+    if check == "current unit":
+        largest = int(np.argmax(np.abs(table[table.columns[1]].to_numpy())))
+        assert found(outcome, check).row == 2 + largest
     assert_seen_through(tmp_path, name, outcome)
-
-
-@pytest.mark.parametrize("unit", ["h", "min"])
-@pytest.mark.parametrize("name", BUNDLED_NAMES)
-def test_seconds_under_a_longer_unit_s_name_are_named(tmp_path, name, unit):
-    outcome = checked(tmp_path, frame(name).rename({TIME: f"Test Time / {unit}"}))
-    assert counting(outcome) == {"time unit": "error"}
-    assert "looks like seconds" in found(outcome, "time unit").what
-    assert_seen_through(tmp_path, name, outcome)
-
-
-@pytest.mark.parametrize("name", BUNDLED_NAMES)
-def test_milliamperes_are_named_at_the_largest(tmp_path, name):
-    table = scaled(frame(name), CURRENT, 1e3)
-    outcome = checked(tmp_path, table)
-    assert counting(outcome) == {"current unit": "error"}
-    assert found(outcome, "current unit").remedy == "rename the column to 'Current / mA'"
-    assert found(outcome, "current unit").row == 2 + int(
-        np.argmax(np.abs(table[CURRENT].to_numpy()))
-    )
-    assert_seen_through(tmp_path, name, outcome)
-
-
-@pytest.mark.parametrize("evidence", ["capacity", "counters"])
-def test_amperes_under_a_milliampere_s_name_are_named(tmp_path, evidence):
-    table = with_counters(frame()) if evidence == "counters" else frame()
-    capacity_ah = CAPACITY_AH if evidence == "capacity" else None
-    outcome = checked(tmp_path, table.rename({CURRENT: "Current / mA"}), capacity_ah=capacity_ah)
-    assert counting(outcome) == {"current unit": "error"}
-    assert "amperes, not milliamperes" in found(outcome, "current unit").what
-    assert_seen_through(tmp_path, "identification", outcome)
-
-
-@pytest.mark.parametrize(
-    ("factor", "words", "remedy"),
-    [
-        (1e3, "millivolts", "'Voltage / mV'"),
-        (-1.0, "negative", "turn its sign"),
-        (12.0, "about 12 in series", "one cell"),
-        (1e-3, "kilovolts", "multiply"),
-    ],
-)
-def test_a_voltage_no_cell_has_is_named(tmp_path, factor, words, remedy):
-    outcome = checked(tmp_path, scaled(frame(), VOLTAGE, factor))
-    assert counting(outcome) == {"voltage unit": "error"}
-    assert words in found(outcome, "voltage unit").what
-    assert remedy in found(outcome, "voltage unit").remedy
-    assert_seen_through(tmp_path, "identification", outcome)
 
 
 def test_units_that_names_state_are_converted_with_a_note(tmp_path):

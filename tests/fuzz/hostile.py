@@ -1,7 +1,5 @@
-"""Contents that nobody meant well: damaged files, and JSON documents with absurd values."""
+"""Contents that nobody meant well: damaged files, and values no reader expects."""
 
-import copy
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -64,51 +62,3 @@ STRINGS = [
     "[bold]", "[/]", "<script>alert(1)</script>", "{0}", "%s", "\ud800", "\u202e", "x" * 10_000,
     "nan", "--out=/", "é", "\\", "\\u0000",
 ]  # fmt: skip
-
-OTHERS = [[], {}, [[]], {"": 0}, [0.5], None, True]
-
-
-def places_of(document: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """The path to every value in a JSON document, the document's own being empty."""
-    items: Any = ()
-    if isinstance(document, dict):
-        items = document.items()
-    elif isinstance(document, list):
-        # One end of a long list is like the other.
-        items = list(enumerate(document))[:3]
-    found = [path]
-    for key, value in items:
-        found += places_of(value, (*path, key))
-    return found
-
-
-@st.composite
-def absurd_documents(draw: st.DrawFn, good: dict[str, Any]) -> str:
-    """A JSON document with some values replaced, removed or moved, as text."""
-    document = copy.deepcopy(good)
-    marks: dict[str, str] = {}
-    for number in range(draw(st.integers(1, 3))):
-        *path, last = draw(st.sampled_from(places_of(document)[1:]))
-        parent = document
-        for step in path:
-            parent = parent[step]
-        kind = draw(st.sampled_from(["number", "string", "other", "remove", "move", "deep"]))
-        if kind == "remove":
-            del parent[last]
-        elif kind == "number":
-            parent[last] = mark = f"@mark {number}@"
-            marks[f'"{mark}"'] = draw(st.sampled_from(NUMBER_TEXTS))
-        elif kind == "string":
-            parent[last] = draw(st.sampled_from(STRINGS))
-        elif kind == "move":
-            parent[last] = copy.deepcopy(good[draw(st.sampled_from(["cell", "window", "inputs"]))])
-        elif kind == "deep":
-            parent[last] = mark = f"@mark {number}@"
-            levels = draw(st.sampled_from([50, 300, 5000]))
-            marks[f'"{mark}"'] = "[" * levels + "]" * levels
-        else:
-            parent[last] = copy.deepcopy(draw(st.sampled_from(OTHERS)))
-    text = json.dumps(document)
-    for mark, value in marks.items():
-        text = text.replace(mark, value)
-    return text

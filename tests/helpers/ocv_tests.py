@@ -116,3 +116,22 @@ def charge_only(**changes: object) -> Record:
     current_a = np.concatenate([np.zeros(60), pulses(+1)])
     options = {"start_soc": 0.0, "direction": -1, "name": "charge.csv"} | changes
     return record_of(current_a, **options)  # pyright: ignore[reportArgumentType]
+
+
+REST = np.zeros(60)
+
+
+def slow_sweep(direction: int, **changes: object) -> Record:
+    """From end to end in 20 hours, an hour of rest before and after."""
+    current_a = np.concatenate([REST, np.full(1200, -direction * CAPACITY_AH / 20), REST])
+    options = {"start_soc": float(direction < 0), "direction": direction} | changes
+    return record_of(current_a, **options)  # pyright: ignore[reportArgumentType]
+
+
+def between_cutoffs(discharged: float = 0.97) -> Record:
+    """A test whose last pulse stops short at empty and at full."""
+    last_out, last_in = (
+        np.concatenate([pulses(way, 1, share=0.05, rest=0)[:3], REST]) for way in (-1, +1)
+    )
+    out, back = (pulses(way, 10, share=discharged) for way in (-1, +1))
+    return record_of(np.concatenate([REST, out, last_out, back, last_in]), start_soc=1, direction=1)

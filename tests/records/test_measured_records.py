@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.records import is_rested, read_record, rest_blocks, rest_current_a
+from barnax.records import read_record
 
 CALCE, PLETT, LEAF = "calce-inr18650-20r", "plett-a123-26650", "nissan-leaf-lmo-33ah"
 # Ampere-hours in and out by the README's integration, where every sample ends its interval.
@@ -83,14 +83,6 @@ def test_a_piece_of_a_slow_sweep_is_never_strongly_wrong(real_data, tmp_path, sw
     piece.write_csv(tmp_path / "piece.csv")
     sign = read_record(tmp_path / "piece.csv").sign
     assert sign.value == "charge-positive"
-
-
-def test_the_rests_of_an_incremental_test_are_found(real_data):
-    record = read_record(real_data / f"{CALCE}/ocv-incremental_25degC_SP20-3.parquet")
-    threshold = rest_current_a(record, 2.0)
-    assert threshold == 0.02
-    assert len(rest_blocks(record, threshold)) == 22
-    assert is_rested(record, threshold)[0]
 
 
 def test_the_longest_measured_file_is_read_within_two_seconds(real_data):

@@ -112,44 +112,43 @@ def test_the_test_time_is_preferred_to_the_step_time(tmp_path):
     assert read_record(tmp_path / "cell.csv").time_s[-1] == 39
 
 
-def test_blanks_duplicate_names_and_trailing_commas_do_no_harm(tmp_path):
-    rows = "".join(
-        f"No, {time}, 1, 1, {current}, {voltage},\r\n"
-        for time, current, voltage in pulse_frame(30).rows()
-    )
-    (tmp_path / "cell.csv").write_text(
-        "Exclude,Time(s),Loop,Loop, Current(A),Voltage(V),\r\n" + rows
-    )
-    np.testing.assert_array_equal(
-        read_record(tmp_path / "cell.csv").voltage_v, pulse_frame(30)["Voltage / V"].to_numpy()
-    )
+CSV = pulse_frame(30).write_csv()
+NAMES, *LINES = CSV.splitlines()
+SPARSE = "\n".join([NAMES, *LINES[:10], "", ",,", *LINES[10:], "", ""])
+PADDED = "".join(f"No, {line.replace(',', ', 1, 1, ', 1)},\r\n" for line in LINES)
+ABOVE = "Tester: 7, channel 3\nStarted: 2024-01-01; by hand\n\n"
+# A text, the rows of its first, its eleventh and its last sample.
+TEXTS = {
+    "blanks, names twice and commas at the end": (
+        "Exclude,Time(s),Loop,Loop, Current(A),Voltage(V),\r\n" + PADDED,
+        (2, 12, 31),
+    ),
+    "blank lines": (SPARSE, (2, 14, 33)),
+    "blank lines above": ("\n\n" + CSV, (4, 14, 33)),
+    "old line ends": (CSV.replace("\n", "\r"), (2, 12, 31)),
+    "decimal commas": (CSV.replace(",", ";").replace(".", ","), (2, 12, 31)),
+    **{
+        f"rows above the names of {name}": (ABOVE + CSV.replace(",", delimiter), (5, 15, 34))
+        for name, delimiter in {"commas": ",", "semicolons": ";", "tabs": "\t"}.items()
+    },
+    **{
+        f"names end in {names!r}, cells in {cells!r}": (
+            "\n".join([NAMES + names, *(line + cells for line in LINES)]),
+            (2, 12, 31),
+        )
+        for names in ("", ",")
+        for cells in ("", ",", ",note")
+    },
+}
 
 
-def test_blank_lines_are_passed_over_and_rows_still_counted(tmp_path):
-    lines = pulse_frame(30).write_csv().splitlines()
-    text = "\n".join([*lines[:11], "", ",,", *lines[11:], "", ""])
-    (tmp_path / "cell.csv").write_text(text)
+@pytest.mark.parametrize("text", TEXTS)
+def test_usual_texts_are_understood_and_their_rows_counted(tmp_path, text):
+    content, rows = TEXTS[text]
+    (tmp_path / "cell.csv").write_bytes(content.encode())
     record = read_record(tmp_path / "cell.csv")
-    assert record.samples == 30
-    assert list(record.row[8:12]) == [10, 11, 14, 15]
-
-
-def test_blank_lines_above_the_header_count_as_rows(tmp_path):
-    (tmp_path / "cell.csv").write_text("\n\n" + pulse_frame(30).write_csv())
-    assert read_record(tmp_path / "cell.csv").row[0] == 4
-
-
-def test_old_line_ends_are_understood(tmp_path):
-    (tmp_path / "cell.csv").write_bytes(pulse_frame(30).write_csv().replace("\n", "\r").encode())
-    assert read_record(tmp_path / "cell.csv").samples == 30
-
-
-def test_decimal_commas_are_understood_between_semicolons(tmp_path):
-    frame = pulse_frame(30)
-    text = frame.write_csv(separator=";").replace(".", ",")
-    (tmp_path / "cell.csv").write_text(text)
-    record = read_record(tmp_path / "cell.csv")
-    np.testing.assert_allclose(record.voltage_v, frame["Voltage / V"].to_numpy(), rtol=1e-12)
+    np.testing.assert_array_equal(record.voltage_v, pulse_frame(30)["Voltage / V"].to_numpy())
+    assert tuple(record.row[[0, 10, -1]]) == rows
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
@@ -226,24 +225,3 @@ def test_a_long_file_is_read_within_two_seconds(tmp_path):
 def test_importing_the_records_imports_no_jax():
     code = "import barnax.records, sys; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-def test_rows_above_the_column_names_are_passed_over_and_counted(tmp_path, delimiter):
-    frame = pulse_frame()
-    above = "Tester: 7, channel 3\nStarted: 2024-01-01; by hand\n\n"
-    (tmp_path / "cell.csv").write_text(above + frame.write_csv(separator=delimiter))
-    record = read_record(tmp_path / "cell.csv")
-    assert record.samples == frame.height
-    assert (record.row[0], record.row[-1]) == (5, frame.height + 4)
-
-
-@pytest.mark.parametrize("names_end", ["", ","])
-@pytest.mark.parametrize("cells_end", ["", ",", ",note"])
-def test_names_and_cells_may_differ_by_a_delimiter_at_the_end(tmp_path, names_end, cells_end):
-    names, *lines = pulse_frame(30).write_csv().splitlines()
-    text = "\n".join([names + names_end, *(line + cells_end for line in lines)])
-    (tmp_path / "cell.csv").write_text(text)
-    record = read_record(tmp_path / "cell.csv")
-    np.testing.assert_array_equal(record.voltage_v, pulse_frame(30)["Voltage / V"].to_numpy())
-    assert list(record.row) == list(range(2, 32))

@@ -1,11 +1,10 @@
 """One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
 
-from .characterize import characterize
+from .characterize import OcvTable, characterize, read_ocv_table, read_ocv_test
 from .circuits import CIRCUITS, Circuit, get_circuit
 from .curves import AbstractCurve, InterpolatedCurve, OcvFit, PolynomialCurve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError
-from .ocv_table import OcvTable, read_ocv_table, read_ocv_test
 from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
 

@@ -1,20 +1,141 @@
 """From an OCV test, as records or as a table, to a characterized cell."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
-from ..records.record import Record
+from ..records import Hold, Record, Source, read_record, read_source
+from ..records.columns import OCV_QUANTITIES, find_columns, is_ocv_table
+from ..records.findings import found_at
+from ..records.sign import Sign
+from ..records.table import Lines, take_lines
 from .curves import AbstractCurve, Curve, OcvFit, curve_warnings, fit_curve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError, fit_error
-from .ocv_points import find_sweeps
-from .ocv_table import EITHER, OcvTable
-from .soc_axis import Capacity, OcvPoint, decide_capacity, place_on_soc, scale_warnings
-from .sweeps import CHARGE, DISCHARGE, WORD, Sweep, join_sweeps
+from .ocv_points import MINIMUM_POINTS, find_sweeps
+from .soc_axis import (
+    CHARGE,
+    DISCHARGE,
+    WORD,
+    Capacity,
+    OcvPoint,
+    Sweep,
+    decide_capacity,
+    join_sweeps,
+    place_on_soc,
+    scale_warnings,
+)
+
+# Of a voltage that was not measured in one direction only.
+EITHER = 0
+_DIRECTIONS = {"discharge OCV": DISCHARGE, "charge OCV": CHARGE, "OCV": EITHER}
+# SOC may pass full and empty a little; what is far beyond is in percent, or no SOC.
+_SOC_RANGE, _PERCENT_FROM = (-0.1, 1.1), 1.5
+_CELL_RANGE_V = (0.5, 6.0)
+
+
+@dataclass(frozen=True)
+class OcvTable:
+    """OCV over SOC as a file or data frame gives it.
+
+    `branches` holds the points, by increasing SOC, of the discharge (-1), of the charge (+1), or
+    of a single curve that is neither (0).
+    """
+
+    name: str
+    branches: Mapping[int, tuple[OcvPoint, ...]]
+    sha256: str
+    warnings: tuple[str, ...] = ()
+
+
+def read_ocv_table(source: str | Path | Source) -> OcvTable:
+    """The OCV table in a file: SOC with one voltage, or with one of charge and one of discharge.
+
+    Columns are called "SOC [-]" or "SOC / %", and "OCV [V]" or "discharge OCV [V]" and
+    "charge OCV [V]"; the usual other spellings are understood. Raises InputError that names the
+    file and the row where it holds anything else.
+
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "ocv.csv")
+    ...     _ = file.write_text("SOC / %,OCV / V\\n0,3.0\\n30,3.5\\n60,3.7\\n100,4.2\\n")
+    ...     table = read_ocv_table(file)
+    >>> [point.soc for point in table.branches[0]]
+    [0.0, 0.3, 0.6, 1.0]
+    """
+    if not isinstance(source, Source):
+        source = read_source(source)
+    columns = find_columns(source.table.header, OCV_QUANTITIES)
+    if not is_ocv_table(source.table.header):
+        raise InputError(
+            f"{source.name}: is no OCV table; name its columns, for example, 'SOC [-]' and "
+            "'OCV [V]', or 'SOC [-]', 'discharge OCV [V]' and 'charge OCV [V]'."
+        )
+    if "discharge OCV" in columns or "charge OCV" in columns:
+        columns.pop("OCV", None)
+    lines = take_lines(source.table, columns)
+    warnings = [
+        f"{source.name}: no unit in '{column.header}'; V is assumed"
+        for column in columns.values()
+        if column.is_unit_assumed
+    ]
+    scale = 1.0
+    if np.nanmax(lines.values["SOC"], initial=0.0) > _PERCENT_FROM:
+        scale = 0.01
+        warnings.append(f"{source.name}: '{columns['SOC'].header}' is taken as percent")
+    branches = {
+        _DIRECTIONS[name]: _branch(source.name, lines, name, scale)
+        for name in columns
+        if name != "SOC"
+    }
+    return OcvTable(source.name, branches, source.sha256, tuple(warnings))
+
+
+def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint, ...]:
+    """The points of one voltage column; lines with an empty cell in it are passed over."""
+    soc, voltage_v = scale * lines.values["SOC"], lines.values[name]
+    points: list[OcvPoint] = []
+    for line in np.argsort(soc, kind="stable").tolist():
+        if lines.cell(name, line) is None:
+            continue
+        point = OcvPoint(float(soc[line]), float(voltage_v[line]), file, int(lines.row[line]), 0.0)
+        what = ""
+        if not _SOC_RANGE[0] <= point.soc <= _SOC_RANGE[1]:
+            what = f"{lines.cell('SOC', line)!r} is no SOC between 0 and 1 (or 0 and 100 %)"
+        elif not _CELL_RANGE_V[0] <= point.voltage_v <= _CELL_RANGE_V[1]:
+            what = f"{lines.cell(name, line)!r} is no cell's voltage"
+        elif points and point.soc == points[-1].soc:
+            what = f"SOC {point.soc:g} stands twice; keep one of the rows"
+        if what:
+            raise InputError(f"{found_at(lines, line, 'error', what).sentence(file)}.")
+        points.append(point)
+    if len(points) < MINIMUM_POINTS:
+        raise InputError(
+            f"{file}: an OCV table needs at least {MINIMUM_POINTS} points, and "
+            f"'{lines.columns[name].header}' has {len(points)}."
+        )
+    return tuple(points)
+
+
+def read_ocv_test(
+    source: str | Path | Source,
+    *,
+    current_sign: Sign | Literal["auto"] = "auto",
+    current_hold: Hold | Literal["auto"] = "auto",
+) -> Record | OcvTable:
+    """What a file gives to characterize a cell by: a table of OCV over SOC, else a record."""
+    if not isinstance(source, Source):
+        source = read_source(source)
+    if is_ocv_table(source.table.header):
+        return read_ocv_table(source)
+    return read_record(source, current_sign=current_sign, current_hold=current_hold)
+
 
 SAME_POINT = 1e-6
 
@@ -74,16 +195,14 @@ def characterize(
         if direction in points
     }
     for direction, curve in measured.items():
-        source = _sources(points[direction])
         of_curve = curve_warnings(curve, WORD.get(direction, ""))
-        warnings.extend(f"{source}: {text}" for text in of_curve)
+        warnings.extend(f"{_sources(points[direction])}: {text}" for text in of_curve)
     only = next(iter(measured.values()))
     charge, discharge = measured.get(CHARGE, only), measured.get(DISCHARGE, only)
+    hysteresis = SegmentedHysteresis.zero()
     if len(measured) == 2:
         soc = _shared_soc(charge, discharge)
         hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
-    else:
-        hysteresis = SegmentedHysteresis.zero()
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,

@@ -19,7 +19,6 @@ FALL_TOLERANCE_V = 0.5e-3
 OVERSHOOT_TOLERANCE_V = 3e-3
 MISS_TOLERANCE_V = 10e-3
 CHECKS_PER_GAP = 50
-STORED_CHECKS = 1001
 
 
 @dataclass(frozen=True)
@@ -88,9 +87,8 @@ class PolynomialCurve(AbstractCurve):
         points = _points(soc, voltage_v)
         # Fitted on [-1, 1], where the powers are far from parallel; stored in powers of SOC.
         fitted = Polynomial.fit(soc, voltage_v, POLYNOMIAL_DEGREE).convert()
-        padded = np.zeros(needed)
-        padded[: len(fitted.coef)] = fitted.coef
-        return cls(points, tuple(float(a) for a in padded))
+        coefficients = np.pad(fitted.coef, (0, needed - len(fitted.coef)))
+        return cls(points, tuple(coefficients.tolist()))
 
     def _inside(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         return np.polynomial.polynomial.polyval(soc, self.coefficients)
@@ -142,13 +140,8 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     """
     name = f"{name} " if name else ""
     found = []
-    grid = np.concatenate(
-        [
-            np.linspace(left, right, CHECKS_PER_GAP, endpoint=False)
-            for left, right in zip(curve.soc[:-1], curve.soc[1:], strict=True)
-        ]
-        + [curve.soc[-1:]]
-    )
+    inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
+    grid = np.append(inside, curve.soc[-1])
     voltage_v = curve(grid)
     fall_v = np.maximum.accumulate(voltage_v) - voltage_v
     worst = int(np.argmax(fall_v))
@@ -177,9 +170,9 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
             f"the {name}OCV curve misses its points by up to {1e3 * errors_v[missed]:.1f} mV, "
             f"at SOC {curve.soc[missed]:.3f}"
         )
-    if isinstance(curve, PolynomialCurve):
-        return tuple(f"{text}: try `ocv_fit='interpolated'`" for text in found)
-    return tuple(f"{text}: look at the points there" for text in found)
+    is_polynomial = isinstance(curve, PolynomialCurve)
+    remedy = "try `ocv_fit='interpolated'`" if is_polynomial else "look at the points there"
+    return tuple(f"{text}: {remedy}" for text in found)
 
 
 def _points(

@@ -80,8 +80,7 @@ class SegmentedHysteresis:
     def parameters(self) -> dict[str, float]:
         """A to H and P of Eq. 4: slope and intercept of each sloping segment, and the constant."""
         values = {}
-        sloping = zip(("AB", "CD", "EF", "GH"), (0, 1, 3, 4), strict=True)
-        for (slope, intercept), segment in sloping:
+        for (slope, intercept), segment in (("AB", 0), ("CD", 1), ("EF", 3), ("GH", 4)):
             left_v, right_v = self.ends_v[segment]
             slope_v = (right_v - left_v) / float(KNOTS[segment + 1] - KNOTS[segment])
             values[slope] = slope_v

@@ -6,10 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError, counted
-from ..records import rests
-from ..records.record import Record
-from ..records.rests import is_rested, rest_blocks, runs
-from .sweeps import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
+from ..records import rest_current_a as usual_rest_current_a
+from ..records.record import Record, is_rested, rest_blocks, runs
+from .soc_axis import CHARGE, DISCHARGE, WORD, Sweep, SweepPoint
 
 
 class NoOcvTest(InputError):
@@ -56,26 +55,25 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
     sweeps = []
     for direction in (DISCHARGE, CHARGE):
         found = _runs(directions, direction)
-        if not found:
-            continue
-        first, last = max(found, key=lambda run: run[1] - run[0])
+        first, last = max(found, key=lambda run: run[1] - run[0], default=(0, 0))
         if last - first + 1 < MINIMUM_POINTS:
             continue
-        start_ah, end_ah = _extent(discharged_ah, lasts, directions, first, last, direction)
+        start_ah, end_ah = _extent(discharged_ah, lasts, directions, first, last)
         points = tuple(
-            SweepPoint(
-                discharged_ah=float(discharged_ah[sample]),
-                voltage_v=float(record.voltage_v[sample]),
-                source=record.name,
-                row=int(record.row[sample]),
-                rest_s=rests_s[sample],
-            )
+            _point(record, sample, discharged_ah[sample], record.voltage_v[sample], rests_s[sample])
             for sample in lasts[first : last + 1]
         )
         sweeps.append(Sweep("rests", direction, record.name, start_ah, end_ah, points))
     if not sweeps:
         raise NoOcvTest(record.name, _nothing_found(list(rests_s.values()), directions))
     return sweeps
+
+
+def _point(
+    record: Record, sample: int, discharged_ah: float, voltage_v: float, rest_s: float
+) -> SweepPoint:
+    row = int(record.row[sample])
+    return SweepPoint(float(discharged_ah), float(voltage_v), record.name, row, rest_s)
 
 
 def _rest_s(record: Record, first: int, last: int) -> float:
@@ -110,8 +108,7 @@ def _point_samples(
     if samples and blocks[0][0] == 0:
         last = blocks[0][1]
         apart_ah = abs(discharged_ah[samples[0]] - discharged_ah[last])
-        is_apart = apart_ah > SAME_SOC * span_ah
-        if is_apart and _is_plausible_start(record, last, samples[0]):
+        if apart_ah > SAME_SOC * span_ah and _is_plausible_start(record, last, samples[0]):
             samples.insert(0, last)
     return samples
 
@@ -132,10 +129,8 @@ def _directions(discharged_ah: Charge, lasts: list[int]) -> list[int]:
         low_ah, high_ah = sorted((discharged_ah[start], discharged_ah[end]))
         between_ah = discharged_ah[start:end]
         beyond_ah = max(low_ah - between_ah.min(), between_ah.max() - high_ah)
-        if beyond_ah > CYCLE * span_ah:
-            directions.append(0)
-        else:
-            directions.append(CHARGE if discharged_ah[end] < discharged_ah[start] else DISCHARGE)
+        way = CHARGE if discharged_ah[end] < discharged_ah[start] else DISCHARGE
+        directions.append(0 if beyond_ah > CYCLE * span_ah else way)
     return directions
 
 
@@ -146,18 +141,14 @@ def _runs(directions: list[int], direction: int) -> list[tuple[int, int]]:
 
 
 def _extent(
-    discharged_ah: Charge,
-    lasts: list[int],
-    directions: list[int],
-    first: int,
-    last: int,
-    direction: int,
+    discharged_ah: Charge, lasts: list[int], directions: list[int], first: int, last: int
 ) -> tuple[float, float]:
     """Where the sweep began and ended, charge beyond its end points included.
 
     A test may start loaded at full or stop at the cut-off without a rest. Where the neighboring
     sweep turns at the rest itself, the sweep ends there.
     """
+    direction = directions[first]
     start_ah, end_ah = discharged_ah[lasts[first]], discharged_ah[lasts[last]]
     if first == 0 or directions[first - 1] == 0:
         before_ah = discharged_ah[(0 if first == 0 else lasts[first - 1]) : lasts[first] + 1]
@@ -259,18 +250,10 @@ def _thin(record: Record, first: int, last: int, begin: int, end: int) -> Sweep:
         # The end points are the cut-offs; an average there would pull the curve inward.
         if target_ah in (charge_ah[0], charge_ah[-1]) or not is_near.any():
             is_near = np.arange(len(charge_ah)) == nearest
-        points.append(
-            SweepPoint(
-                discharged_ah=float(charge_ah[is_near].mean()),
-                voltage_v=float(voltage_v[is_near].mean()),
-                source=record.name,
-                row=int(record.row[first + nearest]),
-                rest_s=0.0,
-            )
-        )
-    return Sweep(
-        "slow", direction, record.name, float(axis_ah[begin]), float(axis_ah[end]), tuple(points)
-    )
+        mean_ah, mean_v = charge_ah[is_near].mean(), voltage_v[is_near].mean()
+        points.append(_point(record, first + nearest, mean_ah, mean_v, rest_s=0.0))
+    start_ah, end_ah = float(axis_ah[begin]), float(axis_ah[end])
+    return Sweep("slow", direction, record.name, start_ah, end_ah, tuple(points))
 
 
 # A kind that passes less than this share of what the other passes is conditioning beside a test.
@@ -294,7 +277,7 @@ def find_sweeps(
     if threshold_a is None:
         # A capacity given in mAh would turn the whole record into one rest.
         provisional_ah = span_ah if capacity_ah is None else min(capacity_ah, span_ah)
-        threshold_a = rests.rest_current_a(record, provisional_ah)
+        threshold_a = usual_rest_current_a(record, provisional_ah)
     elif threshold_a > np.abs(record.current_a).max():
         raise InputError(
             f"{record.name}: no current reaches {threshold_a:.4g} A, so all of it is rest: give a "

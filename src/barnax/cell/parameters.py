@@ -20,10 +20,12 @@ def parameter_names(pairs: int, has_rate: bool = False) -> tuple[str, ...]:
     >>> parameter_names(2)
     ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R2 [Ohm]', 'C2 [F]')
     """
-    names = ["R0 [Ohm]"]
-    for pair in range(1, pairs + 1):
-        names += [f"R{pair} [Ohm]", f"C{pair} [F]"]
-    return (*names, RATE) if has_rate else tuple(names)
+    of_pairs = [name for pair in range(1, pairs + 1) for name in _names_of(pair)]
+    return ("R0 [Ohm]", *of_pairs, *([RATE] if has_rate else []))
+
+
+def _names_of(pair: int) -> tuple[str, str]:
+    return f"R{pair} [Ohm]", f"C{pair} [F]"
 
 
 @dataclass(frozen=True)
@@ -73,26 +75,16 @@ class CircuitParameters:
 
     def to_dict(self) -> dict[str, float]:
         """The values under PyBaMM's parameter names."""
-        values = [self.r0]
-        for r, c in zip(self.r, self.c, strict=True):
-            values += [r, c]
-        if self.gamma is not None:
-            values.append(self.gamma)
-        names = parameter_names(self.pairs, has_rate=self.gamma is not None)
-        return dict(zip(names, values, strict=True))
+        of_pairs = [value for pair in zip(self.r, self.c, strict=True) for value in pair]
+        rate = [] if self.gamma is None else [self.gamma]
+        names = parameter_names(self.pairs, has_rate=bool(rate))
+        return dict(zip(names, [self.r0, *of_pairs, *rate], strict=True))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, float]) -> Self:
         """The circuit that `to_dict` wrote. Raises `InputError` for a missing or unusable value."""
-        pairs = max(
-            (
-                pair
-                for pair in range(1, MOST_PAIRS + 1)
-                if values.keys() & {f"R{pair} [Ohm]", f"C{pair} [F]"}
-            ),
-            default=1,
-        )
-        names = parameter_names(pairs, has_rate=RATE in values)
+        named = (pair for pair in range(1, MOST_PAIRS + 1) if values.keys() & {*_names_of(pair)})
+        names = parameter_names(max(named, default=1), has_rate=RATE in values)
         missing = [name for name in names if name not in values]
         if missing:
             raise InputError(f"circuit parameters are missing: {', '.join(missing)}")

@@ -1,10 +1,104 @@
-"""Where the OCV points lie on the axis of SOC, and the capacity that scales it."""
+"""The sweeps of an OCV test, where their points lie on the axis of SOC, and the capacity."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
 
 from ..errors import InputError
-from .sweeps import CHARGE, DISCHARGE, WORD, Sweep
+
+CHARGE = 1
+DISCHARGE = -1
+WORD = {CHARGE: "charge", DISCHARGE: "discharge"}
+SAME_REST_V = 10e-3
+# A pulse below this fraction of all before it was cut short; timers hold to better than that.
+SHORT_PULSE = 0.99
+# Steps below this fraction of the sweep are no pulses.
+SAME_CHARGE = 1e-3
+
+
+@dataclass(frozen=True)
+class SweepPoint:
+    """One OCV reading.
+
+    `discharged_ah` counts on the sweep's own axis; `row` is the row of the source file, `rest_s`
+    how long the cell had rested there, 0 for a slow sweep.
+    """
+
+    discharged_ah: float
+    voltage_v: float
+    source: str
+    row: int
+    rest_s: float
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """OCV points in the order they were met, in `direction` +1 (charge) or -1 (discharge).
+
+    `start_ah` and `end_ah` are where the sweep began and ended on the axis of discharged
+    ampere-hours; the first and last points may lie inside.
+    """
+
+    kind: Literal["rests", "slow"]
+    direction: int
+    source: str
+    start_ah: float
+    end_ah: float
+    points: tuple[SweepPoint, ...]
+
+    @property
+    def passed_ah(self) -> float:
+        """The charge of the whole sweep, positive."""
+        return abs(self.end_ah - self.start_ah)
+
+    @property
+    def stops_at_cutoff(self) -> bool:
+        """Whether it ran until full or empty, as far as its points tell.
+
+        A slow sweep does. Between rests a cut-off shortens the last pulse below all before it, or
+        the last but one where a taper at constant voltage follows.
+        """
+        if self.kind == "slow":
+            return True
+        at_ah = [point.discharged_ah for point in self.points]
+        steps_ah = [abs(after - before) for before, after in pairwise([*at_ah, self.end_ah])]
+        pulses_ah = [step_ah for step_ah in steps_ah if step_ah > SAME_CHARGE * self.passed_ah]
+        return any(
+            pulses_ah[last] < SHORT_PULSE * min(pulses_ah[:last])
+            for last in (-1, -2)
+            if pulses_ah[:last]
+        )
+
+
+def join_sweeps(sweeps: list[Sweep]) -> Sweep:
+    """One sweep of several of the same direction, each beginning at the rest where another ended.
+
+    Raises `InputError` where they do not meet, or where a slow sweep is among them.
+    """
+    if len(sweeps) == 1:
+        return sweeps[0]
+    word = WORD[sweeps[0].direction]
+    names = ", ".join(sweep.source for sweep in sweeps)
+    if any(sweep.kind == "slow" for sweep in sweeps):
+        raise InputError(f"there are {len(sweeps)} {word} sweeps ({names}): give one of them only")
+    ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)
+    joined = ordered[0]
+    for part in ordered[1:]:
+        before, after = joined.points[-1], part.points[0]
+        if abs(before.voltage_v - after.voltage_v) > SAME_REST_V:
+            raise InputError(
+                f"the {word} sweeps of {before.source} and {after.source} do not join: one ends "
+                f"at a rest of {before.voltage_v:.4f} V, the next begins at {after.voltage_v:.4f} "
+                "V. Give one test only, or all of its files."
+            )
+        shift_ah = before.discharged_ah - after.discharged_ah
+        moved = tuple(
+            replace(point, discharged_ah=point.discharged_ah + shift_ah) for point in part.points
+        )
+        joined = replace(joined, end_ah=part.end_ah + shift_ah, points=joined.points + moved[1:])
+    return joined
+
 
 # How near two charges lie, as a fraction: within the first one capacity may have been measured
 # twice, within the last one it was.
@@ -57,7 +151,7 @@ def decide_capacity(
     20 % (by a factor of 2, where the test spans both ends), or where none was given and none was
     measured.
     """
-    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
+    main = _main(sweeps)
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
     passed = f"the {WORD[main.direction]} passed {main.passed_ah:.4g} Ah"
     spans = spans_both_ends(sweeps)
@@ -67,10 +161,7 @@ def decide_capacity(
         ocv_given_ah = None
     axis_ah = ocv_given_ah or given_ah
     if axis_ah is None:
-        agrees = len(sweeps) == 1 or _is_near(
-            sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
-        )
-        if not agrees and main.kind != "slow":
+        if len(sweeps) == 2 and not _agree(sweeps, AGREEMENT) and main.kind != "slow":
             raise InputError(
                 f"{main.source}: the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but "
                 f"charged {sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: "
@@ -89,15 +180,13 @@ def decide_capacity(
 
 def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) -> None:
     """Raise InputError where the sweeps cannot be of a cell of that capacity."""
-    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
+    main = _main(sweeps)
     most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
     ratio = main.passed_ah / axis_ah
     if spans:
         is_wrong = not HALF <= ratio <= 1 / HALF
     else:
-        agrees = len(sweeps) == 2 and _is_near(
-            sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, AGREEMENT
-        )
+        agrees = _agree(sweeps, AGREEMENT)
         is_wrong = abs(ratio - 1) > CAPACITY_ERROR if agrees else ratio < HALF
         is_wrong |= most.passed_ah > (1 + CAPACITY_ERROR) * axis_ah
     if is_wrong:
@@ -121,8 +210,10 @@ def place_on_soc(
     other sweep), else by the capacity.
     """
     if _has_one_axis(sweeps, shares_axis):
-        anchor = sweeps.get(DISCHARGE) or sweeps[CHARGE]
-        scale_ah = _shared_scale_ah(anchor, sweeps, capacity)
+        anchor = _main(sweeps)
+        is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
+        is_own = is_other and spans_both_ends(sweeps)
+        scale_ah = anchor.passed_ah if is_own else capacity.axis_ah
         return {direction: _place(sweep, anchor, scale_ah) for direction, sweep in sweeps.items()}
     return {
         direction: _place(sweep, sweep, _scale_ah(sweep, sweeps.get(-direction), capacity))
@@ -166,25 +257,24 @@ def _scale_ah(sweep: Sweep, other: Sweep | None, capacity: Capacity) -> float:
     return sweep.passed_ah if is_whole else capacity.axis_ah
 
 
-def _shared_scale_ah(anchor: Sweep, sweeps: Mapping[int, Sweep], capacity: Capacity) -> float:
-    """The charge that is SOC 1 for rests on one axis of ampere-hours."""
-    is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
-    return anchor.passed_ah if is_other and spans_both_ends(sweeps) else capacity.axis_ah
-
-
 def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]:
     anchor_soc = 1.0 if anchor.direction == DISCHARGE else 0.0
-    points = [
-        OcvPoint(
-            soc=anchor_soc + (anchor.start_ah - point.discharged_ah) / scale_ah,
-            voltage_v=point.voltage_v,
-            source=point.source,
-            row=point.row,
-            rest_s=point.rest_s,
-        )
-        for point in sweep.points
-    ]
+    points = []
+    for point in sweep.points:
+        soc = anchor_soc + (anchor.start_ah - point.discharged_ah) / scale_ah
+        points.append(OcvPoint(soc, point.voltage_v, point.source, point.row, point.rest_s))
     return tuple(sorted(points, key=lambda point: point.soc))
+
+
+def _main(sweeps: Mapping[int, Sweep]) -> Sweep:
+    return sweeps.get(DISCHARGE) or sweeps[CHARGE]
+
+
+def _agree(sweeps: Mapping[int, Sweep], tolerance: float) -> bool:
+    """Whether there are both directions, and they passed the same charge."""
+    return len(sweeps) == 2 and _is_near(
+        sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, tolerance
+    )
 
 
 def _is_near(charge_ah: float, reference_ah: float, tolerance: float) -> bool:
@@ -197,11 +287,8 @@ def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
     A slow sweep does; so do two directions that close and each stop at a cut-off, one at empty and
     one at full.
     """
-    main = sweeps.get(DISCHARGE) or sweeps[CHARGE]
-    return main.kind == "slow" or (
-        len(sweeps) == 2
-        and _is_near(sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, CLOSURE)
-        and all(sweep.stops_at_cutoff for sweep in sweeps.values())
+    return _main(sweeps).kind == "slow" or (
+        _agree(sweeps, CLOSURE) and all(sweep.stops_at_cutoff for sweep in sweeps.values())
     )
 
 

@@ -1,13 +1,74 @@
-"""Channels that spike, stand still, or stop at the end of their range."""
+"""Whether the current has a sign, and channels that spike, stand still or stop at their limit."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
-from ..records.findings import Finding, Severity
+from ..records.findings import Finding, Severity, found_at
+from ..records.samples import Samples
+from ..records.sign import CHARGE, DISCHARGE, step_votes
 from .check_input import CheckInput
+
+# How many steps of either kind make a pattern, and how far each kind must agree.
+_FEWEST, _AGREEING = 3, 0.9
+# Both kinds of steps are there in earnest.
+_MINORITY = 0.1
+# A current that is never negative, but for its noise.
+_NEVER_SHARE = 0.01
+
+Votes = Float[np.ndarray, "steps"]
+
+
+def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples in one sign throughout, and an error where it was another from a row on."""
+    at, votes = step_votes(samples)
+    if len(votes) < 2 * _FEWEST:
+        return samples, []
+    before = np.cumsum(votes)
+    contrast = np.abs(before[:-1]) + np.abs(before[-1] - before[:-1])
+    split = int(np.argmax(contrast)) + 1
+    parts = votes[:split], votes[split:]
+    is_turned = parts[0].mean() * parts[1].mean() < 0 and all(
+        len(part) >= _FEWEST and np.abs(part.mean()) >= 2 * _AGREEING - 1 for part in parts
+    )
+    if not is_turned:
+        return samples, []
+    kinds = [CHARGE if part.mean() > 0 else DISCHARGE for part in parts]
+    row = int(at[split]) + 1
+    what = (
+        f"the sign of the current turns here: {kinds[0]} at {len(parts[0])} steps before, "
+        f"{kinds[1]} at {len(parts[1])} from here on"
+    )
+    remedy = "split the file here and give each part its own `current_sign`"
+    turned_a = np.concatenate([samples.current_a[:row], -samples.current_a[row:]])
+    finding = found_at(samples, row, "error", what, remedy)
+    return replace(samples, current_a=turned_a), [finding]
+
+
+def find_sign(given: CheckInput) -> Iterator[Finding]:
+    """A current without a sign, of doubtful sign, or of another than its column's name means."""
+    unsigned = list(_unsigned(given))
+    yield from unsigned or given.sign_doubts
+
+
+def _unsigned(given: CheckInput) -> Iterator[Finding]:
+    """An error where the current never changes its sign although the cell is charged too."""
+    current_a = given.samples.current_a
+    _, votes = step_votes(given.samples)
+    rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))
+    is_one_sided = min(-current_a.min(), current_a.max()) <= _NEVER_SHARE * given.peak_a
+    if is_one_sided and min(rising, falling) >= max(_FEWEST, _MINORITY * len(votes)):
+        never = "negative" if current_a.max() > 0 else "positive"
+        what = (
+            f"the current is never {never}, yet it lifts the voltage at {rising} of its steps and "
+            f"lowers it at {falling}: the column has no sign"
+        )
+        remedy = "export the signed current, or turn its sign in the steps that discharge"
+        yield given.at(int(np.argmax(np.abs(current_a))), "error", what, remedy)
+
 
 _WIDTHS = (1, 2, 3)
 # A spike's height, in volts and in noise; how steady the three samples on either side must be, and
@@ -20,19 +81,15 @@ Channel = Float[np.ndarray, "samples"]
 
 def find_voltage_spikes(given: CheckInput) -> Iterator[Finding]:
     """Voltages that leave their neighbors, and no current says why."""
-    spiked = voltage_spikes(given)
-    if spiked.any():
-        yield _spike_finding(given, spiked, "voltage", given.record.voltage_v, "V")
+    yield from _spike_findings(given, voltage_spikes(given), "voltage", "no current explains it")
 
 
 def find_current_spikes(given: CheckInput) -> Iterator[Finding]:
     """Currents that leave their neighbors, and the voltage does not answer."""
-    if not given.resistance_ohm:
-        return
-    ohmic_v = given.record.current_a * given.resistance_ohm
-    spiked = _spikes(ohmic_v, _least_v(given), given.record.voltage_v)
-    if spiked.any():
-        yield _spike_finding(given, spiked, "current", given.samples.current_a, "A")
+    if given.resistance_ohm:
+        ohmic_v = given.record.current_a * given.resistance_ohm
+        spiked = _spikes(ohmic_v, _least_v(given), given.record.voltage_v)
+        yield from _spike_findings(given, spiked, "current", "the voltage does not answer")
 
 
 def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
@@ -45,20 +102,22 @@ def _least_v(given: CheckInput) -> float:
     return max(_HEIGHT_V, _HEIGHT_NOISE * given.noise_v)
 
 
-def _spike_finding(
-    given: CheckInput, spiked: Bool[np.ndarray, "samples"], channel: str, values: Channel, unit: str
-) -> Finding:
-    at = int(np.argmax(spiked))
-    beside = values[at - 1]
-    which = counted(int(spiked.sum()), "sample")
-    other = "no current explains it" if channel == "voltage" else "the voltage does not answer"
-    return given.at(
-        at,
-        "warning",
-        f"the {channel} spikes to {values[at]:.5g} {unit} beside {beside:.5g} {unit}, and {other} "
-        f"({which})",
-        "delete these rows, or correct them",
-    )
+def _channel(given: CheckInput, name: str) -> tuple[Channel, str]:
+    """The readings of a channel in the file's own sign, and their unit."""
+    return (given.samples.voltage_v, "V") if name == "voltage" else (given.samples.current_a, "A")
+
+
+def _spike_findings(
+    given: CheckInput, spiked: Bool[np.ndarray, "samples"], channel: str, other: str
+) -> Iterator[Finding]:
+    if spiked.any():
+        values, unit = _channel(given, channel)
+        at = int(np.argmax(spiked))
+        what = (
+            f"the {channel} spikes to {values[at]:.5g} {unit} beside {values[at - 1]:.5g} {unit}, "
+            f"and {other} ({counted(int(spiked.sum()), 'sample')})"
+        )
+        yield given.at(at, "warning", what, "delete these rows, or correct them")
 
 
 def _spikes(values: Channel, least: float, other: Channel) -> Bool[np.ndarray, "samples"]:
@@ -94,7 +153,7 @@ _FEWEST_SAMPLES = 4
 # A voltage that jumps so, both ways, under a current that does not move.
 _JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
 
-Runs = tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]
+Places = Int[np.ndarray, "runs"]
 
 
 def find_stuck_voltage(given: CheckInput) -> Iterator[Finding]:
@@ -115,8 +174,9 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Finding]:
     is_stuck &= ~_only_tapers(current_a, first, last)
     if not is_stuck.any():
         return
-    expected_v = float(np.max(swing_a[is_stuck])) * given.resistance_ohm
-    yield _stuck_finding(given, "voltage", voltage_v, first[is_stuck], last[is_stuck], expected_v)
+    expected_mv = 1e3 * float(np.max(swing_a[is_stuck])) * given.resistance_ohm
+    moved = f"the current should move it by {expected_mv:.3g} mV"
+    yield _stuck_finding(given, "voltage", first[is_stuck], last[is_stuck], moved)
 
 
 def find_stuck_current(given: CheckInput) -> Iterator[Finding]:
@@ -136,86 +196,56 @@ def find_stuck_current(given: CheckInput) -> Iterator[Finding]:
     is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
     if not is_stuck.any():
         return
-    jump_v = float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
-    yield _stuck_finding(
-        given, "current", given.samples.current_a, first[is_stuck], last[is_stuck], jump_v
-    )
+    jump_mv = 1e3 * float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
+    moved = f"the voltage jumps by {jump_mv:.3g} mV"
+    yield _stuck_finding(given, "current", first[is_stuck], last[is_stuck], moved)
 
 
 def _stuck_finding(
-    given: CheckInput,
-    channel: str,
-    values: Channel,
-    first: Int[np.ndarray, "runs"],
-    last: Int[np.ndarray, "runs"],
-    moved_v: float,
+    given: CheckInput, channel: str, first: Places, last: Places, moved: str
 ) -> Finding:
     """The first run, and how many more there are."""
+    values, unit = _channel(given, channel)
     value = values[first]
-    is_limit = bool(np.all((value == values.max()) | (value == values.min())))
+    is_limit = bool(np.all((value == values.max()) | (value == values.min()))) and value[0] != 0
     worst = int(np.argmax(last - first))
-    unit = "V" if channel == "voltage" else "A"
     samples = int(np.sum(last - first + 1))
-    kind = "stops at" if is_limit and value[0] != 0 else "stands still at"
+    rows = given.record.row
     what = (
-        f"the {channel} {kind} {value[worst]:.6g} {unit} over {samples} samples in "
-        f"{counted(len(first), 'place')} (rows {int(given.record.row[first[worst]])} to "
-        f"{int(given.record.row[last[worst]])}), where "
-    )
-    what += (
-        f"the current should move it by {1e3 * moved_v:.3g} mV"
-        if channel == "voltage"
-        else f"the voltage jumps by {1e3 * moved_v:.3g} mV"
+        f"the {channel} {'stops' if is_limit else 'stands still'} at {value[worst]:.6g} {unit} "
+        f"over {samples} samples in {counted(len(first), 'place')} (rows "
+        f"{int(rows[first[worst]])} to {int(rows[last[worst]])}), where {moved}"
     )
     severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
-    remedy = "measure again with a wider range" if is_limit and value[0] else "check the sensor"
-    return given.at(
-        int(first[0]),
-        severity,
-        what,
-        f"{remedy}; `score_from`, `score_to` or `score_steps` leave these rows out",
-    )
+    remedy = "measure again with a wider range" if is_limit else "check the sensor"
+    remedy += "; `score_from`, `score_to` or `score_steps` leave these rows out"
+    return given.at(int(first[0]), severity, what, remedy)
 
 
-def equal_runs(values: Channel) -> Runs:
+def equal_runs(values: Channel) -> tuple[Places, Places]:
     """First and last sample of each run of equal values."""
     changes = np.flatnonzero(np.diff(values) != 0)
     return np.concatenate([[0], changes + 1]), np.concatenate([changes, [len(values) - 1]])
 
 
-def _range(
-    values: Channel, first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"]
-) -> Float[np.ndarray, "runs"]:
+def _range(values: Channel, first: Places, last: Places) -> Float[np.ndarray, "runs"]:
     """Largest less smallest value of each run."""
-    edges = _edges(first, last, len(values))
+    edges = np.stack([first, np.minimum(last + 1, len(values))], axis=1).ravel()
     padded = np.append(values, values[-1])
     return (np.maximum.reduceat(padded, edges) - np.minimum.reduceat(padded, edges))[::2]
 
 
-def _only_tapers(
-    current_a: Channel, first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"]
-) -> Bool[np.ndarray, "runs"]:
+def _only_tapers(current_a: Channel, first: Places, last: Places) -> Bool[np.ndarray, "runs"]:
     """Whether the current's magnitude falls in each run, but for some noise."""
-    magnitude = np.abs(current_a)
-    grown = np.maximum(np.diff(magnitude), 0)
+    grown = np.maximum(np.diff(np.abs(current_a)), 0)
     rise_a = np.append(0.0, np.cumsum(grown))
     return rise_a[last] - rise_a[first] < 0.1 * _range(current_a, first, last)
 
 
-def _count(
-    happens: Bool[np.ndarray, "intervals"],
-    first: Int[np.ndarray, "runs"],
-    last: Int[np.ndarray, "runs"],
-) -> Int[np.ndarray, "runs"]:
+def _count(happens: Bool[np.ndarray, "intervals"], first: Places, last: Places) -> Places:
     """In how many intervals of each run it happens."""
     total = np.append(0, np.cumsum(happens))
     return total[last] - total[first]
-
-
-def _edges(
-    first: Int[np.ndarray, "runs"], last: Int[np.ndarray, "runs"], samples: int
-) -> Int[np.ndarray, "edges"]:
-    return np.stack([first, np.minimum(last + 1, samples)], axis=1).ravel()
 
 
 # Readings alike for so many samples, in so many places, at the largest or the smallest value.
@@ -241,13 +271,13 @@ def find_clipped_current(given: CheckInput) -> Iterator[Finding]:
             continue
         if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:
             continue
-        samples = int(np.sum((last - first + 1)[at_limit]))
-        yield given.at(
-            int(first[at_limit][0]),
-            "error",
-            f"the current stops at {limit_a:.6g} A: {samples} samples in "
-            f"{counted(int(at_limit.sum()), 'place')} read exactly that, while other readings "
-            "vary",
-            "measure again with a wider range; `score_from`, `score_to` or `score_steps` leave "
-            "such rows out",
+        what = (
+            f"the current stops at {limit_a:.6g} A: {int(np.sum((last - first + 1)[at_limit]))} "
+            f"samples in {counted(int(at_limit.sum()), 'place')} read exactly that, while other "
+            "readings vary"
         )
+        remedy = (
+            "measure again with a wider range; `score_from`, `score_to` or `score_steps` leave "
+            "such rows out"
+        )
+        yield given.at(int(first[at_limit][0]), "error", what, remedy)

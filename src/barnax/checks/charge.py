@@ -5,13 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cell.soc_axis import CAPACITY_WARNING, CLOSURE
-from ..cell.sweeps import CHARGE, DISCHARGE
+from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..errors import counted
-from ..records.counters import gain_ah
 from ..records.findings import Finding
-from ..records.rests import runs
-from ..records.samples import STEADY_SHARE
+from ..records.record import runs
+from ..records.samples import STEADY_SHARE, gain_ah
 from .check_input import CheckInput
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that
@@ -26,25 +24,24 @@ _HARDLY_MOVES = 0.02
 
 def find_counters(given: CheckInput) -> Iterator[Finding]:
     """Counters of the tester that disagree with the integrated current, or began before."""
-    counters = given.samples.counters
-    if counters.charged_ah is None or counters.discharged_ah is None:
+    counters = given.samples.counters.both
+    if not counters:
         return
-    gains_ah = gain_ah(counters.charged_ah), gain_ah(counters.discharged_ah)
+    gains_ah = gain_ah(counters[0]), gain_ah(counters[1])
     if sum(gains_ah) > 0:
         yield from _against_integral(given, gains_ah)
     begun = [
         f"{counter[0]:.4g} Ah {word}"
-        for counter, word in ((counters.charged_ah, "in"), (counters.discharged_ah, "out"))
+        for counter, word in zip(counters, ("in", "out"), strict=True)
         if counter[0] > _BEGUN_SHARE * given.scale_ah
     ]
     if begun:
-        yield given.at(
-            0,
-            "note",
+        what = (
             f"the record begins within a test: the tester had counted {' and '.join(begun)}, its "
-            f"clock was at {given.record.time_s[0]:.6g} s",
-            "give the file of the test's beginning too, where it matters",
+            f"clock was at {given.record.time_s[0]:.6g} s"
         )
+        remedy = "give the file of the test's beginning too, where it matters"
+        yield given.at(0, "note", what, remedy)
 
 
 def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Finding]:
@@ -88,12 +85,9 @@ def find_capacity(given: CheckInput) -> Iterator[Finding]:
     if share > 1 + CAPACITY_WARNING:
         discharged_ah = given.record.discharged_ah
         at = max(int(np.argmax(discharged_ah)), int(np.argmin(discharged_ah)))
-        yield given.at(
-            at,
-            "warning",
-            f"{moves} of the capacity of {given.capacity_ah:.4g} Ah",
-            "correct `capacity`, or the current's range, offset or unit",
-        )
+        what = f"{moves} of the capacity of {given.capacity_ah:.4g} Ah"
+        remedy = "correct `capacity`, or the current's range, offset or unit"
+        yield given.at(at, "warning", what, remedy)
     elif share < _HARDLY_MOVES:
         yield given.at(0, "note", f"{moves} of the capacity: little of the cell is seen")
 
@@ -115,13 +109,12 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
     ]
     later = max(out.points[0].row, into.points[0].row)
     at = int(np.searchsorted(given.record.row, later)) if len(given.samples.sheets) < 2 else 0
-    yield given.at(
-        at,
-        "warning",
+    what = (
         f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
-        f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %",
-        "check the current's range and offset, and whether both ends were reached",
+        f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %"
     )
+    remedy = "check the current's range and offset, and whether both ends were reached"
+    yield given.at(at, "warning", what, remedy)
 
 
 def _throughput_ah(given: CheckInput, hold: str) -> float:
@@ -158,27 +151,22 @@ class _Rest:
 
 def find_rests(given: CheckInput) -> Iterator[Finding]:
     """A current that is not zero while the cell rests, or so noisy that it hides the rests."""
-    current_a = given.record.current_a
     rests = _rests(given)
     if rests:
         yield from _offset(given, rests)
     if given.rest_current_a > 1.01 * given.scale_ah / 100:
-        first = int(np.argmax(given.is_rested))
-        yield given.at(
-            first,
-            "note",
+        what = (
             f"the current is noisy at rest: below {1e3 * given.rest_current_a:.3g} mA counts as "
-            "rest, C/100 does not",
-            f"`rest_current={given.rest_current_a:.2g}` says so, or give another value",
+            "rest, C/100 does not"
         )
-    is_zero = current_a == 0
+        remedy = f"`rest_current={given.rest_current_a:.2g}` says so, or give another value"
+        yield given.at(given.is_rested, "note", what, remedy)
+    is_zero = given.record.current_a == 0
     is_minus = is_zero & np.signbit(given.samples.current_a)
     # Rounded noise gives some; a tester that turns the sign of its readings gives nearly all.
     if is_minus.sum() > max(_FEWEST, 0.9 * is_zero.sum()):
-        what = (
-            f"the resting current is written -0 ({counted(int(is_minus.sum()), 'time')}), read as 0"
-        )
-        yield given.at(int(np.argmax(is_minus)), "note", what)
+        times = counted(int(is_minus.sum()), "time")
+        yield given.at(is_minus, "note", f"the resting current is written -0 ({times}), read as 0")
 
 
 def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
@@ -226,11 +214,8 @@ def _turnover_ah(given: CheckInput) -> float:
 
 def _is_counted(given: CheckInput, first: int, last: int) -> bool:
     """Whether the tester itself counted the charge of a run, which is then no rest."""
-    counters = given.samples.counters
-    if counters.charged_ah is None or counters.discharged_ah is None:
-        return False
-    counted = (counters.charged_ah, counters.discharged_ah)
-    counted_ah = sum(float(counter[last] - counter[first]) for counter in counted)
+    counters = given.samples.counters.both
+    counted_ah = sum(float(counter[last] - counter[first]) for counter in counters)
     moved_ah = abs(float(np.diff(given.record.discharged_ah[[first, last]])[0]))
     return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
@@ -258,11 +243,11 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
         f"the current is {value:.3g} mA while the cell rests, "
         f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
     )
-    if abs(offset_a) >= _turnover_ah(given) / 100:
-        limit_a = 1.5 * abs(offset_a)
-        remedy = f"subtract it from the current, or `rest_current={limit_a:.2g}` to see the rests"
+    turnover_ah, remedy = _turnover_ah(given), "subtract it from the current"
+    if abs(offset_a) >= turnover_ah / 100:
+        remedy += f", or `rest_current={1.5 * abs(offset_a):.2g}` to see the rests"
         yield given.at(first, "warning", what, remedy)
-    elif drift_ah > _DRIFT * _turnover_ah(given):
-        yield given.at(first, "warning", what, "subtract it from the current")
-    elif drift_ah > _NOTED_DRIFT * _turnover_ah(given):
-        yield given.at(first, "note", what, "subtract it from the current if it is none")
+    elif drift_ah > _DRIFT * turnover_ah:
+        yield given.at(first, "warning", what, remedy)
+    elif drift_ah > _NOTED_DRIFT * turnover_ah:
+        yield given.at(first, "note", what, f"{remedy} if it is none")

@@ -10,15 +10,16 @@ import numpy as np
 from ..errors import InputError
 from ..records.findings import Finding, named
 from ..records.hold import decide_hold
-from ..records.read import Source, make_record, read_source
-from ..records.rules import examine
+from ..records.read import Source, examine, make_record, read_source
 from ..records.samples import Samples
 from ..records.sign import decide_sign
 from .channels import (
     find_clipped_current,
     find_current_spikes,
+    find_sign,
     find_stuck_current,
     find_stuck_voltage,
+    find_turn,
     find_voltage_spikes,
 )
 from .charge import find_capacity, find_closure, find_counters, find_rests
@@ -31,7 +32,6 @@ from .sampling import (
     find_resolution,
     find_temperature,
 )
-from .sign import find_sign, find_turn
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell.ocv_points import NoOcvTest, find_sweeps
-from ..cell.sweeps import Sweep
+from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..records import Record, is_rested, rest_current_a
 from ..records.findings import Finding, Severity, found_at
@@ -109,9 +109,15 @@ class CheckInput:
         except InputError as problem:
             return str(problem)
 
-    def at(self, sample: int, severity: Severity, what: str, remedy: str = "") -> Finding:
-        """A finding at one sample."""
-        return found_at(self.samples, sample, severity, what, remedy)
+    def at(
+        self,
+        where: int | Bool[np.ndarray, "samples"],
+        severity: Severity,
+        what: str,
+        remedy: str = "",
+    ) -> Finding:
+        """A finding at one sample, or the first of several."""
+        return found_at(self.samples, where, severity, what, remedy)
 
 
 Check = Callable[[CheckInput], Iterable[Finding]]

@@ -1,7 +1,6 @@
 """What a record can serve as, and the window it then needs."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,8 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
-from ..cell.soc_axis import decide_capacity
-from ..cell.sweeps import WORD, Sweep, join_sweeps
+from ..cell.soc_axis import WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError
 from ..records.samples import bulk_time_s
 from .check_input import CheckInput
@@ -42,13 +40,8 @@ class SuggestedWindow:
     @property
     def options(self) -> dict[str, Any]:
         """What to give to `barnax.Window`."""
-        chosen = {
-            "start_time_s": self.start_time_s,
-            "start_after_step": self.start_after_step,
-            "initial_soc": self.initial_soc,
-            "score_steps": self.score_steps,
-        }
-        return {name: value for name, value in chosen.items() if value is not None}
+        names = ("start_time_s", "start_after_step", "initial_soc", "score_steps")
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 def suggest_window(given: CheckInput) -> SuggestedWindow:
@@ -188,7 +181,10 @@ def _ocv_test(given: CheckInput) -> Role:
     if isinstance(given.sweeps, str):
         return Role(name, False, given.sweeps)
     try:
-        by_direction = _by_direction(given.sweeps)
+        by_direction = {
+            direction: join_sweeps([each for each in given.sweeps if each.direction == direction])
+            for direction in dict.fromkeys(sweep.direction for sweep in given.sweeps)
+        }
         if given.capacity_ah is not None:
             decide_capacity(by_direction, given.capacity_ah)
     except InputError as problem:
@@ -199,13 +195,6 @@ def _ocv_test(given: CheckInput) -> Role:
     return Role(name, True, reason)
 
 
-def _by_direction(sweeps: list[Sweep]) -> Mapping[int, Sweep]:
-    return {
-        direction: join_sweeps([sweep for sweep in sweeps if sweep.direction == direction])
-        for direction in dict.fromkeys(sweep.direction for sweep in sweeps)
-    }
-
-
 def _sweep_words(sweep: Sweep) -> str:
     start_v, end_v = sweep.points[0].voltage_v, sweep.points[-1].voltage_v
     kind = "slow " + WORD[sweep.direction]
@@ -214,7 +203,7 @@ def _sweep_words(sweep: Sweep) -> str:
     return f"{kind}, {sweep.passed_ah:.4g} Ah, {start_v:.3f} to {end_v:.3f} V"
 
 
-def _profiles(given: CheckInput) -> tuple[Role, Role]:
+def _profiles(given: CheckInput) -> list[Role]:
     record = given.record
     is_fine = given.is_step & (record.interval_s <= _FINE_S)
     steps = int(is_fine.sum())
@@ -227,11 +216,9 @@ def _profiles(given: CheckInput) -> tuple[Role, Role]:
     roles = []
     for name, fewest in (("identification", _STEPS), ("validation", _VALIDATION_STEPS)):
         few = f"{steps} current steps sampled finely enough, and {name} wants {fewest}"
-        if reason or steps < fewest:
-            roles.append(Role(name, False, reason or few))
-        else:
-            roles.append(Role(name, True, moves, window))
-    return roles[0], roles[1]
+        lacks = reason or (few if steps < fewest else "")
+        roles.append(Role(name, False, lacks) if lacks else Role(name, True, moves, window))
+    return roles
 
 
 def _too_little(given: CheckInput) -> str:

@@ -38,13 +38,12 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         where = f"{len(gaps)} gaps, the longest {interval_s[worst]:.4g} s before row {row}"
     first = int(gaps[0]) + 1
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
-        yield given.at(
-            first,
-            "warning",
+        what = (
             f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and up to "
-            f"{doubt_ah:.2g} Ah are in doubt",
-            "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)",
+            f"{doubt_ah:.2g} Ah are in doubt"
         )
+        remedy = "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)"
+        yield given.at(first, "warning", what, remedy)
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")
 
@@ -59,13 +58,12 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
     if is_coarse.sum() < 2 or fine_s > _FINE_SHARE * _COARSE_S:
         return
     long_s = float(np.median(interval_s[is_coarse]))
-    yield given.at(
-        int(np.argmax(is_coarse)) + 1,
-        "note",
+    what = (
         f"{int(is_coarse.sum())} intervals of {long_s:.3g} s under load beside others of "
-        f"{fine_s:.3g} s: what happened inside them was not logged",
-        "leave them out with `score_steps`, `score_from` or `score_to`",
+        f"{fine_s:.3g} s: what happened inside them was not logged"
     )
+    remedy = "leave them out with `score_steps`, `score_from` or `score_to`"
+    yield given.at(int(np.argmax(is_coarse)) + 1, "note", what, remedy)
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
@@ -78,8 +76,7 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
         return
     starts = np.flatnonzero(np.diff(record.step, prepend=record.step[0] - 1) != 0)
     lengths = np.diff(np.append(starts, record.samples))
-    starts = starts[lengths >= 20]
-    lengths = lengths[lengths >= 20]
+    starts, lengths = starts[lengths >= 20], lengths[lengths >= 20]
     if len(starts) < 3:
         return
     inside = np.concatenate([np.arange(a + 1, a + n) for a, n in zip(starts, lengths, strict=True)])
@@ -90,13 +87,11 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
     is_even = high_s - low_s <= 1e-6 * high_s
     spread = float(np.ptp(low_s)) / float(np.median(low_s))
     if is_even.all() and 1e-5 < spread < 0.05:
-        yield given.at(
-            int(starts[0]),
-            "note",
+        what = (
             f"time is laid evenly inside each of {len(starts)} steps, at {low_s.min():.6g} to "
-            f"{low_s.max():.6g} s a sample: it was rebuilt, not logged",
-            "trust no time constant near one interval",
+            f"{low_s.max():.6g} s a sample: it was rebuilt, not logged"
         )
+        yield given.at(int(starts[0]), "note", what, "trust no time constant near one interval")
 
 
 def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
@@ -104,11 +99,8 @@ def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
     # Only what is long against the shortest in a hundred is worth a look at its neighbors.
     likely = np.flatnonzero(interval_s > _GAP * np.quantile(interval_s, 0.01))
     padded = np.concatenate([np.full(_BESIDE, np.nan), interval_s, np.full(_BESIDE, np.nan)])
-    offsets = np.arange(_BESIDE)
-    before, after = (
-        padded[likely[:, None] + offsets],
-        padded[likely[:, None] + _BESIDE + 1 + offsets],
-    )
+    near = likely[:, None] + np.arange(_BESIDE)
+    before, after = padded[near], padded[near + _BESIDE + 1]
     # An interval at either end has neighbors on one side only.
     before[likely == 0] = -np.inf
     after[likely == len(interval_s) - 1] = -np.inf
@@ -127,12 +119,11 @@ def find_resolution(given: CheckInput) -> Iterator[Finding]:
     share = given.resolution_a / loaded_a
     if given.resolution_v < _COARSE_V and share < _COARSE_SHARE:
         return
-    yield Finding(
-        "note",
+    what = (
         f"coarse readings: voltage in steps of {1e3 * given.resolution_v:.2g} mV, current in steps "
-        f"of {1e3 * given.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)",
-        "no fit can be better than its readings",
+        f"of {1e3 * given.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)"
     )
+    yield Finding("note", what, "no fit can be better than its readings")
 
 
 def find_temperature(given: CheckInput) -> Iterator[Finding]:
@@ -143,11 +134,8 @@ def find_temperature(given: CheckInput) -> Iterator[Finding]:
     low, high = _TEMPERATURE_DEGC
     outside = (temperature < low) | (temperature > high)
     if outside.any():
-        first = int(np.argmax(outside))
-        yield given.at(
-            first,
-            "warning",
-            f"a temperature of {temperature[first]:.4g} degC ({int(outside.sum())} samples outside "
-            f"{low:g} to {high:g} degC)",
-            "check the sensor, or delete the column",
+        what = (
+            f"a temperature of {temperature[np.argmax(outside)]:.4g} degC "
+            f"({int(outside.sum())} samples outside {low:g} to {high:g} degC)"
         )
+        yield given.at(outside, "warning", what, "check the sensor, or delete the column")

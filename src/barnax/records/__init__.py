@@ -2,8 +2,16 @@
 
 from .findings import Finding, Severity
 from .read import Source, read_record, read_source, record_from_frame, source_from_frame
-from .record import Decision, Hold, Record, Strength
-from .rests import current_direction, is_rested, rest_blocks, rest_current_a
+from .record import (
+    Decision,
+    Hold,
+    Record,
+    Strength,
+    current_direction,
+    is_rested,
+    rest_blocks,
+    rest_current_a,
+)
 
 __all__ = [
     "Decision",

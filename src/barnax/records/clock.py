@@ -1,6 +1,6 @@
 """The rules on the clock: it never falls, and no sample stands in the record twice."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,7 +14,6 @@ _DAY_S = 86_400.0
 _SLIPS, _FEW = 3, 0.01
 
 Clock = Float[np.ndarray, "samples"]
-Intervals = Bool[np.ndarray, "intervals"]
 
 
 def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
@@ -48,15 +47,12 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
 
 def _stray(samples: Samples, strays: Bool[np.ndarray, "samples"]) -> Finding:
     first = int(np.argmax(strays))
-    beside = samples.time_s[first - 1] if first else samples.time_s[first + 1]
-    return found_at(
-        samples,
-        first,
-        "error",
+    beside = samples.time_s[first - 1 if first else 1]
+    what = (
         f"time is out of line, {samples.time_s[first]:.10g} s beside {beside:.10g} s "
-        f"({counted(int(strays.sum()), 'such row')})",
-        "delete these rows, or correct their times",
+        f"({counted(int(strays.sum()), 'such row')})"
     )
+    return found_at(samples, first, "error", what, "delete these rows, or correct their times")
 
 
 def _single_strays(time: Clock) -> Bool[np.ndarray, "samples"]:
@@ -110,10 +106,8 @@ def _restart(samples: Samples, falls: np.ndarray, is_midnight: bool) -> tuple[st
     if samples.step is not None and np.mean(np.diff(samples.step)[falls] != 0) > 0.8:
         what = f"'{name}' starts again with each step ({times})"
         return what, "give the test's own clock, not the step's"
-    return (
-        f"the clock starts again ({times})",
-        "split joined tests into files of their own, or give the test's own clock",
-    )
+    remedy = "split joined tests into files of their own, or give the test's own clock"
+    return f"the clock starts again ({times})", remedy
 
 
 def _running_on(time: Clock) -> Clock:
@@ -132,39 +126,6 @@ _COARSE = 0.05
 _CLOSE_S, _CLOSE_SHARE = 0.05, 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class _Repeats:
-    """Where, interval by interval, a sample has the time stamp of the one before.
-
-    `is_exact` where it repeats it wholly, `is_near` where current and voltage are alike within
-    the tester's resolution, `is_other` where they are not.
-    """
-
-    is_exact: Intervals
-    is_near: Intervals
-    is_other: Intervals
-
-    @property
-    def are_too_many(self) -> bool:
-        """Whether there are more different values of one stamp than a step's two sides explain."""
-        is_any = self.is_near | self.is_other
-        in_a_row = (self.is_other[1:] & is_any[:-1]) | (is_any[1:] & self.is_other[:-1])
-        return bool(in_a_row.any() or np.mean(self.is_other) > _COARSE)
-
-
-def _find_repeats(samples: Samples) -> _Repeats:
-    step_a, step_v = samples.step_a, samples.step_v
-    is_repeat = np.diff(samples.time_s) == 0
-    is_exact = is_repeat & (step_a == 0) & (step_v == 0)
-    is_near = (
-        is_repeat
-        & ~is_exact
-        & (np.abs(step_a) <= _SAME_CURRENT_SHARE * samples.peak_a * (1 + 1e-9))
-        & (np.abs(step_v) <= _SAME_VOLTAGE_V * (1 + 1e-9))
-    )
-    return _Repeats(is_exact, is_near, is_repeat & ~is_exact & ~is_near)
-
-
 def merge_repeats(samples: Samples) -> Samples:
     """The samples without those that have the time stamp of the one before."""
     return samples.keep(np.concatenate([[True], np.diff(samples.time_s) != 0]))
@@ -173,30 +134,46 @@ def merge_repeats(samples: Samples) -> Samples:
 def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples on a clock that strictly rises, and which of them were logged twice.
 
-    Of two samples of one time stamp the first is kept. Where there are too many for that, they
-    are spread over the interval that follows.
+    Of two samples of one time stamp the first is kept. Where there are more of different values
+    than the two sides of a step explain, they are spread over the interval that follows.
     """
-    repeats = _find_repeats(samples)
-    if repeats.are_too_many:
-        finding = _too_few_digits(samples, repeats.is_other)
+    step_a, step_v = samples.step_a, samples.step_v
+    # Interval by interval: of the stamp before, and alike wholly, within the resolution, or not.
+    is_repeat = np.diff(samples.time_s) == 0
+    is_exact = is_repeat & (step_a == 0) & (step_v == 0)
+    is_alike = np.abs(step_a) <= _SAME_CURRENT_SHARE * samples.peak_a * (1 + 1e-9)
+    is_alike &= np.abs(step_v) <= _SAME_VOLTAGE_V * (1 + 1e-9)
+    is_near = is_repeat & is_alike & ~is_exact
+    is_other = is_repeat & ~is_alike & ~is_exact
+    is_any = is_near | is_other
+    in_a_row = (is_other[1:] & is_any[:-1]) | (is_any[1:] & is_other[:-1])
+    others = int(is_other.sum())
+    if in_a_row.any() or np.mean(is_other) > _COARSE:
+        at = int(np.argmax(is_other)) + 1
+        each = len(samples) / len(np.unique(samples.time_s))
+        what = (
+            f"{_two_values(samples, at)}, and so do {counted(others, 'row')}, {each:.3g} rows a "
+            "stamp: the clock has too few digits"
+        )
+        finding = found_at(samples, at, "error", what, "export the time with more digits")
         return replace(samples, time_s=_spread(samples.time_s)), [finding]
     findings = []
-    for is_repeat, words in (
-        (repeats.is_exact, "exact repeats of the row before"),
-        (repeats.is_near, "repeats of the row before within the tester's resolution"),
+    for is_merged, words in (
+        (is_exact, "exact repeats of the row before"),
+        (is_near, "repeats of the row before within the tester's resolution"),
     ):
-        if is_repeat.any():
-            first = int(np.argmax(is_repeat)) + 1
-            what = f"{counted(int(is_repeat.sum()), 'row')} merged: {words}"
-            findings.append(found_at(samples, first, "note", what, is_told=True))
-    if repeats.is_other.any():
-        first = int(np.argmax(repeats.is_other)) + 1
+        if is_merged.any():
+            what = f"{counted(int(is_merged.sum()), 'row')} merged: {words}"
+            at = int(np.argmax(is_merged)) + 1
+            findings.append(found_at(samples, at, "note", what, is_told=True))
+    if others:
+        at = int(np.argmax(is_other)) + 1
         what = (
-            f"{_two_values(samples, first)}: {counted(int(repeats.is_other.sum()), 'such row')} "
-            "merged, the first of the two kept"
+            f"{_two_values(samples, at)}: {counted(others, 'such row')} merged, the first of the "
+            "two kept"
         )
         remedy = "export the time with more digits to keep both"
-        findings.append(found_at(samples, first, "warning", what, remedy))
+        findings.append(found_at(samples, at, "warning", what, remedy))
     samples = merge_repeats(samples)
     return samples, [*findings, *_close(samples)]
 
@@ -213,16 +190,6 @@ def _two_values(samples: Samples, at: int) -> str:
     )
 
 
-def _too_few_digits(samples: Samples, is_other: Intervals) -> Finding:
-    at = int(np.argmax(is_other)) + 1
-    each = len(samples) / len(np.unique(samples.time_s))
-    what = (
-        f"{_two_values(samples, at)}, and so do {counted(int(is_other.sum()), 'row')}, "
-        f"{each:.3g} rows a stamp: the clock has too few digits"
-    )
-    return found_at(samples, at, "error", what, "export the time with more digits")
-
-
 def _spread(time_s: Clock) -> Clock:
     """The clock with samples of one stamp laid evenly up to the next stamp."""
     stamps, place, times = np.unique(time_s, return_inverse=True, return_counts=True)
@@ -235,9 +202,8 @@ def _spread(time_s: Clock) -> Clock:
 def _close(samples: Samples) -> list[Finding]:
     """A note of samples hard upon the one before, which testers log where a step ends."""
     interval_s = np.diff(samples.time_s)
-    if not len(interval_s):
-        return []
-    is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * float(np.median(interval_s)))
+    usual_s = float(np.median(interval_s)) if len(interval_s) else 0.0
+    is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * usual_s)
     if not is_close.any():
         return []
     what = (

@@ -8,7 +8,7 @@ A column name is an alias and a unit, in any of the usual spellings: Battery Dat
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 
@@ -23,184 +23,143 @@ class Unit:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity, its aliases from the most to the least specific, and its units.
+    """A quantity, its aliases from the most to the least specific, and its units, its own first.
 
-    Aliases and unit keys are lower case with blanks for underscores. `self_explaining` aliases
-    carry their unit in themselves ("seconds"). `foreign` words are what the quantity is called in
-    other languages: not accepted, but pointed to.
+    Aliases and unit keys are lower case with blanks for underscores. `examples` are names to give
+    a column. `foreign` words are what the quantity is called in other languages: not accepted, but
+    pointed to.
     """
 
     name: str
-    base_unit: Unit
     aliases: tuple[str, ...]
     units: Mapping[str, Unit]
     examples: tuple[str, ...]
-    is_required: bool = False
-    needs_unit: bool = True
-    self_explaining: frozenset[str] = field(default_factory=frozenset)
     foreign: tuple[str, ...] = ()
 
+    @property
+    def base_unit(self) -> Unit:
+        return next(iter(self.units.values()))
 
-def _spelled(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
+    @property
+    def is_required(self) -> bool:
+        return self.name in NEEDED
+
+
+# What no record can do without, by the quantities' names.
+NEEDED = frozenset({"time", "current", "voltage"})
+# Aliases that carry their unit in themselves.
+_SELF_EXPLAINING = {"seconds", "amps", "volts", "chgah", "disah"}
+
+
+def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
     return {name: unit for unit, names in spellings.items() for name in names.split("|")}
 
 
-_SECOND, _AMPERE, _VOLT = Unit("s"), Unit("A"), Unit("V")
-_AMPERE_HOUR, _CELSIUS, _ONE = Unit("Ah"), Unit("degC"), Unit("1")
+def _quantity(
+    name: str, units: Mapping[str, Unit], aliases: str, examples: str, foreign: str = ""
+) -> Quantity:
+    words = (tuple(filter(None, each.split("|"))) for each in (aliases, examples, foreign))
+    names, labels, elsewhere = words
+    return Quantity(name, names, units, labels, elsewhere)
 
-_TIME_UNITS = _spelled(
+
+_SECONDS = _units(
     {
-        _SECOND: "s|sec|secs|second|seconds",
+        Unit("s"): "s|sec|secs|second|seconds",
         Unit("ms", 1e-3): "ms|msec|millisecond|milliseconds",
         Unit("min", 60.0): "min|mins|minute|minutes",
         Unit("h", 3600.0): "h|hr|hrs|hour|hours",
         Unit("d", 86400.0): "d|day|days",
     }
 )
-_CURRENT_UNITS = _spelled(
+_AMPERES = _units(
     {
-        _AMPERE: "a|amp|amps|ampere|amperes",
+        Unit("A"): "a|amp|amps|ampere|amperes",
         Unit("mA", 1e-3): "ma|milliamp|milliamps|milliampere|milliamperes",
         Unit("uA", 1e-6): "ua|microamp|microamps|microampere|microamperes",
     }
 )
-_VOLTAGE_UNITS = _spelled(
+_VOLTS = _units({Unit("V"): "v|volt|volts", Unit("mV", 1e-3): "mv|millivolt|millivolts"})
+_AMPERE_HOURS = _units(
     {
-        _VOLT: "v|volt|volts",
-        Unit("mV", 1e-3): "mv|millivolt|millivolts",
-    }
-)
-_CAPACITY_UNITS = _spelled(
-    {
-        _AMPERE_HOUR: "ah|a.h|a h|ampere hour|amp hour|amp hours",
+        Unit("Ah"): "ah|a.h|a h|ampere hour|amp hour|amp hours",
         Unit("mAh", 1e-3): "mah|ma.h|ma h|milliampere hour|milliamp hour",
     }
 )
-_TEMPERATURE_UNITS = _spelled(
+_DEGREES = _units(
     {
-        _CELSIUS: "degc|deg c|c|°c|celsius|degree celsius|degrees celsius",
+        Unit("degC"): "degc|deg c|c|°c|celsius|degree celsius|degrees celsius",
         Unit("K", 1.0, -273.15): "k|kelvin",
         Unit("degF", 5 / 9, -160 / 9): "degf|deg f|f|°f|fahrenheit",
     }
 )
+_COUNTS = _units({Unit("1"): "1"})
+_FRACTIONS = _units({Unit("1"): "1|-", Unit("%", 0.01): "%|percent|pct"})
 
 QUANTITIES: tuple[Quantity, ...] = (
-    Quantity(
+    _quantity(
         "time",
-        _SECOND,
-        ("test time", "total time", "elapsed time", "time", "seconds", "t"),
-        _TIME_UNITS,
-        ("Test Time / s", "test_time_second", "Time [s]", "Test_Time(s)", "time"),
-        is_required=True,
-        self_explaining=frozenset({"seconds"}),
-        foreign=("zeit", "temps", "tiempo", "tempo", "时间"),
+        _SECONDS,
+        "test time|total time|elapsed time|time|seconds|t",
+        "Test Time / s|test_time_second",
+        "zeit|temps|tiempo|tempo|时间",
     ),
-    Quantity(
+    _quantity(
         "current",
-        _AMPERE,
-        ("current", "amps", "i"),
-        _CURRENT_UNITS,
-        ("Current / A", "current_ampere", "Current [A]", "Current(A)", "current"),
-        is_required=True,
-        self_explaining=frozenset({"amps"}),
-        foreign=("strom", "courant", "corriente", "corrente", "电流"),
+        _AMPERES,
+        "current|amps|i",
+        "Current / A|current_ampere",
+        "strom|courant|corriente|corrente|电流",
     ),
-    Quantity(
+    _quantity(
         "voltage",
-        _VOLT,
-        ("terminal voltage", "cell voltage", "voltage", "volts", "ecell", "u", "v"),
-        _VOLTAGE_UNITS,
-        ("Voltage / V", "voltage_volt", "Voltage [V]", "Voltage(V)", "voltage"),
-        is_required=True,
-        self_explaining=frozenset({"volts"}),
-        foreign=("spannung", "tension", "voltaje", "tensione", "电压"),
+        _VOLTS,
+        "terminal voltage|cell voltage|voltage|volts|ecell|u|v",
+        "Voltage / V|voltage_volt",
+        "spannung|tension|voltaje|tensione|电压",
     ),
-    Quantity(
+    _quantity(
         "temperature",
-        _CELSIUS,
-        (
-            "surface temperature",
-            "cell temperature",
-            "battery temperature",
-            "temperature",
-            "aux temperature",
-            "aux temperature 1",
-            "temperature t1",
-            "temp",
-            "t",
-            "ambient temperature",
-        ),
-        _TEMPERATURE_UNITS,
-        ("Surface Temperature / degC", "Ambient Temperature / degC", "Temperature [degC]"),
+        _DEGREES,
+        "surface temperature|cell temperature|battery temperature|temperature|aux temperature|"
+        "aux temperature 1|temperature t1|temp|t|ambient temperature",
+        "Surface Temperature / degC|Ambient Temperature / degC",
     ),
-    Quantity(
-        "step",
-        _ONE,
-        ("step index", "step", "step id", "step number", "ns", "step count"),
-        {"1": _ONE},
-        ("Step Index / 1", "Step Count / 1", "Step_Index"),
-        needs_unit=False,
+    _quantity(
+        "step", _COUNTS, "step index|step|step id|step number|ns|step count", "Step Index / 1"
     ),
-    Quantity(
+    _quantity(
         "charging capacity",
-        _AMPERE_HOUR,
-        ("charging capacity", "charge capacity", "q charge", "chgah"),
-        _CAPACITY_UNITS,
-        ("Charging Capacity / Ah", "Charge_Capacity(Ah)"),
-        self_explaining=frozenset({"chgah"}),
+        _AMPERE_HOURS,
+        "charging capacity|charge capacity|q charge|chgah",
+        "Charging Capacity / Ah",
     ),
-    Quantity(
+    _quantity(
         "discharging capacity",
-        _AMPERE_HOUR,
-        ("discharging capacity", "discharge capacity", "q discharge", "disah"),
-        _CAPACITY_UNITS,
-        ("Discharging Capacity / Ah", "Discharge_Capacity(Ah)"),
-        self_explaining=frozenset({"disah"}),
+        _AMPERE_HOURS,
+        "discharging capacity|discharge capacity|q discharge|disah",
+        "Discharging Capacity / Ah",
     ),
-    Quantity(
-        "net capacity",
-        _AMPERE_HOUR,
-        ("net capacity", "capacity"),
-        _CAPACITY_UNITS,
-        ("Net Capacity / Ah", "Capacity(Ah)"),
+    _quantity(
+        "net capacity", _AMPERE_HOURS, "net capacity|capacity", "Net Capacity / Ah|Capacity(Ah)"
     ),
 )
 
-_FRACTION_UNITS = _spelled({_ONE: "1|-", Unit("%", 0.01): "%|percent|pct"})
-_BRANCHES = {"charge OCV": ("charge", "charging"), "discharge OCV": ("discharge", "discharging")}
-
+_BRANCH = (
+    "{0} ocv|ocv {0}|{0} open circuit voltage|open circuit voltage {0}|{0} voltage|voltage {0}|"
+)
 # What a table of OCV over SOC holds instead: SOC, and one voltage or one for each direction.
 OCV_QUANTITIES: tuple[Quantity, ...] = (
-    Quantity(
-        "SOC",
-        _ONE,
-        ("state of charge", "soc"),
-        _FRACTION_UNITS,
-        ("SOC [-]", "SOC / %"),
-        needs_unit=False,
-    ),
-    Quantity(
-        "OCV",
-        _VOLT,
-        ("open circuit voltage", "ocv", "voltage", "volts", "u", "v"),
-        _VOLTAGE_UNITS,
-        ("OCV [V]", "Voltage / V"),
-        self_explaining=frozenset({"volts"}),
-    ),
+    _quantity("SOC", _FRACTIONS, "state of charge|soc", "SOC [-]|SOC / %"),
+    _quantity("OCV", _VOLTS, "open circuit voltage|ocv|voltage|volts|u|v", "OCV [V]|Voltage / V"),
     *(
-        Quantity(
-            name,
-            _VOLT,
-            tuple(
-                alias
-                for word in words
-                for voltage in ("ocv", "open circuit voltage", "voltage")
-                for alias in (f"{word} {voltage}", f"{voltage} {word}")
-            ),
-            _VOLTAGE_UNITS,
-            (f"{name} [V]",),
+        _quantity(
+            f"{word} OCV",
+            _VOLTS,
+            _BRANCH.format(word) + _BRANCH.format(word.replace("charge", "charging")),
+            f"{word} OCV [V]",
         )
-        for name, words in _BRANCHES.items()
+        for word in ("charge", "discharge")
     ),
 )
 
@@ -216,10 +175,6 @@ _BDF_MACHINE = {"test time second", "current ampere", "voltage volt"}
 
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000
-
-
-# What no record can do without, by the quantities' names.
-NEEDED = frozenset(quantity.name for quantity in QUANTITIES if quantity.is_required)
 
 
 @dataclass(frozen=True)
@@ -248,15 +203,12 @@ def find_columns(
     names = {name: index for index, name in reversed(list(enumerate(header)))}
     normals = {name: _normal(name).replace("<", "").replace(">", "") for name in names}
     for quantity in quantities:
-        candidates = []
-        for name, index in names.items():
-            match = _match(name, normals[name], quantity)
-            if match is not None:
-                rank, unit, assumed = match
-                column = Column(index, name, quantity, unit, assumed)
-                candidates.append((rank, assumed, index, column))
+        matches = (_match(index, name, normals[name], quantity) for name, index in names.items())
+        candidates = [match for match in matches if match is not None]
         if candidates:
-            found[quantity.name] = min(candidates, key=lambda candidate: candidate[:3])[3]
+            _, found[quantity.name] = min(
+                candidates, key=lambda match: (match[0], match[1].is_unit_assumed, match[1].index)
+            )
     return found
 
 
@@ -273,7 +225,7 @@ def is_ocv_table(header: Sequence[str]) -> bool:
 
 def has_arbin_header(header: Sequence[str]) -> bool:
     """Whether the names are those of an Arbin channel sheet."""
-    return {_tight(name) for name in header} >= _ARBIN
+    return {_normal(name).replace(" (", "(") for name in header} >= _ARBIN
 
 
 def dialect_of(header: Sequence[str]) -> Dialect:
@@ -292,23 +244,19 @@ def _normal(name: str) -> str:
     return re.sub(r"[\s_]+", " ", name.replace("µ", "u").replace("μ", "u")).strip().lower()
 
 
-def _tight(name: str) -> str:
-    return _normal(name).replace(" (", "(")
-
-
-def _match(name: str, normal: str, quantity: Quantity) -> tuple[int, Unit, bool] | None:
-    """Rank of the alias (0 is the most specific), the unit, and whether it is assumed."""
+def _match(index: int, name: str, normal: str, quantity: Quantity) -> tuple[int, Column] | None:
+    """Rank of the alias that the name is (0 is the most specific), and the column it names."""
     for rank, alias in enumerate(quantity.aliases):
         if normal == alias:
             # A bare T is a temperature to some and a time to others; a bare t is a time.
             if alias == "t" and (name.strip() != "t" or quantity.name != "time"):
                 continue
-            is_unit_assumed = quantity.needs_unit and alias not in quantity.self_explaining
-            return rank, quantity.base_unit, is_unit_assumed
+            is_unit_assumed = "1" not in quantity.units and alias not in _SELF_EXPLAINING
+            return rank, Column(index, name, quantity, quantity.base_unit, is_unit_assumed)
         if normal.startswith(alias) and (rest := _UNIT.match(normal[len(alias) :])):
             unit = quantity.units.get(rest["unit"].replace("^", ""))
             if unit is not None:
-                return rank, unit, False
+                return rank, Column(index, name, quantity, unit, is_unit_assumed=False)
     return None
 
 
@@ -322,11 +270,8 @@ def likely_names(quantity: Quantity, header: Sequence[str]) -> list[str]:
     for name in header[:_COMPARED_NAMES]:
         normal = _normal(name)
         words = re.split(r"[\[(/]", normal)[0].strip()
-        if (
-            any(alias in normal for alias in long)
-            or any(word in normal for word in quantity.foreign)
-            or difflib.get_close_matches(words, long, 1, 0.7)
-        ):
+        is_inside = any(word in normal for word in (*long, *quantity.foreign))
+        if is_inside or difflib.get_close_matches(words, long, 1, 0.7):
             likely.append(name)
     return likely
 

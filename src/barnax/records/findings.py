@@ -7,6 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+from jaxtyping import Bool
+
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -53,25 +56,20 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """The finding as plain values."""
-        return {
-            "severity": self.severity,
-            "check": self.check,
-            "row": self.row,
-            "sheet": self.sheet,
-            "what": self.what,
-            "remedy": self.remedy or None,
-        }
+        names = ("severity", "check", "row", "sheet", "what", "remedy")
+        return {name: getattr(self, name) for name in names} | {"remedy": self.remedy or None}
 
 
 def found_at(
     source: "Lines | Samples",
-    line: int,
+    where: "int | Bool[np.ndarray, 'lines']",
     severity: Severity,
     what: str,
     remedy: str = "",
     **more: Any,
 ) -> Finding:
-    """A finding at one line, with the row and the sheet it stands in."""
+    """A finding at one line, or the first of several, with the row and sheet it stands in."""
+    line = int(np.argmax(where)) if isinstance(where, np.ndarray) else where
     sheet = source.sheets[int(source.sheet[line])] if len(source.sheets) > 1 else None
     return Finding(severity, what, remedy, int(source.row[line]), sheet, **more)
 

@@ -50,12 +50,11 @@ def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
         return proof
     if samples.dialect == "Arbin":
         return Decision("backward", "weak", "Arbin testers log a sample at its interval's end")
-    return Decision(
-        "forward",
-        "assumed",
+    reason = (
         "no counters prove otherwise; `current_hold='backward'` is for testers that log a sample "
-        "at the end of its interval",
+        "at the end of its interval"
     )
+    return Decision("forward", "assumed", reason)
 
 
 def _from_counters(samples: Samples) -> Decision | None:
@@ -77,14 +76,13 @@ def _from_counters(samples: Samples) -> Decision | None:
         at_changes = everywhere.at(tells & (np.diff(samples.step) != 0))
         decision = _verdict(at_changes, "changes of step", **_AT_CHANGES)
     decision = decision or _verdict(telling, "intervals", **_ANYWHERE)
-    if decision is not None and 0.25 < fraction < 0.75:
-        reason = (
-            f"{decision.reason}; over all intervals the last sample's current flowed for "
-            f"{fraction:.0%} of the time, so that inside its steps the record fits neither hold "
-            "well"
-        )
-        return replace(decision, reason=reason)
-    return decision
+    if decision is None or not 0.25 < fraction < 0.75:
+        return decision
+    reason = (
+        f"{decision.reason}; over all intervals the last sample's current flowed for "
+        f"{fraction:.0%} of the time, so that inside its steps the record fits neither hold well"
+    )
+    return replace(decision, reason=reason)
 
 
 def _verdict(ledger: _Ledger, words: str, *, fewest: int, margin: float) -> Decision | None:
@@ -98,18 +96,16 @@ def _verdict(ledger: _Ledger, words: str, *, fewest: int, margin: float) -> Deci
         return None
     backward = _rms(ledger.counted_ah - ledger.backward_ah)
     forward = _rms(ledger.counted_ah - ledger.forward_ah)
-    is_backward = backward < forward
+    hold, which = ("backward", "last") if backward < forward else ("forward", "first")
     better, worse = sorted((backward, forward))
-    agreeing = float(np.mean((ledger.fractions() > 0.5) == is_backward))
+    agreeing = float(np.mean((ledger.fractions() > 0.5) == (hold == "backward")))
     if better > margin * worse or agreeing < _AGREEING:
         return None
-    return Decision(
-        "backward" if is_backward else "forward",
-        "strong",
-        f"at {count} {words} the tester's Ah counters follow the current of the interval's "
-        f"{'last' if is_backward else 'first'} sample (off by {1e3 * better:.2g} mAh, by "
-        f"{1e3 * worse:.2g} mAh with the other)",
+    reason = (
+        f"at {count} {words} the tester's Ah counters follow the current of the interval's {which} "
+        f"sample (off by {1e3 * better:.2g} mAh, by {1e3 * worse:.2g} mAh with the other)"
     )
+    return Decision(hold, "strong", reason)
 
 
 def _ledger(samples: Samples) -> tuple[_Ledger, Bool[np.ndarray, "intervals"]]:

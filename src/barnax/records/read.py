@@ -1,24 +1,116 @@
-"""From a cycler's file or a data frame to a checked record."""
+"""From a cycler's file or a data frame to a checked record, by rules that need no cell.
+
+Each fault is mended as far as it can be before the next rule looks, so that one fault does not
+hide another.
+"""
 
 import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal
 
 import numpy as np
 import polars as pl
 
 from ..errors import LONGEST_NAME, InputError, cut, printable
-from .findings import Finding, raise_first_error, warnings_of
+from .clock import examine_clock, examine_repeats, merge_repeats
+from .columns import NEEDED
+from .findings import Finding, named, raise_first_error, warnings_of
 from .hold import decide_hold
 from .readers import read_table
 from .record import Decision, Hold, Record
-from .rules import examine, examine_suffix
-from .samples import Samples
+from .samples import Samples, samples_of
 from .sign import CHARGE, DISCHARGE, Sign, decide_sign
-from .table import Table, table_sha256
+from .table import Table, examine_cells, examine_columns, table_sha256, take_lines
+from .units import examine_current_unit, examine_time_unit, examine_voltage
+
+_FEWEST_SAMPLES = 10
+_SHORTEST_S = 1e-6
+
+_CONTENT = {
+    b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm")),
+    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
+    b"PAR1": ("a Parquet table", (".parquet", ".pq")),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A table's samples, and what the rules found.
+
+    `samples` are as the file gives them, fit for a record where no finding is an error. `mended`
+    are what they would be without their faults, None where too little is left to look at.
+    """
+
+    samples: Samples | None
+    mended: Samples | None
+    findings: tuple[Finding, ...]
+
+
+def examine(table: Table, file: str, capacity_ah: float | None = None) -> Examined:
+    """The samples of a table, and what is wrong with them; `capacity_ah` lets charge be judged.
+
+    Raises InputError where no column is like any of a record.
+    """
+    columns, found = examine_columns(table, file)
+    findings = named("columns", found)
+    lines, found = examine_cells(take_lines(table, columns))
+    findings += named("cells", found)
+    if not columns.keys() >= NEEDED:
+        return Examined(None, None, tuple(findings))
+    samples = mended = samples_of(lines)
+    if short := _too_short(mended):
+        # Where bad cells took the samples, that is said already.
+        findings += [] if any(each.severity == "error" for each in findings) else [short]
+        return Examined(None, None, tuple(findings))
+    # Absurd values overflow on their way to being found absurd.
+    with np.errstate(all="ignore"):
+        for check, rule in (
+            ("clock", examine_clock),
+            ("voltage unit", examine_voltage),
+            ("repeats", examine_repeats),
+            ("time unit", examine_time_unit),
+            ("current unit", lambda given: examine_current_unit(given, capacity_ah)),
+        ):
+            mended, found = rule(mended)
+            findings += named(check, found)
+            if short := _too_short(mended):
+                return Examined(None, None, (*findings, short))
+        is_usable = bool(np.all(np.diff(mended.time_s) > 0) and mended.peak_a > 0)
+    if not any(finding.severity == "error" for finding in findings):
+        samples = merge_repeats(samples)
+    return Examined(samples, mended if is_usable else None, tuple(findings))
+
+
+def _too_short(samples: Samples) -> Finding | None:
+    """An error where too few samples are left, or too little time."""
+    count = len(samples)
+    what, remedy = "", "give a longer record"
+    if count == 0:
+        what, remedy = "no samples stand below the header", "give the file with its data"
+    elif count < _FEWEST_SAMPLES:
+        what = f"a record of {count} samples is too short; at least {_FEWEST_SAMPLES} are needed"
+    elif np.ptp(samples.time_s) < _SHORTEST_S:
+        what = f"the record lasts {np.ptp(samples.time_s):.3g} s by '{samples.header('time')}'"
+        remedy = "give the column that holds the time, with its unit"
+    return Finding("error", what, remedy, check="length") if what else None
+
+
+def examine_suffix(file: str, content: bytes) -> tuple[Finding, ...]:
+    """A note where a file's suffix promises another format than its content is."""
+    suffix = PurePath(file).suffix.lower()
+    known = {own for _, suffixes in _CONTENT.values() for own in suffixes}
+    kind, suffixes = next(
+        (own for start, own in _CONTENT.items() if content.startswith(start)), ("text", ())
+    )
+    if suffix in suffixes or (suffix not in known and kind == "text"):
+        return ()
+    what = f"the content is {kind}, although the name ends in '{suffix}'"
+    remedy = "barnax goes by the content; other programs may not"
+    return (Finding("note", what, remedy, check="format"),)
+
 
 _LARGEST_FILE = 2_000_000_000
 
@@ -42,14 +134,8 @@ def read_source(path: str | Path) -> Source:
     path = Path(path)
     name = printable(path.name)
     content = _read_content(path)
-    return _clean(
-        Source(
-            name,
-            read_table(content, name),
-            hashlib.sha256(content).hexdigest(),
-            examine_suffix(name, content),
-        )
-    )
+    sha256 = hashlib.sha256(content).hexdigest()
+    return _clean(Source(name, read_table(content, name), sha256, examine_suffix(name, content)))
 
 
 def source_from_frame(frame: Any, name: str) -> Source:
@@ -65,9 +151,8 @@ def source_from_frame(frame: Any, name: str) -> Source:
     try:
         whole = nw.from_native(table)
     except TypeError as error:
-        raise InputError(
-            f"{name}: is no data frame, but of type {type(frame).__name__}."
-        ) from error
+        kind = type(frame).__name__
+        raise InputError(f"{name}: is no data frame, but of type {kind}.") from error
     whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
     columns = tuple(_series(column) for column in whole.iter_columns())
     header = tuple(str(column) for column in whole.columns)
@@ -193,9 +278,8 @@ def _read_content(path: Path) -> bytes:
     except IsADirectoryError:
         raise InputError(f"{shown}: is a directory; give one file of measured samples.") from None
     except FileNotFoundError:
-        raise InputError(
-            f"{shown}: there is no such file; check the name and the folder."
-        ) from None
+        words = "there is no such file; check the name and the folder."
+        raise InputError(f"{shown}: {words}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{shown}: cannot be read ({reason}).") from error

@@ -1,10 +1,10 @@
-"""One measured record: time, current and voltage of one cell, checked and in one convention."""
+"""One measured record of one cell in one convention, its rests and its direction."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 Hold = Literal["forward", "backward"]
 Strength = Literal["given", "strong", "weak", "assumed"]
@@ -70,3 +70,96 @@ class Record:
         """Ampere-hours taken out since the first sample."""
         passed = np.cumsum(self.interval_current_a * self.interval_s) / 3600
         return np.concatenate([np.zeros(1), passed])
+
+
+def runs(
+    holds: Bool[np.ndarray, "places"],
+) -> tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]:
+    """First and last place of each unbroken run where `holds` is true, in order."""
+    edges = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+
+
+# Long enough for a robust spread, short against a rest.
+_WINDOW_SAMPLES = 32
+
+
+def rest_current_a(record: Record, capacity_ah: float) -> float:
+    """The current below which a cell counts as resting, in A.
+
+    C/100, and never under five times the current's noise at rest: a tester's offset is not a
+    direction.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> rest_current_a(record, capacity_ah=2.0)
+    0.02
+    """
+    return max(capacity_ah / 100, 5 * _noise_at_rest_a(record, capacity_ah))
+
+
+def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
+    """The median robust noise of short windows of small, steady current; zero without such.
+
+    The windows lie below C/20 throughout and below C/50 in the median. Differences of neighbors
+    over sqrt(2) give the noise of white noise and little of a drift or a slow dither.
+    """
+    windows = record.samples // _WINDOW_SAMPLES
+    current = record.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
+    is_small = (np.abs(current) < capacity_ah / 20).all(axis=1)
+    current = current[is_small]
+    steps = np.diff(current, axis=1)
+    noise_a = 1.4826 * np.median(np.abs(steps), axis=1) / np.sqrt(2)
+    # Half against half: the means of white noise hardly differ, those of a swing do.
+    half = _WINDOW_SAMPLES // 2
+    drift_a = np.abs(current[:, :half].mean(axis=1) - current[:, half:].mean(axis=1))
+    is_low = np.abs(np.median(current, axis=1)) < capacity_ah / 50
+    is_steady = is_low & (drift_a <= 3 * noise_a * np.sqrt(2 / half))
+    return float(np.median(noise_a[is_steady])) if is_steady.any() else 0.0
+
+
+def is_rested(record: Record, threshold_a: float) -> Bool[np.ndarray, "samples"]:
+    """Where the current's magnitude is below `threshold_a`.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> bool(is_rested(record, threshold_a=0.02)[0])
+    True
+    """
+    return np.abs(record.current_a) < threshold_a
+
+
+def current_direction(
+    record: Record, threshold_a: float, initial: int = 1
+) -> Float[np.ndarray, "samples"]:
+    """The last direction of the current: +1 charging, -1 discharging (Sig of Eq. 5).
+
+    Below `threshold_a` the last direction goes on; before the first one it is `initial`, +1 for
+    a cell that comes from a charge.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> direction = current_direction(record, threshold_a=0.02)
+    >>> float(direction[0]), float(direction[-1])
+    (1.0, -1.0)
+    """
+    moving = ~is_rested(record, threshold_a) & (record.current_a != 0)
+    last_moving = np.maximum.accumulate(np.where(moving, np.arange(record.samples), -1))
+    direction = -np.sign(record.current_a[last_moving])
+    return np.where(last_moving >= 0, direction, float(initial))
+
+
+def rest_blocks(record: Record, threshold_a: float) -> list[tuple[int, int]]:
+    """First and last sample of each unbroken rest, in order.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> record = read_record(bundled_file("ocv_discharge"))
+    >>> len(rest_blocks(record, threshold_a=0.02))
+    22
+    """
+    first, last = runs(is_rested(record, threshold_a))
+    return list(zip(first.tolist(), last.tolist(), strict=True))

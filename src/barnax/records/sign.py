@@ -13,8 +13,7 @@ from jaxtyping import Float, Int
 from ..errors import InputError, counted
 from .columns import Dialect
 from .findings import Finding, found_at
-from .record import Decision
-from .rests import runs
+from .record import Decision, runs
 from .samples import Samples, voltage_noise_v
 
 CHARGE, DISCHARGE = "charge-positive", "discharge-positive"
@@ -50,7 +49,9 @@ def decide_sign(
     """
     found = _from_data(samples)
     if given == "auto":
-        decision = found or _from_names(samples)
+        value = PROMISED[samples.dialect]
+        names = f"the data do not tell, and {samples.dialect} column names usually mean {value}"
+        decision = found or Decision(value, "assumed", names)
         return decision, _doubts(samples, decision)
     if found is None:
         return Decision(given, "given", "given by the user; the data say nothing"), []
@@ -64,12 +65,6 @@ def decide_sign(
         )
     decision = Decision(given, "given", f"given by the user, although {found.reason}")
     return decision, [Finding("warning", f"{what} on weak evidence: {found.reason}")]
-
-
-def _from_names(samples: Samples) -> Decision:
-    value = PROMISED[samples.dialect]
-    reason = f"the data do not tell, and {samples.dialect} column names usually mean {value}"
-    return Decision(value, "assumed", reason)
 
 
 def _from_data(samples: Samples) -> Decision | None:
@@ -96,25 +91,23 @@ def _doubts(samples: Samples, sign: Decision) -> list[Finding]:
     """A sign that is doubtful, or another than the columns' names mean."""
     at, _ = step_votes(samples)
     start = int(at[0]) + 1 if len(at) else 0
+    promised = PROMISED[samples.dialect]
     if sign.strength in ("weak", "assumed"):
         strength = "weak" if sign.strength == "weak" else "no"
         what = f"the current is taken as {sign.value} on {strength} evidence: {sign.reason}"
         remedy = f"say so: `current_sign='{sign.value}'`"
-        return [found_at(samples, start, "warning", what, remedy)]
-    promised = PROMISED[samples.dialect]
-    if samples.dialect != "plain" and sign.value != promised:
-        what = (
-            f"the current is {sign.value}, but {samples.dialect} names mean {promised}: "
-            f"{sign.reason}"
-        )
+    elif samples.dialect != "plain" and sign.value != promised:
+        names = f"but {samples.dialect} names mean {promised}"
+        what = f"the current is {sign.value}, {names}: {sign.reason}"
         remedy = (
             f"barnax turns it, other programs may not: say `current_sign='{sign.value}'`, or turn "
             "its sign in the file"
         )
-        return [found_at(samples, start, "warning", what, remedy)]
-    if sign.value == DISCHARGE and samples.dialect == "plain":
+    elif sign.value == DISCHARGE and samples.dialect == "plain":
         return [found_at(samples, start, "note", f"the current is {sign.value}: {sign.reason}")]
-    return []
+    else:
+        return []
+    return [found_at(samples, start, "warning", what, remedy)]
 
 
 def step_votes(
@@ -131,41 +124,28 @@ def _at_current_steps(samples: Samples) -> Evidence | None:
     step_a, step_v, is_step = samples.step_a, samples.step_v, samples.is_step
     noise_v = voltage_noise_v(step_v, ~is_step)
     is_clear = is_step & (np.abs(step_v) > 6 * noise_v)
-    clear = _agreement(step_a[is_clear] * step_v[is_clear])
-    every = _agreement(step_a[is_step] * step_v[is_step])
+    vote, share, count = clear = _agreement(step_a[is_clear] * step_v[is_clear])
     # Where few of the steps are clear, the current may be noise and the clear ones chance.
-    is_clear_strong = clear.share >= 0.85 and clear.count >= max(3, 0.2 * is_step.sum())
-    # Small steps among relaxations stand out only by their number: four sigma of a fair coin.
-    is_every_strong = every.share >= 0.7 and (2 * every.share - 1) * every.count**0.5 >= 4
-    chosen = every if is_every_strong and not is_clear_strong else clear
-    if chosen.count == 0 or chosen.share < 0.7:
+    is_strong = share >= 0.85 and count >= max(3, 0.2 * is_step.sum())
+    if not is_strong:
+        vote, share, count = _agreement(step_a[is_step] * step_v[is_step])
+        # Small steps among relaxations stand out only by their number: four sigma of a fair coin.
+        is_strong = share >= 0.7 and (2 * share - 1) * count**0.5 >= 4
+        vote, share, count = (vote, share, count) if is_strong else clear
+    if count == 0 or share < 0.7:
         return None
-    moves = "rises" if chosen.vote > 0 else "falls"
-    return Evidence(
-        chosen.vote,
-        is_strong=is_clear_strong or is_every_strong,
-        words=(
-            f"the voltage {moves} with the current at {round(chosen.share * chosen.count)} of "
-            f"{chosen.count} steps"
-        ),
-    )
+    moves = "rises" if vote > 0 else "falls"
+    words = f"the voltage {moves} with the current at {round(share * count)} of {count} steps"
+    return Evidence(vote, is_strong, words)
 
 
-@dataclass(frozen=True)
-class _Agreement:
-    """Which way most products point by their sum, and the share of their number that agrees."""
-
-    vote: int
-    share: float
-    count: int
-
-
-def _agreement(product: Float[np.ndarray, "steps"]) -> _Agreement:
+def _agreement(product: Float[np.ndarray, "steps"]) -> tuple[int, float, int]:
+    """Which way most products point by their sum, the share that agrees, and their number."""
     product = product[product != 0]
     if not len(product):
-        return _Agreement(0, 0.0, 0)
+        return 0, 0.0, 0
     vote = 1 if product.sum() > 0 else -1
-    return _Agreement(vote, float(np.mean(product * vote > 0)), len(product))
+    return vote, float(np.mean(product * vote > 0)), len(product)
 
 
 def _under_sustained_current(samples: Samples) -> Evidence | None:
@@ -173,9 +153,8 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
     current, voltage = samples.current_a, samples.voltage_v
     peak = np.max(np.abs(current))
     is_loaded = np.abs(current) > 0.05 * peak
-    is_steady = (
-        is_loaded[1:] & is_loaded[:-1] & (np.abs(np.diff(current)) < 0.05 * np.abs(current[1:]))
-    )
+    is_steady = np.abs(np.diff(current)) < 0.05 * np.abs(current[1:])
+    is_steady &= is_loaded[1:] & is_loaded[:-1]
     noise_v = voltage_noise_v(np.diff(voltage), np.ones(len(voltage) - 1, bool))
     first, last_interval = runs(is_steady)
     last = last_interval + 1
@@ -193,14 +172,11 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
     if share < 0.75:
         return None
     moves = "rises" if vote > 0 else "falls"
-    return Evidence(
-        vote,
-        is_strong=share >= 0.9 and total >= 0.1,
-        words=(
-            f"under sustained positive current the voltage {moves} "
-            f"({share:.0%} of {total:.3g} V in {counted(int(is_clear.sum()), 'run')})"
-        ),
+    words = (
+        f"under sustained positive current the voltage {moves} "
+        f"({share:.0%} of {total:.3g} V in {counted(int(is_clear.sum()), 'run')})"
     )
+    return Evidence(vote, share >= 0.9 and total >= 0.1, words)
 
 
 def _of_counters(samples: Samples) -> Evidence | None:
@@ -212,14 +188,13 @@ def _of_counters(samples: Samples) -> Evidence | None:
     integrated_ah = mean_a * np.diff(samples.time_s) / 3600
     product = counted_ah * integrated_ah
     size = float(np.sqrt(np.sum(counted_ah**2) * np.sum(integrated_ah**2)))
-    if size == 0:
-        return None
-    cosine = float(product.sum()) / size
+    cosine = float(product.sum()) / size if size else 0.0
     if abs(cosine) < 0.3:
         return None
-    words = "agree with the current's sign" if cosine > 0 else "run against the current's sign"
+    how = "agree with" if cosine > 0 else "run against"
+    words = f"{how} the current's sign (correlation {cosine:.2f})"
     return Evidence(
         1 if cosine > 0 else -1,
-        is_strong=abs(cosine) > 0.7,
-        words=f"the tester's charge and discharge counters {words} (correlation {cosine:.2f})",
+        abs(cosine) > 0.7,
+        f"the tester's charge and discharge counters {words}",
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import counted
 from .findings import Finding, Severity, found_at
-from .samples import Samples, bulk_time_s, step_resistance_ohm
+from .samples import Samples, bulk_time_s, gain_ah, step_resistance_ohm
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 _CELL_RANGE_V = (0.5, 6.0)
@@ -22,58 +22,43 @@ def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
     name = samples.header("voltage")
     middle_v = float(np.median(samples.voltage_v))
     findings = []
+
+    def mended(what: str, remedy: str, factor: float) -> Samples:
+        what = f"the median voltage in '{name}' is {what}"
+        findings.append(found_at(samples, 0, "error", what, remedy))
+        return replace(samples, voltage_v=samples.voltage_v * factor)
+
     if middle_v < 0:
-        what = f"the median voltage in '{name}' is negative, {middle_v:.6g} V"
         remedy = "turn its sign (the sense leads were swapped), or give the right column"
-        findings.append(_of_column(samples, what, remedy))
-        samples, middle_v = _scaled(samples, -1.0), -middle_v
+        samples = mended(f"negative, {middle_v:.6g} V", remedy, -1.0)
+        middle_v = -middle_v
     if middle_v > _MILLIVOLT_V:
-        what = f"the median voltage in '{name}' is {middle_v:.6g}: millivolts, not volts"
-        findings.append(_of_column(samples, what, "rename the column to 'Voltage / mV'"))
-        samples = _scaled(samples, 1e-3)
+        remedy = "rename the column to 'Voltage / mV'"
+        samples = mended(f"{middle_v:.6g}: millivolts, not volts", remedy, 1e-3)
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
-        what = (
-            f"the median voltage in '{name}' is {middle_v:.6g} V, too much for one cell: "
-            f"about {cells} in series"
-        )
-        findings.append(_of_column(samples, what, "give the voltage of one cell"))
-        samples = _scaled(samples, 1 / cells)
+        what = f"{middle_v:.6g} V, too much for one cell: about {cells} in series"
+        samples = mended(what, "give the voltage of one cell", 1 / cells)
     elif 0 < middle_v < _KILOVOLT_V:
-        what = f"the median voltage in '{name}' is {middle_v:.4g} V: kilovolts, not volts"
         remedy = "multiply it by 1000, or name the unit that its values have"
-        findings.append(_of_column(samples, what, remedy))
-        samples = _scaled(samples, 1e3)
-    return _within_a_cell(samples, findings)
-
-
-def _within_a_cell(samples: Samples, findings: list[Finding]) -> tuple[Samples, list[Finding]]:
-    voltage, name = samples.voltage_v, samples.header("voltage")
-    low_v, high_v = _CELL_RANGE_V
-    outside = (voltage < low_v) | (voltage > high_v)
+        samples = mended(f"{middle_v:.4g} V: kilovolts, not volts", remedy, 1e3)
+    voltage_v, (low_v, high_v) = samples.voltage_v, _CELL_RANGE_V
+    outside = (voltage_v < low_v) | (voltage_v > high_v)
     if not outside.any():
         return samples, findings
-    impossible = np.abs(voltage) > _MILLIVOLT_V
+    impossible = np.abs(voltage_v) > _MILLIVOLT_V
     first = int(np.argmax(impossible if impossible.any() else outside))
     what = (
-        f"{voltage[first]:.6g} V in '{name}' is no cell's voltage "
+        f"{voltage_v[first]:.6g} V in '{name}' is no cell's voltage "
         f"({counted(int(outside.sum()), 'sample')} outside {low_v} to {high_v} V)"
     )
     severity = "error" if impossible.any() else "warning"
     remedy = "correct or delete these rows; `score_from` and `score_to` leave out an end"
     if outside.mean() > 0.5:
         remedy = "give the column of the cell's voltage, in volts"
-    findings = [*findings, found_at(samples, first, severity, what, remedy)]
+    findings.append(found_at(samples, first, severity, what, remedy))
     # Where nearly all is outside, the rest shows nothing either.
     return (samples if outside.mean() > 0.5 else samples.keep(~outside)), findings
-
-
-def _of_column(samples: Samples, what: str, remedy: str) -> Finding:
-    return found_at(samples, 0, "error", what, remedy)
-
-
-def _scaled(samples: Samples, factor: float) -> Samples:
-    return replace(samples, voltage_v=samples.voltage_v * factor)
 
 
 # A unit, its seconds, and the bulk time that would be too short for any cell if they were seconds.
@@ -175,22 +160,23 @@ def examine_current_unit(
         what = f"every current in '{name}' is zero: nothing can be learned from the record"
         remedy = "give the column that holds the measured current"
         return samples, [found_at(samples, 0, "error", what, remedy)]
-    at = int(np.argmax(np.abs(samples.current_a)))
-    reasons = _milliampere_reasons(samples, capacity_ah)
-    if reasons:
-        what = f"'{name}' looks like milliamperes, not amperes: {'; '.join(reasons)}"
-        finding = found_at(samples, at, "error", what, "rename the column to 'Current / mA'")
-        return replace(samples, current_a=samples.current_a * 1e-3), [finding]
-    reason = _amperes_reason(samples, capacity_ah)
-    if reason and samples.columns["current"].unit.factor == 1e-3:
-        what = f"'{name}' looks like amperes, not milliamperes: {reason}"
-        finding = found_at(samples, at, "error", what, "rename the column to 'Current / A'")
-        return replace(samples, current_a=samples.current_a * 1e3), [finding]
+    for symbol, words, factor, reason in (
+        ("mA", "milliamperes, not amperes", 1e-3, _milliamperes_reason(samples, capacity_ah)),
+        ("A", "amperes, not milliamperes", 1e3, _amperes_reason(samples, capacity_ah)),
+    ):
+        if reason:
+            what = f"'{name}' looks like {words}: {reason}"
+            at = int(np.argmax(np.abs(samples.current_a)))
+            remedy = f"rename the column to 'Current / {symbol}'"
+            mended = replace(samples, current_a=samples.current_a * factor)
+            return mended, [found_at(samples, at, "error", what, remedy)]
     return samples, []
 
 
 def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
-    """Why the current is a thousand times too small, if it is."""
+    """Why a current in mA is a thousand times too small, if it is."""
+    if samples.columns["current"].unit.factor != 1e-3:
+        return ""
     ratio = _throughput_ratio(samples)
     if ratio is not None:
         is_small = 1 / 5000 < ratio < 1 / 200
@@ -204,8 +190,8 @@ def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
     )
 
 
-def _milliampere_reasons(samples: Samples, capacity_ah: float | None) -> list[str]:
-    """Why the currents look like milliamperes under an ampere's name; empty where they do not."""
+def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
+    """Why the currents look like milliamperes under an ampere's name, if they do."""
     magnitude_a = np.abs(samples.current_a)
     loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * magnitude_a.max()]))
     moves = f"the record moves {samples.span_ah:.4g} Ah"
@@ -223,14 +209,14 @@ def _milliampere_reasons(samples: Samples, capacity_ah: float | None) -> list[st
     resistance_ohm = step_resistance_ohm(samples.step_a[is_step], samples.step_v[is_step])
     if 0 < resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
         reasons.append(f"the cell's resistance would be {1e6 * resistance_ohm:.3g} microohm")
-    return reasons
+    return "; ".join(reasons)
 
 
 def _throughput_ratio(samples: Samples) -> float | None:
     """Integrated |I| over what the tester counted in and out, where it counted enough to tell."""
-    gains_ah = samples.counters.gains_ah
+    counted_ah = sum(map(gain_ah, samples.counters.both))
     # A counter printed to 0.1 mAh that moved a few times proves nothing.
-    if gains_ah is None or sum(gains_ah) <= 1e-3:
+    if counted_ah <= 1e-3:
         return None
     interval_h = np.diff(samples.time_s) / 3600
-    return float(np.sum(np.abs(samples.current_a[1:]) * interval_h)) / sum(gains_ah)
+    return float(np.sum(np.abs(samples.current_a[1:]) * interval_h)) / counted_ah

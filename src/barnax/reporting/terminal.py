@@ -86,7 +86,13 @@ def terminal_table(table: Table) -> Shown:
         # Narrow, so that names stay whole beside seven figures in 80 columns.
         name = column.name.replace("-", "-\n").replace(" ", "\n") if is_number else column.name
         head = f"{name}\n[{column.unit}]" if column.unit else name
-        shown.add_column(escape(head), justify="right" if is_number else "left", overflow="fold")
+        shown.add_column(
+            escape(head),
+            justify="right" if is_number else "left",
+            overflow="fold",
+            # Where the terminal is too narrow, names are folded, and numbers stay whole.
+            no_wrap=is_number,
+        )
     for place, row in enumerate(table.rows):
         shown.add_row(
             *(

@@ -74,11 +74,10 @@ NARROW_MARK = "†"
 def parameters_table(result: "ComparisonResult") -> Table:
     """Every row's own parameters and time constants (Li et al., 2023, Table 3)."""
     rows = answered(result)
+    caption = "Parameters and time constants of each row's median seed, not refined."
     bounds = [f"{place}." for place in bound_places(result)]
     return circuits_table(
-        " ".join(
-            ["Parameters and time constants of each row's median seed, not refined.", *bounds]
-        ),
+        " ".join([caption, *bounds]),
         {row.name: row.parameters or {} for row in rows},
         {},
     )

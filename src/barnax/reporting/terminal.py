@@ -26,6 +26,8 @@ LAYOUT: dict[str, Any] = {
     "title_style": "bold cyan",
     "header_style": "cyan",
 }
+# More columns than these stand closer together.
+MOST_SPACED = 8
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
 LONGEST_NAME = 40
 
@@ -81,6 +83,8 @@ def to_terminal(document: Document) -> Iterator[RenderableType]:
 def terminal_table(table: Table) -> Shown:
     """A document's table as a terminal shows it."""
     shown = Shown(caption=escape(table.caption), caption_justify="left", **LAYOUT)
+    if len(table.columns) > MOST_SPACED:
+        shown.padding = 0
     for column in table.columns:
         is_number = column.role == "number"
         # Narrow, so that names stay whole beside seven figures in 80 columns.

@@ -15,9 +15,9 @@ from .style import (
     GREY,
     ORANGE,
     decimate,
+    draw_points,
     figure_style,
-    finish_axes,
-    legend_above,
+    finish,
     make_figure,
     title,
 )
@@ -68,32 +68,14 @@ def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str = O
     rmse_mv = np.full(SOC_BINS, np.nan)
     rmse_mv[is_enough] = np.sqrt(squares[is_enough] / samples[is_enough])
     for side, label in ((1, f"± RMSE in each {1 / SOC_BINS:g} of SOC"), (-1, "_lower")):
-        axes.stairs(
-            side * rmse_mv,
-            edges,
-            baseline=None,
-            color=color,
-            linewidth=1.6,
-            label=label,
-            zorder=2.5,
-            path_effects=OUTLINE,
-        )
+        style = {"color": color, "linewidth": 1.6, "zorder": 2.5, "path_effects": OUTLINE}
+        axes.stairs(side * rmse_mv, edges, baseline=None, **style, label=label)
 
 
 def draw_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str, layer: float) -> None:
     """Errors as points, drawn as a picture: as vectors, a long record would make a huge file."""
-    axes.plot(
-        soc,
-        error_mv,
-        color=color,
-        linestyle="none",
-        marker=".",
-        markersize=2.0,
-        markeredgewidth=0.0,
-        alpha=0.6,
-        rasterized=True,
-        zorder=layer,
-    )
+    style = {"color": color, "markeredgewidth": 0.0, "alpha": 0.6, "zorder": layer}
+    draw_points(axes, soc, error_mv, ".", 2.0, **style, rasterized=True)
 
 
 def scored_limits(scored_mv: Samples) -> tuple[float, float]:
@@ -168,6 +150,4 @@ def plot_error(evaluation: "Evaluation") -> Figure:
     over_time.set_xlabel(unit.label)
     over_soc.set_xlabel("State of charge [-]")
     title(over_time, prepared.record.name)
-    finish_axes(over_time, over_soc)
-    legend_above(figure, over_time, over_soc, columns=4)
-    return figure
+    return finish(figure, over_time, over_soc, columns=4)

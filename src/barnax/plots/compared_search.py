@@ -14,6 +14,7 @@ from .sources import comparison_of
 from .style import (
     BLACK,
     GREY,
+    OPEN,
     draw_points,
     figure_style,
     finish,
@@ -41,7 +42,6 @@ LEGEND_IN = 0.3
 # Seeds are spread about their row's line, evenly and without a draw, so equal answers show.
 SPREAD = 0.56
 MARGIN = 0.06
-OPEN = {"markerfacecolor": "white", "markeredgecolor": BLACK, "markeredgewidth": 0.9}
 GOLDEN_RATIO = 0.6180339887498949
 
 

@@ -24,6 +24,7 @@ from .style import (
 from .voltage import NOT_SCORED, choose_time_unit, shade_unscored
 
 if TYPE_CHECKING:
+    from ..model.inputs import PreparedRecord
     from ..search.evaluate import Evaluation
 
 
@@ -52,6 +53,41 @@ def broken_line(
     return np.insert(time[kept], breaks, np.nan), np.insert(error_mv[kept], breaks, np.nan)
 
 
+def draw_errors(
+    over_time: Axes,
+    over_soc: Axes,
+    evaluation: "Evaluation",
+    colors: tuple[str, str],
+    width: float,
+    labels: tuple[str, str, str],
+    limits: tuple[float, float],
+) -> None:
+    """One evaluation's errors over time and over SOC, with its RMSE, in all and by SOC.
+
+    `colors` are those of the scored errors and of the RMSE by SOC, `labels` those of what is
+    scored, of what is not, and of the RMSE.
+    """
+    prepared, error_mv = evaluation.prepared, 1e3 * evaluation.error_v
+    scored, soc = prepared.scored, prepared.soc
+    time = prepared.time_s / choose_time_unit(prepared.time_s).seconds
+    kinds = ((scored, colors[0], 2.0), (~scored, GREY, 1.9))
+    for (chosen, color, layer), label in zip(kinds, labels[:2], strict=True):
+        line = broken_line(time, error_mv, chosen)
+        over_time.plot(*line, color=color, linewidth=width, label=label, zorder=layer)
+        draw_by_soc(over_soc, soc[chosen], error_mv[chosen], color, layer)
+    draw_rmse_by_soc(over_soc, soc[scored], error_mv[scored], colors[1])
+    for axes in (over_time, over_soc):
+        draw_rmse(axes, 1e3 * evaluation.metrics.rmse_v, labels[2])
+    over_time.set_ylim(limits)
+    shade_unscored(over_time, time, scored)
+
+
+def name_axes(over_time: Axes, over_soc: Axes, prepared: "PreparedRecord") -> None:
+    """What the axes below are."""
+    over_time.set_xlabel(choose_time_unit(prepared.time_s).label)
+    over_soc.set_xlabel("State of charge [-]")
+
+
 def draw_rmse(axes: Axes, rmse_mv: float, label: str) -> None:
     """Zero, and plus and minus the RMSE of all scored samples."""
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -59,7 +95,7 @@ def draw_rmse(axes: Axes, rmse_mv: float, label: str) -> None:
     axes.axhline(-rmse_mv, color=BLACK, linestyle="--", label="_lower")
 
 
-def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str = ORANGE) -> None:
+def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str) -> None:
     """Plus and minus the RMSE in each twentieth of SOC that holds enough samples."""
     edges = np.linspace(0.0, 1.0, SOC_BINS + 1)
     samples = np.histogram(soc, edges)[0]
@@ -125,29 +161,18 @@ def plot_error(evaluation: "Evaluation") -> Figure:
     ['Time [h]', 'State of charge [-]']
     """
     prepared = evaluation.prepared
-    unit = choose_time_unit(prepared.time_s)
-    time, error_mv = prepared.time_s / unit.seconds, 1e3 * evaluation.error_v
+    error_mv = 1e3 * evaluation.error_v
     figure = make_figure()
     over_time, over_soc = figure.subplots(2, 1, sharey=True)
 
     not_scored = "_none" if prepared.scored.all() else NOT_SCORED
-    for chosen, color, label, layer in (
-        (prepared.scored, BLUE, "scored error", 2.0),
-        (~prepared.scored, GREY, not_scored, 1.9),
-    ):
-        line = broken_line(time, error_mv, chosen)
-        over_time.plot(*line, color=color, linewidth=0.8, label=label, zorder=layer)
-        draw_by_soc(over_soc, prepared.soc[chosen], error_mv[chosen], color, layer)
     rmse_mv = 1e3 * evaluation.metrics.rmse_v
-    draw_rmse_by_soc(over_soc, prepared.soc[prepared.scored], error_mv[prepared.scored])
-    for axes in (over_time, over_soc):
-        draw_rmse(axes, rmse_mv, f"± RMSE, {rmse_mv:.3g} mV")
-        axes.set_ylabel(LABEL)
+    labels = ("scored error", not_scored, f"± RMSE, {rmse_mv:.3g} mV")
     limits = scored_limits(error_mv[prepared.scored])
-    over_soc.set_ylim(limits)
+    draw_errors(over_time, over_soc, evaluation, (BLUE, ORANGE), 0.8, labels, limits)
+    for axes in (over_time, over_soc):
+        axes.set_ylabel(LABEL)
     over_soc.set_title(outside_note(error_mv[prepared.scored], *limits), loc="right")
-    shade_unscored(over_time, time, prepared.scored)
-    over_time.set_xlabel(unit.label)
-    over_soc.set_xlabel("State of charge [-]")
+    name_axes(over_time, over_soc, prepared)
     title(over_time, prepared.record.name)
     return finish(figure, over_time, over_soc, columns=4)

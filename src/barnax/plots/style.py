@@ -232,6 +232,14 @@ def draw_line(
     return line
 
 
+# A mark that is seen over any color.
+OPEN: Final[dict[str, Any]] = {
+    "markerfacecolor": "white",
+    "markeredgecolor": BLACK,
+    "markeredgewidth": 0.9,
+}
+
+
 def draw_points(axes: Axes, x: Any, y: Any, marker: str, size: float, **style: Any) -> None:
     """Marks without a line between them."""
     axes.plot(x, y, linestyle="none", marker=marker, markersize=size, **style)

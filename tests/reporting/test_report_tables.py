@@ -87,7 +87,7 @@ def test_the_search_table_holds_the_spread_the_gap_and_the_time():
     table = search_table(make_comparison(rows), {"a so-rc": 1.234})
     assert table.rows == (
         ("a so-rc", "20.000", "20.000", "20.400", "1.000", "2.1", "19.900", "3", "300", "1.23"),
-        ("b so-rc", "20.000", "–", "–", "–", "–", "20.000", "1", "–"),
+        ("b so-rc", "20.000", "–", "–", "–", "–", "20.000", "1", "–", "–"),
     )
     assert heads(table)[-1] == "time [s]"
     assert heads(search_table(make_comparison(rows)))[-1] == "evaluations"
@@ -116,7 +116,7 @@ def test_differences_stand_with_their_interval_and_the_seeds():
     table = differences_table(make_comparison(rows, differences), 0)
     assert table.rows == (
         ("a so-rc", "b so-rc", "-2.000", "-3.000", "-1.000", "yes", "3–0", "0.25"),
-        ("b so-rc", "c so-rc", "0.000", "-1.000", "1.000", "no†", "–"),
+        ("b so-rc", "c so-rc", "0.000", "-1.000", "1.000", "no†", "–", "–"),
     )
     assert "†: the residual autocorrelation outlasts the blocks" in table.caption
 

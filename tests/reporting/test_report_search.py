@@ -9,6 +9,7 @@ from barnax.reporting.comparison_sentences import (
     optimum_sentences,
     soc_sentence,
 )
+from barnax.search.refine import AtBound
 from sample_comparisons import make_comparison, make_errors, make_failure, make_row
 
 
@@ -62,11 +63,13 @@ def test_an_optimum_is_told_with_how_sure_it_is():
     result = make_comparison(
         [make_row("lm so-rc", 20.0, optimality_gap=0.0)], optima_mv={"so-rc": 20.0}
     )
-    sure = {"optimum_status": "certified", "optimum_verdict": "Certified by a proof"}
+    sure = {"optimum_status": "certified", "optimum_proved_gap": 0.001}
     models = {"so-rc": result.models["so-rc"].model_copy(update=sure)}
     result = result.model_copy(update={"models": models})
     assert "of so-rc, 20.00 mV (certified), to 0.1 %" in next(iter(gap_sentences(result)))
-    assert list(optimum_sentences(result)) == ["so-rc: Certified by a proof."]
+    assert list(optimum_sentences(result)) == [
+        "The global optimum of so-rc is proved: no circuit in the bounds is more than 0.1 % better."
+    ]
 
 
 def test_models_without_a_known_optimum_are_told_together():
@@ -80,10 +83,10 @@ def test_a_model_without_an_answer_has_no_optimality_gap():
 
 
 def test_a_bound_is_told_with_the_rows_that_are_at_it():
-    place = "tau2 [s] at its upper bound"
+    place = AtBound("tau2 [s]", "upper")
     rows = [make_row("a so-rc", 1.0, at_bound=(place,)), make_row("b so-rc", 1.0)]
     assert list(bound_sentences(make_comparison(rows))) == [
-        f"{place} in a so-rc: there the box decides, not the data."
+        "tau2 at its upper bound in a so-rc: there the box decides, not the data."
     ]
     rows = [
         make_row("a so-rc", 1.0, at_bound=(place,)),

@@ -15,7 +15,10 @@ from barnax.reporting.tables import (
     refined_table,
     search_table,
 )
+from barnax.search.refine import AtBound
 from sample_comparisons import CITY, make_comparison, make_difference, make_failure, make_row
+
+UPPER = AtBound("R0 [Ohm]", "upper")
 
 
 def heads(table):
@@ -24,7 +27,7 @@ def heads(table):
 
 def test_parameters_stand_pair_by_pair_with_what_not_every_model_has_last():
     table = parameters_table(
-        make_comparison([make_row("lm so-rc", 1.0), make_row("lm esc", 1.0, at_bound=("R0 high",))])
+        make_comparison([make_row("lm so-rc", 1.0), make_row("lm esc", 1.0, at_bound=(UPPER,))])
     )
     assert heads(table) == [
         "row",
@@ -36,12 +39,12 @@ def test_parameters_stand_pair_by_pair_with_what_not_every_model_has_last():
         "C2 [F]",
         "tau2 [s]",
         "gamma [1/SOC]",
-        "at a bound",
     ]
     assert table.rows == (
-        ("lm so-rc", "50", "10", "1000", "10", "20", "5000", "100", "–", "–"),
-        ("lm esc", "50", "10", "1000", "10", "20", "5000", "100", "300", "R0 high"),
+        ("lm so-rc", "50", "10", "1000", "10", "20", "5000", "100", "–"),
+        ("lm esc", "50", "10", "1000", "10", "20", "5000", "100", "300"),
     )
+    assert table.caption.endswith("not refined. R0 at its upper bound in lm esc.")
 
 
 def test_refined_parameters_stand_with_the_error_they_give():
@@ -67,8 +70,8 @@ def test_the_lowest_error_is_the_one_to_be_read_first():
     assert table.rows[1] == (
         "b so-rc",
         "21.000",
-        "0.99000",
-        "0.99100",
+        "0.9900",
+        "0.9910",
         "0.400",
         "12.30",
         "160.0",

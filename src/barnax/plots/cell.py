@@ -17,9 +17,9 @@ from .style import (
     GREY,
     SKY_BLUE,
     VERMILLION,
+    draw_points,
     figure_style,
-    finish_axes,
-    legend_above,
+    finish,
     make_figure,
 )
 
@@ -60,17 +60,11 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
         point_v = np.array([point.voltage_v for point in points])
         soc = np.linspace(curve.soc[0], curve.soc[-1], CURVE_SAMPLES)
         size = 4.5 if len(points) <= FEW_POINTS else 1.8
-        symbol = {
-            "color": color,
-            "linestyle": "none",
-            "marker": marker,
-            "markersize": size,
-            "markerfacecolor": "white",
-            "markeredgewidth": 0.9,
-        }
+        symbol = {"color": color, "markerfacecolor": "white", "markeredgewidth": 0.9}
         ocv.plot(soc, curve(soc), color=color, linestyle=line_style, label=f"{name} curve")
-        ocv.plot(point_soc, point_v, **symbol, label=f"{name} points")
-        residual.plot(point_soc, 1e3 * (point_v - curve(point_soc)), **symbol)
+        draw_points(ocv, point_soc, point_v, marker, size, **symbol, label=f"{name} points")
+        missed_mv = 1e3 * (point_v - curve(point_soc))
+        draw_points(residual, point_soc, missed_mv, marker, size, **symbol)
     if len(measured) == 2:
         soc = np.linspace(*cell.soc_range, CURVE_SAMPLES)
         ocv.plot(soc, cell.average_ocv_v(soc), color=BLACK, linestyle="-.", label="average")
@@ -80,12 +74,9 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     low, high = residual.get_ylim()
     # Curves through their points leave rounding errors, which must not look like a finding.
     residual.set_ylim(min(low, -SMALLEST_RANGE_MV), max(high, SMALLEST_RANGE_MV))
-    finish_axes(ocv, residual)
-    legend_above(figure, ocv, columns=3)
-    return figure
+    return finish(figure, ocv, residual)
 
 
-GAP_SAMPLES = 1001
 SAME_MV = 0.1
 
 
@@ -113,52 +104,27 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     if cell.hysteresis.points:
         _draw_difference(axes, cell)
     for index, (left, right) in enumerate(itertools.pairwise(KNOTS)):
-        axes.plot(
-            [left, right],
-            1e3 * np.array(cell.hysteresis.ends_v[index]),
-            color=VERMILLION,
-            linewidth=2.0,
-            label=f"five segments ({cell.hysteresis.kind})" if index == 0 else "_segment",
-        )
+        ends_mv = 1e3 * np.array(cell.hysteresis.ends_v[index])
+        label = f"five segments ({cell.hysteresis.kind})" if index == 0 else "_segment"
+        axes.plot([left, right], ends_mv, color=VERMILLION, linewidth=2.0, label=label)
     axes.set_xticks(KNOTS[1:-1], minor=True)
     axes.set_xlabel("State of charge [-]")
     axes.set_ylabel("Hysteresis voltage [mV]\n(charge − discharge OCV)")
-    finish_axes(axes)
-    legend_above(figure, axes, columns=2)
-    return figure
+    return finish(figure, axes, columns=2)
 
 
 def _draw_difference(axes: Axes, cell: "CellModel") -> None:
     soc, fitted_v = np.array(cell.hysteresis.points).T
-    inside = np.linspace(soc[0], soc[-1], GAP_SAMPLES)
-    axes.plot(
-        inside,
-        1e3 * (cell.charge(inside) - cell.discharge(inside)),
-        color=SKY_BLUE,
-        linewidth=1.2,
-        label="difference of the branch curves",
-    )
-    axes.plot(
-        soc,
-        1e3 * fitted_v,
-        color=BLUE,
-        linestyle="none",
-        marker="o",
-        markersize=3.2,
-        label="the same at the OCV points",
-    )
+    inside = np.linspace(soc[0], soc[-1], CURVE_SAMPLES)
+    gap_mv = 1e3 * (cell.charge(inside) - cell.discharge(inside))
+    label = "difference of the branch curves"
+    axes.plot(inside, gap_mv, color=SKY_BLUE, linewidth=1.2, label=label)
+    label = "the same at the OCV points"
+    draw_points(axes, soc, 1e3 * fitted_v, "o", 3.2, color=BLUE, label=label)
     through_charge = InterpolatedCurve(cell.charge.points)
     through_discharge = InterpolatedCurve(cell.discharge.points)
     measured_mv = 1e3 * (through_charge(soc) - through_discharge(soc))
     if np.max(np.abs(measured_mv - 1e3 * fitted_v)) > SAME_MV:
-        axes.plot(
-            soc,
-            measured_mv,
-            color=BLACK,
-            linestyle="none",
-            marker="D",
-            markersize=3.6,
-            markerfacecolor="white",
-            markeredgewidth=0.8,
-            label="difference of the measured points (PCHIP)",
-        )
+        symbol = {"color": BLACK, "markerfacecolor": "white", "markeredgewidth": 0.8}
+        label = "difference of the measured points (PCHIP)"
+        draw_points(axes, soc, measured_mv, "D", 3.6, **symbol, label=label)

@@ -8,19 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .error import (
-    broken_line,
-    draw_by_soc,
-    draw_rmse,
-    draw_rmse_by_soc,
-    outside_note,
-    scored_limits,
-)
+from .error import draw_errors, name_axes, outside_note, scored_limits
 from .style import (
     BLACK,
     BLUE,
     GREEN,
-    GREY,
     ORANGE,
     PURPLE,
     SKY_BLUE,
@@ -138,28 +130,18 @@ def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     looks = row_looks(evaluations)
     shown = most_accurate(evaluations, MOST_STRIPS)
     prepared = next(iter(shown.values())).prepared
-    unit = choose_time_unit(prepared.time_s)
-    time, scored = prepared.time_s / unit.seconds, prepared.scored
     figure = make_figure(height_in=FURNITURE_IN + STRIP_IN * len(shown))
     panels = figure.subplots(
         len(shown), 2, squeeze=False, sharey=True, sharex="col", width_ratios=[1.9, 1.0]
     )
     limits = _common_limits(shown)
     for (over_time, over_soc), (label, each) in zip(panels, shown.items(), strict=True):
-        error_mv, color = 1e3 * each.error_v, looks[label].color
-        for chosen, shade, layer in ((scored, color, 2.0), (~scored, GREY, 1.9)):
-            line = broken_line(time, error_mv, chosen)
-            over_time.plot(*line, color=shade, linewidth=0.7, zorder=layer)
-            draw_by_soc(over_soc, prepared.soc[chosen], error_mv[chosen], shade, layer)
-        draw_rmse_by_soc(over_soc, prepared.soc[scored], error_mv[scored], BLACK)
-        for axes in (over_time, over_soc):
-            draw_rmse(axes, 1e3 * each.metrics.rmse_v, "± RMSE")
-        over_time.set_ylim(limits)
-        shade_unscored(over_time, time, scored)
+        colors, labels = (looks[label].color, BLACK), ("_scored", "_not scored", "± RMSE")
+        draw_errors(over_time, over_soc, each, colors, 0.7, labels, limits)
         _name_strip(over_time, f"{label}: RMSE {1e3 * each.metrics.rmse_v:.3g} mV")
-        _name_strip(over_soc, outside_note(error_mv[scored], *limits).replace(" scored", ""))
-    panels[-1, 0].set_xlabel(unit.label)
-    panels[-1, 1].set_xlabel("State of charge [-]")
+        outside = outside_note(1e3 * each.error_v[prepared.scored], *limits)
+        _name_strip(over_soc, outside.replace(" scored", ""))
+    name_axes(panels[-1, 0], panels[-1, 1], prepared)
     figure.supylabel("Error [mV] (measured − simulated)", fontsize=9)
     finish_axes(*panels.flat)
     title(panels[0, 0], heading(prepared.record.name, len(shown), len(evaluations)))
@@ -258,13 +240,8 @@ def _draw_rows(
 def _frame(whole: Axes, close: Axes, start: float, stop: float) -> None:
     """A frame around the stretch in the upper panel, tied to the lower one."""
     low_v, high_v = close.get_ylim()
-    frame = whole.indicate_inset(
-        (start, low_v, stop - start, high_v - low_v),
-        inset_ax=close,
-        edgecolor=FRAME,
-        alpha=1.0,
-        linewidth=0.9,
-    )
+    box = (start, low_v, stop - start, high_v - low_v)
+    frame = whole.indicate_inset(box, inset_ax=close, edgecolor=FRAME, alpha=1.0, linewidth=0.9)
     # The ties cross the data: lighter than any line, and behind them.
     for tie in frame.connectors or ():
         tie.set(color=TIE, linewidth=0.7, zorder=1.5)

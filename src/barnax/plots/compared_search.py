@@ -14,7 +14,10 @@ from .sources import comparison_of
 from .style import (
     BLACK,
     GREY,
+    OPEN,
+    draw_points,
     figure_style,
+    finish,
     finish_axes,
     label_plainly,
     legend_above,
@@ -72,9 +75,7 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
     for axes in panels:
         axes.set(xscale="log", yscale="log", xlabel="Evaluations of one seed [-]")
         label_plainly(axes.yaxis)
-    finish_axes(*panels)
-    legend_above(figure, *panels, columns=3)
-    return figure
+    return finish(figure, *panels)
 
 
 def _convergence(row: "RowPart", population: int) -> tuple[np.ndarray, np.ndarray]:
@@ -169,39 +170,18 @@ def _draw_row(axes: Axes, place: int, row: "RowPart", look: RowLook, name: str) 
     values = np.array([_value(name, seed.rmse_v, seed.parameters) for seed in row.seeds])
     offset = SPREAD * ((np.arange(len(values)) * GOLDEN_RATIO + 0.5) % 1 - 0.5)
     is_first = place == 0
-    axes.plot(
-        values,
-        place + offset,
-        linestyle="none",
-        marker=look.marker,
-        color=look.color,
-        markersize=3.2,
-        markeredgewidth=0.0,
-        alpha=0.75,
-        label="one seed" if is_first else "_seed",
-    )
+    style = {"color": look.color, "markeredgewidth": 0.0, "alpha": 0.75}
+    label = "one seed" if is_first else "_seed"
+    draw_points(axes, values, place + offset, look.marker, 3.2, **style, label=label)
     if row.identification is not None and row.parameters is not None:
         median = _value(name, row.identification.metrics.rmse_v, row.parameters)
-        axes.plot(
-            [median, median],
-            [place - 0.42, place + 0.42],
-            color=BLACK,
-            linewidth=1.4,
-            label="median seed" if is_first else "_median",
-        )
+        label = "median seed" if is_first else "_median"
+        stroke = [place - 0.42, place + 0.42]
+        axes.plot([median, median], stroke, color=BLACK, linewidth=1.4, label=label)
     if row.refined_rmse_v is not None and row.refined_parameters is not None:
-        axes.plot(
-            _value(name, row.refined_rmse_v, row.refined_parameters),
-            place,
-            linestyle="none",
-            marker="D",
-            markersize=4.6,
-            markerfacecolor="white",
-            markeredgecolor=BLACK,
-            markeredgewidth=0.9,
-            label="the median seed, refined" if is_first else "_refined",
-            zorder=3,
-        )
+        refined = _value(name, row.refined_rmse_v, row.refined_parameters)
+        label = "the median seed, refined" if is_first else "_refined"
+        draw_points(axes, refined, place, "D", 4.6, **OPEN, label=label, zorder=3)
 
 
 def _shared_bounds(result: "ComparisonResult") -> dict[str, tuple[float, float]]:

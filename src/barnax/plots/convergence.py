@@ -15,9 +15,8 @@ from .style import (
     SKY_BLUE,
     VERMILLION,
     figure_style,
-    finish_axes,
+    finish,
     label_plainly,
-    legend_above,
     make_figure,
 )
 
@@ -70,9 +69,7 @@ def plot_convergence(
         label_plainly(axes.xaxis)
         if axes.get_yscale() == "log":
             label_plainly(axes.yaxis)
-    finish_axes(*panels)
-    legend_above(figure, panels[0], columns=3)
-    return figure
+    return finish(figure, *panels)
 
 
 def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
@@ -135,26 +132,20 @@ def _plot_errors(
 
 
 def _draw_seeds(axes: Axes, evaluations: Histories, values: Histories) -> None:
-    shown = np.where(np.isfinite(values), values, np.nan)
-    for index, (spent, value) in enumerate(zip(evaluations, shown, strict=True)):
-        axes.plot(
-            spent,
-            value,
-            color=SKY_BLUE,
-            linewidth=0.8,
-            drawstyle="steps-post",
-            label=_count(len(shown)) if index == 0 else "_seed",
-        )
-    if len(shown) > 1:
+    for index, (spent, value) in enumerate(zip(evaluations, values, strict=True)):
+        label = _count(len(values)) if index == 0 else "_seed"
+        _draw_steps(axes, spent, value, SKY_BLUE, 0.8, label)
+    if len(values) > 1:
         median = np.median(values, axis=0)
-        axes.plot(
-            np.median(evaluations, axis=0),
-            np.where(np.isfinite(median), median, np.nan),
-            color=BLACK,
-            linewidth=2.0,
-            drawstyle="steps-post",
-            label="median",
-        )
+        _draw_steps(axes, np.median(evaluations, axis=0), median, BLACK, 2.0, "median")
+
+
+def _draw_steps(
+    axes: Axes, spent: np.ndarray, values: np.ndarray, color: str, width: float, label: str
+) -> None:
+    shown = np.where(np.isfinite(values), values, np.nan)
+    style = {"color": color, "linewidth": width, "drawstyle": "steps-post"}
+    axes.plot(spent, shown, **style, label=label)
 
 
 def _count(seeds: int) -> str:

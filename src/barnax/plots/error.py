@@ -15,15 +15,16 @@ from .style import (
     GREY,
     ORANGE,
     decimate,
+    draw_points,
     figure_style,
-    finish_axes,
-    legend_above,
+    finish,
     make_figure,
     title,
 )
 from .voltage import NOT_SCORED, choose_time_unit, shade_unscored
 
 if TYPE_CHECKING:
+    from ..model.inputs import PreparedRecord
     from ..search.evaluate import Evaluation
 
 
@@ -52,6 +53,41 @@ def broken_line(
     return np.insert(time[kept], breaks, np.nan), np.insert(error_mv[kept], breaks, np.nan)
 
 
+def draw_errors(
+    over_time: Axes,
+    over_soc: Axes,
+    evaluation: "Evaluation",
+    colors: tuple[str, str],
+    width: float,
+    labels: tuple[str, str, str],
+    limits: tuple[float, float],
+) -> None:
+    """One evaluation's errors over time and over SOC, with its RMSE, in all and by SOC.
+
+    `colors` are those of the scored errors and of the RMSE by SOC, `labels` those of what is
+    scored, of what is not, and of the RMSE.
+    """
+    prepared, error_mv = evaluation.prepared, 1e3 * evaluation.error_v
+    scored, soc = prepared.scored, prepared.soc
+    time = prepared.time_s / choose_time_unit(prepared.time_s).seconds
+    kinds = ((scored, colors[0], 2.0), (~scored, GREY, 1.9))
+    for (chosen, color, layer), label in zip(kinds, labels[:2], strict=True):
+        line = broken_line(time, error_mv, chosen)
+        over_time.plot(*line, color=color, linewidth=width, label=label, zorder=layer)
+        draw_by_soc(over_soc, soc[chosen], error_mv[chosen], color, layer)
+    draw_rmse_by_soc(over_soc, soc[scored], error_mv[scored], colors[1])
+    for axes in (over_time, over_soc):
+        draw_rmse(axes, 1e3 * evaluation.metrics.rmse_v, labels[2])
+    over_time.set_ylim(limits)
+    shade_unscored(over_time, time, scored)
+
+
+def name_axes(over_time: Axes, over_soc: Axes, prepared: "PreparedRecord") -> None:
+    """What the axes below are."""
+    over_time.set_xlabel(choose_time_unit(prepared.time_s).label)
+    over_soc.set_xlabel("State of charge [-]")
+
+
 def draw_rmse(axes: Axes, rmse_mv: float, label: str) -> None:
     """Zero, and plus and minus the RMSE of all scored samples."""
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
@@ -59,7 +95,7 @@ def draw_rmse(axes: Axes, rmse_mv: float, label: str) -> None:
     axes.axhline(-rmse_mv, color=BLACK, linestyle="--", label="_lower")
 
 
-def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str = ORANGE) -> None:
+def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str) -> None:
     """Plus and minus the RMSE in each twentieth of SOC that holds enough samples."""
     edges = np.linspace(0.0, 1.0, SOC_BINS + 1)
     samples = np.histogram(soc, edges)[0]
@@ -68,32 +104,14 @@ def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str = O
     rmse_mv = np.full(SOC_BINS, np.nan)
     rmse_mv[is_enough] = np.sqrt(squares[is_enough] / samples[is_enough])
     for side, label in ((1, f"± RMSE in each {1 / SOC_BINS:g} of SOC"), (-1, "_lower")):
-        axes.stairs(
-            side * rmse_mv,
-            edges,
-            baseline=None,
-            color=color,
-            linewidth=1.6,
-            label=label,
-            zorder=2.5,
-            path_effects=OUTLINE,
-        )
+        style = {"color": color, "linewidth": 1.6, "zorder": 2.5, "path_effects": OUTLINE}
+        axes.stairs(side * rmse_mv, edges, baseline=None, **style, label=label)
 
 
 def draw_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str, layer: float) -> None:
     """Errors as points, drawn as a picture: as vectors, a long record would make a huge file."""
-    axes.plot(
-        soc,
-        error_mv,
-        color=color,
-        linestyle="none",
-        marker=".",
-        markersize=2.0,
-        markeredgewidth=0.0,
-        alpha=0.6,
-        rasterized=True,
-        zorder=layer,
-    )
+    style = {"color": color, "markeredgewidth": 0.0, "alpha": 0.6, "zorder": layer}
+    draw_points(axes, soc, error_mv, ".", 2.0, **style, rasterized=True)
 
 
 def scored_limits(scored_mv: Samples) -> tuple[float, float]:
@@ -143,31 +161,18 @@ def plot_error(evaluation: "Evaluation") -> Figure:
     ['Time [h]', 'State of charge [-]']
     """
     prepared = evaluation.prepared
-    unit = choose_time_unit(prepared.time_s)
-    time, error_mv = prepared.time_s / unit.seconds, 1e3 * evaluation.error_v
+    error_mv = 1e3 * evaluation.error_v
     figure = make_figure()
     over_time, over_soc = figure.subplots(2, 1, sharey=True)
 
     not_scored = "_none" if prepared.scored.all() else NOT_SCORED
-    for chosen, color, label, layer in (
-        (prepared.scored, BLUE, "scored error", 2.0),
-        (~prepared.scored, GREY, not_scored, 1.9),
-    ):
-        line = broken_line(time, error_mv, chosen)
-        over_time.plot(*line, color=color, linewidth=0.8, label=label, zorder=layer)
-        draw_by_soc(over_soc, prepared.soc[chosen], error_mv[chosen], color, layer)
     rmse_mv = 1e3 * evaluation.metrics.rmse_v
-    draw_rmse_by_soc(over_soc, prepared.soc[prepared.scored], error_mv[prepared.scored])
-    for axes in (over_time, over_soc):
-        draw_rmse(axes, rmse_mv, f"± RMSE, {rmse_mv:.3g} mV")
-        axes.set_ylabel(LABEL)
+    labels = ("scored error", not_scored, f"± RMSE, {rmse_mv:.3g} mV")
     limits = scored_limits(error_mv[prepared.scored])
-    over_soc.set_ylim(limits)
+    draw_errors(over_time, over_soc, evaluation, (BLUE, ORANGE), 0.8, labels, limits)
+    for axes in (over_time, over_soc):
+        axes.set_ylabel(LABEL)
     over_soc.set_title(outside_note(error_mv[prepared.scored], *limits), loc="right")
-    shade_unscored(over_time, time, prepared.scored)
-    over_time.set_xlabel(unit.label)
-    over_soc.set_xlabel("State of charge [-]")
+    name_axes(over_time, over_soc, prepared)
     title(over_time, prepared.record.name)
-    finish_axes(over_time, over_soc)
-    legend_above(figure, over_time, over_soc, columns=4)
-    return figure
+    return finish(figure, over_time, over_soc, columns=4)

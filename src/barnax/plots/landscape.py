@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from .compared_records import row_looks
-from .style import BLACK, TICKS, figure_style, finish_axes, legend_above, make_figure
+from .style import OPEN, TICKS, figure_style, finish_axes, legend_above, make_figure
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
@@ -22,18 +22,8 @@ if TYPE_CHECKING:
 STEPS_PERCENT: Final = (0.0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 COLOR_MAP: Final = "viridis"
 HEIGHT_IN: Final = 5.6
-ANSWER: Final[dict[str, Any]] = {
-    "markersize": 6.0,
-    "markeredgecolor": "white",
-    "markeredgewidth": 0.9,
-}
-REFINED: Final[dict[str, Any]] = {
-    "marker": "P",
-    "markersize": 8.0,
-    "markerfacecolor": "white",
-    "markeredgecolor": BLACK,
-    "markeredgewidth": 0.9,
-}
+ANSWER: Final = {"markersize": 6.0, "markeredgecolor": "white", "markeredgewidth": 0.9}
+REFINED: Final[dict[str, Any]] = OPEN | {"marker": "P", "markersize": 8.0}
 OPTIMUM: Final[dict[str, Any]] = REFINED | {"marker": "*", "markersize": 14.0}
 
 
@@ -79,9 +69,8 @@ def plot_landscape(
 
     rows = answers or {}
     for label, look in row_looks(rows).items():
-        mark(
-            rows[label], label, 3.0, {"marker": look.marker, "markerfacecolor": look.color} | ANSWER
-        )
+        look_of_row = {"marker": look.marker, "markerfacecolor": look.color}
+        mark(rows[label], label, 3.0, look_of_row | ANSWER)
     mark(refined, "refined by Levenberg-Marquardt", 3.2, REFINED)
     mark(others, "other local optima", 3.1, REFINED | {"marker": "o"})
     mark([optimum] if optimum else [], "global optimum", 3.1, OPTIMUM)
@@ -124,16 +113,10 @@ def _draw_excess(
     excess_percent = 100 * (known / lowest_v - 1)
     colors = matplotlib.colormaps[COLOR_MAP]
     steps = list(STEPS_PERCENT)
-    filled = axes.contourf(
-        tau1_s,
-        tau2_s,
-        excess_percent.T,
-        levels=steps,
-        norm=BoundaryNorm(steps, colors.N, extend="max"),
-        cmap=colors,
-        extend="max",
-    )
-    axes.contour(tau1_s, tau2_s, excess_percent.T, levels=steps[1:], colors="white", linewidths=0.4)
+    drawn = (tau1_s, tau2_s, excess_percent.T)
+    norm = BoundaryNorm(steps, colors.N, extend="max")
+    filled = axes.contourf(*drawn, levels=steps, norm=norm, cmap=colors, extend="max")
+    axes.contour(*drawn, levels=steps[1:], colors="white", linewidths=0.4)
     bar = figure.colorbar(filled, ax=axes, pad=0.02, aspect=30)
     bar.set_label(f"RMSE above the lowest, {1e3 * lowest_v:.4g} mV [%]")
     bar.ax.yaxis.set_major_locator(FixedLocator(steps))

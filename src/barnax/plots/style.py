@@ -93,6 +93,13 @@ def make_figure(width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN) -> Fig
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
+def finish(figure: Figure, *panels: Axes, columns: int = 3) -> Figure:
+    """The figure with its axes finished and one legend of them all above."""
+    finish_axes(*panels)
+    legend_above(figure, *panels, columns=columns)
+    return figure
+
+
 def finish_axes(*many: Axes) -> None:
     """Ticks, a grid behind the data, and labels of one column or row at one height."""
     for axes in many:
@@ -223,6 +230,19 @@ def draw_line(
     kept = decimate(x, y)
     (line,) = axes.plot(x[kept], y[kept], **style)
     return line
+
+
+# A mark that is seen over any color.
+OPEN: Final[dict[str, Any]] = {
+    "markerfacecolor": "white",
+    "markeredgecolor": BLACK,
+    "markeredgewidth": 0.9,
+}
+
+
+def draw_points(axes: Axes, x: Any, y: Any, marker: str, size: float, **style: Any) -> None:
+    """Marks without a line between them."""
+    axes.plot(x, y, linestyle="none", marker=marker, markersize=size, **style)
 
 
 Kind = Literal["png", "svg", "pdf"]

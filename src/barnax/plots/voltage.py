@@ -17,6 +17,7 @@ from .style import (
     VERMILLION,
     draw_line,
     figure_style,
+    finish,
     finish_axes,
     legend_above,
     make_figure,
@@ -75,15 +76,8 @@ def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"
         return
     spans = list(zip(left[is_visible], (right - left)[is_visible], strict=True))
     bottom, top = axes.get_ylim()
-    axes.broken_barh(
-        spans,
-        (0.0, 1.0),
-        transform=axes.get_xaxis_transform(),
-        facecolor=SHADE,
-        edgecolor="none",
-        zorder=0,
-        label=NOT_SCORED,
-    )
+    style = {"facecolor": SHADE, "edgecolor": "none", "zorder": 0, "label": NOT_SCORED}
+    axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), **style)
     axes.set_ylim(bottom, top)
 
 
@@ -134,7 +128,7 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
     figure = make_figure()
     panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1.6, 1.0])
     current, voltage, charge = panels
-    draw_current(current, time, prepared.current_a, prepared.record.hold.value)
+    _draw_current(current, prepared, time, slice(None))
     draw_line(voltage, time, prepared.voltage_v, color=BLUE, linewidth=0.8)
     draw_line(charge, time, prepared.soc, color=BLACK, linewidth=0.8)
     voltage.set_ylabel("Voltage [V]")
@@ -149,10 +143,11 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
     return figure
 
 
-def draw_current(axes: Axes, time: np.ndarray, current_a: np.ndarray, hold: str) -> None:
+def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span: slice) -> None:
     """The current as it flowed between samples, by the record's hold."""
-    steps = "steps-post" if hold == "forward" else "steps-pre"
-    draw_line(axes, time, current_a, color=VERMILLION, linewidth=0.8, drawstyle=steps)
+    steps = "steps-post" if prepared.record.hold.value == "forward" else "steps-pre"
+    current_a = prepared.current_a[span]
+    draw_line(axes, time[span], current_a, color=VERMILLION, linewidth=0.8, drawstyle=steps)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     axes.set_ylabel("Current [A]\n(discharge > 0)")
 
@@ -178,27 +173,21 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
     span = lively_stretch(prepared.current_a, prepared.scored)
     figure = make_figure()
     columns = 1 if span is None else 2
+    widths, heights = [1.9, 1.0][:columns], [2.0, 1.0]
     panels = figure.subplots(
-        2,
-        columns,
-        sharex="col",
-        squeeze=False,
-        width_ratios=[1.9, 1.0][:columns],
-        height_ratios=[2.0, 1.0],
+        2, columns, sharex="col", squeeze=False, width_ratios=widths, height_ratios=heights
     )
     voltage, current = panels[:, 0]
     time = prepared.time_s / unit.seconds
     _draw_voltage(voltage, evaluation, time, slice(None))
-    _draw_current(current, evaluation, time, slice(None))
+    _draw_current(current, prepared, time, slice(None))
     current.set_xlabel(unit.label)
     for axes in (voltage, current):
         shade_unscored(axes, time, prepared.scored)
     title(voltage, prepared.record.name)
     if span is not None:
         _draw_stretch(panels, evaluation, span)
-    finish_axes(*panels.flat)
-    legend_above(figure, voltage, columns=3)
-    return figure
+    return finish(figure, *panels.flat)
 
 
 def _draw_voltage(
@@ -214,11 +203,6 @@ def _draw_voltage(
     axes.set_ylabel("Voltage [V]")
 
 
-def _draw_current(axes: Axes, evaluation: "Evaluation", time: np.ndarray, span: slice) -> None:
-    prepared = evaluation.prepared
-    draw_current(axes, time[span], prepared.current_a[span], prepared.record.hold.value)
-
-
 def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> None:
     """The right column: one stretch, on the same clock, and its frame in the left column."""
     prepared = evaluation.prepared
@@ -226,7 +210,7 @@ def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> 
     voltage, current = panels[:, 1]
     time_s, label = stretch_clock(prepared.time_s, span, unit)
     _draw_voltage(voltage, evaluation, time_s, span, width=1.6)
-    _draw_current(current, evaluation, time_s, span)
+    _draw_current(current, prepared, time_s, span)
     current.set_xlabel(label)
     for axes in (voltage, current):
         axes.set_ylabel("")

@@ -1,10 +1,10 @@
 """What the checks found in a file, as a document."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ..gather import window_advice
-from .document import Column, Document, Paragraph, Section, Table
+from .document import Document, Paragraph, Section, Table, make_table
 from .words import NOTHING, counted, duration
 
 if TYPE_CHECKING:
@@ -57,19 +57,13 @@ def _place(finding: "Finding") -> str:
 
 
 def _findings_table(findings: Sequence["Finding"]) -> Table:
-    return Table(
-        caption="",
-        columns=tuple(Column(name, role="text") for name in ("kind", "row", "found", "remedy")),
-        rows=tuple(
-            (
-                each.severity,
-                NOTHING if each.row is None else str(each.row),
-                each.what,
-                each.remedy or NOTHING,
-            )
-            for each in findings
-        ),
-    )
+    cells: dict[str, Callable[[Finding], str]] = {
+        "kind": lambda each: each.severity,
+        "row": lambda each: NOTHING if each.row is None else str(each.row),
+        "found": lambda each: each.what,
+        "remedy": lambda each: each.remedy or NOTHING,
+    }
+    return make_table("", findings, cells, cells)
 
 
 def _reason(role: "Role") -> str:
@@ -79,10 +73,9 @@ def _reason(role: "Role") -> str:
 
 
 def _roles_table(found: "FileCheck") -> Table:
-    return Table(
-        caption="",
-        columns=tuple(Column(name, role="text") for name in ("serves for", "", "because")),
-        rows=tuple(
-            (each.name, "yes" if each.is_usable else "no", _reason(each)) for each in found.roles
-        ),
-    )
+    cells: dict[str, Callable[[Role], str]] = {
+        "serves for": lambda each: each.name,
+        "": lambda each: "yes" if each.is_usable else "no",
+        "because": _reason,
+    }
+    return make_table("", found.roles, cells, cells)

@@ -8,7 +8,7 @@ from .words import bound_words, counted, joined, millivolt, percent, sentence
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..comparison.result import BandPart, RecordErrorsPart, RowPart
+    from ..comparison.result import BandPart, DifferencePart, RecordErrorsPart, RowPart
 
 
 # Rows whose RMSE agree this closely, relative, found the same answer.
@@ -30,22 +30,6 @@ ADDITIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Contrast:
-    """The first row's RMSE minus the second's on one record, in V, with a 95 % interval.
-
-    Where `is_narrow`, the errors' autocorrelation outlasts the bootstrap's blocks, and the interval
-    is narrower than it should be. `seeds` are the wins and losses of the first row, seed by seed,
-    and Wilcoxon's p-value.
-    """
-
-    difference_v: float
-    interval_v: tuple[float, float]
-    is_real: bool
-    is_narrow: bool
-    seeds: tuple[int, int, float] | None
-
-
 def answered(result: "ComparisonResult") -> "list[RowPart]":
     """The rows that have an answer."""
     return [row for row in result.rows if row.identification is not None]
@@ -53,10 +37,8 @@ def answered(result: "ComparisonResult") -> "list[RowPart]":
 
 def records(result: "ComparisonResult") -> list[str]:
     """The names of the records: the identification record, then those for validation."""
-    rows = answered(result)
-    if not rows:
-        return []
-    return [errors.metrics.record for errors in _every(rows[0])]
+    rows = answered(result)[:1]
+    return [errors.metrics.record for row in rows for errors in _every(row)]
 
 
 def errors_on(row: "RowPart", record: int) -> "RecordErrorsPart":
@@ -82,26 +64,21 @@ def leaders(rows: "Sequence[RowPart]", record: int) -> "list[RowPart]":
 
 def contrast(
     result: "ComparisonResult", first: "RowPart", second: "RowPart", record: int
-) -> Contrast | None:
-    """How two rows differ on a record, or None where that was not compared."""
+) -> "DifferencePart | None":
+    """How two rows differ on a record, in either order, or None where that was not compared."""
+    pair = {first.name, second.name}
+    same = (each for each in differences_on(result, record) if {each.first, each.second} == pair)
+    return next(same, None)
+
+
+def differences_on(result: "ComparisonResult", record: int) -> "list[DifferencePart]":
+    """The differences between rows on a record by its place in `records`."""
     name = records(result)[record]
-    for each in result.differences:
-        is_there = each.record == name and each.is_validation == (record > 0)
-        if not is_there or {each.first, each.second} != {first.name, second.name}:
-            continue
-        over_time, seeds = each.over_time, each.over_seeds
-        # Stored may be the second row against the first.
-        sign = 1 if each.first == first.name else -1
-        low_v, high_v = sorted(sign * end_v for end_v in over_time.interval_v)
-        wins, losses = (seeds.wins, seeds.losses)[::sign] if seeds else (0, 0)
-        return Contrast(
-            sign * over_time.difference_v,
-            (low_v, high_v),
-            over_time.is_real,
-            over_time.is_block_capped,
-            (wins, losses, seeds.p_value) if seeds else None,
-        )
-    return None
+    return [
+        each
+        for each in result.differences
+        if each.record == name and each.is_validation == (record > 0)
+    ]
 
 
 def _every(row: "RowPart") -> "list[RecordErrorsPart]":
@@ -127,18 +104,15 @@ def _leader(result: "ComparisonResult", record: int, best: "list[RowPart]") -> s
     rows = answered(result)
     if len(rows) == 1:
         return f"On {name} the error of {names} is {lowest}; there is no other row to compare with."
-    if record == 0:
-        role = f"On {name}, the record identified on,"
-    else:
-        role = f"On {name}, which no row has seen,"
+    role = "the record identified on" if record == 0 else "which no row has seen"
     shared = "is shared by" if len(best) > 1 else "is that of"
-    sentence = f"{role} the lowest error, {lowest}, {shared} {names}."
+    told = f"On {name}, {role}, the lowest error, {lowest}, {shared} {names}."
     first = leaders(rows, 0)
     if record == 0 or any(row in first for row in best):
-        return sentence
+        return told
     place = ranked(rows, record).index(first[0]) + 1
     return (
-        f"{sentence} {first[0].name}, which led in identification, comes in at place {place} of "
+        f"{told} {first[0].name}, which led in identification, comes in at place {place} of "
         f"{len(rows)} with {millivolt(rmse_on(first[0], record))}."
     )
 
@@ -154,53 +128,56 @@ def _lead(result: "ComparisonResult", record: int, best: "list[RowPart]") -> Ite
     if following is None:
         yield f"The next is {others[0].name}, {millivolt(lead_v)} behind."
     else:
-        low_v, high_v = following.interval_v
-        interval = f"{1e3 * -high_v:.2f} to {millivolt(-low_v)}"
-        judgment = (
-            f"more than chance: its 95 % interval over time, {interval}, leaves out zero"
-            if following.is_real
-            else f"no more than chance: its 95 % interval over time, {interval}, holds zero"
-        )
-        doubt = f" ({NARROW})" if following.is_narrow else ""
+        yield from _lead_sentences(following, best[0].name, others[0].name, lead_v)
+    for is_real, told in (
+        (False, "not told from it by more than chance either"),
+        (True, "worse by more than chance"),
+    ):
+        names = [
+            row.name
+            for row in others[1:]
+            if (each := found[row.name]) is not None and each.over_time.is_real == is_real
+        ]
+        if names:
+            yield f"{joined(names)} {'is' if len(names) == 1 else 'are'} {told}."
+
+
+def _lead_sentences(
+    found: "DifferencePart", leader: str, other: str, lead_v: float
+) -> Iterator[str]:
+    over_time, seeds = found.over_time, found.over_seeds
+    # Stored may be the second row against the first.
+    sign = 1 if found.first == leader else -1
+    low_v, high_v = sorted(-sign * end_v for end_v in over_time.interval_v)
+    chance, holds = ("more", "leaves out") if over_time.is_real else ("no more", "holds")
+    narrow = f" ({NARROW})" if over_time.is_block_capped else ""
+    yield (
+        f"The lead of {millivolt(lead_v)} over the next, {other}, is {chance} than chance: its "
+        f"95 % interval over time, {1e3 * low_v:.2f} to {millivolt(high_v)}, {holds} zero{narrow}."
+    )
+    if seeds is not None:
+        wins, losses = (seeds.wins, seeds.losses)[::sign]
         yield (
-            f"The lead of {millivolt(lead_v)} over the next, {others[0].name}, is "
-            f"{judgment}{doubt}."
+            f"Seed by seed it wins {wins} and loses {losses} (Wilcoxon signed-rank "
+            f"p = {seeds.p_value:.2g})."
         )
-        if following.seeds is not None:
-            wins, losses, p_value = following.seeds
-            yield (
-                f"Seed by seed it wins {wins} and loses {losses} (Wilcoxon signed-rank "
-                f"p = {p_value:.2g})."
-            )
-    known = {row.name: found[row.name] for row in others[1:] if found[row.name] is not None}
-    like = [name for name, each in known.items() if each is not None and not each.is_real]
-    worse = [name for name, each in known.items() if each is not None and each.is_real]
-    if like:
-        verb = "is" if len(like) == 1 else "are"
-        yield f"{joined(like)} {verb} not told from it by more than chance either."
-    if worse:
-        verb = "is" if len(worse) == 1 else "are"
-        yield f"{joined(worse)} {verb} worse by more than chance."
 
 
 def gap_sentences(result: "ComparisonResult") -> Iterator[str]:
     """For each model how far above its global optimum the rows are, before and after refinement."""
-    rows = answered(result)
     unknown = []
     for name, model in result.models.items():
-        mine = [row for row in rows if row.model == name]
-        if not mine:
-            continue
-        if not model.optimum_rmse_v:
+        mine = [row for row in answered(result) if row.model == name]
+        optimum_v = model.optimum_rmse_v
+        if mine and not optimum_v:
             unknown.append(name)
+        if not mine or not optimum_v:
             continue
         sureness = f" ({model.optimum_status})" if model.optimum_status else ""
-        optimum = f"the global optimum of {name}, {millivolt(model.optimum_rmse_v)}{sureness}"
-        own = {row.name: row.optimality_gap for row in mine if row.optimality_gap is not None}
+        optimum = f"the global optimum of {name}, {millivolt(optimum_v)}{sureness}"
+        own = {row.name: row.optimality_gap for row in mine}
         refined = {
-            row.name: row.refined_rmse_v / model.optimum_rmse_v - 1
-            for row in mine
-            if row.refined_rmse_v is not None
+            row.name: row.refined_rmse_v and row.refined_rmse_v / optimum_v - 1 for row in mine
         }
         yield f"{_reach('By itself', own, optimum)} {_reach('Refined', refined, 'it')}".strip()
     if unknown:
@@ -210,7 +187,8 @@ def gap_sentences(result: "ComparisonResult") -> Iterator[str]:
         )
 
 
-def _reach(how: str, gaps: dict[str, float], optimum: str) -> str:
+def _reach(how: str, of_rows: dict[str, float | None], optimum: str) -> str:
+    gaps = {name: gap for name, gap in of_rows.items() if gap is not None}
     if not gaps:
         return ""
     there = [name for name, gap in gaps.items() if gap <= REACHED]
@@ -237,14 +215,19 @@ def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
 
 def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
     """Which parameters the box decided, and in which rows."""
+    for place in bound_places(result):
+        yield f"{place}: there the box decides, not the data."
+
+
+def bound_places(result: "ComparisonResult") -> Iterator[str]:
+    """The parameters at a bound, each with the rows where it is there."""
     found: dict[str, list[str]] = {}
-    for row in answered(result):
-        for place in row.at_bound:
-            found.setdefault(bound_words(place.name, place.side), []).append(row.name)
-    total = len(answered(result))
+    rows = answered(result)
+    for row in rows:
+        for each in row.at_bound:
+            found.setdefault(bound_words(each.name, each.side), []).append(row.name)
     for place, names in found.items():
-        who = "every row" if len(names) == total > 1 else joined(names)
-        yield f"{place} in {who}: there the box decides, not the data."
+        yield f"{place} in {'every row' if len(names) == len(rows) > 1 else joined(names)}"
 
 
 def failure_sentences(result: "ComparisonResult") -> Iterator[str]:
@@ -387,7 +370,7 @@ def _same_method(
 def _effect(result: "ComparisonResult", plain: "RowPart", rich: "RowPart", record: int) -> Effect:
     plain_v, rich_v = rmse_on(plain, record), rmse_on(rich, record)
     compared = contrast(result, rich, plain, record)
-    is_chance = compared is not None and not compared.is_real
+    is_chance = compared is not None and not compared.over_time.is_real
     if is_chance or abs(rich_v - plain_v) <= SAME_RMSE * plain_v:
         change: Change = "same"
     else:

@@ -1,11 +1,12 @@
 """What was measured, what was decided about it with the reasons, and how to repeat it."""
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
-from .document import Bullets, Column, Listing, Paragraph, Section, Table
+from .document import Bullets, Listing, Paragraph, Section, Table, make_table
+from .tables import pairs_table
 from .words import joined, millivolt, significant
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ FIRMNESS = {
     "weak": "weak evidence: ",
     "assumed": "assumed: ",
 }
-TEXT = (Column("file", role="text"), Column("serves for", role="text"))
 FLOWS = {"forward": "until the next sample", "backward": "since the sample before"}
 CAME = {1: "charge", -1: "discharge"}
 HASH_LETTERS = 16
@@ -34,26 +34,24 @@ THROUGH_V = 1e-6
 
 def files_table(stored: "Stored") -> Table:
     """Every file that was read."""
-    return Table(
-        caption="The files that were read. The hash is the beginning of the file's SHA-256.",
-        columns=(*TEXT, Column("sign of current", role="text"), Column("hash", role="text")),
-        rows=tuple(
-            (
-                each.name,
-                each.role,
-                each.sign.value if each.sign else "a table",
-                each.sha256[:HASH_LETTERS],
-            )
-            for each in stored.inputs
-        ),
-    )
+    cells: dict[str, Callable[[InputPart], str]] = {
+        "file": lambda each: each.name,
+        "serves for": lambda each: each.role,
+        "sign of current": lambda each: each.sign.value if each.sign else "a table",
+        "hash": lambda each: each.sha256[:HASH_LETTERS],
+    }
+    caption = "The files that were read. The hash is the beginning of the file's SHA-256."
+    return make_table(caption, stored.inputs, cells, cells)
 
 
 def decision_sentences(stored: "Stored") -> Iterator[str]:
     """What was decided before the search."""
     cell = stored.cell_model
-    yield from _signs(stored.inputs)
-    yield from _holds(stored.inputs)
+    inputs = stored.inputs
+    for sign, names in _gathered((each.sign, each.name) for each in inputs if each.sign):
+        yield f"The current is {sign.value} in {joined(names)} ({_reason(sign)})."
+    for hold, names in _gathered((each.hold, each.name) for each in inputs if each.hold):
+        yield f"A sample's current flows {FLOWS[hold.value]} in {joined(names)} ({_reason(hold)})."
     yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
     yield from ocv_sentences(cell)
     simulated = [each for each in stored.inputs if each.start is not None]
@@ -146,12 +144,12 @@ def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[
     if window is None:
         return
     where = joined(list(names))
+    start = "the first sample"
     if window.start_time_s is not None:
-        yield f"{where}: simulated from {window.start_time_s:g} s of its clock on."
+        start = f"{window.start_time_s:g} s of its clock"
     elif window.start_after_step is not None:
-        yield f"{where}: simulated from the end of step {window.start_after_step} on."
-    else:
-        yield f"{where}: simulated from the first sample on."
+        start = f"the end of step {window.start_after_step}"
+    yield f"{where}: simulated from {start} on."
     limits = []
     if window.score_steps is not None:
         noun = "step" if len(window.score_steps) == 1 else "steps"
@@ -171,29 +169,15 @@ def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[
         yield f"{where}: the cell has {window.capacity_ah:.4g} Ah, as given."
 
 
-def _signs(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    for decision, names in _gathered((each.sign, each.name) for each in inputs if each.sign):
-        yield f"The current is {decision.value} in {joined(names)} ({_reason(decision)})."
-
-
-def _holds(inputs: "tuple[InputPart, ...]") -> Iterator[str]:
-    for decision, names in _gathered((each.hold, each.name) for each in inputs if each.hold):
-        yield (
-            f"A sample's current flows {FLOWS[decision.value]} in {joined(names)} "
-            f"({_reason(decision)})."
-        )
-
-
 def _gathered(decisions: Iterable[tuple[Any, str]]) -> Iterator[tuple[Any, list[str]]]:
     """Each decision once, with the files that it was made for."""
     told: list[tuple[Any, list[str]]] = []
     for decision, name in decisions:
-        for known, names in told:
-            if known == decision:
-                names.append(name)
-                break
-        else:
+        names = next((names for known, names in told if known == decision), None)
+        if names is None:
             told.append((decision, [name]))
+        else:
+            names.append(name)
     return iter(told)
 
 
@@ -227,10 +211,8 @@ def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) 
 
 def reproduction_section(stored: "Stored") -> Section:
     """The exact command, and the versions that can change a digit."""
-    versions = Table(
-        caption="Versions that can change a digit.",
-        columns=(Column("package", role="text"), Column("version", role="text")),
-        rows=tuple(stored.versions.items()),
+    versions = pairs_table(
+        "Versions that can change a digit.", "package", "version", stored.versions
     )
     if not stored.command:
         made = (Paragraph("This was made from Python, not by a command."),)

@@ -1,13 +1,14 @@
 """What a report says, before it is HTML or Markdown."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from ..plots.sources import Illustration
 
 Role = Literal["text", "number"]
 MediaType = Literal["image/png", "image/svg+xml"]
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,35 @@ class Table:
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(f"a row of {len(row)} cells under {len(self.columns)} columns")
+
+
+def make_table(
+    caption: str,
+    items: Iterable[Item],
+    cells: dict[str, Callable[[Item], str]],
+    text: Collection[str] = (),
+    best: Iterable[tuple[int, int]] = (),
+) -> Table:
+    """A row for each item: under every head of `cells` what its function says of the item.
+
+    A head is a name and, in brackets, a unit; `text` are the heads that hold no numbers.
+
+    >>> table = make_table("Powers.", [2, 3], {"n": str, "area [m2]": lambda n: f"{n**2}"})
+    >>> table.columns[1].unit, table.rows
+    ('m2', (('2', '4'), ('3', '9')))
+    """
+    return Table(
+        caption,
+        tuple(column_of(head, "text" if head in text else "number") for head in cells),
+        tuple(tuple(cell(item) for cell in cells.values()) for item in items),
+        frozenset(best),
+    )
+
+
+def column_of(head: str, role: Role = "number") -> Column:
+    """A column by its name and, in brackets, its unit."""
+    name, _, unit = head.partition(" [")
+    return Column(name, unit.removesuffix("]"), role)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The report of one identification."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from .decisions import (
     reproduction_section,
     warnings_section,
 )
-from .document import Bullets, Column, Document, Pictures, Section, Table
+from .document import Bullets, Document, Pictures, Section, Table, make_table
 from .sentences import (
     BandQuantity,
     band_label,
@@ -26,13 +26,14 @@ from .sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from .tables import METRICS, circuits_table, metrics_cells
+from .tables import METRICS, Cells, circuits_table
 from .verdict import best_possible, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
 if TYPE_CHECKING:
     from ..results import AssessmentPart, MetricsPart, Result
     from ..uncertainty import Band, Estimate, Examination
+    from ..uncertainty.profile import Profile
 
 # Errors that agree this closely, relative, are told to be the same.
 ALIKE = 0.01
@@ -124,61 +125,54 @@ def validation_sentences(
 def parameters_table(result: "Result") -> Table:
     """The parameters with their intervals, where those were computed."""
     if result.assessment is None:
-        rows = [(name, significant(value)) for name, value in readable(result.parameters).items()]
-        columns = (Column("parameter", role="text"), Column("value"))
-        return Table("The parameters.", columns, tuple(rows))
+        values = {name: significant(value) for name, value in readable(result.parameters).items()}
+        cells = {"parameter": str, "value": values.__getitem__}
+        return make_table("The parameters.", values, cells, ["parameter"])
     found = result.assessment.uncertainty
-    return Table(
-        caption=f"The parameters with {percent(found.confidence)} intervals that account for "
+    return make_table(
+        f"The parameters with {percent(found.confidence)} intervals that account for "
         "residual autocorrelation. SE: standard error; white-noise SE: the one that takes every "
         "sample for independent; inflation: the ratio of both.",
-        columns=(
-            Column("parameter", role="text"),
-            *(
-                Column(head)
-                for head in ("value", "from", "to", "SE", "white-noise SE", "inflation")
-            ),
-            Column("held", role="text"),
-        ),
-        rows=tuple(_estimate_cells(each) for each in found.estimates),
-    )
-
-
-def _estimate_cells(each: "Estimate") -> tuple[str, ...]:
-    shown, scale = _shown(each.name)
-    value = significant(scale * each.value)
-    if each.relative_error is None or each.white_noise_relative_error is None:
-        return (shown, value, *[NOTHING] * 5, held_words(each.held) if each.held else "")
-    return (
-        shown,
-        value,
-        *(_end(end, scale) for end in (each.low, each.high)),
-        *(percent(share) for share in (each.relative_error, each.white_noise_relative_error)),
-        fixed(each.inflation, 1),
-        "",
+        found.estimates,
+        {
+            "parameter": lambda each: _shown(each.name)[0],
+            "value": lambda each: significant(_shown(each.name)[1] * each.value),
+            "from": lambda each: _interval_end(each, each.low),
+            "to": lambda each: _interval_end(each, each.high),
+            "SE": lambda each: _share(each.relative_error),
+            "white-noise SE": lambda each: _share(each.white_noise_relative_error),
+            "inflation": lambda each: fixed(each.inflation, 1),
+            "held": lambda each: held_words(each.held) if each.held else "",
+        },
+        ["parameter", "held"],
     )
 
 
 def seeds_table(result: "Result") -> Table:
     """What the seeds found before refinement."""
-    answer = readable(result.parameters)
-    seeds = [readable(seed.parameters.to_dict()) for seed in result.search.seeds]
-    rows = []
-    for name, value in answer.items():
-        spread = np.array([seed[name] for seed in seeds])
-        rows.append((name, *map(significant, (value, np.median(spread), *_range(spread)))))
-    errors_mv = 1e3 * np.array([seed.rmse_v for seed in result.search.seeds])
-    own_mv = 1e3 * result.metrics.identification.rmse_v
-    figures = (own_mv, np.median(errors_mv), *_range(errors_mv))
-    rows.append(("RMSE [mV]", *(f"{value:.4f}" for value in figures)))
-    return Table(
-        caption=f"The answer beside what {counted(len(seeds), 'seed')} of {result.search.method} "
+    seeds, own_v = result.search.seeds, result.metrics.identification.rmse_v
+    found = [readable(seed.parameters.to_dict()) for seed in seeds]
+    values = {
+        name: (value, [each[name] for each in found])
+        for name, value in readable(result.parameters).items()
+    }
+    values["RMSE [mV]"] = (1e3 * own_v, [1e3 * seed.rmse_v for seed in seeds])
+
+    def shown(name: str, value: float) -> str:
+        return fixed(value, 4) if name == "RMSE [mV]" else significant(value)
+
+    return make_table(
+        f"The answer beside what {counted(len(seeds), 'seed')} of {result.search.method} "
         "found before refinement.",
-        columns=(
-            Column("parameter", role="text"),
-            *(Column(head) for head in ("answer", "median", "lowest", "highest")),
-        ),
-        rows=tuple(rows),
+        values,
+        {
+            "parameter": str,
+            "answer": lambda name: shown(name, values[name][0]),
+            "median": lambda name: shown(name, float(np.median(values[name][1]))),
+            "lowest": lambda name: shown(name, min(values[name][1])),
+            "highest": lambda name: shown(name, max(values[name][1])),
+        },
+        ["parameter"],
     )
 
 
@@ -192,11 +186,10 @@ def errors_table(result: "Result") -> Table:
 
 def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:
     """Errors on records, and what each serves for."""
-    return Table(
-        caption=f"Errors on {joined([f'{each.record} ({role})' for each, role in rows])}.",
-        columns=(Column("record", role="text"), *METRICS),
-        rows=tuple((each.record, *metrics_cells(each)) for each, _ in rows),
-    )
+    caption = f"Errors on {joined([f'{each.record} ({role})' for each, role in rows])}."
+    metrics = [each for each, _ in rows]
+    cells: Cells[MetricsPart] = {"record": lambda each: each.record, **METRICS}
+    return make_table(caption, metrics, cells, ["record"])
 
 
 def optima_table(result: "Result") -> Table:
@@ -205,9 +198,11 @@ def optima_table(result: "Result") -> Table:
     return circuits_table(
         "The places where the refined seeds ended, the best first.",
         {name: each.parameters.to_dict() for name, each in optima.items()},
-        (Column("RMSE", "mV"), Column("seeds")),
-        lambda name: (f"{1e3 * optima[name].rmse_v:.4f}", str(optima[name].seeds)),
-        first=Column("place", role="text"),
+        {
+            "RMSE [mV]": lambda name: f"{1e3 * optima[name].rmse_v:.4f}",
+            "seeds": lambda name: str(optima[name].seeds),
+        },
+        first="place",
     )
 
 
@@ -233,59 +228,45 @@ def _uncertainty_section(result: "Result") -> list[Section]:
 def _examination_table(examination: "Examination") -> Table:
     again = examination.bootstrap
     cut = ", cut short by the record" if again.is_cut else ""
-    rows = []
-    for each in examination.profiles:
-        shown, scale = _shown(each.name)
-        resampled = again.parameters.get(each.name)
-        ends = [each.low, each.high]
-        ends += [None, None] if resampled is None else [resampled.low, resampled.high]
-        rows.append((shown, *(_end(end, scale) for end in ends)))
-    return Table(
-        caption="The same intervals by fitting again: by profile likelihood, and by a block "
+
+    def resampled(profile: "Profile", side: Literal["low", "high"]) -> str:
+        return _end(profile.name, getattr(again.parameters.get(profile.name), side, None))
+
+    return make_table(
+        "The same intervals by fitting again: by profile likelihood, and by a block "
         f"bootstrap of {again.replicates} replicates in blocks of {again.block_s:.0f} s{cut}.",
-        columns=(
-            Column("parameter", role="text"),
-            *(
-                Column(f"{kind}, {end}")
-                for kind in ("profile", "bootstrap")
-                for end in ("from", "to")
-            ),
-        ),
-        rows=tuple(rows),
+        examination.profiles,
+        {
+            "parameter": lambda each: _shown(each.name)[0],
+            "profile, from": lambda each: _end(each.name, each.low),
+            "profile, to": lambda each: _end(each.name, each.high),
+            "bootstrap, from": lambda each: resampled(each, "low"),
+            "bootstrap, to": lambda each: resampled(each, "high"),
+        },
+        ["parameter"],
     )
 
 
 def _bands_table(found: "AssessmentPart") -> Table:
     by = found.diagnostics
-    kinds: list[tuple[BandQuantity, tuple[Band, ...]]] = [
-        ("SOC", by.by_soc),
-        ("current", by.by_current),
-    ]
+    kinds: dict[BandQuantity, tuple[Band, ...]] = {"SOC": by.by_soc, "current": by.by_current}
     if by.by_temperature is not None:
-        kinds.append(("temperature", by.by_temperature))
-    return Table(
-        caption=f"Errors by {joined([kind for kind, _ in kinds])}; the mean is measured minus "
-        "simulated.",
-        columns=(
-            Column("by", role="text"),
-            Column("band", role="text"),
-            Column("samples"),
-            Column("RMSE"),
-            Column("mean"),
-            Column("share of the squared error"),
-        ),
-        rows=tuple(
-            (
-                kind,
-                band_label(kind, band),
-                str(band.samples),
-                millivolt(band.rmse_v),
-                millivolt(band.mean_v),
-                percent(band.share),
-            )
-            for kind, bands in kinds
-            for band in bands
-        ),
+        kinds["temperature"] = by.by_temperature
+    bands: list[tuple[BandQuantity, Band]] = [
+        (kind, band) for kind, of_kind in kinds.items() for band in of_kind
+    ]
+    return make_table(
+        f"Errors by {joined(list(kinds))}; the mean is measured minus simulated.",
+        bands,
+        {
+            "by": lambda each: each[0],
+            "band": lambda each: band_label(*each),
+            "samples": lambda each: str(each[1].samples),
+            "RMSE": lambda each: millivolt(each[1].rmse_v),
+            "mean": lambda each: millivolt(each[1].mean_v),
+            "share of the squared error": lambda each: percent(each[1].share),
+        },
+        ["by", "band"],
     )
 
 
@@ -317,12 +298,16 @@ def _roles(result: "Result") -> list[str]:
     return record_roles(len(result.of_role("identification")), len(result.of_role("validation")))
 
 
-def _range(values: np.ndarray) -> tuple[float, float]:
-    return float(values.min()), float(values.max())
+def _interval_end(each: "Estimate", end: float | None) -> str:
+    return NOTHING if each.relative_error is None else _end(each.name, end)
 
 
-def _end(end: float | None, scale: float) -> str:
-    return "open" if end is None else significant(scale * end, 4)
+def _share(ratio: float | None) -> str:
+    return NOTHING if ratio is None else percent(ratio)
+
+
+def _end(name: str, end: float | None) -> str:
+    return "open" if end is None else significant(_shown(name)[1] * end, 4)
 
 
 def _shown(name: str) -> tuple[str, float]:

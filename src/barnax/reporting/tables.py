@@ -1,67 +1,60 @@
 """Metrics, circuits and comparisons as tables."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from ..plots.style import readable
-from .comparison_sentences import NARROW, answered, errors_on, leaders, ranked, records, rmse_on
-from .document import Column, Table
-from .words import NOTHING, bound_words, fixed, joined, significant
+from .comparison_sentences import (
+    NARROW,
+    answered,
+    bound_places,
+    differences_on,
+    errors_on,
+    leaders,
+    ranked,
+    records,
+    rmse_on,
+)
+from .document import Item, Table, make_table
+from .words import NOTHING, figures, fixed, joined, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..comparison.result import DifferencePart, RowPart
     from ..results import MetricsPart
 
+Cells = dict[str, Callable[[Item], str]]
 
-METRICS = (
-    Column("RMSE", "mV"),
-    Column("R2"),
-    Column("R2 (paper)"),
-    Column("MAPE", "%"),
-    Column("CE", "V"),
-    Column("max", "mV"),
-    Column("samples"),
-)
-
-
-def metrics_cells(metrics: "MetricsPart") -> tuple[str, ...]:
-    """One record's metrics under the columns `METRICS`."""
-    return (
-        f"{1e3 * metrics.rmse_v:.3f}",
-        f"{metrics.r2:.5f}",
-        f"{metrics.r2_paper:.5f}",
-        f"{metrics.mape_percent:.3f}",
-        f"{metrics.ce_v:.2f}",
-        f"{1e3 * metrics.max_v:.1f}",
-        str(metrics.samples),
-    )
-
-
-ROW = Column("row", role="text")
+METRICS: "Cells[MetricsPart]" = {
+    "RMSE [mV]": lambda each: _millivolts(each.rmse_v),
+    "R2": lambda each: fixed(each.r2, 4),
+    "R2 (paper)": lambda each: fixed(each.r2_paper, 4),
+    "MAPE [%]": lambda each: fixed(each.mape_percent, 3),
+    "CE [V]": lambda each: fixed(each.ce_v, 2),
+    "max [mV]": lambda each: fixed(1e3 * each.max_v, 1),
+    "samples": lambda each: str(each.samples),
+}
 
 
 def circuits_table(
     caption: str,
     circuits: Mapping[str, Mapping[str, float]],
-    further: tuple[Column, ...],
-    cells: Callable[[str], tuple[str, ...]],
-    first: Column = ROW,
+    further: Cells[str],
+    first: str = "row",
 ) -> Table:
     """Circuits by their names under `first`, a dash where one has not got a parameter.
 
-    `further` columns follow, filled by what `cells` gives for a name.
+    `further` columns follow, filled by what they give for a name.
     """
     values = {name: readable(parameters) for name, parameters in circuits.items()}
-    heads = sorted({head for each in values.values() for head in each}, key=_order)
-    return Table(
-        caption=caption,
-        columns=(first, *(_column(head) for head in heads), *further),
-        rows=tuple(
-            (name, *(significant(each.get(head)) for head in heads), *cells(name))
-            for name, each in values.items()
-        ),
-    )
+
+    def of_circuit(head: str) -> Callable[[str], str]:
+        return lambda name: figures(values[name].get(head), 4)
+
+    heads = sorted(dict.fromkeys(chain.from_iterable(values.values())), key=_order)
+    cells = {first: str, **{head: of_circuit(head) for head in heads}, **further}
+    return make_table(caption, circuits, cells, [first])
 
 
 def _order(head: str) -> tuple[str, int]:
@@ -73,11 +66,6 @@ def _order(head: str) -> tuple[str, int]:
     return (number or "9", kinds.index(kind) if kind in kinds else len(kinds))
 
 
-def _column(head: str) -> Column:
-    name, _, unit = head.partition(" ")
-    return Column(name, unit.strip("[]"))
-
-
 # With more pairs than these only those are shown that a reader asks for first.
 ALL_PAIRS = 15
 NARROW_MARK = "†"
@@ -86,27 +74,22 @@ NARROW_MARK = "†"
 def parameters_table(result: "ComparisonResult") -> Table:
     """Every row's own parameters and time constants (Li et al., 2023, Table 3)."""
     rows = answered(result)
-    bounds = {
-        row.name: "; ".join(bound_words(each.name, each.side) for each in row.at_bound)
-        for row in rows
-    }
+    caption = "Parameters and time constants of each row's median seed, not refined."
+    bounds = [f"{place}." for place in bound_places(result)]
     return circuits_table(
-        "Parameters and time constants of each row's median seed, not refined.",
+        " ".join([caption, *bounds]),
         {row.name: row.parameters or {} for row in rows},
-        (Column("at a bound", role="text"),),
-        lambda name: (bounds[name] or NOTHING,),
+        {},
     )
 
 
 def refined_table(result: "ComparisonResult") -> Table:
     """What Levenberg-Marquardt makes of every row's median seed."""
-    rows = [row for row in answered(result) if row.refined_parameters is not None]
-    refined_v = {row.name: row.refined_rmse_v for row in rows}
+    rows = {row.name: row for row in answered(result) if row.refined_parameters is not None}
     return circuits_table(
         "The same after Levenberg-Marquardt has refined the median seed in the same box.",
-        {row.name: row.refined_parameters or {} for row in rows},
-        (Column("RMSE", "mV"),),
-        lambda name: (_millivolts(refined_v[name]),),
+        {name: row.refined_parameters or {} for name, row in rows.items()},
+        {"RMSE [mV]": lambda name: _millivolts(rows[name].refined_rmse_v)},
     )
 
 
@@ -115,11 +98,17 @@ def errors_table(result: "ComparisonResult", record: int) -> Table:
     rows = answered(result)
     best = leaders(rows, record)
     what = "identified on" if record == 0 else "that no row has seen"
-    return Table(
-        caption=f"Errors on {records(result)[record]}, the record {what}. Bold: the lowest RMSE.",
-        columns=(ROW, *METRICS),
-        rows=tuple((row.name, *metrics_cells(errors_on(row, record).metrics)) for row in rows),
-        best=frozenset((place, 1) for place, row in enumerate(rows) if row in best),
+
+    def of_row(cell: "Callable[[MetricsPart], str]") -> "Callable[[RowPart], str]":
+        return lambda row: cell(errors_on(row, record).metrics)
+
+    cells = {head: of_row(cell) for head, cell in METRICS.items()}
+    return make_table(
+        f"Errors on {records(result)[record]}, the record {what}. Bold: the lowest RMSE.",
+        rows,
+        {"row": lambda row: row.name, **cells},
+        ["row"],
+        [(place, 1) for place, row in enumerate(rows) if row in best],
     )
 
 
@@ -127,65 +116,56 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
     """What every row's search gave and cost on the identification record."""
     rows = answered(result)
     has_gap = any(row.optimality_gap is not None for row in rows)
-    columns = (
-        ROW,
-        Column("median", "mV"),
-        Column("best", "mV"),
-        Column("worst", "mV"),
-        Column("deviation", "mV"),
-        *((Column("optimality gap", "%"),) if has_gap else ()),
-        Column("refined", "mV"),
-        Column("seeds"),
-        Column("evaluations"),
-        *((Column("time", "s"),) if seconds else ()),
-    )
-    return Table(
-        caption="RMSE of the median, best and worst seed on the record identified on, with the "
-        "standard deviation over the seeds"
-        + ("; optimality gap: the median seed's excess over the global optimum" if has_gap else "")
+    gap: Cells[RowPart] = {"gap [%]": lambda row: _percents(row.optimality_gap)}
+    time: Cells[RowPart] = {"time [s]": lambda row: fixed((seconds or {}).get(row.name), 2)}
+    cells: Cells[RowPart] = {
+        "row": lambda row: row.name,
+        "median [mV]": lambda row: _millivolts(rmse_on(row, 0)),
+        "best [mV]": lambda row: _millivolts(row.spread and row.spread.best_rmse_v),
+        "worst [mV]": lambda row: _millivolts(row.spread and row.spread.worst_rmse_v),
+        "SD [mV]": lambda row: _millivolts(row.spread and row.spread.deviation_v),
+        **(gap if has_gap else {}),
+        "refined [mV]": lambda row: _millivolts(row.refined_rmse_v),
+        "seeds": lambda row: str(len(row.seeds)),
+        "evaluations": lambda row: NOTHING if row.evaluations is None else str(row.evaluations),
+        **(time if seconds else {}),
+    }
+    caption = (
+        "RMSE of the median, best and worst seed on the record identified on, with the standard "
+        "deviation (SD) over the seeds"
+        + ("; gap: the median seed's excess over the global optimum" if has_gap else "")
         + "; what refinement makes of it; evaluations of the median seed"
-        + (", and the time of all seeds, compilation included." if seconds else "."),
-        columns=columns,
-        rows=tuple(_search_cells(row, seconds, has_gap) for row in rows),
+        + (", and the time of all seeds, compilation included." if seconds else ".")
     )
+    return make_table(caption, rows, cells, ["row"])
 
 
 def bands_table(result: "ComparisonResult", record: int) -> Table:
     """Errors by state of charge on one record, for the bands that hold any sample."""
     rows = answered(result)
-    held = [
-        (place, f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %", band.samples)
-        for place, band in enumerate(errors_on(rows[0], record).bands)
-        if band.samples
-    ]
-    samples = joined([f"{count} in {head}" for _, head, count in held])
-    cells = [[errors_on(row, record).bands[place] for place, _, _ in held] for row in rows]
-    return Table(
-        caption=f"Errors on {records(result)[record]} by state of charge: RMSE and mean of "
-        f"measured minus simulated voltage. Samples: {samples}.",
-        columns=(
-            ROW,
-            *(Column(f"{head} {kind}", "mV") for _, head, _ in held for kind in ("RMSE", "mean")),
-        ),
-        rows=tuple(
-            (
-                row.name,
-                *(_millivolts(value) for band in bands for value in (band.rmse_v, band.mean_v)),
-            )
-            for row, bands in zip(rows, cells, strict=True)
-        ),
+    cells: Cells[RowPart] = {"row": lambda row: row.name}
+    samples = []
+
+    def of_band(place: int, name: str) -> "Callable[[RowPart], str]":
+        return lambda row: _millivolts(getattr(errors_on(row, record).bands[place], name))
+
+    for place, band in enumerate(errors_on(rows[0], record).bands):
+        if band.samples:
+            head = f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %"
+            samples.append(f"{band.samples} in {head}")
+            cells[f"{head} RMSE [mV]"] = of_band(place, "rmse_v")
+            cells[f"{head} mean [mV]"] = of_band(place, "mean_v")
+    caption = (
+        f"Errors on {records(result)[record]} by state of charge: RMSE and mean of measured minus "
+        f"simulated voltage. Samples: {joined(samples)}."
     )
+    return make_table(caption, rows, cells, ["row"])
 
 
 def differences_table(result: "ComparisonResult", record: int) -> Table:
     """The differences between rows on one record, and whether each is more than chance."""
     rows = answered(result)
-    name = records(result)[record]
-    found = [
-        each
-        for each in result.differences
-        if each.record == name and each.is_validation == (record > 0)
-    ]
+    found = differences_on(result, record)
     note = ""
     if len(found) > ALL_PAIRS:
         leader = ranked(rows, record)[0].name
@@ -194,81 +174,46 @@ def differences_table(result: "ComparisonResult", record: int) -> Table:
     if any(each.over_time.is_block_capped for each in found):
         note += f" {NARROW_MARK}: {NARROW}."
     has_seeds = any(each.over_seeds is not None for each in found)
-    by_seed = (Column("wins–losses"), Column("p"))
-    return Table(
-        caption=f"Differences of RMSE on {name}, first row minus second, with the 95 % interval "
-        "of a moving-block bootstrap over time"
-        + ("; seeds won and lost by the first row, and Wilcoxon's p." if has_seeds else ".")
-        + note,
-        columns=(
-            Column("first", role="text"),
-            Column("second", role="text"),
-            Column("difference", "mV"),
-            Column("from", "mV"),
-            Column("to", "mV"),
-            Column("more than chance", role="text"),
-            *(by_seed if has_seeds else ()),
+    cells: Cells[DifferencePart] = {
+        "first": lambda each: each.first,
+        "second": lambda each: each.second,
+        "difference [mV]": lambda each: _millivolts(each.over_time.difference_v),
+        "from [mV]": lambda each: _millivolts(each.over_time.interval_v[0]),
+        "to [mV]": lambda each: _millivolts(each.over_time.interval_v[1]),
+        "more than chance": lambda each: (
+            ("yes" if each.over_time.is_real else "no")
+            + (NARROW_MARK if each.over_time.is_block_capped else "")
         ),
-        rows=tuple(_difference_cells(each, has_seeds) for each in found),
+    }
+    if has_seeds:
+        cells["wins–losses"] = lambda each: (
+            f"{each.over_seeds.wins}–{each.over_seeds.losses}" if each.over_seeds else NOTHING
+        )
+        cells["p"] = lambda each: significant(each.over_seeds and each.over_seeds.p_value, 2)
+    caption = (
+        f"Differences of RMSE on {records(result)[record]}, first row minus second, with the 95 % "
+        "interval of a moving-block bootstrap over time"
+        + ("; seeds won and lost by the first row, and Wilcoxon's p." if has_seeds else ".")
+        + note
     )
+    return make_table(caption, found, cells, ["first", "second", "more than chance"])
 
 
 def methods_table(result: "ComparisonResult") -> Table:
     """Where every method comes from."""
     sources = {row.method: row.source for row in result.rows}
-    return Table(
-        caption="The methods.",
-        columns=(Column("method", role="text"), Column("source", role="text")),
-        rows=tuple(sources.items()),
-    )
+    return pairs_table("The methods.", "method", "source", sources)
 
 
 def failures_table(result: "ComparisonResult") -> Table:
     """The rows without an answer."""
-    return Table(
-        caption="Rows without an answer.",
-        columns=(ROW, Column("why", role="text")),
-        rows=tuple((row.name, row.failure) for row in result.rows if row.failure is not None),
-    )
+    failures = {row.name: row.failure for row in result.rows if row.failure is not None}
+    return pairs_table("Rows without an answer.", "row", "why", failures)
 
 
-def _search_cells(
-    row: "RowPart", seconds: Mapping[str, float] | None, has_gap: bool
-) -> tuple[str, ...]:
-    spread = row.spread
-    time = (fixed(seconds.get(row.name), 2),) if seconds else ()
-    return (
-        row.name,
-        _millivolts(rmse_on(row, 0)),
-        _millivolts(spread and spread.best_rmse_v),
-        _millivolts(spread and spread.worst_rmse_v),
-        _millivolts(spread and spread.deviation_v),
-        *((_percents(row.optimality_gap),) if has_gap else ()),
-        _millivolts(row.refined_rmse_v),
-        str(len(row.seeds)),
-        NOTHING if row.evaluations is None else str(row.evaluations),
-        *time,
-    )
-
-
-def _difference_cells(each: "DifferencePart", has_seeds: bool) -> tuple[str, ...]:
-    low_v, high_v = each.over_time.interval_v
-    mark = NARROW_MARK if each.over_time.is_block_capped else ""
-    seeds: tuple[str, ...] = (NOTHING, NOTHING)
-    if each.over_seeds is not None:
-        seeds = (
-            f"{each.over_seeds.wins}–{each.over_seeds.losses}",
-            f"{each.over_seeds.p_value:.2g}",
-        )
-    return (
-        each.first,
-        each.second,
-        _millivolts(each.over_time.difference_v),
-        _millivolts(low_v),
-        _millivolts(high_v),
-        ("yes" if each.over_time.is_real else "no") + mark,
-        *(seeds if has_seeds else ()),
-    )
+def pairs_table(caption: str, name: str, value: str, pairs: Mapping[str, str]) -> Table:
+    """Names and what is said of each, both in words."""
+    return make_table(caption, pairs, {name: str, value: lambda each: pairs[each]}, [name, value])
 
 
 def _is_asked_for(each: "DifferencePart", leader: str, rows: "Sequence[RowPart]") -> bool:

@@ -27,6 +27,8 @@ LAYOUT: dict[str, Any] = {
     "title_style": "bold cyan",
     "header_style": "cyan",
 }
+# More columns than these stand closer together.
+MOST_SPACED = 8
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
 LONGEST_NAME = 40
 
@@ -87,12 +89,20 @@ def _text(text: str, style: str = "") -> Text:
 def terminal_table(table: Table) -> Shown:
     """A document's table as a terminal shows it."""
     shown = Shown(caption=_text(table.caption), caption_justify="left", **LAYOUT)
+    if len(table.columns) > MOST_SPACED:
+        shown.padding = 0
     for column in table.columns:
         is_number = column.role == "number"
         # Narrow, so that names stay whole beside seven figures in 80 columns.
         name = column.name.replace("-", "-\n").replace(" ", "\n") if is_number else column.name
         head = f"{name}\n[{column.unit}]" if column.unit else name
-        shown.add_column(escape(head), justify="right" if is_number else "left", overflow="fold")
+        shown.add_column(
+            escape(head),
+            justify="right" if is_number else "left",
+            overflow="fold",
+            # Where the terminal is too narrow, names are folded, and numbers stay whole.
+            no_wrap=is_number,
+        )
     for place, row in enumerate(table.rows):
         shown.add_row(
             *(

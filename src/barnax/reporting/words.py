@@ -94,14 +94,18 @@ def symbol(name: str) -> str:
     return name.partition(" [")[0]
 
 
-def figures(value: float) -> str:
-    """Three figures, without an exponent where it can be helped.
+def figures(value: float | None, digits: int = 3) -> str:
+    """So many digits, without an exponent where it can be helped; a dash where there is none.
 
-    >>> figures(0.1), figures(212403.8), figures(7.0), figures(9.994e12)
-    ('0.1', '212000', '7', '9.99e+12')
+    >>> figures(0.1), figures(212403.8), figures(7.0), figures(9.994e12), figures(307212.0, 4)
+    ('0.1', '212000', '7', '9.99e+12', '307200')
     """
-    rounded = float(f"{value:.3g}")
-    return f"{rounded:.0f}" if 1000 <= abs(rounded) < 1e9 else f"{rounded:g}"
+    if value is None:
+        return NOTHING
+    rounded = float(f"{value:.{digits}g}")
+    if 10**digits <= abs(rounded) < 1e9:
+        return f"{rounded:.0f}"
+    return f"{rounded:.{digits}g}"
 
 
 def shown(name: str, value: float) -> tuple[str, str]:

@@ -53,7 +53,7 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
     simulated_v = bundled_record.voltage_v.copy()
     simulated_v[problem.prepared.span] = evaluate(problem.prepared, made).simulated_v
     record = replace(bundled_record, voltage_v=simulated_v)
-    window = replace(short_problem.window, initial_soc=problem.prepared.initial_soc)
+    window = replace(short_problem.window, initial_soc=problem.prepared.start.soc)
     answer = varpro(make_problem(record, bundled_cell, "esc", window=window))
     assert answer.parameters.to_dict() == pytest.approx(made.to_dict(), rel=1e-3)
 

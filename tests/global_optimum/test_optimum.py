@@ -34,7 +34,7 @@ def problem_of(short_problem):
             whole_v = record.voltage_v.copy()
             whole_v[prepared.span] = voltage_v
             record = replace(record, voltage_v=whole_v)
-        window = Window(initial_soc=prepared.initial_soc, score_to_s=1500.5)
+        window = Window(initial_soc=prepared.start.soc, score_to_s=1500.5)
         return make_problem(record, short_problem.cell, circuit, window=window, **given)
 
     return make

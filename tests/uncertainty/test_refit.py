@@ -24,7 +24,7 @@ def jointly(short_problem):
 def turning(short_problem):
     """A problem with dynamic hysteresis."""
     prepared = short_problem.prepared
-    window = Window(initial_soc=prepared.initial_soc, score_from_s=200.0, score_to_s=1500.5)
+    window = Window(initial_soc=prepared.start.soc, score_from_s=200.0, score_to_s=1500.5)
     return make_problem(prepared.record, short_problem.cell, "esc", window=window)
 
 

@@ -216,6 +216,13 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         return state.best_position.reshape(y.shape), state.best_aux, stats
 
 
+class AbstractUniformStart(AbstractPopulationMinimiser):
+    """A search whose first population is spread evenly over the box, at random."""
+
+    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
+        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
+
+
 def _key(options: dict[str, Any]) -> Key[Array, ""]:
     if "key" not in options:
         raise ValueError('a population minimiser needs options["key"], such as jax.random.key(0)')

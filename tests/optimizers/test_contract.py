@@ -180,10 +180,6 @@ def test_a_keyed_objective_sees_a_fresh_key_at_every_evaluation():
         seen.append(np.array(draws))
         return seen[-1]
 
-    def write_down(draws):
-        seen.append(np.array(draws))
-        return seen[-1]
-
     def draw_of(x, data_and_key):
         draw = jr.uniform(data_and_key[1])
         # The loss comes back from Python, so nothing can be evaluated and not written down.

@@ -3,11 +3,9 @@
 import itertools
 from contextlib import contextmanager
 
-import jax
 import numpy as np
 import pytest
 
-import barnax
 from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonResult, compare, make_comparison_result
@@ -92,17 +90,6 @@ def test_refinement_stands_beside_the_answer_and_is_never_worse(comparison):
         if row.method != "ls":  # which may leave the box
             assert row.refined.rmse_v <= row.median.rmse_v * (1 + 1e-9)
     assert row_of(comparison, "pso so-rc").refined.rmse_v >= exact.median.rmse_v * (1 - SAME_RMSE)
-
-
-def test_the_seeds_of_a_row_are_those_of_an_identification(comparison, bundled_record):
-    problem = row_of(comparison, "pso so-rc").problem
-    optimizer = barnax.make_optimizer("pso", BUDGET.population, BUDGET.iterations)
-    found = barnax.search_seeds(
-        problem, optimizer, key=jax.random.key(BUDGET.key), seeds=BUDGET.seeds
-    )
-    assert [seed.parameters for seed in found.seeds] == [
-        answer.parameters for answer in row_of(comparison, "pso so-rc").answers
-    ]
 
 
 def test_every_pair_of_answered_rows_is_compared_on_every_record(comparison):

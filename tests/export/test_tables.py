@@ -58,11 +58,6 @@ def test_the_hysteresis_table_reads_as_its_segments(fit):
     np.testing.assert_allclose(table(FINE), w(FINE), rtol=0, atol=1e-9)
 
 
-def test_a_continuous_hysteresis_needs_its_six_knots_only():
-    table = segment_table(make_cell().hysteresis)
-    np.testing.assert_array_equal(table.soc, [0.0, 0.1, 0.35, 0.75, 0.95, 1.0])
-
-
 @pytest.mark.parametrize(
     ("circuit", "kind"),
     [("so-rc", "none"), ("3rc", "none"), ("iso-rc", "instant"), ("esc", "dynamic")],

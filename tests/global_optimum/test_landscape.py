@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
-from barnax.errors import InputError
 from barnax.global_optimum import Landscape, make_landscape
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
@@ -156,14 +155,6 @@ def test_a_fixed_value_is_one_point_of_its_axis(landscape_in):
     assert landscape_in("a fixed time constant").tau_s[0] == pytest.approx([10.0])
 
 
-def test_two_pairs_of_one_time_constant_are_one_pair(landscape_in):
-    two, one = landscape_in("two pairs"), landscape_in("one pair")
-    on_both = np.geomspace(two.tau_s[0][0], two.tau_s[0][-1], len(one.tau_s[0]))
-    np.testing.assert_allclose(one.tau_s[0], on_both)
-    # The ends are points of both grids; both resistances together may not fall below two limits.
-    assert two.rmse_v[0, 0] == pytest.approx(one.rmse_v[0], rel=1e-4)
-
-
 def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():
     valleys = np.array([3.0, 1.0, 1.0, 2.0, 5.0, 1.2, 4.0, 9.0, 8.0])
     taus = np.geomspace(1, 100, len(valleys))
@@ -182,10 +173,3 @@ def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
         taus = landscape.circuit(point).tau_s
         expected = least_rmse(problem, low * scale, high * scale, taus, None)
         assert landscape.rmse_v[point] == pytest.approx(expected, rel=1e-8)
-
-
-def test_a_box_too_wide_to_compress_is_refused(bundled_cell):
-    wide = {"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)}
-    problem = make_problem(drive_record(), bundled_cell, "so-rc", window=KNOWN_SOC, bounds=wide)
-    with pytest.raises(InputError, match="--objective scan"):
-        make_landscape(problem)

@@ -58,12 +58,6 @@ def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
         )
 
 
-def test_the_correlation_matrix_has_ones_on_its_diagonal(white):
-    correlation = np.array(white.assessment.uncertainty.correlation)
-    np.testing.assert_allclose(np.diag(correlation), 1.0)
-    assert np.abs(correlation).max() < 1 + 1e-12
-
-
 def test_what_is_fixed_or_at_a_bound_has_no_interval_and_says_why(short_problem):
     problem = made_problem(
         short_problem,

@@ -140,7 +140,7 @@ class BudgetPart(ComparisonPart):
 SCHEMA_VERSION = 2
 
 
-class ComparisonResult(ComparisonPart, Document):
+class ComparisonResult(Document, ComparisonPart):
     """The whole of `comparison.json`. Equal runs give equal bytes: no times, dates or folders.
 
     Seconds stand in `timings.json`; reports take them beside this as a mapping of row names.

@@ -296,21 +296,18 @@ def _optima(problems: Mapping[str, Problem]) -> dict[str, GlobalOptimum]:
 def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
     """Every pair of answered rows on every record, the first row against the second."""
     found = []
-    pairs = itertools.combinations([row for row in rows if row.failure is None], 2)
-    for first, second in pairs:
-        for place, evaluations in enumerate(
-            zip(first.evaluations, second.evaluations, strict=True)
-        ):
-            one, other = (each.error_v[each.prepared.scored] for each in evaluations)
-            over_seeds = compare_over_seeds(first.errors_v, second.errors_v)
+    for first, second in itertools.combinations([row for row in rows if row.failure is None], 2):
+        over_seeds = compare_over_seeds(first.errors_v, second.errors_v)
+        for place, both in enumerate(zip(first.evaluations, second.evaluations, strict=True)):
+            one, other = (each.error_v[each.prepared.scored] for each in both)
             found.append(
                 Difference(
-                    first=first.name,
-                    second=second.name,
-                    record=evaluations[0].prepared.record.name,
+                    first.name,
+                    second.name,
+                    record=both[0].prepared.record.name,
                     is_validation=place > 0,
                     over_time=compare_over_time(one, other, key),
-                    over_seeds=None if place > 0 else over_seeds,
+                    over_seeds=None if place else over_seeds,
                 )
             )
     return tuple(found)

@@ -262,9 +262,8 @@ def _evaluate(
     if options.get("keyed_objective", False):
         kind = jr.key_impl(args[1])
         keys = jr.wrap_key_data(jr.key_data(jr.split(key, len(positions))), impl=kind)
-        losses, aux = jax.vmap(lambda x, key: fn(x.reshape(y.shape), (args[0], key)))(
-            positions, keys
-        )
+        keyed = jax.vmap(lambda x, key: fn(x.reshape(y.shape), (args[0], key)))
+        losses, aux = keyed(positions, keys)
     else:
         losses, aux = jax.vmap(lambda x: fn(x.reshape(y.shape), args))(positions)
     is_finite = jnp.isfinite(losses)

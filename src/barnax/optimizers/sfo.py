@@ -107,13 +107,10 @@ def random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "
 
 
 def _split(swarm: Swarm, first: int) -> tuple[Swarm, Swarm]:
-    return (
-        Swarm(swarm.positions[:first], swarm.losses[:first]),
-        Swarm(swarm.positions[first:], swarm.losses[first:]),
-    )
+    return _rows(swarm, slice(first)), _rows(swarm, slice(first, None))
 
 
-def _rows(swarm: Swarm, rows: Int[Array, "rows"]) -> Swarm:
+def _rows(swarm: Swarm, rows: Int[Array, "rows"] | slice) -> Swarm:
     return Swarm(swarm.positions[rows], swarm.losses[rows])
 
 

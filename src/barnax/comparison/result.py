@@ -46,7 +46,10 @@ OWN_KEYS = {
 
 
 # Stored as the numerics return them.
-BandPart, DifferencePart, OverTimePart, OverSeedsPart = BandError, Difference, Resampled, SeedPairs
+BandPart = BandError
+DifferencePart = Difference
+OverTimePart = Resampled
+OverSeedsPart = SeedPairs
 
 
 class ComparisonPart(Part):

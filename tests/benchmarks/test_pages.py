@@ -30,11 +30,6 @@ def test_a_stop_while_results_are_written_leaves_the_former_ones(tmp_path, monke
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_a_figure_is_a_png(tmp_path):
-    pages.save_figure(tmp_path / "figure.png", Figure(), dpi=50)
-    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
-
-
 @pytest.mark.parametrize(
     "path", sorted([*BENCHMARKS.rglob("__main__.py"), *BENCHMARKS.glob("*.py")]), ids=str
 )

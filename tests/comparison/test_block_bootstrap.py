@@ -27,11 +27,6 @@ def test_the_length_is_the_optimal_one_of_autoregressive_noise(correlation):
     assert np.mean(lengths) == pytest.approx(optimal, rel=0.1)
 
 
-def test_white_noise_needs_hardly_any_block():
-    lengths = [block_length(autoregressive(0.0, 20_000, seed)[0])[0] for seed in range(10)]
-    assert max(lengths) <= 5
-
-
 def test_a_series_that_drifts_all_along_is_capped_and_says_so():
     length, is_capped = block_length(np.linspace(0, 1, 10_000) ** 2)
     assert is_capped
@@ -68,12 +63,6 @@ def test_errors_that_differ_by_rounding_are_no_real_difference():
     assert not found.is_real
     pairs = compare_over_seeds(np.full(30, 0.02), np.full(30, 0.02) * (1 + 1e-12))
     assert (pairs.wins, pairs.losses, pairs.p_value) == (0, 0, 1.0)
-
-
-def test_all_series_are_resampled_at_the_same_places():
-    series = autoregressive(0.5, 1000, 4)
-    both = resampled_means(np.concatenate([series, 2 * series]), 10, np.random.default_rng(0))
-    np.testing.assert_allclose(both[1], 2 * both[0], rtol=1e-12)
 
 
 # Two rows of equal size of error: the truth is zero. 200 records; 95 % is 190, and four standard

@@ -74,13 +74,6 @@ def test_pybamm_starts_inside_its_limits_of_soc(fake_pybamm, initial_soc, given)
     assert values["Initial SoC"] == given
 
 
-def test_the_cut_offs_for_pybamm_end_nothing_inside_the_ocv(fake_pybamm):
-    values = load("pybamm", "so-rc")["get_parameter_values"]()
-    ocv_v = make_cell().average_ocv_v(np.array([0.0, 1.0]))
-    assert values["Lower voltage cut-off [V]"] == pytest.approx(ocv_v[0] - 1)
-    assert values["Upper voltage cut-off [V]"] == pytest.approx(ocv_v[1] + 1)
-
-
 @every_circuit
 def test_thevenin_gets_every_name_it_asks_for_and_no_other(circuit):
     params = load("thevenin", circuit)["get_params"]()

@@ -10,7 +10,6 @@ import barnax.export.tables
 from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
-from barnax.model.inputs import Window
 from helpers.results import make_cell, make_result
 
 FINE = np.linspace(0.0, 1.0, 40001)
@@ -59,11 +58,6 @@ def test_the_hysteresis_table_reads_as_its_segments(fit):
     np.testing.assert_allclose(table(FINE), w(FINE), rtol=0, atol=1e-9)
 
 
-def test_a_continuous_hysteresis_needs_its_six_knots_only():
-    table = segment_table(make_cell().hysteresis)
-    np.testing.assert_array_equal(table.soc, [0.0, 0.1, 0.35, 0.75, 0.95, 1.0])
-
-
 @pytest.mark.parametrize(
     ("circuit", "kind"),
     [("so-rc", "none"), ("3rc", "none"), ("iso-rc", "instant"), ("esc", "dynamic")],
@@ -74,13 +68,8 @@ def test_the_kind_of_hysteresis_follows_the_circuit(circuit, kind):
     assert (tables.hysteresis is None) == (kind == "none")
 
 
-def test_a_result_that_stores_no_direction_starts_with_the_window_s():
-    old = make_result(initial_direction=None, rest_current_a=None)
-    assert tables_of(old).initial_direction == old.window.initial_direction == 1
-    turned = old.model_copy(update={"window": Window(initial_direction=-1, rest_current_a=0.1)})
-    assert (tables_of(turned).initial_direction, tables_of(turned).rest_current_a) == (-1, 0.1)
-    # C/100 where none was given.
-    assert tables_of(old).rest_current_a == pytest.approx(0.02)
+def test_a_result_that_stores_no_rest_current_has_a_hundredth_of_the_capacity():
+    assert tables_of(make_result(rest_current_a=None)).rest_current_a == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("direction", [1, -1])

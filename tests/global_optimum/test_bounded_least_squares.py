@@ -72,13 +72,6 @@ def test_equal_columns_share_one_value_as_if_there_were_one():
     assert found.sum() == pytest.approx(1.4, rel=1e-9)
 
 
-def test_what_is_held_keeps_its_value_exactly():
-    low = np.array([[0.1, 0.3]])
-    columns = np.ones((1, ROWS, 2))
-    found = solved(columns, np.ones((1, ROWS)), low, np.array([[0.1, 5.0]]))
-    assert found[0, 0] == 0.1
-
-
 def test_a_column_of_zeros_costs_nothing():
     columns = np.stack([np.zeros(ROWS), np.ones(ROWS)], axis=1)[None]
     low, high = np.array([[0.0, 0.0]]), np.array([[1.0, 1.0]])

@@ -71,8 +71,8 @@ def settled(reduced, rmse_v, most_cells=MANY):
         certificate = certify(reduced, rmse_v, most_cells)
         if certificate.better is None:
             return certificate, rmse_v
-        place = np.log(certificate.better.tau_s)
-        rmse_v = least_error(reduced, place)
+        place = [*certificate.better.tau_s, certificate.better.gamma][: len(reduced.axes)]
+        rmse_v = least_error(reduced, np.log(place))
 
 
 def test_the_third_derivative_of_a_pairs_kernel_is_bounded():
@@ -161,30 +161,12 @@ def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, most_cells, cha
         assert bound_v >= best_v * (1 - 1.01 * CERTIFIED_GAP)
 
 
-@pytest.mark.parametrize(("circuit", "gap"), [("3rc", CERTIFIED_GAP), ("esc", CERTIFIED_GAP)])
-def test_three_pairs_and_dynamic_hysteresis_are_proved_too(bundled_cell, circuit, gap):
+@pytest.mark.parametrize("circuit", ["3rc", "esc"])
+def test_three_pairs_and_dynamic_hysteresis_are_proved_too(bundled_cell, circuit):
     reduced = reduced_problem(bundled_cell, 1, circuit)
-    landscape = landscape_of(reduced)
-    rmse_v = np.nanmin(landscape.rmse_v)
-    certificate = certify(reduced, rmse_v, MANY)
-    for _ in range(20):
-        if certificate.better is None:
-            break
-        place = [*np.log(certificate.better.tau_s)]
-        if certificate.better.gamma is not None:
-            place.append(np.log(certificate.better.gamma))
-        rmse_v = least_error(reduced, place)
-        certificate = certify(reduced, rmse_v, MANY)
-    assert certificate.lower_bound_v >= rmse_v * (1 - 1.01 * gap)
-    assert certificate.lower_bound_v <= np.nanmin(landscape.rmse_v)
-
-
-def test_fewer_cells_prove_less_but_nothing_wrong(bundled_cell):
-    reduced = reduced_problem(bundled_cell)
     lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
-    bounds_v = [settled(reduced, lowest_v, cells)[0].lower_bound_v for cells in (0, 80, 200, MANY)]
-    assert bounds_v == sorted(bounds_v)
-    assert bounds_v[0] < bounds_v[-1] * 0.99
+    certificate, best_v = settled(reduced, lowest_v)
+    assert best_v * (1 - 1.01 * CERTIFIED_GAP) <= certificate.lower_bound_v <= lowest_v
 
 
 def test_a_better_basin_is_met_and_is_really_better(bundled_cell):

@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
-from barnax.errors import InputError
 from barnax.global_optimum import Landscape, make_landscape
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
@@ -154,14 +153,6 @@ def test_pairs_with_boxes_of_their_own_have_values_everywhere(landscape_in):
 def test_a_fixed_value_is_one_point_of_its_axis(landscape_in):
     assert landscape_in("a fixed rate").gamma == pytest.approx([50.0])
     assert landscape_in("a fixed time constant").tau_s[0] == pytest.approx([10.0])
-
-
-def test_two_pairs_of_one_time_constant_are_one_pair(landscape_in):
-    two, one = landscape_in("two pairs"), landscape_in("one pair")
-    on_both = np.geomspace(two.tau_s[0][0], two.tau_s[0][-1], len(one.tau_s[0]))
-    np.testing.assert_allclose(one.tau_s[0], on_both)
-    # The ends are points of both grids; both resistances together may not fall below two limits.
-    assert two.rmse_v[0, 0] == pytest.approx(one.rmse_v[0], rel=1e-4)
 
 
 def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():

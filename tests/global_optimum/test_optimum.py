@@ -34,7 +34,7 @@ def problem_of(short_problem):
             whole_v = record.voltage_v.copy()
             whole_v[prepared.span] = voltage_v
             record = replace(record, voltage_v=whole_v)
-        window = Window(initial_soc=prepared.initial_soc, score_to_s=1500.5)
+        window = Window(initial_soc=prepared.start.soc, score_to_s=1500.5)
         return make_problem(record, short_problem.cell, circuit, window=window, **given)
 
     return make
@@ -95,18 +95,6 @@ def test_a_known_circuit_is_found_again(problem_of, short_problem):
     assert optimum.at_bound == ()
 
 
-def test_a_record_without_noise_is_certified_down_to_rounding(problem_of, short_problem):
-    voltage_v = made_voltage_v(short_problem, (0.03, 0.02, 0.025), (4.0, 150.0), noise_v=0.0)
-    optimum = find_global_optimum(problem_of(voltage_v=voltage_v))
-    assert optimum.rmse_v < 1e-9
-    assert optimum.status == "certified"
-
-
-def test_both_basins_of_the_bundled_cell_are_found(short_optimum):
-    (other,) = short_optimum.local_optima
-    assert optimality_gap(other.rmse_v, short_optimum.rmse_v) == pytest.approx(0.006, abs=1e-3)
-
-
 def test_the_proof_finds_the_basin_that_the_grid_missed(short_problem, short_optimum, monkeypatch):
     minima = Landscape.minima
     monkeypatch.setattr(Landscape, "minima", lambda *given: minima(*given)[1:])
@@ -144,24 +132,6 @@ def test_a_circuit_with_dynamic_hysteresis_is_certified_too(problem_of):
     optimum = find_global_optimum(problem)
     assert_certified(optimum, problem)
     assert optimum.rmse_v <= np.nanmin(optimum.landscape.rmse_v) * (1 + SAME)
-
-
-def test_records_together_have_one_optimum(bundled_record, bundled_cell):
-    records = [
-        replace(
-            bundled_record,
-            name=name,
-            time_s=bundled_record.time_s[part],
-            current_a=bundled_record.current_a[part],
-            voltage_v=bundled_record.voltage_v[part],
-            row=bundled_record.row[part],
-        )
-        for name, part in (("first", slice(0, 900)), ("second", slice(0, 1400)))
-    ]
-    problem = make_problem(records, bundled_cell, "so-rc")
-    optimum = find_global_optimum(problem)
-    assert_certified(optimum, problem)
-    assert len(problem.prepared_records) == 2
 
 
 def test_the_answer_does_not_depend_on_the_problems_own_objective(short_problem, short_optimum):

@@ -1,6 +1,6 @@
 """Records, evaluations, searches and results made by hand, whose every number a test knows."""
 
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -12,10 +12,10 @@ from barnax.cell import (
     SegmentedHysteresis,
 )
 from barnax.metrics import measure
-from barnax.model.inputs import PreparedRecord, Window
+from barnax.model.inputs import PreparedRecord, Start, Window
 from barnax.optimizers import make_optimizer
 from barnax.records.record import Decision, Record
-from barnax.results import MetricsBlock, MetricsPart, Result
+from barnax.results import InputPart, MetricsBlock, MetricsPart, Result
 from barnax.search.evaluate import Evaluation
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
@@ -57,6 +57,8 @@ def make_evaluation(
     prepared = PreparedRecord(
         record=record,
         circuit="so-rc",
+        window=Window(),
+        start=Start(1.0, "given", -1, "given", row=2, voltage_v=float(record.voltage_v[0])),
         first=0,
         soc=1.0 - number / record.samples,
         direction=np.full(record.samples, -1.0),
@@ -64,8 +66,7 @@ def make_evaluation(
         hysteresis_amplitude_v=None,
         scored=scored,
         rest_current_a=0.02,
-        initial_soc=1.0,
-        initial_soc_reason="given",
+        capacity_ah=CAPACITY_AH,
         warnings=(),
     )
     simulated_v = record.voltage_v - error_v
@@ -85,7 +86,7 @@ def make_search(histories_v: list[list[float]], population: int = 10) -> Search:
 
 def make_refinement(found: Search, rmse_v: float) -> Refinement:
     optimum = Optimum(rmse_v, CIRCUIT, len(found.seeds), is_family=False)
-    return Refinement(found, (), (optimum,), (), "", "scan", 0)
+    return Refinement(found, (), (optimum,), (), "scan", 0)
 
 
 def ocv_v(soc: np.ndarray) -> np.ndarray:
@@ -122,7 +123,7 @@ def make_result(
     initial_soc: float = 0.9,
     record: str = "cycle.csv",
     hysteresis_fit: str = "continuous",
-    initial_direction: int | None = 1,
+    initial_direction: Literal[-1, 1] = 1,
     rest_current_a: float | None = 0.035,
 ) -> Result:
     """A result of this circuit, with what an export reads of it."""
@@ -132,14 +133,20 @@ def make_result(
     if model == "esc":
         parameters["gamma"] = GAMMA
     metrics = MetricsPart.model_construct(record=record, rmse_v=0.0232)
+    given = Start(initial_soc, "given", initial_direction, "given", row=2, voltage_v=4.0)
     return Result.model_construct(
         model=model,
         parameters=parameters,
-        cell=make_cell(hysteresis_fit).to_dict(),
+        cell=make_cell(hysteresis_fit),
         metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
-        window=Window(initial_direction=1),
-        initial_soc=initial_soc,
-        initial_direction=initial_direction,
-        rest_current_a=rest_current_a,
+        inputs=(
+            InputPart(
+                role="identification",
+                name=record,
+                sha256="",
+                start=given,
+                rest_current_a=rest_current_a,
+            ),
+        ),
         versions={"barnax": "0.1.0"},
     )

@@ -8,7 +8,14 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from barnax.optimizers import BarnacleMating, Box, Swarm, bmo, ibmo, ibmo_centered, ibmo_printed
+from barnax.optimizers import (
+    BarnacleMating,
+    Box,
+    Swarm,
+    bmo,
+    evaluations_per_iteration,
+    ibmo_centered,
+)
 
 WIDTH = 8.0
 
@@ -38,12 +45,7 @@ def proposed(solver, swarm, key):
 
 
 def test_with_every_improvement_off_the_class_is_bmo():
-    assert BarnacleMating() == bmo()
-
-
-def test_the_three_readings_of_ibmo_differ_from_bmo_and_each_other():
-    readings = [bmo(), ibmo(), ibmo_printed(), ibmo_centered()]
-    assert len(set(readings)) == len(readings)
+    assert BarnacleMating() == bmo() != ibmo_centered(pl=7)
 
 
 def test_mating_without_any_factor_is_refused():
@@ -62,12 +64,6 @@ def test_moving_the_origin_moves_the_whole_run_of_ibmo_centered():
             here.stats["history"][:15], there.stats["history"][:15], rtol=1e-6
         )
         np.testing.assert_allclose(here.value, there.value - 512, atol=0.05)
-
-
-def test_moving_the_origin_changes_what_the_published_barnacles_find():
-    solver = bmo(population=10, iterations=40)
-    here, there = (search(solver, jnp.float32(origin)) for origin in (0.0, 512.0))
-    assert not np.allclose(here.stats["history"], there.stats["history"], rtol=1e-2)
 
 
 def test_every_cast_of_bmo_contracts_toward_the_origin():
@@ -106,14 +102,8 @@ def test_a_uniform_factor_keeps_offspring_between_their_parents():
 
 
 def test_reevaluating_the_parents_doubles_the_cost():
-    solvers = [
-        BarnacleMating(population=10, iterations=40, reevaluate_parents=again)
-        for again in (False, True)
-    ]
-    once, twice = (search(solver, jnp.float32(0)) for solver in solvers)
-    assert once.stats["evaluations"] == 10 + 40 * 10
-    assert twice.stats["evaluations"] == 10 + 40 * 20
-    np.testing.assert_allclose(once.stats["history"], twice.stats["history"], rtol=1e-5)
+    assert evaluations_per_iteration(BarnacleMating(10)) == 10
+    assert evaluations_per_iteration(BarnacleMating(10, reevaluate_parents=True)) == 20
 
 
 def survivors(solver, generation):

@@ -39,12 +39,6 @@ def test_the_autocorrelation_is_the_residuals_own(colored):
     assert found.autocorrelation[:2] == pytest.approx([1.0, at_one])
 
 
-def test_the_residual_correlation_time_is_about_twice_the_noise_s(colored):
-    found = colored.assessment.diagnostics
-    assert found.correlation_time_s == pytest.approx(2 * 12.0, rel=0.6)
-    assert found.effective_samples == pytest.approx(SAMPLES / found.correlation_time_s, rel=1e-6)
-
-
 def test_temperature_bands_appear_where_it_was_measured(colored):
     assert colored.assessment.diagnostics.by_temperature is None
     prepared = colored.problem.prepared

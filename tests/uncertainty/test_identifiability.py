@@ -96,12 +96,6 @@ def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_pr
     assert slow.duration_s == pytest.approx(1500.0)
 
 
-def test_at_the_bound_of_the_default_box_its_time_constant_is_held(short_problem):
-    _, findings = findings_of(made_problem(short_problem, white_noise(SEED), SLOW), SLOW)
-    tau, _ = findings["too slow"].estimates
-    assert (tau.name, tau.held) == ("tau2 [s]", "at upper bound")
-
-
 def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem):
     alike = CircuitParameters(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
     noise_v = colored_noise(np.random.default_rng(4), SAMPLES, 12.0, 2e-3)[0]

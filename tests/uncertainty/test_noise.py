@@ -46,16 +46,6 @@ def test_the_correlation_time_is_that_of_first_order_autoregression(correlation_
     assert noise.sd_v == pytest.approx(5e-3, rel=0.1)
 
 
-def test_the_mean_of_correlated_errors_is_as_unsure_as_theory_says():
-    samples, correlation_s = 40_000, 20.0
-    constant = np.full((samples, 1), 1 / np.sqrt(samples))
-    error_v = colored_noise(np.random.default_rng(3), samples, correlation_s, 1.0)[0]
-    noise = fit_noise(error_v, constant, np.arange(float(samples)))
-    rho = np.exp(-1 / correlation_s)
-    inflation = float(noise.spread_v2[0, 0]) / np.var(error_v)
-    assert inflation == pytest.approx((1 + rho) / (1 - rho), rel=0.25)
-
-
 @pytest.fixture(scope="module")
 def simulated():
     """True and fitted variances of Q'u, and the degrees of freedom, over 300 noisy records."""
@@ -114,16 +104,6 @@ def test_records_on_one_clock_are_not_joined_by_their_noise():
     for correlation_s, spread in zip(noise.correlation_s[1:], noise.parts_spread[1:], strict=True):
         dense = np.where(is_one, np.exp(-lag / correlation_s), 0.0)
         np.testing.assert_allclose(spread, columns.T @ dense @ columns, rtol=1e-9, atol=1e-9)
-
-
-def test_opposite_offsets_of_records_are_no_correlation_between_them():
-    # Each record has its own offset: only the lags within records tell of it.
-    rng = np.random.default_rng(5)
-    offsets = np.repeat([1.0, -1.0, 1.0], LENGTHS)
-    error_v = offsets + 0.1 * rng.normal(size=len(offsets))
-    constant = np.full((len(offsets), 1), 1 / np.sqrt(len(offsets)))
-    noise = fit_noise(error_v, constant, joined_clock(), longest_s=399.0)
-    assert noise.autocorrelation[1:].min() > 0.9
 
 
 def test_empty_time_between_records_adds_no_degrees_of_freedom():

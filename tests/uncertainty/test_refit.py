@@ -10,7 +10,7 @@ from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.uncertainty import Refit
 
-from .made import SAMPLES, TRUTH, fit, made_problem, white_noise
+from .made import TRUTH, made_problem, white_noise
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def jointly(short_problem):
 def turning(short_problem):
     """A problem with dynamic hysteresis."""
     prepared = short_problem.prepared
-    window = Window(initial_soc=prepared.initial_soc, score_from_s=200.0, score_to_s=1500.5)
+    window = Window(initial_soc=prepared.start.soc, score_from_s=200.0, score_to_s=1500.5)
     return make_problem(prepared.record, short_problem.cell, "esc", window=window)
 
 
@@ -58,18 +58,3 @@ def test_how_many_fits_run_at_a_time_changes_no_bit(short_problem):
     alone = refit(starts[9:10])
     assert np.array_equal(together.points[9], alone.points[0])
     assert together.rmse_v[9] == alone.rmse_v[0]
-
-
-def test_records_identified_jointly_are_assessed_together(jointly):
-    together = fit(jointly).assessment
-    linearization = together.covariance.linearization
-    assert linearization.samples == 2 * SAMPLES
-    assert np.all(np.diff(linearization.time_s) > 0)
-    # Two records tell more than one: errors shrink by about the root of two.
-    alone = fit(replace(jointly, prepared_records=jointly.prepared_records[:1])).assessment
-    ratio = [
-        together.uncertainty[name].white_noise_relative_error
-        / alone.uncertainty[name].white_noise_relative_error
-        for name in together.uncertainty.free
-    ]
-    np.testing.assert_allclose(ratio, np.sqrt(0.5), rtol=0.15)

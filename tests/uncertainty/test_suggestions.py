@@ -32,7 +32,7 @@ def measured(short_problem):
 
 
 def test_a_wrong_initial_soc_is_found_and_followed_gives_the_promised_error(measured):
-    start = measured.prepared.initial_soc
+    start = measured.prepared.start.soc
     given = replace(measured.window, initial_soc=round(start - 0.03, 3))
     record, cell = measured.prepared.record, measured.cell
     fitted, found = tried(make_problem(record, cell, "so-rc", window=given))

@@ -1,7 +1,5 @@
 """Differential evolution from SciPy: the baseline that is not ours."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -9,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from ..execution import compile_for, in_float64
+from ..execution import compile_for, in_float64, run_blocks
 from ..model.problem import Objective, Problem, rmse, rmse_by_scan
 from .method import Answer, Budget, Method, MethodFailure, Progress, generator_of, latin_hypercube
 
@@ -61,18 +59,9 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             updating="deferred",
             vectorized=True,
         )
-        return end.x, np.array(history)
+        return end.x[None], np.array(history)[None]
 
-    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        waiting = [pool.submit(run, seed) for seed in range(budget.seeds)]
-        try:
-            ends = []
-            for done in waiting:
-                ends.append(done.result())
-                progress(1)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    ends = run_blocks(run, range(budget.seeds), [1] * budget.seeds, progress)
     circuits = problem.parameters_at([point for point, _ in ends], box)
     errors_v = [history_v[-1] for _, history_v in ends]
     if problem.kind != "scan":

@@ -92,12 +92,21 @@ def even_samples(prepared: PreparedRecord, lags: int) -> EvenSamples:
 
 
 def regression(
-    samples: EvenSamples, pairs: int
-) -> tuple[Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
-    """Columns and target of the difference equation at every sample that is a row.
+    problem: Problem,
+) -> tuple[EvenSamples, Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
+    """The samples, and columns and target of the difference equation at all that are rows.
 
-    The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0.
+    The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0. Raises `MethodFailure` where a parameter
+    is held, which a difference equation cannot.
     """
+    if problem.bounds.fixed:
+        held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
+        raise MethodFailure(
+            f"a regression of the difference equation cannot hold {held}; use another method, such "
+            "as varpro, or leave out `fix`"
+        )
+    pairs = problem.bounds.pairs
+    samples = even_samples(problem.prepared, pairs)
     is_row = samples.is_row[pairs:]
 
     def differences(values: np.ndarray, order: int) -> np.ndarray:
@@ -105,7 +114,7 @@ def regression(
 
     columns = [-differences(samples.drop_v, order) for order in range(pairs - 1, -1, -1)]
     columns += [differences(samples.current_a, order) for order in range(pairs, -1, -1)]
-    return np.stack(columns, axis=1), differences(samples.drop_v, pairs)
+    return samples, np.stack(columns, axis=1), differences(samples.drop_v, pairs)
 
 
 def circuit_values(
@@ -152,16 +161,6 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
     return CircuitParameters(r0, tuple(pairs), c)
 
 
-def require_all_free(problem: Problem) -> None:
-    """Raise `MethodFailure` where a parameter is held: a difference equation cannot hold one."""
-    if problem.bounds.fixed:
-        held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
-        raise MethodFailure(
-            f"a regression of the difference equation cannot hold {held}; use another method, such "
-            "as varpro, or leave out `fix`"
-        )
-
-
 def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
     """A note where parameters lie outside the search box, which a linear method does not know."""
     values = parameters.to_dict()
@@ -196,14 +195,11 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     to no circuit, and where a parameter is held.
     """
     del budget
-    require_all_free(problem)
-    pairs = problem.bounds.pairs
-    samples = even_samples(problem.prepared, pairs)
-    columns, target = regression(samples, pairs)
+    samples, columns, target = regression(problem)
     # Columns in volts, amperes and their differences span many decades.
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     coefficients = np.linalg.lstsq(columns / scale, target)[0] / scale
-    parameters = circuit_of(*circuit_values(coefficients, samples, pairs))
+    parameters = circuit_of(*circuit_values(coefficients, samples, problem.bounds.pairs))
     progress(1)
     return _answer(problem, parameters, samples.notes)
 
@@ -228,13 +224,10 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
     Raises `MethodFailure` where there are none, and where a parameter is held.
     """
     del budget
-    require_all_free(problem)
-    pairs = problem.bounds.pairs
-    samples = even_samples(problem.prepared, pairs)
-    columns, target = regression(samples, pairs)
+    samples, columns, target = regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     coefficients = np.asarray(_track(jnp.asarray(columns / scale), jnp.asarray(target))) / scale
-    r0, r, tau_s = circuit_values(coefficients, samples, pairs)
+    r0, r, tau_s = circuit_values(coefficients, samples, problem.bounds.pairs)
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
     late = np.arange(len(r0)) >= min(MEMORY, len(r0) // 2)
     counted = late & is_circuit

@@ -24,7 +24,8 @@ from ..results import (
 )
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound
-from .run import Comparison, Row
+from .run import Comparison, Difference, Row
+from .statistics import BandError, Resampled, SeedPairs
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -44,12 +45,17 @@ OWN_KEYS = {
 }
 
 
+# Stored as the numerics return them.
+BandPart = BandError
+DifferencePart = Difference
+OverTimePart = Resampled
+OverSeedsPart = SeedPairs
+
+
 class ComparisonPart(Part):
     """A part of the file, with the keys of a comparison."""
 
-    model_config = ConfigDict(
-        alias_generator=lambda name: OWN_KEYS.get(name) or key_of(name), from_attributes=True
-    )
+    model_config = ConfigDict(alias_generator=lambda name: OWN_KEYS.get(name) or key_of(name))
 
 
 class SeedAnswerPart(ComparisonPart):
@@ -69,22 +75,11 @@ class SpreadPart(ComparisonPart):
     deviation_v: Loss
 
 
-class BandPart(ComparisonPart):
-    """Errors in one band of SOC; None where it holds no sample."""
-
-    low_soc: float
-    high_soc: float
-    samples: Count
-    rmse_v: Volts | None
-    mean_v: float | None
-    max_v: Volts | None
-
-
 class RecordErrorsPart(ComparisonPart):
     """Errors of a row's own answer on one record, in all and by SOC."""
 
     metrics: MetricsPart
-    bands: tuple[BandPart, ...]
+    bands: tuple[BandError, ...]
 
 
 class RowPart(ComparisonPart):
@@ -119,42 +114,6 @@ class RowPart(ComparisonPart):
         return f"{self.method} {self.model}"
 
 
-class OverTimePart(ComparisonPart):
-    """Moving-block bootstrap over time: 95 % intervals, negative where the first row is better.
-
-    Where `is_block_capped` the errors' autocorrelation outlasts the longest block, and the
-    intervals are narrower than they should be.
-    """
-
-    difference_v2: float
-    interval_v2: tuple[float, float]
-    difference_v: float
-    interval_v: tuple[float, float]
-    block_samples: Count
-    is_block_capped: bool
-    is_real: bool
-
-
-class OverSeedsPart(ComparisonPart):
-    """The rows' seeds in pairs; `p_value` is of Wilcoxon's signed-rank test."""
-
-    median_v: float
-    wins: Count
-    losses: Count
-    p_value: float
-
-
-class DifferencePart(ComparisonPart):
-    """One row's error minus another's on one record; rows by name, such as `bmo so-rc`."""
-
-    first: str
-    second: str
-    record: str
-    is_validation: bool
-    over_time: OverTimePart
-    over_seeds: OverSeedsPart | None
-
-
 class ModelPart(ComparisonPart):
     """The search box of one model, and its global optimum where that is known.
 
@@ -184,7 +143,7 @@ class BudgetPart(ComparisonPart):
 SCHEMA_VERSION = 2
 
 
-class ComparisonResult(ComparisonPart, Document):
+class ComparisonResult(Document, ComparisonPart):
     """The whole of `comparison.json`. Equal runs give equal bytes: no times, dates or folders.
 
     Seconds stand in `timings.json`; reports take them beside this as a mapping of row names.
@@ -192,7 +151,7 @@ class ComparisonResult(ComparisonPart, Document):
 
     schema_version: Literal[2] = SCHEMA_VERSION
     rows: tuple[RowPart, ...]
-    differences: tuple[DifferencePart, ...]
+    differences: tuple[Difference, ...]
     models: dict[str, ModelPart]
     budget: BudgetPart
     cell: CellModel
@@ -232,7 +191,7 @@ def make_comparison_result(
     inputs += [input_part("ocv", test) for test in ocv]
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
-        differences=tuple(DifferencePart.model_validate(each) for each in comparison.differences),
+        differences=comparison.differences,
         models={
             model: _model_part(problem, comparison.optima.get(model))
             for model, problem in problems.items()
@@ -285,10 +244,7 @@ def _row_part(row: Row) -> RowPart:
     if row.failure is not None:
         return RowPart(**known, failure=row.failure)
     identification, *validation = (
-        RecordErrorsPart(
-            metrics=metrics_part(evaluation),
-            bands=tuple(BandPart.model_validate(band) for band in bands),
-        )
+        RecordErrorsPart(metrics=metrics_part(evaluation), bands=bands)
         for evaluation, bands in zip(row.evaluations, row.bands, strict=True)
     )
     return RowPart(

@@ -1,9 +1,10 @@
 """Models and methods side by side on one cell: what each row of a comparison is."""
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +14,7 @@ from ..baselines.regression import outside_box
 from ..cell import CellModel, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
+from ..gather import Watch, unwatched
 from ..global_optimum import GlobalOptimum, find_global_optimum, optimality_gap
 from ..model.inputs import PreparedRecord, Window, prepare_record
 from ..model.problem import Kind, Problem, make_problem
@@ -118,16 +120,8 @@ PAPER_ROWS = (
     ("iso-rc", "bmo"),
     ("iso-rc", "ibmo"),
 )
-# Asked with a row's name, or with what else is done, it gives a context that is told of finished
-# seeds.
-Watch = Callable[[str], AbstractContextManager[Callable[[int], None]]]
+# What is watched beside the rows, which are by their names.
 REFINEMENT, OPTIMA, DIFFERENCES = "refinement", "global optima", "differences"
-
-
-def unwatched(name: str) -> AbstractContextManager[Callable[[int], None]]:
-    """Watch nothing."""
-    del name
-    return nullcontext(lambda gained: None)
 
 
 def compare(
@@ -175,16 +169,10 @@ def compare(
         objective=objective,
         source=source,
     )
-    prepared_records = {
-        model: [
-            problem.prepared,
-            *(
-                prepare_record(other, cell, model, its)
-                for other, its in zip(validation, windows, strict=True)
-            ),
-        ]
-        for model, problem in problems.items()
-    }
+    prepared_records = {model: [problem.prepared] for model, problem in problems.items()}
+    for model, prepared in prepared_records.items():
+        for other, its in zip(validation, windows, strict=True):
+            prepared.append(prepare_record(other, cell, model, its))
     answered = [
         _run(problems[model], prepared_records[model], method, budget, watch)
         for model, method in rows
@@ -195,8 +183,11 @@ def compare(
         optima = _optima(problems)
     with watch(DIFFERENCES):
         differences = _differences(refined, budget.key)
-    measured = tuple(_with_gap(row, optima) for row in refined)
-    return Comparison(measured, budget, differences, optima)
+    for place, row in enumerate(refined):
+        if row.failure is None and row.model in optima:
+            gap = optimality_gap(row.median.rmse_v, optima[row.model].rmse_v)
+            refined[place] = replace(row, optimality_gap=gap)
+    return Comparison(tuple(refined), budget, differences, optima)
 
 
 def make_problems(
@@ -204,12 +195,9 @@ def make_problems(
     cell: CellModel,
     models: Sequence[str],
     *,
-    window: Window,
     bounds: Mapping[str, Range],
     fixed: Mapping[str, float],
-    coordinates: Scale,
-    objective: Kind,
-    source: str,
+    **settings: Any,
 ) -> dict[str, Problem]:
     """One problem a model; a bound or fixed value goes to the models that know its name."""
     known = {model: _names_of(model) for model in models}
@@ -228,12 +216,9 @@ def make_problems(
             record,
             cell,
             model,
-            window=window,
             bounds=known_to(model, bounds),
             fixed=known_to(model, fixed),
-            coordinates=coordinates,
-            objective=objective,
-            source=source,
+            **settings,
         )
         for model in models
     }
@@ -308,30 +293,21 @@ def _optima(problems: Mapping[str, Problem]) -> dict[str, GlobalOptimum]:
     return found
 
 
-def _with_gap(row: Row, optima: Mapping[str, GlobalOptimum]) -> Row:
-    if row.failure is not None or row.model not in optima:
-        return row
-    return replace(row, optimality_gap=optimality_gap(row.median.rmse_v, optima[row.model].rmse_v))
-
-
 def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
     """Every pair of answered rows on every record, the first row against the second."""
     found = []
-    pairs = itertools.combinations([row for row in rows if row.failure is None], 2)
-    for first, second in pairs:
-        for place, evaluations in enumerate(
-            zip(first.evaluations, second.evaluations, strict=True)
-        ):
-            one, other = (each.error_v[each.prepared.scored] for each in evaluations)
-            over_seeds = compare_over_seeds(first.errors_v, second.errors_v)
+    for first, second in itertools.combinations([row for row in rows if row.failure is None], 2):
+        over_seeds = compare_over_seeds(first.errors_v, second.errors_v)
+        for place, both in enumerate(zip(first.evaluations, second.evaluations, strict=True)):
+            one, other = (each.error_v[each.prepared.scored] for each in both)
             found.append(
                 Difference(
-                    first=first.name,
-                    second=second.name,
-                    record=evaluations[0].prepared.record.name,
+                    first.name,
+                    second.name,
+                    record=both[0].prepared.record.name,
                     is_validation=place > 0,
                     over_time=compare_over_time(one, other, key),
-                    over_seeds=None if place > 0 else over_seeds,
+                    over_seeds=None if place else over_seeds,
                 )
             )
     return tuple(found)

@@ -148,19 +148,10 @@ def errors_by_soc(
         above = -np.inf if low == BANDS[0][0] else low
         below = np.inf if high == BANDS[-1][1] else high
         inside = error_v[scored & (soc >= above) & (soc < below)]
-        if not len(inside):
-            found.append(BandError(low, high, 0))
-            continue
-        found.append(
-            BandError(
-                low_soc=low,
-                high_soc=high,
-                samples=len(inside),
-                rmse_v=float(np.sqrt(np.mean(inside**2))),
-                mean_v=float(np.mean(inside)),
-                max_v=float(np.max(np.abs(inside))),
-            )
-        )
+        figures = ()
+        if len(inside):
+            figures = np.sqrt(np.mean(inside**2)), np.mean(inside), np.max(np.abs(inside))
+        found.append(BandError(low, high, len(inside), *map(float, figures)))
     return tuple(found)
 
 

@@ -10,12 +10,11 @@ import jax.numpy as jnp
 
 from .barnacle import BarnacleMating, bmo, ibmo, ibmo_centered, ibmo_printed
 from .gwo import GreyWolf, ImprovedGreyWolf
+from .leader import SeagullSearch, WhaleSearch
 from .population import AbstractPopulationMinimiser
 from .pso import ParticleSwarm
 from .sfo import SailfishSearch
-from .soa import SeagullSearch
 from .swarm import Box, Swarm, keep_best, sort_by_loss
-from .woa import WhaleSearch
 
 __all__ = [
     "OPTIMIZERS",

@@ -195,7 +195,7 @@ def bmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMat
     [0, 1]; only a standard normal vector, one a generation, reproduces its Table 2, so that is
     what runs here.
     """
-    return BarnacleMating(population=population, iterations=iterations, pl=pl)
+    return BarnacleMating(population, iterations, pl)
 
 
 def ibmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMating:
@@ -206,9 +206,9 @@ def ibmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMa
     determine it uniquely.
     """
     return BarnacleMating(
-        population=population,
-        iterations=iterations,
-        pl=pl,
+        population,
+        iterations,
+        pl,
         tent_start=True,
         cosine_factor=True,
         cast_step="levy",
@@ -223,9 +223,9 @@ def ibmo_printed(population: int = 30, iterations: int = 500, pl: int = 7) -> Ba
     requires; `tent_branch="random"` is the printed form.
     """
     return BarnacleMating(
-        population=population,
-        iterations=iterations,
-        pl=pl,
+        population,
+        iterations,
+        pl,
         tent_start=True,
         cosine_factor=True,
         mating_factor="one",
@@ -246,9 +246,9 @@ def ibmo_centered(population: int = 30, iterations: int = 500, pl: int = 4) -> B
     of the normal one does harm on four functions, most on F4 and F9, and is left out.
     """
     return BarnacleMating(
-        population=population,
-        iterations=iterations,
-        pl=pl,
+        population,
+        iterations,
+        pl,
         tent_start=True,
         cosine_factor=True,
         shared_factor=False,

@@ -1,14 +1,12 @@
 """Grey wolves: GWO, and the improved IGWO."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
 from jax import lax
 from jaxtyping import Array, Float, Int, Key, PyTree
 
-from .population import AbstractPopulationMinimiser
+from .population import AbstractUniformStart
 from .swarm import Box, Swarm, best_first
 
 
@@ -19,7 +17,7 @@ class Leaders(eqx.Module):
     losses: Float[Array, "3"]
 
 
-class GreyWolf(AbstractPopulationMinimiser):
+class GreyWolf(AbstractUniformStart):
     """The grey wolf optimizer (Mirjalili et al., 2014), in the form of its authors' code.
 
     Every wolf moves to the mean of three places, one about each leader. The paper says the
@@ -31,9 +29,6 @@ class GreyWolf(AbstractPopulationMinimiser):
     iterations: int = 500
     demote_leaders: bool = False
     bounded: bool = True
-
-    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         nobody = Leaders(swarm.positions[:3], jnp.full_like(swarm.losses[:3], jnp.inf))
@@ -107,7 +102,7 @@ def replace_leaders(leaders: Leaders, swarm: Swarm) -> Leaders:
     )
 
 
-class ImprovedGreyWolf(AbstractPopulationMinimiser):
+class ImprovedGreyWolf(AbstractUniformStart):
     """The improved grey wolf optimizer (Nadimi-Shahraki et al., 2021).
 
     Every wolf weighs two places, that of the grey wolf optimizer and one learned from its
@@ -121,9 +116,6 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
     population: int = 30
     iterations: int = 500
     bounded: bool = True
-
-    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return swarm

@@ -216,6 +216,13 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         return state.best_position.reshape(y.shape), state.best_aux, stats
 
 
+class AbstractUniformStart(AbstractPopulationMinimiser):
+    """A search whose first population is spread evenly over the box, at random."""
+
+    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
+        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
+
+
 def _key(options: dict[str, Any]) -> Key[Array, ""]:
     if "key" not in options:
         raise ValueError('a population minimiser needs options["key"], such as jax.random.key(0)')
@@ -255,9 +262,8 @@ def _evaluate(
     if options.get("keyed_objective", False):
         kind = jr.key_impl(args[1])
         keys = jr.wrap_key_data(jr.key_data(jr.split(key, len(positions))), impl=kind)
-        losses, aux = jax.vmap(lambda x, key: fn(x.reshape(y.shape), (args[0], key)))(
-            positions, keys
-        )
+        keyed = jax.vmap(lambda x, key: fn(x.reshape(y.shape), (args[0], key)))
+        losses, aux = keyed(positions, keys)
     else:
         losses, aux = jax.vmap(lambda x: fn(x.reshape(y.shape), args))(positions)
     is_finite = jnp.isfinite(losses)

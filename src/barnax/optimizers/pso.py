@@ -1,13 +1,11 @@
 """PSO, particle swarm optimization."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, Int, Key, PyTree
 
-from .population import AbstractPopulationMinimiser
+from .population import AbstractUniformStart
 from .swarm import Box, Swarm
 
 
@@ -19,7 +17,7 @@ class Flight(eqx.Module):
     best_losses: Float[Array, "candidates"]
 
 
-class ParticleSwarm(AbstractPopulationMinimiser):
+class ParticleSwarm(AbstractUniformStart):
     """Particle swarm optimization (Kennedy and Eberhart, 1995) with falling inertia.
 
     The inertia falls linearly from `inertia_start` to `inertia_end` (Shi and Eberhart, 1998);
@@ -40,9 +38,6 @@ class ParticleSwarm(AbstractPopulationMinimiser):
     velocity_fraction: float = 0.06
     velocity_limit: float | None = None
     bounded: bool = True
-
-    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         flight = Flight(jnp.zeros_like(swarm.positions), swarm.positions, swarm.losses)

@@ -1,18 +1,16 @@
 """SFO, the sailfish optimizer."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import jax.random as jr
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
-from .population import AbstractPopulationMinimiser
+from .population import AbstractUniformStart
 from .swarm import Box, Swarm, best_of, better_leader, ranks, sort_by_loss
 
 
-class SailfishSearch(AbstractPopulationMinimiser):
+class SailfishSearch(AbstractUniformStart):
     """The sailfish optimizer (Shadravan et al., 2019).
 
     A share of the population are sailfish, which swim about the best sailfish so far and the
@@ -36,9 +34,6 @@ class SailfishSearch(AbstractPopulationMinimiser):
             raise ValueError(f"a sailfish_share of {self.sailfish_share} leaves one of both out")
         if self.population < 2:
             raise ValueError("a sailfish and a sardine are two: the population is too small")
-
-    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         sailfish, _ = self._schools(swarm)
@@ -112,13 +107,10 @@ def random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "
 
 
 def _split(swarm: Swarm, first: int) -> tuple[Swarm, Swarm]:
-    return (
-        Swarm(swarm.positions[:first], swarm.losses[:first]),
-        Swarm(swarm.positions[first:], swarm.losses[first:]),
-    )
+    return _rows(swarm, slice(first)), _rows(swarm, slice(first, None))
 
 
-def _rows(swarm: Swarm, rows: Int[Array, "rows"]) -> Swarm:
+def _rows(swarm: Swarm, rows: Int[Array, "rows"] | slice) -> Swarm:
     return Swarm(swarm.positions[rows], swarm.losses[rows])
 
 

@@ -136,9 +136,10 @@ class _Findings:
             found.extend(more)
             told.update(name for each in more for name in each.parameters)
 
-        add([each for pair in range(1, pairs + 1) for each in self.too_fast(pair)])
-        add([each for pair in range(1, pairs + 1) for each in self.too_slow(pair)])
-        add([each for pair in range(1, pairs) for each in self.alike(pair, told)])
+        every = range(1, pairs + 1)
+        add([each for pair in every for each in self.too_fast(pair)])
+        add([each for pair in every for each in self.too_slow(pair)])
+        add([each for pair in every[:-1] for each in self.alike(pair, told)])
         add(self.at_bounds(told))
         add(self.loose(told))
         add(self.weak_directions())

@@ -14,8 +14,7 @@ from ..errors import InputError
 from ..execution import compile_for, in_float64
 from ..model.inputs import PreparedRecord
 from ..model.problem import Objective, Problem, rc_parameters, residuals
-from ..model.search_space import Coordinates
-from ..search.refine import AT_BOUND
+from ..search.refine import at_bound
 
 # Voltages and derivatives beyond this are overflows on their way.
 LARGEST_NUMBER = 1e20
@@ -112,11 +111,10 @@ def linearize(
             "can be said of its parameters; narrow the bounds"
         )
     is_seen = np.sqrt(np.mean(slope_v**2, axis=0)) > LEAST_V
-    held: dict[str, Held] = {
-        **dict.fromkeys(problem.bounds.fixed, "fixed"),
-        **_at_bound(box, point),
-    }
-    held = {name: why for name, why in held.items() if name not in freed or why == "fixed"}
+    held: dict[str, Held] = dict.fromkeys(problem.bounds.fixed, "fixed")
+    for each in at_bound(box, parameters):
+        if each.name in box.names and each.name not in freed:
+            held[each.name] = "at lower bound" if each.side == "lower" else "at upper bound"
     held |= {
         name: "unseen"
         for index, name in enumerate(box.names)
@@ -146,15 +144,6 @@ def _errors_and_slopes(
     point: Float[Array, "free"], objective: Objective
 ) -> tuple[Float[Array, "samples"], Float[Array, "samples free"]]:
     return residuals(point, objective), jax.jacfwd(residuals)(point, objective)
-
-
-def _at_bound(box: Coordinates, point: Float[np.ndarray, "coordinates"]) -> dict[str, Held]:
-    fraction = (point - np.asarray(box.lower)) / np.asarray(box.upper - box.lower)
-    return {
-        name: "at lower bound" if part < 0.5 else "at upper bound"
-        for name, part in zip(box.names, fraction, strict=True)
-        if not AT_BOUND < part < 1 - AT_BOUND
-    }
 
 
 def _one_clock(prepared_records: tuple[PreparedRecord, ...]) -> Float[np.ndarray, "scored"]:

@@ -1,6 +1,7 @@
 """What would lower the error first: changes of the model, each tried by a fit, ranked."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -84,8 +85,7 @@ def suggestions(
     found = [
         *_one_more_pair(problem, parameters),
         *_dynamic_hysteresis(problem, parameters),
-        *_initial_soc(problem, parameters, rmse_v, refit),
-        *_capacity(problem, parameters, rmse_v, refit),
+        *_start_and_capacity(problem, parameters, rmse_v, refit),
         *_over_soc(problem, parameters),
     ]
     return tuple(sorted(found, key=lambda each: each.rmse_v))
@@ -129,43 +129,32 @@ def _dynamic_hysteresis(problem: Problem, parameters: CircuitParameters) -> list
     return [Suggestion("dynamic hysteresis", best.rmse_v, 1, circuit=circuit, gamma=gamma)]
 
 
-def _initial_soc(
+def _start_and_capacity(
     problem: Problem, parameters: CircuitParameters, rmse_v: float, refit: Refit
-) -> list[Suggestion]:
-    own = problem.prepared.start.soc
-    if any(each.start.soc != own for each in problem.prepared_records):
-        # One `initial_soc` serves every record, and here they would need several.
-        return []
+) -> Iterator[Suggestion]:
+    """One initial SOC and one capacity for every record; neither where theirs differ."""
+    socs = {each.start.soc for each in problem.prepared_records}
+    if len(socs) == 1:
+        (own,) = socs
 
-    def started(change: float) -> Problem:
-        soc = round(own + change, SOC_DECIMALS)
-        return _prepared_again(problem, problem.circuit, initial_soc=soc)
+        def started(change: float) -> Problem:
+            soc = round(own + change, SOC_DECIMALS)
+            return _prepared_again(problem, problem.circuit, initial_soc=soc)
 
-    found = _best_along(problem, parameters, rmse_v, refit, started, SOC_REACH)
-    if found is None:
-        return []
-    best, changed_v = found
-    soc = best.prepared.start.soc
-    return [Suggestion("initial SOC", changed_v, added=1, initial_soc=soc, instead_of=own)]
+        for best, best_v in _best_along(problem, parameters, rmse_v, refit, started, SOC_REACH):
+            soc = best.prepared.start.soc
+            yield Suggestion("initial SOC", best_v, 1, initial_soc=soc, instead_of=own)
+    capacities_ah = {each.capacity_ah for each in problem.prepared_records}
+    if len(capacities_ah) == 1:
+        (own_ah,) = capacities_ah
 
+        def scaled(change: float) -> Problem:
+            capacity_ah = float(f"{own_ah * (1 + change):.{CAPACITY_DIGITS}g}")
+            return _prepared_again(problem, problem.circuit, capacity_ah=capacity_ah)
 
-def _capacity(
-    problem: Problem, parameters: CircuitParameters, rmse_v: float, refit: Refit
-) -> list[Suggestion]:
-    own_ah = problem.prepared.capacity_ah
-    if any(each.capacity_ah != own_ah for each in problem.prepared_records):
-        return []
-
-    def scaled(change: float) -> Problem:
-        capacity_ah = float(f"{own_ah * (1 + change):.{CAPACITY_DIGITS}g}")
-        return _prepared_again(problem, problem.circuit, capacity_ah=capacity_ah)
-
-    found = _best_along(problem, parameters, rmse_v, refit, scaled, CAPACITY_REACH)
-    if found is None:
-        return []
-    best, changed_v = found
-    capacity_ah = best.prepared.capacity_ah
-    return [Suggestion("capacity", changed_v, added=1, capacity_ah=capacity_ah, instead_of=own_ah)]
+        for best, best_v in _best_along(problem, parameters, rmse_v, refit, scaled, CAPACITY_REACH):
+            capacity_ah = best.prepared.capacity_ah
+            yield Suggestion("capacity", best_v, 1, capacity_ah=capacity_ah, instead_of=own_ah)
 
 
 @in_float64
@@ -248,11 +237,11 @@ def _best_along(
     refit: Refit,
     changed: Callable[[float], Problem],
     reach: float,
-) -> tuple[Problem, float] | None:
+) -> list[tuple[Problem, float]]:
     """The problem whose one number is changed to the lowest refitted error, and that error.
 
     It is sought with the refits' own hysteresis columns, which hardly depend on it, and the error
-    is then that of the changed problem. None where even small changes leave the OCV curve.
+    is then that of the changed problem. Nothing where no change lowers it.
     """
     starts = _spread_starts(problem, parameters)
     points = np.stack([refit.encode(start) for start in starts])
@@ -273,21 +262,19 @@ def _best_along(
             if found.fun < lowest_v:
                 best, lowest_v = float(found.x), float(found.fun)
     if best == 0:
-        return None
+        return []
     other = changed(best)
     exact_v = _best_of(other, starts).rmse_v
-    return (other, exact_v) if exact_v < own_v else None
+    return [(other, exact_v)] if exact_v < own_v else []
 
 
 def _furthest(changed: Callable[[float], Problem], end: float) -> float:
     """How far a change can go to one side before the state of charge leaves the OCV curve."""
 
     def is_possible(change: float) -> bool:
-        try:
-            changed(change)
-        except InputError:
-            return False
-        return True
+        with suppress(InputError):
+            return bool(changed(change))
+        return False
 
     if is_possible(end):
         return end

@@ -15,7 +15,7 @@ from typer.main import get_command
 
 import barnax
 from barnax.bundled import BUNDLED_NAMES
-from barnax.cli import app
+from barnax.cli.app import app
 
 REPOSITORY = Path(__file__).parents[1]
 SOURCE = REPOSITORY / "src"
@@ -52,14 +52,14 @@ def distribution(name: str) -> str:
 
 
 def test_importing_barnax_loads_nothing_heavy():
-    assert not loaded_by("import barnax, barnax.cli; barnax.__version__; dir(barnax)") & HEAVY
+    assert not loaded_by("import barnax, barnax.__main__; barnax.__version__; dir(barnax)") & HEAVY
 
 
 @pytest.mark.parametrize("words", [[], ["identify"], ["validate"], ["export"]], ids=str)
 def test_help_answers_without_jax(words):
     code = (
         f"import sys; sys.argv = ['barnax', *{words}, '--help']\n"
-        "from barnax.cli import main\n"
+        "from barnax.__main__ import main\n"
         "try: main()\n"
         "except SystemExit as end: assert not end.code, end.code"
     )
@@ -80,7 +80,7 @@ def test_the_version_is_one_everywhere():
 
 def test_the_console_command_is_the_cli():
     (command,) = importlib.metadata.entry_points(group="console_scripts", name="barnax")
-    assert command.value == PROJECT["scripts"]["barnax"] == "barnax.cli:main"
+    assert command.value == PROJECT["scripts"]["barnax"] == "barnax.__main__:main"
 
 
 @pytest.fixture(scope="module")

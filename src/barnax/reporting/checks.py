@@ -72,17 +72,21 @@ def _findings_table(findings: Sequence["Finding"]) -> Table:
     )
 
 
-def _reason(role: "Role") -> str:
-    if role.window is None or not role.is_usable:
+def _reason(role: "Role", has_errors: bool) -> str:
+    if not role.is_usable:
         return role.reason
-    return "; ".join([role.reason, *window_advice(role.window)])
+    advice = window_advice(role.window) if role.window is not None else []
+    mended = ["once the errors are mended"] if has_errors else []
+    return "; ".join([role.reason, *advice, *mended])
 
 
 def _roles_table(found: "FileCheck") -> Table:
+    has_errors = any(each.severity == "error" for each in found.findings)
     return Table(
         caption="",
         columns=tuple(Column(name, role="text") for name in ("serves for", "", "because")),
         rows=tuple(
-            (each.name, "yes" if each.is_usable else "no", _reason(each)) for each in found.roles
+            (each.name, "yes" if each.is_usable else "no", _reason(each, has_errors))
+            for each in found.roles
         ),
     )

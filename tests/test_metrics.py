@@ -1,3 +1,5 @@
+"""The figures of merit, against their definitions."""
+
 import numpy as np
 import pytest
 from hypothesis import given

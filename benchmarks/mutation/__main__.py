@@ -38,9 +38,9 @@ def of_cell(module: str, *tests: str) -> Trial:
 
 
 OF_SIMULATE = (
-    "tests/test_simulate.py",
-    "tests/test_dynamic_hysteresis.py",
-    "tests/test_evaluate.py",
+    "tests/model/test_simulate.py",
+    "tests/model/test_dynamic_hysteresis.py",
+    "tests/search/test_evaluate.py",
 )
 TRIALS = {
     trial.module: trial

@@ -6,13 +6,16 @@ from .baselines import Budget as Budget
 from .bundled import bundled_file as bundled_file
 from .cell import CellModel as CellModel
 from .cell import CircuitParameters as CircuitParameters
+from .cell import OcvTable as OcvTable
 from .cell import characterize as characterize
+from .cell import read_ocv_table as read_ocv_table
 from .checks import FileCheck as FileCheck
 from .checks import check_file as check_file
 from .comparison import Comparison as Comparison
 from .comparison import ComparisonResult as ComparisonResult
 from .comparison import compare as compare
 from .comparison import make_comparison_result as make_comparison_result
+from .comparison.from_files import compare_files as compare_files
 from .errors import InputError as InputError
 from .gather import Reading as Reading
 from .gather import Settings as Settings
@@ -26,8 +29,10 @@ from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
 from .pipeline import Run as Run
 from .pipeline import identify as identify
+from .pipeline import validate_stored as validate_stored
 from .records import Record as Record
 from .records import read_record as read_record
+from .records import record_from_frame as record_from_frame
 from .results import Result as Result
 from .results import make_result as make_result
 from .search.evaluate import Evaluation as Evaluation

@@ -17,6 +17,8 @@ from .model.inputs import Window
 from .model.search_space import Range, Scale, read_bounds
 from .records import Record, Source, read_record, read_source, source_from_frame
 
+# More candidates than this do not fit into a memory.
+MOST_CANDIDATES = 100_000
 # A file, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]

@@ -98,7 +98,7 @@ def test_another_key_gives_other_answers(known_problem):
 
 @pytest.mark.parametrize("name", ["pso-lm", "igwo"])
 def test_a_budget_that_is_too_small_is_a_failure_that_says_so(name, short_problem):
-    with pytest.raises(MethodFailure, match="--iterations"):
+    with pytest.raises(MethodFailure, match="`iterations`"):
         METHODS[name].run(short_problem, Budget(8, 1), lambda gained: None)
 
 

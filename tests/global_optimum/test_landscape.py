@@ -187,5 +187,5 @@ def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
 def test_a_box_too_wide_to_compress_is_refused(bundled_cell):
     wide = {"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)}
     problem = make_problem(drive_record(), bundled_cell, "so-rc", window=KNOWN_SOC, bounds=wide)
-    with pytest.raises(InputError, match="--objective scan"):
+    with pytest.raises(InputError, match="`objective='scan'`"):
         make_landscape(problem)

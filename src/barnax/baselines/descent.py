@@ -28,7 +28,7 @@ def population_method(name: str) -> Method:
         if iterations < 1:
             raise MethodFailure(
                 f"it evaluates {cost} candidates a generation, more than the budget of "
-                f"{budget.evaluations} a seed holds; raise --iterations"
+                f"{budget.evaluations} a seed holds; raise `iterations`"
             )
         return [
             Answer(seed.parameters, seed.rmse_v, seed.evaluations, seed.history_v)
@@ -108,7 +108,7 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
     if iterations < 1:
         raise MethodFailure(
             f"the budget of {budget.evaluations} evaluations a seed holds no swarm and a descent; "
-            "raise --iterations"
+            "raise `iterations`"
         )
     seeds = _search(problem, "pso", iterations, budget, progress)
     ends = Descent(problem)([seed.parameters for seed in seeds], SEED_TOLERANCE)

@@ -158,7 +158,7 @@ def require_all_free(problem: Problem) -> None:
         held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
         raise MethodFailure(
             f"a regression of the difference equation cannot hold {held}; use another method, such "
-            "as varpro, or leave out --fix"
+            "as varpro, or leave out `fix`"
         )
 
 

@@ -15,32 +15,32 @@ SCHEMA_VERSION = 1
 
 
 def check(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Cyclers' files to look at.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Files from a cycler.")],
     capacity: Annotated[
         float | None,
         typer.Option(
             metavar="AH",
-            help="Capacity of the cell, to judge the charge by.",
+            help="Capacity of the cell, to check the ampere-hours against.",
             rich_help_panel=INPUT,
         ),
     ] = None,
     as_json: Annotated[
         bool,
-        typer.Option("--json", help="Print the diagnoses as JSON.", rich_help_panel=OUTPUT),
+        typer.Option("--json", help="Print the findings as JSON.", rich_help_panel=OUTPUT),
     ] = False,
     quiet: Annotated[
         bool,
         typer.Option(
             "--quiet",
             "-q",
-            help="No tables and no notes; findings go to stderr, a line each.",
+            help="Print no tables and no notes; findings go to stderr, one a line.",
             rich_help_panel=OUTPUT,
         ),
     ] = False,
 ) -> None:
-    """Look for everything that is wrong with measured files, and say what mends it.
+    """List everything that is wrong with measured files, and what to do about it.
 
-    Exit status 0: nothing but notes. 1: findings. 2: a file that cannot be read as a table.
+    Exit status: 0 for nothing but notes, 1 for findings, 2 for a file that is no table.
     """
     session = Session(is_quiet=quiet or as_json)
     with session.watch("Loading"):

@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .options import (
-    SEARCH,
     Files,
     Output,
     RecordOptions,
+    Rows,
     SearchOptions,
     grouped,
     require_choice,
+    run_options,
 )
 from .output import DEFAULT_FOLDER, require_free, write_folder
-from .session import Session, as_flags, command_line, shown, use_compilation_cache
+from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
@@ -33,73 +34,43 @@ def compare(
     files: Files,
     of_records: RecordOptions,
     search: SearchOptions,
+    wanted: Rows,
     output: Output,
     record: Annotated[
         Path | None,
         typer.Argument(
             metavar="RECORD",
-            help="Dynamic record to identify on; without it, the bundled cell runs.",
+            help="Dynamic record to identify on; without it, the bundled cell is used.",
             show_default=False,
         ),
     ] = None,
-    models: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,NAME",
-            help="Circuits, with every method each (default the paper's five rows).",
-            rich_help_panel=SEARCH,
-        ),
-    ] = None,
-    methods: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,NAME",
-            help="Methods: ls, rls, varpro, lm, pso-lm, de, or one of "
-            "[bold]barnax optimizers[/bold]; with every circuit each.",
-            rich_help_panel=SEARCH,
-        ),
-    ] = None,
 ) -> None:
-    """Compare models and methods on one cell, and write tables, figures and a report.
+    """Compare models and methods on one cell, and write a report with tables and figures.
 
-    All get the same data, box, budget and key; a row is a method's own answer, unrefined.
-    [bold]barnax compare[/bold] alone sets the paper's five rows side by side on the bundled cell.
+    All get the same data, bounds, budget and key. A row is a method's own answer,
+    before refinement.
+
+    Without arguments it compares the paper's five rows on the bundled cell.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
     if folder is not None:
         require_free(folder, output.force)
-    given = [[record] if record else [], files.ocv or [], files.validate or []]
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..baselines import METHODS
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
         from ..comparison.from_files import compare_files
-        from ..gather import Reading, Settings, file_names
 
-    rows = chosen_rows(models, methods, PAPER_ROWS)
+    rows = chosen_rows(wanted.models, wanted.methods, PAPER_ROWS)
     for model, method in rows:
         require_choice("models", model, CIRCUITS)
         require_choice("methods", method, METHODS)
+    options = run_options(files, of_records, search, [record] if record else [])
     total = sum(1 if METHODS[method].is_deterministic else search.seeds for _, method in rows)
     with session.watch("Comparing", total) as advance:
-        comparison, result = compare_files(
-            given[0], ocv=given[1], validate=given[2], rows=rows,
-            settings=Settings(
-                "", "", search.objective, search.coordinates,
-                search.seeds, search.population, search.iterations, search.key,
-            ),
-            window=of_records.windows(), ocv_capacity=files.ocv_capacity,
-            bounds=search.bounds, fix=search.fixed,
-            reading=Reading(
-                files.current_sign, files.ocv_current_sign, files.validate_current_sign,
-                files.current_hold,
-            ),
-            ocv_fit=files.ocv_fit, hysteresis_fit=files.hysteresis_fit,
-            command=command_line(file_names([path for paths in given for path in paths])),
-            watch=_row_watch(session, advance),
-        )  # fmt: skip
+        comparison, result = compare_files(**options, rows=rows, watch=_row_watch(session, advance))
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
     if folder is not None:
         with session.watch("Drawing figures"):
@@ -109,16 +80,27 @@ def compare(
         folder = write_folder(folder, written, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
+    _show(session, result, seconds, folder, output.verbose)
+
+
+def _show(
+    session: Session,
+    result: "ComparisonResult",
+    seconds: dict[str, float],
+    folder: Path | None,
+    is_verbose: bool,
+) -> None:
     from ..reporting import comparison_document
     from ..reporting.terminal import to_terminal
 
     document = comparison_document(result, (), seconds)
-    if not output.verbose:
+    if not is_verbose:
         kept = [each for each in document.sections if each.title in SHOWN]
         document = replace(document, sections=tuple(kept))
     session.show(to_terminal(document.spelled(as_flags)))
     session.warn(result.warnings)
-    session.show([f"\nThe report is [bold]{shown(folder)}/report.html[/bold]."])
+    if folder is not None:
+        session.show([f"\nThe report is [bold]{shown(folder)}/report.html[/bold]."])
 
 
 def _row_watch(session: Session, advance: Callable[[int], None]) -> Callable:

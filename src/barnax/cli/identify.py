@@ -4,23 +4,22 @@ import shlex
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .options import (
-    SEARCH,
+    Choices,
     Files,
     Output,
     RecordOptions,
     SearchOptions,
-    complete_circuits,
-    complete_methods,
     grouped,
     require_choice,
+    run_options,
 )
 from .output import DEFAULT_FOLDER, require_free, write_folder
-from .session import Session, as_flags, command_line, use_compilation_cache, without_appearance
+from .session import Session, as_flags, use_compilation_cache, without_appearance
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -31,93 +30,50 @@ def identify(
     files: Files,
     of_records: RecordOptions,
     search: SearchOptions,
+    chosen: Choices,
     output: Output,
     records: Annotated[
         list[Path] | None,
         typer.Argument(
             metavar="[RECORD]...",
-            help="Dynamic record to identify on, several to find one circuit for all of them; "
-            "without any, the bundled cell runs.",
+            help="Dynamic record to identify on; several give one circuit for all of them. "
+            "Without any, the bundled cell is identified.",
             show_default=False,
         ),
     ] = None,
-    model: Annotated[
-        str,
-        typer.Option(
-            metavar="iso-rc|so-rc|esc|...",
-            help="Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
-            "hysteresis; 1rc, 3rc and 4rc have as many pairs and no hysteresis.",
-            autocompletion=complete_circuits,
-            rich_help_panel=SEARCH,
-        ),
-    ] = "iso-rc",
-    method: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Optimizer: ibmo, ibmo-printed, ibmo-centered, bmo or another one of "
-            "[bold]barnax optimizers[/bold].",
-            autocompletion=complete_methods,
-            rich_help_panel=SEARCH,
-        ),
-    ] = "ibmo",
-    trust: Annotated[
-        Literal["none", "basic", "full"],
-        typer.Option(
-            metavar="none|basic|full",
-            help="How far the answer is looked into: not at all; intervals, identifiability and "
-            "residuals; or also profiles, a block bootstrap and what would lower the error.",
-            rich_help_panel=SEARCH,
-        ),
-    ] = "basic",
-    report: Annotated[
-        bool,
-        typer.Option("--report", help="Write report.html and report.md, with every figure."),
-    ] = False,
 ) -> None:
-    """Identify the circuit of a cell, prove and assess it, and write result.json and figures.
+    """Identify the circuit of a cell, say how good it is, and write result.json and figures.
 
-    [bold]barnax identify[/bold] alone runs the bundled virtual cell.
+    Without arguments it identifies the bundled virtual cell.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
     if folder is not None:
         require_free(folder, output.force)
-    given = [records or [], files.ocv or [], files.validate or []]
     if folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
         threading.Thread(target=__import__, args=("barnax.reporting",), daemon=True).start()
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..cell import CIRCUITS
-        from ..gather import Reading, file_names
         from ..optimizers import OPTIMIZERS
-        from ..pipeline import Settings
-        from ..pipeline import identify as run_pipeline
+        from ..pipeline import identify as run
 
-    require_choice("model", model, CIRCUITS)
-    require_choice("method", method, OPTIMIZERS)
-    settings = Settings(
-        model, method, search.objective, search.coordinates,
-        search.seeds, search.population, search.iterations, search.key,
-    )  # fmt: skip
-    result = run_pipeline(
-        given[0], ocv=given[1], validate=given[2],
-        settings=settings, window=of_records.windows(), ocv_capacity=files.ocv_capacity,
-        bounds=search.bounds, fix=search.fixed,
-        reading=Reading(
-            files.current_sign, files.ocv_current_sign, files.validate_current_sign,
-            files.current_hold,
-        ),
-        ocv_fit=files.ocv_fit, hysteresis_fit=files.hysteresis_fit, trust=trust,
-        command=command_line(file_names([path for paths in given for path in paths])),
+    require_choice("model", chosen.model, CIRCUITS)
+    require_choice("method", chosen.method, OPTIMIZERS)
+    options = run_options(files, of_records, search, records or [])
+    result = run(
+        **options,
+        model=chosen.model,
+        method=chosen.method,
+        trust=chosen.trust,
         watch=session.watch,
-    )  # fmt: skip
+    )
     if folder is not None:
-        folder = _write(session, folder, result, report, output.force)
+        folder = _write(session, folder, result, chosen.report, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
-    _show(session, result, folder, output.verbose, report)
+    _show(session, result, folder, output.verbose, chosen.report)
     session.warn(result.warnings)
 
 
@@ -174,9 +130,10 @@ def _next(result: "Result") -> str:
     """What to do next, as a command that runs as printed."""
     from ..reporting.verdict import next_step
 
-    words, advice = next_step(result)
-    if not words:
+    options, advice = next_step(result)
+    if not options:
         return as_flags(advice)
+    words = [word for name, value in options.items() for word in (f"--{name}", value)]
     given = without_appearance(sys.argv[1:])
     command = shlex.join(["barnax", *given, *words, "--out", "barnax-out-2"])
     return f"{command}   {as_flags(advice)}"

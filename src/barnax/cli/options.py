@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 import typer
 
 from ..errors import InputError
+from .session import command_line
 
 if TYPE_CHECKING:
     from ..model.inputs import Window
 
-WINDOW = "Window"
-INPUT = "Reading the files"
+WINDOW = "Records (FILE=VALUE for one of them)"
+INPUT = "Files"
 OUTPUT = "Output"
 SEARCH = "Search"
 
@@ -31,6 +32,27 @@ def _option(panel: str, metavar: str, text: str, **more: Any) -> Any:
 
 def _of_a_record(metavar: str, text: str) -> Any:
     return _option(WINDOW, f"[FILE=]{metavar}", text)
+
+
+def complete_methods(incomplete: str) -> list[str]:
+    """Registered optimizers for shell completion."""
+    from ..optimizers import OPTIMIZERS
+
+    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
+
+
+def complete_circuits(incomplete: str) -> list[str]:
+    """Registered circuits for shell completion."""
+    from ..cell import CIRCUITS
+
+    return [name for name in CIRCUITS if name.startswith(incomplete)]
+
+
+def complete_exporters(incomplete: str) -> list[str]:
+    """Registered export targets for shell completion."""
+    from ..export import EXPORTERS
+
+    return [name for name in EXPORTERS if name.startswith(incomplete)]
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -49,7 +71,9 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
             inspect.Parameter(
                 each.name,
                 inspect.Parameter.KEYWORD_ONLY,
-                default=each.default,
+                default=(
+                    inspect.Parameter.empty if each.default is dataclasses.MISSING else each.default
+                ),
                 annotation=hints[each.name],
             )
             for each in dataclasses.fields(group)
@@ -73,20 +97,22 @@ class Files:
 
     ocv: Annotated[
         list[Path] | None,
-        _option(INPUT, "FILE", "OCV test: pulses and rests, a slow sweep, or a table; repeatable."),
+        _option(
+            INPUT,
+            "FILE",
+            "OCV test of the same cell: pulses and rests, a slow sweep, or a table; repeatable.",
+        ),
     ] = None
     validate: Annotated[
         list[Path] | None, _option(INPUT, "FILE", "Record to validate on; repeatable.")
     ] = None
     ocv_capacity: Annotated[
         float | None,
-        _option(INPUT, "AH", "Capacity in the OCV test, where that does not span both ends."),
+        _option(INPUT, "AH", "Capacity in the OCV test, where it does not span full to empty."),
     ] = None
     ocv_fit: Annotated[
         Literal["polynomial", "interpolated"],
-        _option(
-            INPUT, "FIT", "OCV curves: polynomial (degree 7) or interpolated (PCHIP of the points)."
-        ),
+        _option(INPUT, "FIT", "OCV curves: polynomial of degree 7, or interpolated (PCHIP)."),
     ] = "polynomial"
     hysteresis_fit: Annotated[
         Literal["continuous", "independent"],
@@ -99,8 +125,8 @@ class Files:
         _option(
             INPUT,
             "SIGN",
-            "Sign of current in the record: charge-positive, discharge-positive, or auto, decided "
-            "from the data.",
+            "Sign of current in the records: charge-positive, discharge-positive, or auto (decided "
+            "from the data).",
         ),
     ] = "auto"
     ocv_current_sign: Annotated[
@@ -114,8 +140,8 @@ class Files:
         _option(
             INPUT,
             "HOLD",
-            "Whether a sample's current flowed in the interval after it (forward) or before it "
-            "(backward), or auto.",
+            "Whether a sample's current flows until the next sample (forward), since the one "
+            "before (backward), or auto (decided from the data).",
         ),
     ] = "auto"
 
@@ -125,23 +151,27 @@ class RecordOptions:
     """What is known of the records, and what of them counts; for all, or for one by its name."""
 
     capacity: Annotated[
-        PerRecord, _of_a_record("AH", "The cell's capacity (default from the OCV test).")
+        PerRecord,
+        _of_a_record(
+            "AH", "Capacity of the cell when the record was measured (default: the OCV test's)."
+        ),
     ] = None
     start_time: Annotated[
-        PerRecord, _of_a_record("S", "Start the simulation here, on the file's clock.")
+        PerRecord, _of_a_record("S", "Time at which the simulation starts, on the file's clock.")
     ] = None
     start_after_step: Annotated[
-        PerRecord, _of_a_record("N", "Start at the last sample of this step's last block.")
+        PerRecord, _of_a_record("N", "Start at the last sample of the last block of this step.")
     ] = None
     initial_soc: Annotated[
         PerRecord,
-        _of_a_record("0..1", "State of charge at the start (default from the rested voltage)."),
+        _of_a_record("0..1", "State of charge at the start (default: from the rested voltage)."),
     ] = None
     initial_direction: Annotated[
         PerRecord,
         _of_a_record(
             "+1|-1",
-            "Last current before the record: +1 charge, -1 discharge (default: both tried).",
+            "What the cell did before the start: +1 charge, -1 discharge (default: from the "
+            "record, else both are tried).",
         ),
     ] = None
     score_steps: Annotated[
@@ -151,10 +181,12 @@ class RecordOptions:
     score_to: Annotated[PerRecord, _of_a_record("S", "Count errors up to this time.")] = None
     score_soc: Annotated[
         PerRecord,
-        _of_a_record("LOW,HIGH", "Count errors between these states of charge, such as 0.1,1."),
+        _of_a_record(
+            "LOW,HIGH", "Count errors only between these states of charge, such as 0.1,1."
+        ),
     ] = None
     rest_current: Annotated[
-        PerRecord, _of_a_record("A", "Current below which the cell rests (default C/100).")
+        PerRecord, _of_a_record("A", "Current below which the cell is at rest (default: C/100).")
     ] = None
 
     def chosen(self) -> dict[str, dict[str, Any]]:
@@ -222,30 +254,34 @@ class SearchOptions:
         _option(
             SEARCH,
             "auto|scan|compressed",
-            "Simulate every sample for every candidate (scan), or reduce the record once "
-            "(compressed, and auto where the box allows it); every error that is reported is the "
-            "scan's.",
+            "How the search computes errors: scan simulates every sample, compressed reduces the "
+            "record once. auto: compressed where the bounds allow it, in compare scan. Reported "
+            "errors are always the scan's.",
         ),
     ] = "auto"
     coordinates: Annotated[
         Literal["rc", "log"],
         _option(
-            SEARCH, "rc|log", "Search raw R and C, as the paper does, or logarithms of R and tau."
+            SEARCH,
+            "rc|log",
+            "Search raw R and C, as the paper does (rc), or logarithms of R and tau (log).",
         ),
     ] = "rc"
-    seeds: Annotated[int, _option(SEARCH, "N", "Independent runs.", min=1)] = 30
-    population: Annotated[int, _option(SEARCH, "N", "Candidates a generation.", min=4)] = 30
+    seeds: Annotated[int, _option(SEARCH, "N", "Independent runs of the optimizer.", min=1)] = 30
+    population: Annotated[int, _option(SEARCH, "N", "Candidates in a generation.", min=4)] = 30
     iterations: Annotated[int, _option(SEARCH, "N", "Generations.", min=1)] = 500
     key: Annotated[
         int,
-        _option(SEARCH, "N", "The number all randomness comes from.", min=0, max=2**32 - 1),
+        _option(
+            SEARCH, "N", "Random key; the same key gives the same result.", min=0, max=2**32 - 1
+        ),
     ] = 0
     bounds: Annotated[
         Path | None,
         _option(
             SEARCH,
             "FILE.toml",
-            'Bounds, in a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
+            'Bounds: a table \\[bounds] with lines such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
         ),
     ] = None
     fix: Annotated[
@@ -261,30 +297,137 @@ class SearchOptions:
 
 
 @dataclass(frozen=True)
+class Choices:
+    """Which circuit, which method, and how far the answer is looked into."""
+
+    model: Annotated[
+        str,
+        _option(
+            SEARCH,
+            "iso-rc|so-rc|esc|...",
+            "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
+            "hysteresis; 1rc, 3rc and 4rc have that many pairs and no hysteresis.",
+            autocompletion=complete_circuits,
+        ),
+    ] = "iso-rc"
+    method: Annotated[
+        str,
+        _option(
+            SEARCH,
+            "NAME",
+            "Optimizer: ibmo, ibmo-centered, pso or any other that "
+            "[bold]barnax optimizers[/bold] lists.",
+            autocompletion=complete_methods,
+        ),
+    ] = "ibmo"
+    trust: Annotated[
+        Literal["none", "basic", "full"],
+        _option(
+            SEARCH,
+            "none|basic|full",
+            "How closely the answer is examined: basic gives intervals, identifiability and "
+            "residuals; full also profile likelihoods, a block bootstrap, and what would lower "
+            "the error.",
+        ),
+    ] = "basic"
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report",
+            help="Also write report.html and report.md, with every figure.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which rows are compared."""
+
+    models: Annotated[
+        str | None,
+        _option(
+            SEARCH,
+            "NAME,NAME",
+            "Circuits, each with every method (default: the paper's five rows).",
+        ),
+    ] = None
+    methods: Annotated[
+        str | None,
+        _option(
+            SEARCH,
+            "NAME,NAME",
+            "Methods, each with every circuit: ls, rls, varpro, lm, pso-lm, de, or any that "
+            "[bold]barnax optimizers[/bold] lists.",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class ExportChoices:
+    """Where an export goes, and whether it is simulated there."""
+
+    to: Annotated[
+        str,
+        _option(
+            OUTPUT,
+            "pybamm|thevenin|simscape|c-header|csv",
+            "The tool or format to write for.",
+            autocompletion=complete_exporters,
+        ),
+    ]
+    out: Annotated[
+        Path | None,
+        _option(
+            OUTPUT,
+            "FILE",
+            "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
+            "barnax_cell.h or barnax_parameters.csv).",
+        ),
+    ] = None
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace the file if it exists.", rich_help_panel=OUTPUT),
+    ] = False
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify",
+            help="Simulate the exported circuit in PyBaMM or thevenin, and print the largest "
+            "difference from barnax.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
+
+
+@dataclass(frozen=True)
 class Output:
     """Where results go, and what is printed."""
 
     out: Annotated[
-        Path | None, _option(OUTPUT, "FOLDER", "Where results go (default barnax-out).")
+        Path | None, _option(OUTPUT, "FOLDER", "Folder for the results (default: barnax-out).")
     ] = None
-    force: Annotated[bool, _option(OUTPUT, "", "Replace the result that the folder holds.")] = False
+    force: Annotated[bool, _option(OUTPUT, "", "Replace the result in the folder.")] = False
     as_json: Annotated[
         bool,
         typer.Option(
             "--json",
-            help="Print the result as JSON; files only with --out.",
+            help="Print the result as JSON; write files only with --out.",
             rich_help_panel=OUTPUT,
         ),
     ] = False
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Print every detail.", rich_help_panel=OUTPUT)
+        bool,
+        typer.Option(
+            "--verbose", help="Print every decision, table and warning.", rich_help_panel=OUTPUT
+        ),
     ] = False
     quiet: Annotated[
         bool,
         typer.Option(
             "--quiet",
             "-q",
-            help="No tables and no progress; warnings still go to stderr.",
+            help="Print no tables and no progress; warnings still go to stderr.",
             rich_help_panel=OUTPUT,
         ),
     ] = False
@@ -295,38 +438,52 @@ Quiet = Annotated[
     typer.Option(
         "--quiet",
         "-q",
-        help="No tables and no progress; warnings still go to stderr.",
+        help="Print no tables and no progress; warnings still go to stderr.",
         rich_help_panel=OUTPUT,
     ),
 ]
 StoredResult = Annotated[
     Path,
-    typer.Argument(metavar="RESULT", help="What identify wrote: result.json, or its folder."),
+    typer.Argument(metavar="RESULT", help="The folder that identify wrote, or its result.json."),
 ]
+
+
+def run_options(
+    files: Files, of_records: RecordOptions, search: SearchOptions, records: list[Path]
+) -> dict[str, Any]:
+    """What a run takes of the shared options, by the names of the library's arguments."""
+    from ..gather import Reading, Settings, file_names
+
+    given = [records, files.ocv or [], files.validate or []]
+    return {
+        "records": given[0],
+        "ocv": given[1],
+        "validate": given[2],
+        "window": of_records.windows(),
+        "ocv_capacity": files.ocv_capacity,
+        "bounds": search.bounds,
+        "fix": search.fixed,
+        "ocv_fit": files.ocv_fit,
+        "hysteresis_fit": files.hysteresis_fit,
+        "reading": Reading(
+            files.current_sign,
+            files.ocv_current_sign,
+            files.validate_current_sign,
+            files.current_hold,
+        ),
+        "settings": Settings(
+            objective=search.objective,
+            coordinates=search.coordinates,
+            seeds=search.seeds,
+            population=search.population,
+            iterations=search.iterations,
+            key=search.key,
+        ),
+        "command": command_line(file_names([path for paths in given for path in paths])),
+    }
 
 
 def require_choice(option: str, value: str, choices: Iterable[str]) -> None:
     """Raise `InputError` where an option's value is none of its choices."""
     if value not in choices:
         raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(choices)}")
-
-
-def complete_methods(incomplete: str) -> list[str]:
-    """Registered optimizers for shell completion."""
-    from ..optimizers import OPTIMIZERS
-
-    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
-
-
-def complete_circuits(incomplete: str) -> list[str]:
-    """Registered circuits for shell completion."""
-    from ..cell import CIRCUITS
-
-    return [name for name in CIRCUITS if name.startswith(incomplete)]
-
-
-def complete_exporters(incomplete: str) -> list[str]:
-    """Registered export targets for shell completion."""
-    from ..export import EXPORTERS
-
-    return [name for name in EXPORTERS if name.startswith(incomplete)]

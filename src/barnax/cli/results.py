@@ -20,12 +20,12 @@ from .options import (
     INPUT,
     OUTPUT,
     WINDOW,
+    ExportChoices,
     Hold,
     Quiet,
     RecordOptions,
     Sign,
     StoredResult,
-    complete_exporters,
     grouped,
 )
 from .output import require_free_file, write_file
@@ -51,7 +51,7 @@ def load(path: Path) -> "Result":
 
 
 def show(result: StoredResult) -> None:
-    """Print everything that a result says."""
+    """Print a result in full."""
     from ..reporting import identification_document
     from ..reporting.terminal import first_screen, to_terminal
 
@@ -67,16 +67,27 @@ def validate(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record to validate on.")],
     of_records: RecordOptions,
     current_sign: Annotated[
-        Sign, typer.Option(metavar="SIGN", help="Sign of current.", rich_help_panel=INPUT)
+        Sign,
+        typer.Option(
+            metavar="SIGN",
+            help="Sign of current: charge-positive, discharge-positive, or auto.",
+            rich_help_panel=INPUT,
+        ),
     ] = "auto",
     current_hold: Annotated[
-        Hold, typer.Option(metavar="HOLD", help="Hold of current.", rich_help_panel=INPUT)
+        Hold,
+        typer.Option(
+            metavar="HOLD",
+            help="Whether a sample's current flows until the next sample (forward), since the one "
+            "before (backward), or auto.",
+            rich_help_panel=INPUT,
+        ),
     ] = "auto",
     whole_record: Annotated[
         bool,
         typer.Option(
             "--whole-record",
-            help="Forget the stored start, its state of charge, and what was scored.",
+            help="Simulate and score the whole record, whatever the stored window.",
             rich_help_panel=WINDOW,
         ),
     ] = False,
@@ -85,10 +96,10 @@ def validate(
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate an identified circuit on another record and print its errors.
+    """Simulate an identified circuit on another record, and print its errors.
 
-    The window of the identification applies, except where options change it. Another start also
-    drops the stored state of charge.
+    The window of the identification applies, except where options change it.
+    Another start drops the stored state of charge.
     """
     session = Session(is_quiet=quiet or as_json)
     with session.watch("Loading JAX"):
@@ -134,14 +145,14 @@ def rerun(
         list[Path] | None,
         typer.Option(
             metavar="FOLDER",
-            help="Where the measured files are (default here and beside the result); repeatable.",
+            help="Folder of the measured files (default: here and beside the result); repeatable.",
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Repeat a result by the command it stores, and say whether the same comes out.
+    """Run the command that a result stores again, and say whether the same comes out.
 
-    Exit status 0 where it does, bit for bit or to 1e-9 of the refined error; 1 where it does not.
+    Exit status: 0 if it does, bit for bit or to 1e-9 of the RMSE; 1 if not.
     """
     session = Session(is_quiet=quiet)
     stored = load(result)
@@ -238,38 +249,10 @@ def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
             yield path, repr(part)
 
 
+@grouped
 def export(
     result: StoredResult,
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="pybamm|thevenin|simscape|c-header|csv",
-            help="The tool or format to write for.",
-            autocompletion=complete_exporters,
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Where it goes (default barnax_pybamm.py, barnax_thevenin.py, "
-            "barnax_simscape.mat, barnax_cell.h or barnax_parameters.csv).",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    force: Annotated[
-        bool,
-        typer.Option("--force", help="Replace the file if it exists.", rich_help_panel=OUTPUT),
-    ] = False,
-    verify: Annotated[
-        bool,
-        typer.Option(
-            "--verify",
-            help="Simulate the exported circuit in pybamm or thevenin, and print the largest "
-            "difference from barnax in volts.",
-        ),
-    ] = False,
+    chosen: ExportChoices,
     quiet: Quiet = False,
 ) -> None:
     """Write an identified circuit for another tool.
@@ -284,19 +267,19 @@ def export(
         from ..export import get_exporter, require_package
         from ..export import verify as simulate_both
 
-    exporter = get_exporter(to)
-    if verify:
+    exporter = get_exporter(chosen.to)
+    if chosen.verify:
         require_package(exporter)
-    path = out or Path(exporter.file_name)
+    path = chosen.out or Path(exporter.file_name)
     # Names that are no files are refused elsewhere, with the reason.
     with suppress(OSError):
         if path.samefile(result / "result.json" if result.is_dir() else result):
             raise InputError(f"{path}: is the result itself; give `out` another file")
-    require_free_file(path, force)
+    require_free_file(path, chosen.force)
     stored = load(result)
     content, caveats = exporter.write(stored)
     found = None
-    if verify:
+    if chosen.verify:
         with session.watch(f"Simulating in {exporter.package}"):
             found = simulate_both(stored, exporter, content)
     write_file(path, content)

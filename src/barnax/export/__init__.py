@@ -39,5 +39,5 @@ def get_exporter(name: str) -> Exporter:
     'barnax_parameters.csv'
     """
     if name not in EXPORTERS:
-        raise InputError(f"--to {name!r} is not known; there are {', '.join(EXPORTERS)}")
+        raise InputError(f"`to` {name!r} is not known; there are {', '.join(EXPORTERS)}")
     return EXPORTERS[name]

@@ -47,13 +47,13 @@ def require_package(exporter: Exporter) -> None:
     """Raise `InputError` where an export cannot be simulated here."""
     if exporter.package is None:
         raise InputError(
-            f"--verify simulates what was exported, and nothing here simulates {exporter.name}; "
+            f"`verify` simulates what was exported, and nothing here simulates {exporter.name}; "
             "leave it out"
         )
     if importlib.util.find_spec(exporter.package) is None:
         raise InputError(
-            f"--verify needs the package {exporter.package}, which is not installed; get it with "
-            'pip install ".[verify]" in a clone of barnax, or leave --verify out'
+            f"`verify` needs the package {exporter.package}, which is not installed; get it with "
+            'pip install ".[verify]" in a clone of barnax, or leave `verify` out'
         )
 
 

@@ -67,7 +67,7 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
             raise InputError(
                 f"the compressed objective cannot serve values from {lower:.3g} to {upper:.3g}, "
                 f"{steps / 4:g} decades, to the accuracy it promises; narrow the bounds or use "
-                "--objective scan"
+                "`objective='scan'`"
             )
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():

@@ -210,7 +210,7 @@ def prepare_record(
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)
     warnings = _start_warnings(record, cell, window, first, start, rest_a)
-    warnings += _check_soc(record, cell, soc, scored)
+    warnings += _check_soc(record, cell, capacity_ah, soc, scored)
     _require_positive_voltage(record, scored)
 
     span = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
@@ -346,15 +346,15 @@ def _direction_before(
     record: Record, window: Window, first: int, rest_a: float
 ) -> tuple[Literal[-1, 1], DirectionSource]:
     """The last current before the start; where the record has none, the given one or a guess."""
-    until = slice(0, first + 1)
-    moving = np.flatnonzero(~is_rested(record, rest_a)[until] & (record.current_a[until] != 0))
-    last = -1 if len(moving) and record.current_a[moving[-1]] > 0 else 1
+    # The current of the start's own sample flows before it only under a backward hold.
+    before = slice(0, first + 1 if record.hold.value == "backward" else first)
+    moving = np.flatnonzero(~is_rested(record, rest_a)[before] & (record.current_a[before] != 0))
     if len(moving) and first > 0:
-        return last, "load before"
+        return -1 if record.current_a[moving[-1]] > 0 else 1, "load before"
     if window.initial_direction is not None:
         return window.initial_direction, "given"
     # Of a record that starts under load nothing is known but the load.
-    return last, "assumed"
+    return -1 if record.current_a[first] >= rest_a else 1, "assumed"
 
 
 def _require_rest(record: Record, first: int, rest_a: float) -> None:
@@ -403,7 +403,10 @@ def _start_warnings(
         ]
     if window.initial_soc is None:
         return []
-    ends = [cell.soc_from_rest_voltage(start.voltage_v, direction) for direction in (-1, 1)]
+    try:
+        ends = [cell.soc_from_rest_voltage(start.voltage_v, direction) for direction in (-1, 1)]
+    except InputError:  # far from where the other branch ends
+        return []
     given_v = [float(curve(np.array([start.soc]))[0]) for curve in (cell.discharge, cell.charge)]
     is_far = not min(given_v) - DOUBTFUL_V <= start.voltage_v <= max(given_v) + DOUBTFUL_V
     if is_far and not min(ends) - DOUBTFUL_SOC <= start.soc <= max(ends) + DOUBTFUL_SOC:
@@ -427,7 +430,9 @@ def _require_positive_voltage(record: Record, scored: Bool[np.ndarray, "samples"
         )
 
 
-def _check_soc(record: Record, cell: CellModel, soc: np.ndarray, scored: np.ndarray) -> list[str]:
+def _check_soc(
+    record: Record, cell: CellModel, capacity_ah: float, soc: np.ndarray, scored: np.ndarray
+) -> list[str]:
     low, high = cell.soc_range
     beyond = np.maximum(low - soc, soc - high)
     outside = scored & (beyond > 0)
@@ -439,7 +444,7 @@ def _check_soc(record: Record, cell: CellModel, soc: np.ndarray, scored: np.ndar
         raise InputError(
             f"{record.name}: row {record.row[far[0]]} is scored at a state of charge of "
             f"{soc[far[0]]:.3f}, but the OCV points span only {low:.3f} to {high:.3f}; check "
-            f"`capacity` ({cell.capacity_ah:.4g} Ah) and `initial_soc`, give an OCV test that "
+            f"`capacity` ({capacity_ah:.4g} Ah) and `initial_soc`, give an OCV test that "
             "reaches there, or leave those samples out with `score_soc`, `score_steps` or "
             "`score_to`"
         )

@@ -224,10 +224,12 @@ def make_problem(
     """The problem of finding `circuit`'s parameters for a cell from one or several records.
 
     `window` is one for all records, or one for each. `bounds` and `fixed` change the default box
-    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); `source` names where they came from in messages. `objective` is "scan", which
-    simulates every sample for every candidate, or "compressed", which reduces the records once
-    and agrees with it to 1e-9. Raises `InputError` where window, box or OCV range do not fit a
-    record or the box is too wide to compress, `ValueError` for an unknown circuit or objective.
+    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); `source` names where they came
+    from in messages. `objective` is "scan", which simulates every sample for every candidate, or
+    "compressed", which reduces the records once and agrees with it to 1e-9.
+
+    Raises `InputError` where window, box or OCV range do not fit a record or the box is too wide to
+    compress, `ValueError` for an unknown circuit or objective and for windows that do not match.
     """
     if objective not in KINDS:
         raise ValueError(f"no objective is called {objective!r}; there are {', '.join(KINDS)}")
@@ -235,6 +237,10 @@ def make_problem(
     if not records:
         raise ValueError("a problem needs at least one record")
     windows = [window] * len(records) if isinstance(window, Window | None) else window
+    if len(windows) != len(records):
+        raise ValueError(
+            f"{len(windows)} windows for {len(records)} records; give one for all, or one for each"
+        )
     prepared_records = tuple(
         prepare_record(each, cell, circuit, its) for each, its in zip(records, windows, strict=True)
     )

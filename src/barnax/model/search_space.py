@@ -178,7 +178,7 @@ def read_bounds(path: Path) -> dict[str, Range]:
         document = tomllib.loads(content.decode("utf-8"))
     except OSError as problem:
         raise InputError(
-            f"{path}: cannot be read ({problem.strerror or problem}); give --bounds a TOML file"
+            f"{path}: cannot be read ({problem.strerror or problem}); give `bounds` a TOML file"
         ) from problem
     except InputError:
         raise
@@ -218,12 +218,12 @@ def parse_fixed(texts: list[str]) -> dict[str, float]:
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         if name in fixed:
-            raise InputError(f"--fix {text!r}: {name!r} is fixed twice; give one value")
+            raise InputError(f"`fix` {text!r}: {name!r} is fixed twice; give one value")
         try:
             fixed[name] = float(value)
         except ValueError as problem:
             raise InputError(
-                f'--fix {text!r}: write a name and a number, such as "C1 [F]=500"'
+                f'`fix` {text!r}: write a name and a number, such as "C1 [F]=500"'
             ) from problem
     return fixed
 

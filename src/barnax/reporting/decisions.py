@@ -82,12 +82,11 @@ def guess_sentences(stored: "Stored") -> Iterator[str]:
         if start.direction_source == "better fit" and start.other_rmse_v is not None:
             other = CAME[-start.direction]
             yield (
-                f"{each.name} comes from a {came} (from a {other} the RMSE would be "
-                f"{millivolt(start.other_rmse_v)}); `initial_direction={-start.direction:+d}` says "
-                "otherwise."
+                f"{each.name} comes from a {came}: from a {other} (`initial_direction="
+                f"{-start.direction:+d}`) the RMSE would be {millivolt(start.other_rmse_v)}."
             )
         elif start.direction_source == "assumed" and stored.cell_model.hysteresis.points:
-            yield f"{each.name} comes from a {came}; `initial_direction` says otherwise."
+            yield f"{each.name} comes from a {came}; `initial_direction` tells otherwise."
 
 
 def start_sentence(part: "InputPart") -> str:

@@ -64,20 +64,20 @@ def weakest_point(result: "Result") -> str:
     return notable[0] if notable else ""
 
 
-def next_step(result: "Result") -> tuple[list[str], str]:
+def next_step(result: "Result") -> tuple[dict[str, str], str]:
     """Options to run again with, and why; no options where it takes something else."""
     if not result.metrics.validation:
-        return [], "validate on another record of the cell, with `validate`"
+        return {}, "validate on another record of the cell, with `validate`"
     found = result.assessment
     if found is None:
-        return [], "`trust=basic` adds intervals"
+        return {}, "`trust=basic` adds intervals"
     if found.examination is None:
-        return ["--trust", "full"], "tries what would lower the error"
+        return {"trust": "full"}, "tries what would lower the error"
     circuits = [each.circuit for each in found.examination.suggestions if each.circuit]
     if circuits and circuits[0] != result.model:
-        return ["--model", circuits[0]], "is the best of the circuits that were tried"
+        return {"model": circuits[0]}, "is the best of the circuits that were tried"
     names = [each.name for each in result.of_role("validation")]
-    return [], f"compare circuits and methods with barnax compare; validated on {joined(names)}"
+    return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
 
 
 def _gap(gap: float) -> str:

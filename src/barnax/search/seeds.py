@@ -85,7 +85,7 @@ def search_many(
     with samples that count nothing.
     """
     if seeds < 1:
-        raise InputError(f"--seeds {seeds}: at least one seed is needed")
+        raise InputError(f"`seeds` {seeds}: at least one seed is needed")
     block_keys = [
         jax.vmap(lambda seed: jr.fold_in(key, seed))(jnp.asarray(block))
         for block in seed_blocks(seeds)

@@ -1,3 +1,5 @@
+"""One circuit on one record: what was simulated, and the errors where they count."""
+
 import jax
 import numpy as np
 import pytest
@@ -62,5 +64,5 @@ def test_an_evaluation_leaves_the_callers_precision(bundled_record, bundled_cell
 
 
 def test_a_window_that_does_not_fit_the_record_is_refused_by_name(bundled_record, bundled_cell):
-    with pytest.raises(InputError, match=r"identification\.parquet: --start-after-step needs a"):
+    with pytest.raises(InputError, match=r"identification\.parquet: `start_after_step` needs a"):
         validate(bundled_record, bundled_cell, "iso-rc", CIRCUIT, Window(start_after_step=3))

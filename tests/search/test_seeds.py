@@ -1,6 +1,6 @@
-"""Whether the answers are right: known circuits found again, and SciPy's own fit met.
+"""Seeds are independent and repeat to the bit, and what they find is right.
 
-All problems have the shape of the short problem, so they share its compiled programs.
+Searches have the shape of the short problem wherever they can, so they share its programs.
 """
 
 from dataclasses import replace
@@ -9,10 +9,13 @@ import jax
 import numpy as np
 import pytest
 
+from barnax.errors import InputError
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
-from barnax.search.refine import refine
-from barnax.search.seeds import search_seeds
+from barnax.optimizers import OPTIMIZERS, make_optimizer
+from barnax.search.evaluate import evaluate
+from barnax.search.refine import AtBound, refine
+from barnax.search.seeds import key_integer, search_seeds
 from reference import banded_response, drop_v, filtered_response, fit_circuit
 
 # Li et al. (2023), Table 3: R, Rpa, Rpb in ohm, Cpa, Cpb in farad, and the circuit it was for.
@@ -27,9 +30,119 @@ TOO_FAST = ("so-rc", 0.0334, 0.0023, 0.0503, 43.31, 488.57)
 NOISE_V = 1e-3
 
 
+def bits(answer):
+    """All that a seed found, bit for bit."""
+    return answer.rmse_v, answer.parameters, answer.history_v.tobytes(), answer.evaluations
+
+
+@pytest.fixture(scope="module")
+def search(short_problem, found):
+    """Searches on the short problem, with the optimizer of `found` and its compiled program."""
+
+    def run(key=0, seeds=8, problem=short_problem, **options):
+        return search_seeds(
+            problem, found.optimizer, key=jax.random.key(key), seeds=seeds, **options
+        )
+
+    return run
+
+
+@pytest.mark.parametrize("is_double", [False, True])
+def test_the_same_key_gives_the_same_bits_in_any_callers_precision(search, found, is_double):
+    with jax.enable_x64(is_double):
+        again = search()
+        assert jax.config.jax_enable_x64 is is_double
+    assert [bits(seed) for seed in again.seeds] == [bits(seed) for seed in found.seeds]
+
+
+def test_another_key_gives_other_searches(search, found):
+    other = search(key=1)
+    assert not {seed.rmse_v for seed in other.seeds} & {seed.rmse_v for seed in found.seeds}
+
+
+def test_a_seed_searches_on_its_own_and_is_the_same_among_any_number_of_seeds(search, found):
+    many = search(seeds=20)
+    assert len({seed.rmse_v for seed in many.seeds}) == 20
+    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
+    assert bits(search(seeds=3).seeds[2]) == bits(found.seeds[2])
+    assert bits(search(seeds=13).seeds[12]) == bits(many.seeds[12])
+
+
+def test_every_evaluation_is_counted(found):
+    # The first population and one of each generation, 12 candidates each.
+    assert [seed.evaluations for seed in found.seeds] == [12 * (40 + 1)] * 8
+    assert found.evaluations == 8 * 12 * 41
+    assert [seed.failures for seed in found.seeds] == [0] * 8
+
+
+def test_a_history_has_every_generation_never_rises_and_ends_at_the_answer(found):
+    for seed in found.seeds:
+        assert len(seed.history_v) == 41
+        assert (np.diff(seed.history_v) <= 0).all()
+        assert seed.history_v[-1] == seed.rmse_v
+
+
+def test_the_error_of_a_seed_is_that_of_its_circuit(short_problem, found):
+    for seed in found.seeds[:3]:
+        metrics = evaluate(short_problem.prepared, seed.parameters).metrics
+        assert metrics.rmse_v == pytest.approx(seed.rmse_v, rel=1e-9)
+
+
+def test_the_best_seed_is_the_one_of_least_error_and_every_faster_pair_comes_first(found):
+    assert found.best.rmse_v == min(seed.rmse_v for seed in found.seeds)
+    tau_s = [seed.parameters.tau_s for seed in found.seeds]
+    assert tau_s == [tuple(sorted(each)) for each in tau_s]
+
+
+def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(search, found):
+    # More blocks than cores, so that some wait while others run.
+    steps = []
+    many = search(seeds=80, progress=steps.append)
+    assert len(many.seeds) == sum(steps) == 80
+    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
+
+
+@pytest.mark.parametrize("key", [0, 7, 2**31 - 1])
+def test_the_key_is_stored_as_the_integer_it_was_made_from(key):
+    assert key_integer(jax.random.key(key)) == key
+
+
+def test_no_seed_is_refused(search):
+    with pytest.raises(InputError, match="`seeds` 0: at least one"):
+        search(seeds=0)
+
+
+def test_a_record_that_no_candidate_can_meet_is_refused_by_name(
+    search, bundled_record, bundled_cell
+):
+    voltage_v = bundled_record.voltage_v.copy()
+    voltage_v[700] = np.nan
+    blank = replace(bundled_record, voltage_v=voltage_v)
+    problem = make_problem(blank, bundled_cell, window=Window(score_to_s=1500.5))
+    with pytest.raises(InputError, match=r"identification\.parquet: no candidate gave a finite"):
+        search(problem=problem)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_every_optimizer_stays_in_the_box(name, bundled_record, bundled_cell):
+    window = Window(score_to_s=60.0, initial_soc=1.0)
+    problem = make_problem(bundled_record, bundled_cell, window=window)
+    ranges = problem.bounds.ranges
+    found = search_seeds(problem, make_optimizer(name, 6, 10), key=jax.random.key(3), seeds=8)
+    for seed in found.seeds:
+        values = seed.parameters.to_dict()
+        values |= dict(zip(("tau1 [s]", "tau2 [s]"), seed.parameters.tau_s, strict=True))
+        for bound, (low, high) in ranges.items():
+            assert low * (1 - 1e-12) <= values[bound] <= high * (1 + 1e-12)
+
+
+# Known circuits found again, and SciPy's own fit met
+
+
 @pytest.fixture(scope="module")
 def checked_on(short_problem, found):
-    """Search and cross-check on the bundled current with another voltage, or another circuit."""
+    """Search and refinement on the bundled current with another voltage, or another circuit."""
 
     def run(circuit, voltage_v=None, bounds=None):
         record, prepared = short_problem.prepared.record, short_problem.prepared
@@ -37,7 +150,7 @@ def checked_on(short_problem, found):
             whole_v = record.voltage_v.copy()
             whole_v[prepared.span] = voltage_v
             record = replace(record, voltage_v=whole_v)
-        window = Window(initial_soc=prepared.initial_soc, score_to_s=1500.5)
+        window = Window(initial_soc=prepared.start.soc, score_to_s=1500.5)
         problem = make_problem(record, short_problem.cell, circuit, window=window, bounds=bounds)
         answer = search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8)
         return problem, refine(answer)
@@ -46,7 +159,7 @@ def checked_on(short_problem, found):
 
 
 def made_voltage_v(prepared, cell, row, seed):
-    """The terminal voltage of a row of Table 3 on the course's current, with noise."""
+    """The terminal voltage of a row of Table 3 on the record's current, with noise."""
     circuit, r0, r1, r2, c1, c2 = row
     source_v = cell.average_ocv_v(prepared.soc)
     if circuit == "iso-rc":
@@ -94,7 +207,7 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
     _, refinement = checked_on("so-rc", voltage_v)
     _, r0, r1, r2, _, c2 = TOO_FAST
     found = refinement.parameters
-    assert "tau1 [s] at its lower bound" in refinement.at_bound
+    assert AtBound("tau1 [s]", "lower") in refinement.at_bound
     assert (found.r0 + found.r[0]) == pytest.approx(r0 + r1, rel=5e-3)
     assert (found.r[1], found.c[1]) == pytest.approx((r2, c2), rel=5e-3)
 
@@ -105,7 +218,7 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
 def test_scipy_finds_the_same_optimum_on_the_bundled_cell(circuit, r0_ohm, checked_on):
     problem, refinement = checked_on(circuit, bounds=r0_ohm and {"R0 [Ohm]": r0_ohm})
     prepared, cell = problem.prepared, problem.cell
-    current_a, soc = prepared.current_a, prepared.initial_soc
+    current_a, soc = prepared.current_a, prepared.start.soc
     soc = soc - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / cell.capacity_ah
     source_v = cell.average_ocv_v(soc)
     if circuit == "iso-rc":

@@ -1,5 +1,8 @@
+"""What the search minimises: records, box and circuit in one objective."""
+
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,14 +11,15 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.model.inputs import Window
-from barnax.model.problem import make_problem, rc_parameters, residuals, rmse
-from barnax.model.search_space import Bounds, Coordinates
+from barnax.model.problem import make_problem, rc_parameters, residuals, rmse, rmse_by_scan
+from barnax.model.search_space import Coordinates
 from barnax.search.evaluate import evaluate
 from reference import drop_v, looped_response
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 LOGARITHMS = np.log([0.05, 0.01, 5.0, 0.02, 80.0])
 SHORT = Window(score_to_s=60.0, initial_soc=1.0)
+rmse_jit, residuals_jit = eqx.filter_jit(rmse), eqx.filter_jit(residuals)
 
 
 def looped_error_v(problem, logarithms):
@@ -29,27 +33,17 @@ def looped_error_v(problem, logarithms):
 def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
     with jax.enable_x64(True):
         objective = short_problem.objective_in("log")
-        loss = float(jax.jit(rmse)(jnp.asarray(LOGARITHMS), objective))
+        loss = float(rmse_jit(jnp.asarray(LOGARITHMS), objective))
+        errors = np.asarray(residuals_jit(jnp.asarray(LOGARITHMS), objective))
     expected = np.sqrt(np.mean(looped_error_v(short_problem, LOGARITHMS) ** 2))
     assert loss == pytest.approx(expected, rel=1e-11)
+    # The residuals square to the mean square error.
+    assert np.sum(errors**2) == pytest.approx(loss**2, rel=1e-12)
 
 
 def test_the_objective_is_the_rmse_that_the_report_gives(short_problem):
-    with jax.enable_x64(True):
-        objective = short_problem.objective
-        point = objective.coordinates.encode(rc_parameters(CIRCUIT))
-        loss = float(jax.jit(rmse)(point, objective))
     metrics = evaluate(short_problem.prepared, CIRCUIT).metrics
-    assert loss == pytest.approx(metrics.rmse_v, rel=1e-11)
-
-
-def test_the_residuals_square_to_the_mean_square_error(short_problem):
-    with jax.enable_x64(True):
-        objective = short_problem.objective_in("log")
-        point = jnp.asarray(LOGARITHMS)
-        errors = np.asarray(jax.jit(residuals)(point, objective))
-        loss = float(jax.jit(rmse)(point, objective))
-    assert np.sum(errors**2) == pytest.approx(loss**2, rel=1e-12)
+    assert rmse_by_scan(short_problem, [CIRCUIT])[0] == pytest.approx(metrics.rmse_v, rel=1e-11)
 
 
 def test_the_jacobian_of_the_residuals_is_exact(short_problem):
@@ -57,7 +51,7 @@ def test_the_jacobian_of_the_residuals_is_exact(short_problem):
     step = 1e-40
     with jax.enable_x64(True):
         objective = short_problem.objective_in("log")
-        jacobian = jax.jit(jax.jacfwd(residuals))(jnp.asarray(LOGARITHMS), objective)
+        jacobian = eqx.filter_jit(jax.jacfwd(residuals))(jnp.asarray(LOGARITHMS), objective)
     scale = np.sqrt(short_problem.prepared.scored.sum())
     for index in range(5):
         shifted = LOGARITHMS + 1j * step * np.eye(5)[index]
@@ -69,7 +63,7 @@ def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
     window = Window(score_to_s=60.0, score_from_s=30.0, initial_soc=1.0)
     problem = make_problem(bundled_record, bundled_cell, window=window)
     with jax.enable_x64(True):
-        errors = residuals(jnp.asarray(LOGARITHMS), problem.objective_in("log"))
+        errors = residuals_jit(jnp.asarray(LOGARITHMS), problem.objective_in("log"))
     np.testing.assert_array_equal(np.asarray(errors) != 0, problem.prepared.scored)
 
 
@@ -87,22 +81,23 @@ def test_the_box_follows_the_cell_and_the_record(short_problem):
 
 
 def test_a_box_that_cannot_be_names_where_it_came_from(bundled_record, bundled_cell):
+    wrong = {"R0 [Ohm]": (0.2, 0.1)}
     with pytest.raises(InputError, match=r"box\.toml: the bounds of 'R0 \[Ohm\]'"):
-        make_problem(
-            bundled_record,
-            bundled_cell,
-            window=SHORT,
-            bounds={"R0 [Ohm]": (0.2, 0.1)},
-            source="box.toml",
-        )
+        make_problem(bundled_record, bundled_cell, window=SHORT, bounds=wrong, source="box.toml")
 
 
-def test_an_unknown_circuit_is_refused(bundled_record, bundled_cell):
-    with pytest.raises(ValueError, match="no circuit is called 'rint'"):
-        make_problem(bundled_record, bundled_cell, "rint", window=SHORT)
+def test_no_record_is_no_problem(bundled_cell):
+    with pytest.raises(ValueError, match="at least one record"):
+        make_problem([], bundled_cell)
 
 
-def test_the_warnings_are_those_of_record_cell_and_course(bundled_record, bundled_cell):
+def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
+    flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
+    with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
+        make_problem(flat, bundled_cell, window=SHORT)
+
+
+def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundled_cell):
     record = replace(bundled_record, warnings=("of the record",))
     cell = replace(bundled_cell, warnings=("of the cell",))
     problem = make_problem(record, cell, window=SHORT)
@@ -128,18 +123,3 @@ def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
         point = np.asarray(coordinates.encode(rc_parameters(slow_first)))
         (circuit,) = problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(slow_first.to_dict(), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("ranges", "fixed", "expected_s"),
-    [
-        ({}, {}, 0.5),
-        ({"tau2 [s]": (0.2, 5.0)}, {}, 0.2),
-        ({"R1 [Ohm]": (0.01, 0.1), "C1 [F]": (20.0, 500.0)}, {}, 0.5),
-        ({}, {"C2 [F]": 1000.0}, 0.5),
-        ({"tau1 [s]": (2.0, 5.0)}, {"tau2 [s]": 3.0}, 2.0),
-    ],
-)
-def test_the_shortest_time_constant_is_the_least_that_the_box_allows(ranges, fixed, expected_s):
-    bounds = Bounds.default(2.0, 1.0, 1000.0).with_changes(ranges, fixed, "")
-    assert Coordinates.of(bounds, "log").shortest_tau_s == pytest.approx(expected_s)

@@ -34,6 +34,8 @@ WEIGHT = (np.arange(SAMPLES) % 3 > 0) * 1.0
 terminal_voltage_jit = eqx.filter_jit(terminal_voltage)
 squared_error_jit = eqx.filter_jit(squared_error)
 responses_jit = eqx.filter_jit(jax.vmap(unit_response, in_axes=(0, None, None)))
+errors_jit = eqx.filter_jit(SimulationInput.errors)
+last_state_jit = eqx.filter_jit(last_state)
 
 
 def measured_clock(samples: int, seed: int = 2) -> np.ndarray:
@@ -89,7 +91,7 @@ def test_even_sampling_agrees_with_the_digital_filter_of_a_zero_order_hold(inter
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])
-@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize("clock", ["tenths", "measured"])
 def test_any_clock_agrees_with_a_plain_loop(clock, hold):
     time_s = CLOCKS[clock]
     simulated_v = terminal_voltage_jit(rc_parameters(CIRCUIT), drive_of(time_s, hold))
@@ -97,7 +99,7 @@ def test_any_clock_agrees_with_a_plain_loop(clock, hold):
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
 
-@pytest.mark.parametrize("clock", ["even", "measured"])
+@pytest.mark.parametrize("clock", CLOCKS)
 def test_the_shortest_time_constant_is_exact(clock):
     circuit = (0.05, (0.01, 0.02), (SHORTEST_TAU_S, 1e5))
     simulated_v = terminal_voltage_jit(rc_parameters(circuit), drive_of(CLOCKS[clock]))
@@ -105,7 +107,7 @@ def test_the_shortest_time_constant_is_exact(clock):
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     interval_s=st.lists(
         st.one_of(st.sampled_from([1.0, 1.0155]), st.floats(1e-3, 100.0)), min_size=39, max_size=39
@@ -116,7 +118,14 @@ def test_any_time_constants_on_any_intervals_agree_with_a_plain_loop(interval_s,
     time_s = np.concatenate([[0.0], np.cumsum(interval_s)])
     taus = SHORTEST_TAU_S * (1e5 / SHORTEST_TAU_S) ** np.array(fractions)
     inputs = drive_of(time_s, current_a=CURRENT_A[:40])
-    responses = responses_jit(jnp.asarray(taus), inputs.held_a, inputs.intervals)
+    # Of one size, so that a program or two serve all examples.
+    missing = len(time_s) - len(inputs.intervals.node_s)
+    intervals = eqx.tree_at(
+        lambda each: each.node_s,
+        inputs.intervals,
+        replace_fn=lambda node_s: jnp.pad(node_s, (0, missing), mode="edge"),
+    )
+    responses = responses_jit(jnp.asarray(taus), inputs.held_a, intervals)
     expected = looped_response(time_s, CURRENT_A, taus).T
     # Responses reach 4 A; a hundredth of an ohm on 3 V makes this 1e-14 of the terminal voltage.
     np.testing.assert_allclose(responses, expected, rtol=1e-12, atol=1e-12)
@@ -126,10 +135,8 @@ def test_any_time_constants_on_any_intervals_agree_with_a_plain_loop(interval_s,
 def test_a_pulse_rises_and_relaxes_as_an_exponential(clock):
     time_s, pulse_a, end = CLOCKS[clock], 3.0, 200
     current_a = np.where(np.arange(SAMPLES) < end, pulse_a, 0.0)
-    (response,) = responses_jit(
-        jnp.array([20.0]),
-        *(lambda d: (d.held_a, d.intervals))(drive_of(time_s, "forward", current_a)),
-    )
+    inputs = drive_of(time_s, "forward", current_a)
+    (response,) = responses_jit(jnp.array([20.0]), inputs.held_a, inputs.intervals)
     elapsed_s = time_s - time_s[0]
     rising = pulse_a * -np.expm1(-np.minimum(elapsed_s, elapsed_s[end]) / 20)
     relaxing = np.exp(-np.maximum(elapsed_s - elapsed_s[end], 0) / 20)
@@ -153,9 +160,8 @@ def test_the_squared_error_is_that_of_the_scored_voltages(clock):
     np.testing.assert_allclose(squared_error_jit(rc, inputs), expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("clock", ["even", "measured"])
-def test_a_population_gives_what_each_candidate_gives_alone(clock):
-    inputs = drive_of(CLOCKS[clock])
+def test_a_population_gives_what_each_candidate_gives_alone():
+    inputs = drive_of(CLOCKS["measured"])
     factors = jnp.array([0.5, 1.0, 3.0])
     population = jax.tree.map(lambda leaf: leaf * factors, rc_parameters(CIRCUIT))
     together = eqx.filter_jit(jax.vmap(squared_error, in_axes=(0, None)))(population, inputs)
@@ -219,9 +225,9 @@ def test_single_precision_stays_single():
     assert simulated_v.dtype == np.float32
 
 
-def moved_drive_of(clock: str) -> SimulationInput:
+def moved_drive() -> SimulationInput:
     """With a dynamic hysteresis, whose clock counts SOC."""
-    inputs = drive_of(CLOCKS[clock])
+    inputs = drive_of(CLOCKS["measured"])
     soc = np.cumsum(np.append(0.0, 1e-4 * (1 + np.abs(CURRENT_A[:-1]))))
     moved = HysteresisInput(
         amplitude_v=jnp.asarray(0.02 + 0.01 * np.sin(np.arange(SAMPLES) / 60)),
@@ -242,21 +248,19 @@ MOVED = eqx.tree_at(
 )
 
 
-@pytest.mark.parametrize("clock", CLOCKS)
-def test_errors_are_measured_minus_simulated_where_samples_count(clock):
-    inputs, rc = moved_drive_of(clock), jax.tree.map(jnp.asarray, MOVED)
+def test_errors_are_measured_minus_simulated_where_samples_count():
+    inputs, rc = moved_drive(), jax.tree.map(jnp.asarray, MOVED)
     expected_v = MEASURED_V - np.asarray(terminal_voltage_jit(rc, inputs))
-    np.testing.assert_allclose(unweighted(inputs).errors(rc), expected_v, atol=1e-14)
-    found_v = inputs.errors(rc)
+    np.testing.assert_allclose(errors_jit(unweighted(inputs), rc), expected_v, atol=1e-14)
+    found_v = errors_jit(inputs, rc)
     np.testing.assert_allclose(found_v, np.where(WEIGHT > 0, expected_v, 0), atol=1e-14)
     np.testing.assert_allclose(squared_error_jit(rc, inputs), np.sum(found_v**2), rtol=1e-12)
 
 
 @pytest.mark.parametrize("is_weighted", [True, False])
-def test_a_drive_filled_up_is_longer_and_has_the_same_error(is_weighted):
+def test_a_record_padded_is_longer_and_has_the_same_bits(is_weighted):
     rc = jax.tree.map(jnp.asarray, MOVED)
-    inputs = moved_drive_of("measured")
-    inputs = inputs if is_weighted else unweighted(inputs)
+    inputs = moved_drive() if is_weighted else unweighted(moved_drive())
     longer = inputs.padded_to(SAMPLES + 41)
     assert longer.weight is not None
     assert not longer.weight[SAMPLES:].any()
@@ -264,27 +268,23 @@ def test_a_drive_filled_up_is_longer_and_has_the_same_error(is_weighted):
     longer.map_samples(lambda array: lengths.append(len(array)) or array)
     # Five of its own, two of the hysteresis, node and offset of both clocks.
     assert lengths == [SAMPLES + 41] * 11
+    np.testing.assert_array_equal(longer.source_v[SAMPLES:], longer.source_v[SAMPLES - 1])
     np.testing.assert_array_equal(
         terminal_voltage_jit(rc, longer)[:SAMPLES], terminal_voltage_jit(rc, inputs)
     )
     assert squared_error_jit(rc, longer) == squared_error_jit(rc, inputs)
-    np.testing.assert_array_equal(longer.source_v[SAMPLES:], longer.source_v[SAMPLES - 1])
 
 
 @pytest.mark.parametrize("first", [3, 200])
 def test_what_goes_on_from_where_a_beginning_ended_adds_up_to_the_whole(first):
-    rc = jax.tree.map(jnp.asarray, MOVED)
-    inputs = moved_drive_of("measured")
+    rc, inputs = jax.tree.map(jnp.asarray, MOVED), moved_drive()
     begun = inputs.map_samples(lambda array: array[:first])
     rest = inputs.map_samples(lambda array: array[first:])
     pairs = zip(rc.r, rc.tau, strict=True)
-    states = tuple(r * last_state(tau, begun.held_a, begun.intervals) for r, tau in pairs)
+    states = tuple(r * last_state_jit(tau, begun.held_a, begun.intervals) for r, tau in pairs)
     moved = begun.hysteresis
-    turned = last_state(1 / rc.gamma, moved.hysteresis_input, moved.intervals)
-    np.testing.assert_allclose(
-        states[1],
-        rc.r[1] * unit_response(rc.tau[1], inputs.held_a, inputs.intervals)[first],
-        rtol=1e-12,
-    )
-    parts = squared_error(rc, begun) + squared_error(rc, rest, (states, turned))
-    np.testing.assert_allclose(parts, squared_error(rc, inputs), rtol=1e-12)
+    turned = last_state_jit(1 / rc.gamma, moved.hysteresis_input, moved.intervals)
+    (response,) = responses_jit(rc.tau[1][None], inputs.held_a, inputs.intervals)
+    np.testing.assert_allclose(states[1], rc.r[1] * response[first], rtol=1e-12)
+    parts = squared_error_jit(rc, begun) + squared_error_jit(rc, rest, (states, turned))
+    np.testing.assert_allclose(parts, squared_error_jit(rc, inputs), rtol=1e-12)

@@ -6,8 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.interpolate import BarycentricInterpolator
 
 from barnax.errors import InputError
@@ -16,6 +14,9 @@ from barnax.model.exponentials import Lagrange, interpolation_error, span_of
 SPAN = span_of(0.5, 2000.0, 1e-12)
 INTERVAL_S = 0.5
 SAMPLES = 3000
+# Both ends of the span, and 198 places all over it.
+FRACTIONS = np.append(np.sort(np.random.default_rng(0).random(199)), 1.0)
+FRACTIONS[0] = 0.0
 
 
 def step_answer(tau):
@@ -23,12 +24,10 @@ def step_answer(tau):
     return -np.expm1(-np.arange(SAMPLES) * INTERVAL_S / np.asarray(tau)[..., None])
 
 
-@settings(max_examples=200, deadline=None)
-@given(fraction=st.floats(0, 1))
-def test_the_skeleton_gives_the_answer_of_any_time_constant_in_the_span(fraction):
-    tau = 0.5 * 4000.0**fraction
+def test_the_skeleton_gives_the_answer_of_any_time_constant_in_the_span():
+    tau = 0.5 * 4000.0**FRACTIONS
     with jax.enable_x64(True):
-        shares = np.asarray(Lagrange.of(SPAN).at(jnp.asarray(tau)))
+        shares = np.asarray(jax.vmap(Lagrange.of(SPAN).at)(jnp.asarray(tau)))
     answer = shares @ SPAN.from_skeleton.T @ step_answer(SPAN.skeleton_tau)
     np.testing.assert_allclose(answer, step_answer(tau), rtol=0, atol=SPAN.error)
 
@@ -69,20 +68,18 @@ def test_a_node_itself_is_no_singularity():
     assert np.all(np.isfinite(slopes))
 
 
-@settings(max_examples=50, deadline=None)
-@given(fraction=st.floats(0.001, 0.999))
-def test_the_slope_in_log_tau_is_that_of_the_exponential(fraction):
-    tau = 0.5 * 4000.0**fraction
+def test_the_slope_in_log_tau_is_that_of_the_exponential():
+    tau = 0.5 * 4000.0 ** FRACTIONS[1:-1]
     with jax.enable_x64(True):
-        basis = Lagrange.of(SPAN)
-        _, slopes = jax.jvp(basis.at, (jnp.asarray(tau),), (jnp.asarray(tau),))
+        at = jax.vmap(Lagrange.of(SPAN).at)
+        _, slopes = jax.jvp(at, (jnp.asarray(tau),), (jnp.asarray(tau),))
     answer = np.asarray(slopes) @ SPAN.from_skeleton.T @ step_answer(SPAN.skeleton_tau)
-    x = np.arange(SAMPLES) * INTERVAL_S / tau
+    x = np.arange(SAMPLES) * INTERVAL_S / tau[:, None]
     np.testing.assert_allclose(answer, -x * np.exp(-x), rtol=0, atol=1e-9)
 
 
 def test_a_span_that_is_too_wide_is_refused_with_a_remedy():
-    with pytest.raises(InputError, match=r"decades.*narrow the bounds or use --objective scan"):
+    with pytest.raises(InputError, match=r"decades.*narrow the bounds or use `objective='scan'`"):
         span_of(1e-6, 1e9, 1e-12)
 
 

@@ -1,0 +1,98 @@
+"""Records of many lengths through one compiled scan: one program, and the bits of each alone."""
+
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+import barnax.search.seeds
+from barnax.cell import CircuitParameters
+from barnax.execution import in_float64
+from barnax.model.inputs import Window
+from barnax.model.padding import padding_for
+from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.optimizers import make_optimizer
+from barnax.search.seeds import search_many, search_seeds
+from helpers.problems import drive_a
+from reference import make_record
+
+# One that compiles quickly.
+OPTIMIZER = make_optimizer("pso", 8, 20)
+KNOWN_SOC = Window(initial_soc=0.8, initial_direction=-1)
+
+
+def problem_of(cell, circuit, clocks):
+    """A problem on records of these clocks, all with their own current and voltage."""
+    records = []
+    for seed, time_s in enumerate(clocks):
+        current_a = drive_a(len(time_s), seed)
+        noise_v = np.random.default_rng(seed).normal(0, 1e-3, len(time_s))
+        records.append(make_record(time_s, current_a, 3.7 - 0.05 * current_a + noise_v))
+    return make_problem(records, cell, circuit, window=KNOWN_SOC)
+
+
+def even(samples):
+    return np.arange(samples) * 1.0
+
+
+def uneven(samples, seed):
+    steps = np.random.default_rng(seed).choice([0.5, 1.0, 7.0 + seed], samples)
+    return np.cumsum(steps)
+
+
+CASES = {
+    "even": ("1rc", [even(211), even(307), even(401)]),
+    "uneven, with a state that moves": ("esc", [uneven(221, 2), uneven(304, 1)]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alone(
+    bundled_cell, case, monkeypatch
+):
+    circuit, clocks = CASES[case]
+    problems = [problem_of(bundled_cell, circuit, [each]) for each in clocks]
+    compile_for, programs = barnax.search.seeds.compile_for, set()
+
+    def counted(*arguments):
+        program = compile_for(*arguments)
+        programs.add(id(program))
+        return program
+
+    monkeypatch.setattr(barnax.search.seeds, "compile_for", counted)
+    together = search_many(problems, OPTIMIZER, key=jr.key(0), seeds=2)
+    assert len(programs) == 1
+    alone = search_seeds(problems[0], OPTIMIZER, key=jr.key(0), seeds=2)
+    assert len(programs) == 2
+    for ours, expected in zip(together[0].seeds, alone.seeds, strict=True):
+        assert ours.parameters == expected.parameters
+        assert ours.rmse_v == expected.rmse_v
+        assert ours.history_v.tobytes() == expected.history_v.tobytes()
+
+
+@in_float64
+def test_what_fills_a_record_up_counts_nothing(bundled_cell):
+    short, long = (problem_of(bundled_cell, "so-rc", [even(n)]) for n in (211, 401))
+    fill = padding_for([short.scan, long.scan])
+    middle = short.coordinates.decode((short.coordinates.lower + short.coordinates.upper) / 2)
+    plain, filled = short.scan.errors(middle), fill(short.scan).errors(middle)
+    assert filled.shape == (401,)
+    np.testing.assert_array_equal(filled[:211], plain)
+    assert not jnp.any(filled[211:])
+
+
+def test_joint_records_padded_have_their_bits(bundled_cell):
+    # Each problem has the longest record in one of two columns.
+    joint, other = (
+        problem_of(bundled_cell, "so-rc", clocks)
+        for clocks in ([uneven(304, 2), even(150)], [uneven(221, 1), even(200)])
+    )
+    circuits = [CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0))]
+    with_padding = rmse_by_scan(joint, circuits, padding_for([joint.scan, other.scan]))
+    assert with_padding == rmse_by_scan(joint, circuits)
+
+
+@in_float64
+def test_compressed_records_stay_as_they_are(bundled_cell):
+    problem = problem_of(bundled_cell, "so-rc", [even(211)])
+    assert padding_for([problem.compressed, problem.scan])(problem.compressed) is problem.compressed

@@ -1,0 +1,364 @@
+"""The box in physical units, and the coordinates in which it is searched."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from barnax.errors import InputError
+from barnax.model.search_space import (
+    SCALES,
+    Bounds,
+    Coordinates,
+    ResistanceBounds,
+    parse_fixed,
+    read_bounds,
+)
+from barnax.model.simulate import RCParameters
+
+DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
+TAUS = ("tau1 [s]", "tau2 [s]")
+
+
+def box(ranges=None, fixed=None, source="box.toml"):
+    return DEFAULT.with_changes(ranges or {}, fixed or {}, source)
+
+
+BOXES = {
+    "default": DEFAULT,
+    "capacitance of one pair": box({"C1 [F]": (20.0, 500.0)}),
+    "capacitance of both": box({"C1 [F]": (20.0, 500.0), "C2 [F]": (100.0, 1e4)}),
+    "own time constants": box({"tau1 [s]": (1.0, 20.0), "tau2 [s]": (30.0, 300.0)}),
+    "fixed capacitance": box(fixed={"C1 [F]": 500.0}),
+    "fixed time constant": box(fixed={"tau2 [s]": 90.0}),
+    "fixed resistances": box(fixed={"R0 [Ohm]": 0.05, "R2 [Ohm]": 0.01}),
+    "a rate": Bounds.default(2.0, 1.0, 1000.0, has_rate=True),
+}
+every_box = pytest.mark.parametrize("name", BOXES)
+every_scale = pytest.mark.parametrize("scale", SCALES)
+
+
+@pytest.fixture(autouse=True)
+def _float64():
+    with jax.enable_x64(True):
+        yield
+
+
+# Bounds
+
+
+@pytest.mark.parametrize(
+    ("capacity_ah", "low_ohm", "high_ohm"),
+    # 0.1 to 200 mohm at 2 Ah; a 33 Ah cell has 2/33 of it.
+    [(2.0, 1e-4, 0.2), (33.0, 6.0606060606e-6, 0.012121212121)],
+)
+def test_resistances_scale_with_the_capacity(capacity_ah, low_ohm, high_ohm):
+    ranges = Bounds.default(capacity_ah, 1.0, 1000.0).ranges
+    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
+        assert ranges[name] == pytest.approx((low_ohm, high_ohm), rel=1e-9)
+
+
+def test_time_constants_run_from_half_an_interval_to_the_scored_duration():
+    ranges = Bounds.default(2.0, interval_s=1.016, duration_s=10_800.0).ranges
+    assert [ranges[name] for name in TAUS] == [(0.508, 10_800.0)] * 2
+    # A record of one interval still has a box.
+    low, high = Bounds.default(2.0, interval_s=10.0, duration_s=0.0).ranges["tau1 [s]"]
+    assert low < high
+
+
+@pytest.mark.parametrize(
+    ("ranges", "fixed", "are_alike"),
+    [
+        ({}, {}, True),
+        ({"R0 [Ohm]": (0.01, 0.02)}, {}, True),
+        ({}, {"R0 [Ohm]": 0.01}, True),
+        (dict.fromkeys(("C1 [F]", "C2 [F]"), (20.0, 5000.0)), {}, True),
+        ({"R1 [Ohm]": (0.01, 0.1)}, {}, False),
+        ({"R2 [Ohm]": (0.01, 0.1)}, {}, False),
+        ({"tau1 [s]": (0.6, 0.9)}, {}, False),
+        ({"tau2 [s]": (0.6, 0.9)}, {}, False),
+        ({"C1 [F]": (20.0, 500.0)}, {}, False),
+        ({}, {"R2 [Ohm]": 0.01}, False),
+    ],
+)
+def test_pairs_are_alike_while_they_have_one_box(ranges, fixed, are_alike):
+    assert box(ranges, fixed).pairs_are_alike is are_alike
+
+
+def test_a_change_replaces_the_default_and_leaves_the_earlier_bounds_as_they_were():
+    before = dict(DEFAULT.ranges)
+    changed = box(
+        {"R0 [Ohm]": (0.01, 0.02), "C1 [F]": (20.0, 100.0)}, {"R2 [Ohm]": 0.05, "C2 [F]": 500.0}
+    )
+    assert changed.ranges["R0 [Ohm]"] == (0.01, 0.02)
+    assert changed.fixed == {"R2 [Ohm]": 0.05, "C2 [F]": 500.0}
+    assert set(changed.ranges) == {"R0 [Ohm]", "R1 [Ohm]", "C1 [F]"}
+    assert [changed.second_name(pair) for pair in (0, 1)] == ["C1 [F]", "C2 [F]"]
+    assert DEFAULT.ranges == before
+
+
+def test_a_capacitance_leaves_only_resistances_whose_time_constant_can_be_seen():
+    changed = box({"C1 [F]": (20.0, 50.0)})
+    assert changed.ranges["R1 [Ohm]"] == (DEFAULT.tau_limits_s[0] / 50.0, 0.2)
+    assert changed.ranges["R2 [Ohm]"] == DEFAULT.ranges["R2 [Ohm]"]
+
+
+@pytest.mark.parametrize(
+    ("ranges", "fixed", "message"),
+    [
+        ({"R9 [Ohm]": (0.1, 0.2)}, {}, "'R9 [Ohm]' is not a parameter of this circuit; there are"),
+        ({"R0 [Ohm]": (0.2, 0.1)}, {}, "'R0 [Ohm]' are [0.2, 0.1]; they must be positive and the"),
+        ({"R0 [Ohm]": (0.1, 0.1)}, {}, "'R0 [Ohm]' are [0.1, 0.1]"),
+        ({"R0 [Ohm]": (0.0, 0.1)}, {}, "'R0 [Ohm]' are [0.0, 0.1]; they must be positive"),
+        ({"C1 [F]": (1.0, math.inf)}, {}, "'C1 [F]' are [1.0, inf]"),
+        ({"C1 [F]": (math.nan, 2.0)}, {}, "'C1 [F]' are [nan, 2.0]"),
+        ({}, {"C3 [F]": 1.0}, "'C3 [F]' is not a parameter"),
+        ({}, {"C1 [F]": -500.0}, "'C1 [F]' cannot be fixed at -500.0; give a positive value"),
+        ({}, {"C1 [F]": math.nan}, "'C1 [F]' cannot be fixed at nan"),
+        ({"C1 [F]": (1.0, 2.0)}, {"C1 [F]": 1.5}, "'C1 [F]' is both bounded and fixed"),
+        (
+            dict.fromkeys(("C1 [F]", "tau1 [s]"), (1, 2)),
+            {},
+            "give 'tau1 [s]' or 'C1 [F]', not both",
+        ),
+        ({"C2 [F]": (1.0, 2.0)}, {"tau2 [s]": 1.5}, "give 'tau2 [s]' or 'C2 [F]', not both"),
+        # Time constants that the record cannot show.
+        ({"C1 [F]": (0.01, 0.1)}, {}, "R C leaves 0.5 to 1000 s"),
+        ({}, {"C2 [F]": 1e-3}, "R C leaves 0.5 to 1000 s"),
+        ({}, {"R1 [Ohm]": 1e-3, "C1 [F]": 1.0}, "R C leaves 0.5 to 1000 s"),
+    ],
+)
+def test_a_box_that_cannot_be_is_refused_with_its_source_name_and_value(ranges, fixed, message):
+    with pytest.raises(InputError) as refusal:
+        box(ranges, fixed)
+    assert str(refusal.value).startswith("box.toml: ")
+    assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected_s"),
+    [
+        ("default", 0.5),
+        ("own time constants", 1.0),
+        ("capacitance of one pair", 0.5),
+        ("fixed capacitance", 0.5),
+    ],
+)
+def test_the_shortest_time_constant_is_the_least_that_the_box_allows(name, expected_s):
+    assert Coordinates.of(BOXES[name], "log").shortest_tau_s == pytest.approx(expected_s)
+
+
+# Bounds that users write
+
+
+def test_bounds_are_read_from_a_toml_table(tmp_path):
+    path = tmp_path / "box.toml"
+    path.write_text('[bounds]\n"R0 [Ohm]" = [0.001, 1]\n"tau1 [s]" = [1, 20]\n')
+    assert read_bounds(path) == {"R0 [Ohm]": (0.001, 1.0), "tau1 [s]": (1.0, 20.0)}
+
+
+NO_PAIR = "'R0 [Ohm]' must be two numbers, [lower, upper]"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[bounds", "is not a TOML file"),
+        (b"\xff\xfe\x00\x01", "is not a TOML file"),
+        (b"", "must hold one table, [bounds]"),
+        (b'"R0 [Ohm]" = [0.1, 0.2]\n', "must hold one table, [bounds], with lines like"),
+        (b"[bounds]\n[more]\n", "must hold one table"),
+        (b"bounds = 3\n", "must hold one table"),
+        (b'[bounds]\n"R0 [Ohm]" = 0.1\n', NO_PAIR + "; it is 0.1"),
+        (b'[bounds]\n"R0 [Ohm]" = [1, 2, 3]\n', NO_PAIR),
+        (b'[bounds]\n"R0 [Ohm]" = ["1", 2]\n', NO_PAIR),
+        (b'[bounds]\n"R0 [Ohm]" = [true, 2]\n', NO_PAIR),
+        (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 401 + b"]\n", "a number beyond all bounds"),
+        (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 5000 + b"]\n", "is not a TOML file"),
+        (b"#" * 16_001, "is larger than any file of bounds"),
+    ],
+)
+def test_a_bounds_file_that_says_something_else_is_refused_by_name(tmp_path, content, message):
+    path = tmp_path / "box.toml"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as refusal:
+        read_bounds(path)
+    assert str(refusal.value).startswith(f"{path}: ")
+    assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("box.toml", "No such file"), (".", "Is a directory")]
+)
+def test_a_bounds_file_that_cannot_be_read_is_refused_by_name(tmp_path, name, reason):
+    with pytest.raises(InputError, match=rf"cannot be read \({reason}.* give `bounds` a TOML file"):
+        read_bounds(tmp_path / name)
+
+
+def test_fixed_values_are_a_name_and_a_number():
+    assert parse_fixed(["C1 [F]=500", " R0 [Ohm] = 5e-2"]) == {"C1 [F]": 500.0, "R0 [Ohm]": 0.05}
+    with pytest.raises(InputError, match=r"'C1 \[F\]' is fixed twice"):
+        parse_fixed(["C1 [F]=500", "C1 [F]=600"])
+
+
+@pytest.mark.parametrize("text", ["C1 [F]", "C1 [F]=", "C1 [F]=many", "=", "C1 [F]=1=2"])
+def test_a_fixed_value_written_otherwise_is_refused_with_an_example(text):
+    with pytest.raises(InputError, match=r'`fix` .* such as "C1 \[F\]=500"'):
+        parse_fixed([text])
+
+
+# Coordinates
+
+
+def places(coordinates):
+    """Points all over the box, its two ends among them."""
+    fractions = np.random.default_rng(4).random((60, len(coordinates.lower)))
+    fractions = np.concatenate(
+        [fractions, np.zeros_like(fractions[:1]), np.ones_like(fractions[:1])]
+    )
+    lower, upper = np.asarray(coordinates.lower), np.asarray(coordinates.upper)
+    return jnp.asarray(lower + fractions * (upper - lower))
+
+
+def physical(rc):
+    """Circuits under PyBaMM's names, with both time constants and capacitances."""
+    (r1, r2), (tau1, tau2) = rc.r, rc.tau
+    values = {"R0 [Ohm]": rc.r0, "R1 [Ohm]": r1, "R2 [Ohm]": r2}
+    values |= {"tau1 [s]": tau1, "tau2 [s]": tau2, "C1 [F]": tau1 / r1, "C2 [F]": tau2 / r2}
+    values |= {} if rc.gamma is None else {"gamma": rc.gamma}
+    return {name: np.asarray(value) for name, value in values.items()}
+
+
+def assert_same(found, expected, rtol=1e-11):
+    for name, values in physical(expected).items():
+        np.testing.assert_allclose(physical(found)[name], values, rtol=rtol)
+
+
+@every_box
+@every_scale
+def test_every_point_of_the_box_is_a_circuit_inside_the_bounds(name, scale):
+    coordinates = Coordinates.of(BOXES[name], scale)
+    circuits = physical(jax.vmap(coordinates.decode)(places(coordinates)))
+    for bound, (low, high) in BOXES[name].ranges.items():
+        assert (low * (1 - 1e-12) <= circuits[bound]).all()
+        assert (circuits[bound] <= high * (1 + 1e-12)).all()
+    for bound, value in BOXES[name].fixed.items():
+        np.testing.assert_allclose(circuits[bound], value, rtol=1e-14)
+
+
+@every_box
+@every_scale
+def test_a_circuit_survives_encoding(name, scale):
+    coordinates = Coordinates.of(BOXES[name], scale)
+    points = places(coordinates)
+    circuits = jax.vmap(coordinates.decode)(points)
+    again = jax.vmap(coordinates.encode)(circuits)
+    assert_same(jax.vmap(coordinates.decode)(again), circuits)
+    # A point whose time constant is clipped stands for the same circuit as its clipped twin.
+    if scale == "log" and "capacitance of" not in name:
+        np.testing.assert_allclose(again, points, atol=1e-11)
+
+
+def test_a_raw_point_survives_decoding_unless_its_time_constant_is_clipped():
+    coordinates = Coordinates.of(DEFAULT, "rc")
+    points = places(coordinates)
+    expected = np.array(points)
+    for r, c in ((1, 2), (3, 4)):
+        expected[:, c] = np.clip(expected[:, r] * expected[:, c], 0.5, 1000.0) / expected[:, r]
+    again = jax.vmap(lambda point: coordinates.encode(coordinates.decode(point)))(points)
+    np.testing.assert_allclose(again, expected, rtol=1e-11)
+
+
+def test_the_raw_box_of_capacitance_holds_every_allowed_time_constant():
+    # C = tau / R is smallest at the shortest tau and largest R, and the other way round.
+    coordinates = Coordinates.of(DEFAULT, "rc")
+    assert coordinates.names == ("R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R2 [Ohm]", "C2 [F]")
+    np.testing.assert_allclose(coordinates.lower[2], 0.5 / 0.2)
+    np.testing.assert_allclose(coordinates.upper[2], 1000.0 / 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("r_ohm", "c_farad", "tau_s"),
+    # They would be 20,000 s and a millisecond.
+    [(0.2, 1e5, 1000.0), (1e-4, 10.0, 0.5)],
+)
+def test_a_capacitance_beyond_the_time_constants_is_clipped(r_ohm, c_farad, tau_s):
+    point = jnp.array([0.05, r_ohm, c_farad, 0.01, 1e4])
+    circuit = physical(Coordinates.of(DEFAULT, "rc").decode(point))
+    assert circuit["tau1 [s]"] == tau_s
+    assert circuit["C1 [F]"] == pytest.approx(tau_s / r_ohm)
+    assert circuit["C2 [F]"] == pytest.approx(1e4)
+
+
+def test_the_log_coordinates_are_logarithms_of_resistances_and_time_constants():
+    coordinates = Coordinates.of(DEFAULT, "log")
+    assert coordinates.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
+    circuit = coordinates.decode(jnp.log(jnp.array([0.05, 0.01, 5.0, 0.02, 80.0])))
+    expected = [0.05, 0.01, 0.02, 5.0, 80.0, 500.0, 4000.0]
+    assert list(physical(circuit).values()) == pytest.approx(expected)
+
+
+@every_scale
+def test_a_bounded_capacitance_is_searched_as_such(scale):
+    coordinates = Coordinates.of(BOXES["capacitance of one pair"], scale)
+    ends = np.array([coordinates.lower[2], coordinates.upper[2]])
+    assert coordinates.names[2] == "C1 [F]"
+    np.testing.assert_allclose(np.exp(ends) if scale == "log" else ends, [20.0, 500.0])
+
+
+@every_scale
+def test_a_fixed_parameter_is_no_coordinate(scale):
+    names = Coordinates.of(BOXES["fixed resistances"], scale).names
+    assert len(names) == 3
+    assert not {"R0 [Ohm]", "R2 [Ohm]"} & set(names)
+
+
+@every_scale
+def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
+    coordinates = Coordinates.of(DEFAULT, scale)
+    outside = jax.tree.map(jnp.asarray, RCParameters(9.0, (9.0, 1e-9), (1e6, 1e-6)))
+    circuit = physical(coordinates.decode(coordinates.encode(outside)))
+    found = [float(circuit[name]) for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")]
+    assert found == pytest.approx([0.2, 0.2, 1e-4])
+
+
+def test_an_unknown_scale_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="'decibel' are not known; there are rc, log"):
+        Coordinates.of(DEFAULT, "decibel")
+
+
+def test_a_box_with_nothing_free_is_refused():
+    fixed = {"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.01, "R2 [Ohm]": 0.01, "C1 [F]": 1e3, "tau2 [s]": 60.0}
+    with pytest.raises(InputError, match="every parameter is fixed; leave at least one free"):
+        Coordinates.of(box(fixed=fixed), "log")
+
+
+# Resistances at given time constants
+
+
+@every_box
+def test_every_circuit_of_the_box_is_between_its_resistance_bounds_and_time_constants(name):
+    bounds = ResistanceBounds(BOXES[name])
+    coordinates = Coordinates.of(BOXES[name], "log")
+    circuits = jax.vmap(coordinates.decode)(places(coordinates))
+    tau_s = np.stack([np.asarray(tau) for tau in circuits.tau])
+    low, high = bounds.resistance_box(tau_s)
+    found = np.stack([np.asarray(each) for each in (circuits.r0, *circuits.r)])
+    # Where R C was clipped its C is no longer the box's.
+    ends = np.array([bounds.tau_range_s(pair) for pair in (0, 1)])[:, :, None]
+    assert ((ends[:, 0] * (1 - 1e-12) <= tau_s) & (tau_s <= ends[:, 1] * (1 + 1e-12))).all()
+    limits = np.array(BOXES[name].tau_limits_s)[:, None, None]
+    is_clipped = np.isclose(tau_s, limits, rtol=1e-12).any(axis=(0, 1))
+    inside = (low * (1 - 1e-11) <= found) & (found <= high * (1 + 1e-11))
+    assert inside[:, ~is_clipped].all()
+
+
+def test_a_bounded_capacitance_bounds_the_resistance_at_a_time_constant():
+    bounds = ResistanceBounds(BOXES["capacitance of both"])
+    low, high = bounds.resistance_box(np.array([5.0, 50.0]))
+    np.testing.assert_allclose(low, [1e-4, 5 / 500, 50 / 1e4])
+    np.testing.assert_allclose(high, [0.2, 0.2, 0.2])
+    fixed = ResistanceBounds(BOXES["fixed capacitance"]).resistance_box(np.array([5.0, 50.0]))
+    assert fixed[0][1] == fixed[1][1] == pytest.approx(5 / 500)

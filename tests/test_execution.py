@@ -1,0 +1,169 @@
+"""Compiled once for a shape, in blocks whose rows come back in order, on one thread of BLAS."""
+
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from threadpoolctl import ThreadpoolController
+
+from barnax.execution import (
+    compile_for,
+    in_float64,
+    one_blas_thread,
+    run_blocks,
+    seed_blocks,
+    wanted_rows,
+)
+
+
+@pytest.mark.parametrize("is_double", [False, True])
+def test_double_precision_ends_with_the_function_or_its_error(is_double):
+    @in_float64
+    def third(value):
+        return jnp.asarray(1.0) / value if value else 1 // value
+
+    with jax.enable_x64(is_double):
+        assert third(3).dtype == jnp.float64
+        with pytest.raises(ZeroDivisionError):
+            third(0)
+        assert jax.config.jax_enable_x64 is is_double
+
+
+def counted():
+    """A function that counts how often it is traced."""
+    traces = []
+
+    def doubled(values, is_negated):
+        traces.append(values.shape)
+        return -2 * values if is_negated else 2 * values
+
+    return doubled, traces
+
+
+def test_arguments_of_one_shape_are_traced_once():
+    doubled, traces = counted()
+    for start in (0.0, 1.0, 2.0):
+        values = jnp.arange(3.0) + start
+        program = compile_for(doubled, values, False)
+        np.testing.assert_array_equal(program(values, False), 2 * values)
+    assert traces == [(3,)]
+
+
+def test_another_shape_type_or_setting_is_another_program():
+    doubled, traces = counted()
+    for values, is_negated in (
+        (jnp.zeros(3), False),
+        (jnp.zeros(4), False),
+        (jnp.zeros(3, int), False),
+        (jnp.zeros(3), True),
+    ):
+        compile_for(doubled, values, is_negated)
+    assert len(traces) == 4
+
+
+def test_threads_that_ask_at_once_compile_once():
+    doubled, traces = counted()
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: compile_for(doubled, jnp.zeros(5), False), range(8)))
+    assert len(traces) == 1
+
+
+def test_blocks_have_one_size_and_hold_every_seed():
+    assert seed_blocks(9) == [list(range(8)), list(range(8, 16))]
+    assert wanted_rows(9) == [8, 1]
+
+
+def test_rows_come_back_in_order_whatever_block_is_done_first():
+    def run(block):
+        return np.array(block), -np.array(block)
+
+    steps = []
+    rows = run_blocks(run, seed_blocks(30), wanted_rows(30), steps.append)
+    assert rows == [(k, -k) for k in range(30)]
+    assert sum(steps) == 30
+
+
+def test_a_block_that_fails_is_not_passed_over():
+    def run(block):
+        raise RuntimeError(f"block {block[0]}")
+
+    with pytest.raises(RuntimeError, match="block"):
+        run_blocks(run, [[0], [1]], [1, 1], None)
+
+
+def test_an_interruption_leaves_the_waiting_blocks_unstarted():
+    started = []
+
+    def run(block):
+        started.append(block)
+        time.sleep(0.05)
+        return (np.zeros(1),)
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_blocks(run, list(range(200)), [1] * 200, interrupt)
+    assert len(started) < 100
+
+
+# Threads of linear algebra
+
+
+def threads() -> set[int]:
+    """What the libraries of linear algebra say themselves."""
+    found = ThreadpoolController().select(user_api="blas").info()
+    return {library["num_threads"] for library in found}
+
+
+@pytest.fixture
+def three_threads():
+    with ThreadpoolController().limit(limits=3, user_api="blas"):
+        if threads() != {3}:
+            pytest.skip("this library of linear algebra has one thread only")
+        yield
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_inside_there_is_one_thread_and_afterwards_as_many_as_before():
+    with one_blas_thread():
+        assert threads() == {1}
+        with one_blas_thread():
+            assert threads() == {1}
+        assert threads() == {1}
+    assert threads() == {3}
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_an_error_inside_restores_them():
+    with pytest.raises(ZeroDivisionError), one_blas_thread():
+        raise ZeroDivisionError
+    assert threads() == {3}
+
+
+@pytest.mark.usefixtures("three_threads")
+def test_the_first_to_leave_does_not_give_the_second_more():
+    first_is_in, second_is_in, first_is_out = (threading.Event() for _ in range(3))
+
+    def first():
+        with one_blas_thread():
+            first_is_in.set()
+            assert second_is_in.wait(10)
+        first_is_out.set()
+
+    def second():
+        assert first_is_in.wait(10)
+        with one_blas_thread():
+            second_is_in.set()
+            assert first_is_out.wait(10)
+            return threads()
+
+    with ThreadPoolExecutor(2) as pool:
+        leaving, staying = pool.submit(first), pool.submit(second)
+        assert staying.result() == {1}
+        leaving.result()
+    assert threads() == {3}

@@ -1,0 +1,210 @@
+"""The house: what may import what, who prints and who touches files, how large a file is."""
+
+import ast
+import re
+import subprocess
+import sys
+from functools import cache
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import barnax
+
+PACKAGE = Path(barnax.__file__).parent
+# A module imports only from those left of its own: the order in which a record becomes a report.
+LAYERS = (
+    ("errors", "metrics", "execution"),
+    ("schema", "bundled", "records", "optimizers"),
+    ("cell",),
+    ("checks", "model"),
+    ("search", "gather"),
+    ("global_optimum", "uncertainty", "baselines"),
+    ("results",),
+    ("comparison", "export"),
+    ("pipeline", "plots"),
+    ("reporting",),
+    ("cli",),
+)
+RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
+# What knows nothing of batteries, and what of the rest it may import.
+GENERAL = {"optimizers": {"errors"}, "metrics": set(), "errors": set(), "execution": set()}
+# In a notebook a result shows itself: the one import to the right, made when it is asked to.
+SHOWN = {("results", "reporting")}
+# Where what users give is read, beside the command line.
+READING = {"records/read.py", "schema.py", "model/search_space.py"}
+# These say where names live and where the command starts; they are no layer.
+DOORS = {"__init__", "__main__"}
+SHORTEST = 20
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def unit_of(path: Path) -> str:
+    """The top-level module or subpackage a file belongs to."""
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+
+
+def is_for_types(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and getattr(node.test, "id", None) == "TYPE_CHECKING"
+
+
+def imports_in(nodes, package: list[str]) -> set[str]:
+    """What some statements import, by full name, deeper ones too but not what is for types only."""
+    found, waiting = set(), list(nodes)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            base = base + (node.module.split(".") if node.module else [])
+            found |= {".".join([*base, alias.name]) for alias in node.names}
+        elif not is_for_types(node):
+            waiting += ast.iter_child_nodes(node)
+    return found
+
+
+def imports_of(path: Path) -> set[str]:
+    package = module_name(path).split(".")[:-1]
+    return imports_in(tree_of(path).body, package)
+
+
+def units_imported(path: Path) -> set[str]:
+    """The top-level modules of barnax that a file imports, lazily too."""
+    names = [name.split(".") for name in imports_of(path)]
+    found = {name[1] for name in names if name[0] == "barnax" and len(name) > 1}
+    return found - {"__version__", unit_of(path)}
+
+
+def foreign_imports(path: Path) -> set[str]:
+    """The distributions a file imports."""
+    return {name.split(".")[0] for name in imports_of(path)}
+
+
+def calls(path: Path) -> set[str]:
+    """The names of the functions and methods a file calls."""
+    nodes = (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call))
+    return {
+        node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+        for node in nodes
+        if isinstance(node.func, ast.Name | ast.Attribute)
+    }
+
+
+def texts_in(path: Path) -> list[str]:
+    """Every literal text of a file but its docstrings."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    docstrings = {
+        id(node.body[0].value)
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)
+    }
+    return [
+        node.value
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and id(node) not in docstrings
+    ]
+
+
+def place(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def outside(*units: str) -> list[Path]:
+    """The files of all units but these."""
+    return [path for path in MODULES if unit_of(path) not in {*DOORS, *units}]
+
+
+def test_every_module_has_a_layer():
+    assert {unit_of(path) for path in MODULES} - DOORS == set(RANK)
+
+
+def test_a_module_imports_only_from_its_left():
+    pairs = {(unit_of(path), name) for path in outside() for name in units_imported(path)}
+    assert {(unit, name) for unit, name in pairs if RANK[name] >= RANK[unit]} == SHOWN
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    files = {module_name(path).removesuffix(".__init__"): path for path in MODULES}
+
+    def module_of(name):
+        # `from .registry import make` names something in a module.
+        return name if name in files else name.rpartition(".")[0]
+
+    needs = {
+        name: {
+            module_of(imported)
+            for statement in tree_of(path).body
+            if not isinstance(statement, ast.FunctionDef | ast.ClassDef)
+            for imported in imports_in([statement], module_name(path).split(".")[:-1])
+        }
+        & (files.keys() - {name})
+        for name, path in files.items()
+    }
+    assert len(list(TopologicalSorter(needs).static_order())) == len(files)
+
+
+@pytest.mark.parametrize("unit", GENERAL)
+def test_what_knows_nothing_of_batteries_imports_nothing_of_them(unit):
+    imported = {name for path in MODULES if unit_of(path) == unit for name in units_imported(path)}
+    assert imported <= GENERAL[unit]
+
+
+def test_only_the_command_line_imports_typer_and_prints():
+    paths = outside("cli")
+    assert not [place(path) for path in paths if "typer" in foreign_imports(path)]
+    assert not [place(path) for path in paths if "print" in calls(path)]
+
+
+def test_only_the_command_line_names_its_flags():
+    flags = [(place(path), text) for path in outside("cli") for text in texts_in(path)]
+    assert not [(path, text) for path, text in flags if re.search("(?<!-)--[a-z]", text)]
+
+
+def test_only_the_command_line_writes_files():
+    written = {"write_text", "write_bytes", "mkdir", "savefig", "unlink"}
+    assert not [place(path) for path in outside("cli") if calls(path) & written]
+
+
+def test_files_are_read_in_few_places():
+    read = {"read_text", "read_bytes", "open"}
+    assert {place(path) for path in outside("cli") if calls(path) & read} == READING
+
+
+def test_only_plots_draw():
+    drawing = [path for path in outside("cli") if "matplotlib" in foreign_imports(path)]
+    assert {unit_of(path) for path in drawing} == {"plots"}
+
+
+def test_no_numeric_module_flips_a_global_of_jax():
+    # The command line may set up its own process; an import or a function may not.
+    texts = {place(path): path.read_text(encoding="utf-8") for path in outside("cli")}
+    assert not [path for path, text in texts.items() if "jax.config.update" in text]
+
+
+def test_a_file_is_more_than_a_function_that_has_not_found_its_home():
+    lines = {
+        place(path): len(path.read_text(encoding="utf-8").splitlines())
+        for path in MODULES
+        if path.name != "__init__.py"
+    }
+    assert {path: count for path, count in lines.items() if count < SHORTEST} == {}
+
+
+def test_importing_barnax_loads_no_jax():
+    heavy = "{'jax', 'numpy', 'matplotlib'} & set(sys.modules)"
+    script = f"import sys, barnax, barnax.bundled; print(sorted({heavy}))"
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"

@@ -110,8 +110,8 @@ def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen(stored):
     start = replace(stored.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
     told = " ".join(screen(changed(stored, start=start)).split())
     assert (
-        "Assumed: identification.parquet comes from a discharge (from a charge the RMSE would be "
-        "31.20 mV); --initial-direction +1 says otherwise." in told
+        "Assumed: identification.parquet comes from a discharge: from a charge "
+        "(--initial-direction +1) the RMSE would be 31.20 mV." in told
     )
     assert "Assumed: identification.parquet comes" not in " ".join(screen(stored).split())
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from barnax.cli import app
+from barnax.cli.app import app
 from barnax.optimizers import OPTIMIZERS
 
 FOLDER = Path(__file__).parents[1] / "docs"

@@ -11,7 +11,7 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.results import Result
-from golden import RESULT
+from helpers.golden import RESULT
 
 DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
 PUBLISHED = Path(__file__).parents[1] / "docs" / "result.schema.json"

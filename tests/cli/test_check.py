@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 from barnax.bundled import BUNDLED
+from helpers.golden import GOLDEN, require_golden, without_blanks
 
 TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
 CLEAN = (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv)
@@ -32,22 +33,14 @@ def unreadable(tmp_path):
 def test_clean_files_give_status_0_and_say_what_they_can_serve_as(run):
     outcome = run("check", *CLEAN)
     assert (outcome.status, outcome.err) == (0, "")
-    assert "4 files: 0 errors, 0 warnings" in outcome.out
-    for path in CLEAN:
-        assert path.name in outcome.out
-    assert "identification   yes" in outcome.out
-    assert "OCV test         yes" in outcome.out
+    require_golden(GOLDEN / "check-clean.txt", without_blanks(outcome.out))
 
 
 def test_findings_give_status_1_with_row_and_remedy(run, faulty):
     outcome = run("check", faulty)
     assert (outcome.status, outcome.err) == (1, "")
-    text = " ".join(outcome.out.split())
-    assert "error 502" in text
-    assert "time is out of line" in text
-    assert "rename the column to" in text
-    assert "1 file: 2 errors, 0 warnings" in text
-    assert "once the errors are mended" in text
+    require_golden(GOLDEN / "check-faulty.txt", without_blanks(outcome.out))
+    assert max(map(len, outcome.out.splitlines())) <= 80
 
 
 def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, faulty, unreadable):
@@ -55,7 +48,15 @@ def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, fau
     assert outcome.status == 2
     assert "error: noise.csv: the content is binary" in outcome.err
     assert "faulty.csv" in outcome.out
-    assert "2 files: 2 errors" in outcome.out
+    assert "2 files checked: 2 errors" in outcome.out
+    assert "1 file could not be read" in outcome.out
+
+
+def test_several_unreadable_files_are_a_line_each(refuse, tmp_path, unreadable):
+    message = refuse("check", unreadable, tmp_path / "nowhere.csv", "-q")
+    assert [line.partition(": ")[0] for line in message.splitlines()] == [
+        "error", str(tmp_path / "nowhere.csv")
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["nowhere.csv", "."])

@@ -6,8 +6,6 @@ import re
 
 import pytest
 
-from barnax.cli.output import write_file
-from barnax.errors import InputError
 from barnax.export import EXPORTERS
 from barnax.results import Result
 
@@ -121,49 +119,11 @@ def test_verify_prints_the_largest_difference_in_volts(run, stored, name):
     assert re.search(r"pulse test: [0-9.e-]+ V \(rms [0-9.e-]+ V\)", words)
 
 
-@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-@pytest.mark.parametrize("step", ["fsync", "replace"])
-def test_a_stop_while_a_file_is_written_leaves_the_old_one(tmp_path, monkeypatch, cause, step):
-    path = tmp_path / "cell.h"
-    path.write_text("old")
-
-    def stopped(*_):
-        raise cause
-
-    monkeypatch.setattr(os, step, stopped)
-    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
-        write_file(path, b"new")
-    assert path.read_text() == "old"
-    assert list(contents(tmp_path)) == ["cell.h"]
-
-
-def test_a_file_goes_to_where_a_link_points(tmp_path):
-    (tmp_path / "real.h").write_text("old")
-    (tmp_path / "link.h").symlink_to("real.h")
-    write_file(tmp_path / "link.h", b"new")
-    assert (tmp_path / "link.h").is_symlink()
-    assert (tmp_path / "real.h").read_text() == "new"
-
-
-def test_a_file_has_the_permissions_any_new_file_has(tmp_path):
-    (tmp_path / "plain").write_text("")
-    write_file(tmp_path / "ours", b"")
-    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
-@pytest.mark.parametrize("has_links", [True, False])
-def test_a_file_that_appears_in_the_meantime_stays(tmp_path, monkeypatch, has_links):
-    if not has_links:
-
-        def impossible(*_):
-            raise PermissionError(1, "Operation not permitted")
-
-        monkeypatch.setattr(os, "link", impossible)
-    path = tmp_path / "cell.h"
-    write_file(path, b"ours", is_forced=False)
-    assert path.read_bytes() == b"ours"
-    path.write_bytes(b"theirs")
-    with pytest.raises(InputError, match="has appeared in the meantime"):
-        write_file(path, b"ours", is_forced=False)
-    assert path.read_bytes() == b"theirs"
-    assert list(contents(tmp_path)) == ["cell.h"]
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
+@pytest.mark.parametrize("target", ["pipe", "/dev/null"])
+def test_a_device_is_never_replaced(refuse, stored, tmp_path, target):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(target)
+    for out in (target, "link"):
+        message = refuse("export", stored, "--to", "csv", "--out", out, "--force")
+        assert "is a device or a pipe, and no file; give --out another file" in message

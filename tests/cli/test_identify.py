@@ -10,12 +10,12 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-import golden
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
 from barnax.cli.output import write_folder
 from barnax.cli.session import as_flags
 from barnax.results import Result
+from helpers import golden
 
 from .conftest import BUDGET, OCV, contents, run_command
 

@@ -8,7 +8,7 @@ import pytest
 from barnax.reporting.words import fixed, joined, millivolt, percent
 
 
-@pytest.mark.parametrize("module", ["markdown", "render", "words"])
+@pytest.mark.parametrize("module", ["render", "words"])
 def test_the_examples_in_the_docstrings_hold(module):
     found = doctest.testmod(importlib.import_module(f"barnax.reporting.{module}"))
     assert found.failed == 0

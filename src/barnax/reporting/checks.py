@@ -66,16 +66,19 @@ def _findings_table(findings: Sequence["Finding"]) -> Table:
     return make_table("", findings, cells, cells)
 
 
-def _reason(role: "Role") -> str:
-    if role.window is None or not role.is_usable:
+def _reason(role: "Role", has_errors: bool) -> str:
+    if not role.is_usable:
         return role.reason
-    return "; ".join([role.reason, *window_advice(role.window)])
+    advice = window_advice(role.window) if role.window is not None else []
+    mended = ["once the errors are mended"] if has_errors else []
+    return "; ".join([role.reason, *advice, *mended])
 
 
 def _roles_table(found: "FileCheck") -> Table:
+    has_errors = any(each.severity == "error" for each in found.findings)
     cells: dict[str, Callable[[Role], str]] = {
         "serves for": lambda each: each.name,
         "": lambda each: "yes" if each.is_usable else "no",
-        "because": _reason,
+        "because": lambda each: _reason(each, has_errors),
     }
     return make_table("", found.roles, cells, cells)

@@ -27,7 +27,7 @@ def best_possible(result: "Result") -> str:
         gap = percent(optimum.rmse_v / result.metrics.identification.rmse_v - 1)
         return f"not proved: the seeds found a circuit {gap} better than the grid did."
     found = f"{optimum.seeds_there} of {counted(seeds, 'seed')} found it"
-    text = optimum_sentence(optimum).removeprefix("Best possible: ").rstrip(".")
+    text = optimum_sentence(optimum).partition(": ")[2].rstrip(".")
     return f"{text} ({found})."
 
 

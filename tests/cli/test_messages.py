@@ -1,0 +1,57 @@
+"""Options stand in messages by their Python names, and the command line has every one of them."""
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+import barnax
+from barnax.cli.app import app
+from barnax.cli.session import as_flags
+
+SOURCES = [path for path in Path(barnax.__file__).parent.rglob("*.py") if "plots" not in path.parts]
+# An option in a message, with its value if it has one.
+NAMED = re.compile(r"`([a-z][a-z_]*)(?:=[^`]*)?`")
+
+
+def strings_of(path: Path) -> str:
+    """A module's code without its docstrings and comments."""
+    text = re.sub(r'"""[\s\S]*?"""', "", path.read_text(encoding="utf-8"))
+    return "\n".join(
+        line.partition("  # ")[0] for line in text.splitlines() if "# " not in line[:8]
+    )
+
+
+def test_every_option_that_a_message_names_exists():
+    commands = get_command(app).commands.values()
+    flags = {flag for command in commands for each in command.params for flag in each.opts}
+    named = {name for path in SOURCES for name in NAMED.findall(strings_of(path))}
+    assert {"initial_soc", "capacity", "ocv", "out"} <= named
+    assert {as_flags(f"`{name}`") for name in named} <= flags
+
+
+def test_what_the_command_names_python_takes_too():
+    taken = set(inspect.signature(barnax.identify).parameters)
+    taken |= {
+        field.removesuffix(unit)
+        for group in (barnax.Settings, barnax.Reading, barnax.Window)
+        for field in inspect.signature(group).parameters
+        for unit in ("_s", "_a", "_ah")
+    } | set(inspect.signature(barnax.Settings).parameters)
+    words = {"records", "out", "force", "as_json", "verbose", "quiet", "report"}
+    options = {each.name for each in get_command(app).commands["identify"].params}
+    assert options - words <= taken
+
+
+@pytest.mark.parametrize(
+    ("text", "spelled"),
+    [
+        ("give `initial_soc=0.9`", "give --initial-soc 0.9"),
+        ("`current_sign='charge-positive'` or `ocv`", "--current-sign charge-positive or --ocv"),
+        ("a`b and `C1 [F]`", "a`b and `C1 [F]`"),
+    ],
+)
+def test_a_message_is_spelled_for_who_reads_it(text, spelled):
+    assert as_flags(text) == spelled

@@ -1,0 +1,188 @@
+"""The report of an identification: golden files of one stored result, and what changes in it."""
+
+import io
+from dataclasses import replace
+
+import pytest
+from report_reader import ReportReader
+from rich.console import Console
+
+import barnax
+from barnax.cli.session import as_flags
+from barnax.model.inputs import Window
+from barnax.plots.sources import record_roles
+from barnax.reporting import (
+    identification_document,
+    identification_illustrations,
+    to_html,
+    to_markdown,
+)
+from barnax.reporting.document import Bullets
+from barnax.reporting.identification import validation_sentences
+from barnax.reporting.terminal import first_screen
+from barnax.reporting.verdict import best_possible, next_step, seeds_sentences, weakest_point
+from barnax.results import Result
+from barnax.search.refine import AtBound
+from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
+
+LARGEST_REPORT = 4_000_000
+
+
+@pytest.fixture(scope="module")
+def stored() -> Result:
+    return Result.from_json(RESULT)
+
+
+@pytest.fixture(scope="module")
+def joint() -> Result:
+    """A live run on two records, so that every kind of figure is there."""
+    part = Window(score_to_s=600.0)
+    record, validation = (
+        barnax.read_record(barnax.bundled_file(name)) for name in ("identification", "validation")
+    )
+    other = replace(record, name="again.csv", sha256="")
+    ocv = [barnax.bundled_file(f"ocv_{way}") for way in ("charge", "discharge")]
+    return barnax.identify(
+        [record, other], ocv=ocv, validate=validation, window=part, seeds=1, population=8,
+        iterations=1, trust="none",
+    )  # fmt: skip
+
+
+def screen(result: Result) -> str:
+    console = Console(file=io.StringIO(), width=80, highlight=False)
+    for block in first_screen(result, as_flags):
+        console.print(block)
+    return without_blanks(console.file.getvalue())
+
+
+def changed(result: Result, **inputs) -> Result:
+    """The result with other fields in its first input."""
+    first, *rest = result.inputs
+    return result.model_copy(update={"inputs": (first.model_copy(update=inputs), *rest)})
+
+
+def test_a_stored_result_s_report_is_the_golden_one(stored):
+    text = to_markdown(identification_document(stored).spelled(as_flags))
+    require_golden(GOLDEN / "report.md", text)
+
+
+def test_a_stored_result_s_first_screen_is_the_golden_one(stored):
+    require_golden(GOLDEN / "first_screen.txt", screen(stored))
+
+
+def test_every_other_verdict_is_the_golden_one(stored):
+    found = stored.global_optimum
+    better = stored.metrics.model_copy(
+        update={
+            "identification": stored.metrics.identification.model_copy(
+                update={"rmse_v": 0.9 * found.rmse_v}
+            )
+        }
+    )
+    unproved = {"status": "grid-verified"}
+    cases = {
+        "proved": stored,
+        "not proved": {**unproved, "proved_gap": 0.02},
+        "not asked for": {**unproved, "cells": None},
+        "no other optimum": {"local_optima": ()},
+    }
+    told = []
+    for name, update in cases.items():
+        result = stored
+        if isinstance(update, dict):
+            optimum = found.model_copy(update=update)
+            result = stored.model_copy(update={"global_optimum": optimum})
+        told += [f"{name}:", best_possible(result), *seeds_sentences(result)]
+    wide = stored.model_copy(update={"global_optimum": None, "answer_source": "seeds"})
+    told += ["too wide:", best_possible(wide), *seeds_sentences(wide)]
+    seeds = stored.model_copy(update={"answer_source": "seeds", "metrics": better})
+    told += ["seeds better:", best_possible(seeds), weakest_point(seeds)]
+    for result in (
+        stored,
+        stored.model_copy(update={"assessment": None}),
+        stored.model_copy(update={"metrics": stored.metrics.model_copy(update={"validation": ()})}),
+    ):
+        told.append(f"next: {next_step(result)}")
+    require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")
+
+
+def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen(stored):
+    start = replace(stored.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
+    told = " ".join(screen(changed(stored, start=start)).split())
+    assert (
+        "Assumed: identification.parquet comes from a discharge: from a charge "
+        "(--initial-direction +1) the RMSE would be 31.20 mV." in told
+    )
+    assert "Assumed: identification.parquet comes" not in " ".join(screen(stored).split())
+
+
+def test_what_the_bounds_decide_is_on_the_first_screen(stored):
+    longest = stored.inputs[0].duration_s
+    slow = stored.circuit_parameters
+    slow = replace(slow, c=(slow.c[0], longest / slow.r[1]))
+    bounded = stored.model_copy(
+        update={
+            "parameters": slow.to_dict(),
+            "at_bound": (AtBound("tau2 [s]", "upper"), AtBound("R1 [Ohm]", "lower")),
+        }
+    )
+    text = screen(bounded)
+    assert "> 25 min  longer than the record" in text
+    assert "at its lower bound" in text
+
+
+def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns(stored):
+    name = "a [bold]long[/bold] name \x1b[2J of a file " + 60 * "x" + ".csv"
+    text = screen(changed(stored, name=name))
+    assert "\x1b" not in text
+    assert "a [bold]long[/bold..." in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_every_figure_of_a_run_finds_its_place_in_one_page(joint):
+    drawn = identification_illustrations(joint.run)
+    document = identification_document(joint, drawn)
+    assert {each.name for each in document.pictures} == {each.name for each in drawn}
+    assert {f"identification-{n}-{kind}" for n in (1, 2) for kind in ("voltage", "condition")} | {
+        "landscape-iso-rc", "validation-1-error", "convergence", "ocv", "hysteresis",
+    } <= {each.name for each in drawn}  # fmt: skip
+    page = to_html(document)
+    assert ReportReader(page).count("img") == len(drawn)
+    assert len(page) < LARGEST_REPORT
+    assert page == to_html(identification_document(joint, identification_illustrations(joint.run)))
+
+
+def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):
+    document = identification_document(joint)
+    (errors,) = (each for each in document.sections if each.title == "Errors")
+    assert [row[0] for row in errors.blocks[0].rows] == [
+        "identification.parquet", "again.csv", joint.name, "validation.parquet"
+    ]  # fmt: skip
+    assert record_roles(2, 1) == ["identification-1", "identification-2", "validation-1"]
+    text = screen(joint)
+    assert all(role in text for role in ("identification 1", "identification 2", "together"))
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_the_verdict_comes_first_and_what_was_made_from_python_has_no_command(joint):
+    document = identification_document(joint)
+    assert document.sections[0].title == "Verdict"
+    assert isinstance(document.sections[0].blocks[0], Bullets)
+    assert "This was made from Python, not by a command." in to_markdown(document)
+
+
+@pytest.mark.parametrize(
+    ("own_mv", "other_mv", "said"),
+    [
+        (20.0, 30.0, "it errs by 30.00 mV, 50 % more than on what it was fitted to."),
+        (20.0, 15.0, "it errs by 15.00 mV, 25 % less than on what it was fitted to."),
+        (20.0, 20.1, "it errs by 20.10 mV, as on the record it was fitted to."),
+        (0.0, 20.0, "which it was not fitted to, it errs by 20.00 mV."),
+        (20.0, None, "nothing tells how it does on others."),
+    ],
+)
+def test_errors_on_other_records_are_held_against_its_own(stored, own_mv, other_mv, said):
+    own = stored.metrics.identification
+    others = () if other_mv is None else (own.model_copy(update={"rmse_v": other_mv / 1e3}),)
+    sentences = validation_sentences(own.model_copy(update={"rmse_v": own_mv / 1e3}), others)
+    assert next(iter(sentences)).endswith(said)

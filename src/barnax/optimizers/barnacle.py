@@ -195,7 +195,7 @@ def bmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMat
     [0, 1]; only a standard normal vector, one a generation, reproduces its Table 2, so that is
     what runs here.
     """
-    return BarnacleMating(population, iterations, pl)
+    return BarnacleMating(population, iterations, pl=pl)
 
 
 def ibmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMating:
@@ -208,7 +208,7 @@ def ibmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMa
     return BarnacleMating(
         population,
         iterations,
-        pl,
+        pl=pl,
         tent_start=True,
         cosine_factor=True,
         cast_step="levy",
@@ -225,7 +225,7 @@ def ibmo_printed(population: int = 30, iterations: int = 500, pl: int = 7) -> Ba
     return BarnacleMating(
         population,
         iterations,
-        pl,
+        pl=pl,
         tent_start=True,
         cosine_factor=True,
         mating_factor="one",
@@ -248,7 +248,7 @@ def ibmo_centered(population: int = 30, iterations: int = 500, pl: int = 4) -> B
     return BarnacleMating(
         population,
         iterations,
-        pl,
+        pl=pl,
         tent_start=True,
         cosine_factor=True,
         shared_factor=False,

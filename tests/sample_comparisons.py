@@ -18,8 +18,8 @@ from barnax.comparison.result import (
     SeedAnswerPart,
     SpreadPart,
 )
-from barnax.model.inputs import Window
-from barnax.results import DecisionPart, InputPart, MetricsPart
+from barnax.records import Decision
+from barnax.results import InputPart, MetricsPart
 
 DRIVE, CITY = "drive.csv", "city.csv"
 PARAMETERS = {
@@ -158,8 +158,8 @@ def make_comparison(
 ) -> ComparisonResult:
     """A comparison of these rows; `names` replaces the names of its files."""
     files = {"identification": DRIVE, "validation": CITY, "ocv": "ocv.csv"} | (names or {})
-    decision = DecisionPart(value="charge-positive", strength="strong", reason="the steps say so")
-    hold = DecisionPart(value="forward", strength="assumed", reason="no counters")
+    decision = Decision(value="charge-positive", strength="strong", reason="the steps say so")
+    hold = Decision(value="forward", strength="assumed", reason="no counters")
     values: dict = {
         "rows": tuple(rows),
         "differences": tuple(differences),
@@ -180,10 +180,7 @@ def make_comparison(
             coordinates="rc",
             objective="scan",
         ),
-        "cell": bundled_cell().to_dict(),
-        "window": Window(),
-        "initial_soc": 0.8,
-        "initial_soc_reason": "given",
+        "cell": bundled_cell(),
         "inputs": tuple(
             InputPart(role=role, name=name, sha256="0123456789abcdef" * 4, sign=decision, hold=hold)
             for role, name in files.items()

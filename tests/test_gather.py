@@ -127,7 +127,7 @@ def test_a_slow_sweep_is_no_dynamic_record(told, role):
 def test_a_window_is_proposed_where_none_is_chosen(real_data):
     (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
     found = check_file(path, capacity_ah=2.0)
-    proposed = "`start_after_step=3` `initial_soc=1.0` `score_steps=7,8`"
+    proposed = "`start_after_step=3` `initial_soc=1` `score_steps=7,8`"
     # A capacity says nothing of where to start.
     for window in (None, Window(capacity_ah=2.0), {"other.csv": Window(score_to_s=9.0)}):
         assert any(proposed in text for text in input_warnings(found, "identification", window))

@@ -104,20 +104,19 @@ def test_records_give_what_their_files_give(few):
 
 
 @pytest.mark.parametrize(
-    ("records", "validate", "names"),
+    ("records", "validate", "told"),
     [
-        (["{copy}"], [BUNDLED.record], ("identification.parquet", "copy.parquet")),
-        ([BUNDLED.record, "{copy}"], [], ("copy.parquet", "identification.parquet")),
-        ([BUNDLED.record], [BUNDLED.record], ("identification.parquet",)),
+        (["{copy}"], [BUNDLED.record], "identification.parquet: is copy.parquet, byte for byte"),
+        ([BUNDLED.record, "{copy}"], [], "copy.parquet: is identification.parquet, byte for byte"),
+        ([BUNDLED.record], [BUNDLED.record], "identification.parquet: is given twice"),
     ],
 )
-def test_the_same_bytes_twice_are_refused_by_both_names(tmp_path, records, validate, names):
+def test_the_same_bytes_twice_are_refused_by_both_names(tmp_path, records, validate, told):
     copy = tmp_path / "copy.parquet"
     copy.write_bytes(BUNDLED.record.read_bytes())
     records = [copy if each == "{copy}" else each for each in records]
-    with pytest.raises(InputError, match="byte for byte") as caught:
+    with pytest.raises(InputError, match=told):
         barnax.identify(records, ocv=OCV, validate=validate)
-    assert all(name in str(caught.value) for name in names)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +126,10 @@ def test_the_same_bytes_twice_are_refused_by_both_names(tmp_path, records, valid
         ({"capacity": 0}, "`capacity` must be positive, in Ah; 0 was given"),
         ({"model": "rc"}, "no circuit is called 'rc'; there are iso-rc"),
         ({"trust": "deep"}, "`trust` 'deep' is not known"),
-        ({"window": {"no.csv": SHORT}}, "a window is given for 'no.csv'"),
+        (
+            {"window": {"no.csv": SHORT}},
+            "no record is called 'no.csv', for which options are given",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_refused_before_the_search(monkeypatch, options, told):

@@ -181,7 +181,8 @@ def input_warnings(
         if each.name == role and not each.is_usable:
             texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
         elif each.name == role and each.window is not None and not _is_chosen(window, found.file):
-            texts += [f"{found.file}: {text}" for text in window_advice(each.window)]
+            advice = window_advice(each.window)
+            texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []
     return texts
 
 
@@ -192,13 +193,13 @@ def _is_chosen(window: Window | Mapping[str, Window] | None, name: str) -> bool:
     return window is not None and window.is_chosen
 
 
-def window_advice(suggested: SuggestedWindow) -> list[str]:
+def window_advice(suggested: SuggestedWindow) -> str:
     """What to give, where a record is not to be simulated from its first sample to its last."""
     options = [
         f"`{name.removesuffix('_s')}={','.join(f'{each:.10g}' for each in np.atleast_1d(value))}`"
         for name, value in suggested.options.items()
     ]
-    return [f"{suggested.reason}; give {' '.join(options)}"] if options else []
+    return f"give {' '.join(options)}" if options else ""
 
 
 def windows_of(

@@ -295,7 +295,7 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
     for each in run.validation:
         texts += [*each.prepared.record.warnings, *each.prepared.warnings]
     texts += [
-        f"{each.name} is at its {each.side} bound: the box decides its value, not the data"
+        f"{each.name} is at its {each.side} bound: the bounds, not the data, set it"
         for each in run.answer.at_bound
     ]
     return tuple(dict.fromkeys([*texts, *run.warnings]))

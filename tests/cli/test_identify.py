@@ -79,12 +79,13 @@ def test_one_run_has_one_verdict(run, finished):
     assert shown.count("Best possible") == 2
 
 
-def test_what_is_proposed_next_runs_as_printed(monkeypatch, result):
+def test_what_is_proposed_next_runs_as_printed(monkeypatch, result, tmp_path):
+    monkeypatch.chdir(tmp_path)
     words = ["identify", "a b.csv", "--fix", "tau1 [s]=5", "--force", "--out", "old"]
     monkeypatch.setattr(sys, "argv", ["barnax", *words])
-    proposed = command._next(result).partition("   ")[0]
+    proposed = command._next(result).splitlines()[-1]
     assert proposed == (
-        "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --trust full --out barnax-out-2"
+        "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --trust full --out barnax-out"
     )
 
 

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
+from barnax.errors import InputError
 from barnax.global_optimum import Landscape, make_landscape
 from barnax.model.inputs import Window
 from barnax.model.problem import make_problem

@@ -4,6 +4,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
+from barnax import results
 from barnax.cell import (
     CellModel,
     CircuitParameters,
@@ -14,9 +15,10 @@ from barnax.cell import (
 from barnax.metrics import measure
 from barnax.model.inputs import PreparedRecord, Start, Window
 from barnax.optimizers import make_optimizer
+from barnax.pipeline import Run
 from barnax.records.record import Decision, Record
 from barnax.results import InputPart, MetricsBlock, MetricsPart, Result
-from barnax.search.evaluate import Evaluation
+from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
 
@@ -115,6 +117,15 @@ def make_cell(hysteresis_fit: str = "continuous") -> CellModel:
         charge_points=points(charge_v),
         discharge_points=points(discharge_v),
         errors={},
+    )
+
+
+def result_of(refinement: Refinement) -> Result:
+    """The result of a refinement alone: no global optimum, no intervals, no validation."""
+    problem, answer = refinement.search.problem, results.best_answer(refinement, None)
+    evaluations = [evaluate(each, answer.parameters) for each in problem.prepared_records]
+    return results.make_result(
+        Run(problem, refinement.search, refinement, None, answer, evaluations, [], None, None)
     )
 
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.plots import plot_convergence
-from barnax.results import make_result
-from barnax.search.evaluate import evaluate
-from helpers.results import make_refinement, make_search
+from helpers.results import make_refinement, make_search, result_of
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 
@@ -114,8 +112,7 @@ def test_stats_of_another_solver_are_refused():
 
 
 def test_a_stored_result_is_drawn_as_the_search_it_holds(refinement, tmp_path):
-    problem = refinement.search.problem
-    result = make_result(refinement, [evaluate(problem.prepared, refinement.parameters)])
+    result = result_of(refinement)
     (tmp_path / "result.json").write_text(result.to_json())
     expected = plot_convergence(refinement.search, refinement)
     for stored in (result, tmp_path / "result.json"):

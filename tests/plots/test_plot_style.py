@@ -22,9 +22,8 @@ from barnax.plots import (
 )
 from barnax.plots.sources import Illustration, cell_of
 from barnax.plots.style import LONGEST_TITLE, decimate, encode, label_plainly, legible
-from barnax.results import Result, make_result
-from barnax.search.evaluate import evaluate
-from helpers.results import make_evaluation, make_record
+from barnax.results import Result
+from helpers.results import make_evaluation, make_record, result_of
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
@@ -162,8 +161,7 @@ def test_an_illustration_has_every_form_of_its_figure():
 def test_the_cell_of_a_result_or_of_its_file_is_drawn_as_the_cell_itself(
     refinement, short_problem, tmp_path
 ):
-    evaluation = evaluate(short_problem.prepared, refinement.parameters)
-    result = make_result(refinement, [evaluation])
+    result = result_of(refinement)
     path = tmp_path / "result.json"
     path.write_text(result.to_json())
     assert isinstance(result, Result)

@@ -86,7 +86,7 @@ def test_a_bound_is_told_with_the_rows_that_are_at_it():
     place = AtBound("tau2 [s]", "upper")
     rows = [make_row("a so-rc", 1.0, at_bound=(place,)), make_row("b so-rc", 1.0)]
     assert list(bound_sentences(make_comparison(rows))) == [
-        "tau2 at its upper bound in a so-rc: there the box decides, not the data."
+        "tau2 at its upper bound in a so-rc: there the bounds decide, not the data."
     ]
     rows = [
         make_row("a so-rc", 1.0, at_bound=(place,)),

@@ -26,7 +26,7 @@ from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 GOLDEN = Path(__file__).parent / "sentences.txt"
 CIRCUIT = CircuitParameters(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
 # What options of Python a sentence may name.
-OPTIONS = {"bounds", "capacity", "circuit", "initial_soc", "score_soc"}
+OPTIONS = {"bounds", "capacity", "initial_soc", "model", "score_soc"}
 
 
 @dataclass(frozen=True)

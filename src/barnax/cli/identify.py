@@ -50,15 +50,16 @@ def identify(
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
     if folder is not None:
         require_free(folder, output.force)
-    if folder is not None:
-        # Drawing needs modules that take a while to load, and waits for the search anyhow.
-        threading.Thread(target=__import__, args=("barnax.reporting",), daemon=True).start()
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..cell import CIRCUITS
         from ..optimizers import OPTIMIZERS
         from ..pipeline import identify as run
 
+    if folder is not None:
+        # Drawing needs modules that take a while to load, and waits for the search anyhow.
+        module = "matplotlib.backends.backend_agg"
+        threading.Thread(target=__import__, args=(module,), daemon=True).start()
     require_choice("model", chosen.model, CIRCUITS)
     require_choice("method", chosen.method, OPTIMIZERS)
     options = run_options(files, of_records, search, records or [])
@@ -122,8 +123,8 @@ def _show(
     if folder is not None:
         names = [f"{folder}/report.html"] if report else []
         names += [f"{folder}/result.json", "figures", f"{session.elapsed_s:.1f} s"]
-        names.append(f"barnax show {shlex.quote(str(folder))} for all details")
         session.show(["", parts_line(names)])
+        session.show([parts_line([f"barnax show {shlex.quote(str(folder))} for all details"])])
 
 
 def _next(result: "Result") -> str:
@@ -133,7 +134,9 @@ def _next(result: "Result") -> str:
     options, advice = next_step(result)
     if not options:
         return as_flags(advice)
-    words = [word for name, value in options.items() for word in (f"--{name}", value)]
+    words = [
+        word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", value)
+    ]
     given = without_options(sys.argv[1:], {**APPEARANCE, **dict.fromkeys(words[::2], 2)})
     command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
-    return f"{command}   {as_flags(advice)}"
+    return f"{as_flags(advice)}:\n{command}"

@@ -12,7 +12,7 @@ from .simulate import AbstractEvaluator, Joint, SimulationInput
 
 @dataclass(frozen=True)
 class PaddedSize:
-    """What the largest of some drives takes: samples, and nodes of both its clocks."""
+    """What the largest of some records takes: samples, and nodes of both its clocks."""
 
     samples: int
     is_shared: bool
@@ -32,7 +32,7 @@ class PaddedSize:
         )
 
     def fill(self, inputs: SimulationInput) -> SimulationInput:
-        """The drive, made as large as this; its errors keep their bits."""
+        """The record, made as large as this; its errors keep their bits."""
         if not self.is_shared:
             inputs = inputs.padded_to(self.samples)
         inputs = _with_nodes(inputs, lambda inputs: inputs.intervals.node_s, self.nodes)
@@ -51,19 +51,19 @@ def padding_for(
     Those that do not simulate samples one by one, or do not hold equally many records, stay as
     they are.
     """
-    rows = [_drives(evaluator) for evaluator in evaluators]
+    rows = [_records(evaluator) for evaluator in evaluators]
     if not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         return lambda evaluator: evaluator
-    rooms = [PaddedSize.of(column) for column in zip(*rows, strict=True)]
+    sizes = [PaddedSize.of(column) for column in zip(*rows, strict=True)]
 
     def fill(evaluator: AbstractEvaluator) -> AbstractEvaluator:
-        filled = zip(rooms, _drives(evaluator), strict=True)
-        return Joint.of(tuple(room.fill(inputs) for room, inputs in filled))
+        filled = zip(sizes, _records(evaluator), strict=True)
+        return Joint.of(tuple(size.fill(inputs) for size, inputs in filled))
 
     return fill
 
 
-def _drives(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
+def _records(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
     parts = evaluator.parts if isinstance(evaluator, Joint) else (evaluator,)
     all_inputs = tuple(part for part in parts if isinstance(part, SimulationInput))
     return all_inputs if len(all_inputs) == len(parts) else ()

@@ -45,7 +45,7 @@ KINDS: tuple[Kind, ...] = ("scan", "compressed")
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything a search needs and a report names. Several courses share one circuit.
+    """Everything a search needs and a report names. Several records share one circuit.
 
     `kind` says which of two ways to compute one objective the search takes.
     """

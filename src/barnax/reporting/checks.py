@@ -69,9 +69,9 @@ def _findings_table(findings: Sequence["Finding"]) -> Table:
 def _reason(role: "Role", has_errors: bool) -> str:
     if not role.is_usable:
         return role.reason
-    advice = window_advice(role.window) if role.window is not None else []
-    mended = ["once the errors are mended"] if has_errors else []
-    return "; ".join([role.reason, *advice, *mended])
+    advice = "" if role.window is None else window_advice(role.window)
+    mended = "once the errors are mended" if has_errors else ""
+    return "; ".join(filter(None, (role.reason, advice, mended)))
 
 
 def _roles_table(found: "FileCheck") -> Table:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from .sentences import better_than
 from .words import bound_words, counted, joined, millivolt, percent, sentence
 
 if TYPE_CHECKING:
@@ -205,10 +206,7 @@ def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
     """How sure the global optimum of each model is."""
     for name, model in result.models.items():
         if model.optimum_status is not None:
-            proved = (
-                f"no circuit in the bounds is more than {percent(model.optimum_proved_gap or 0.0)} "
-                "better"
-            )
+            proved = f"no circuit in the bounds is {better_than(model.optimum_proved_gap or 0.0)}"
             how = "proved" if model.optimum_status == "certified" else "found on a grid"
             yield f"The global optimum of {name} is {how}: {proved}."
 
@@ -216,7 +214,7 @@ def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
 def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
     """Which parameters the box decided, and in which rows."""
     for place in bound_places(result):
-        yield f"{place}: there the box decides, not the data."
+        yield f"{place}: there the bounds decide, not the data."
 
 
 def bound_places(result: "ComparisonResult") -> Iterator[str]:

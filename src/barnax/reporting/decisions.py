@@ -27,6 +27,7 @@ FIRMNESS = {
 }
 FLOWS = {"forward": "until the next sample", "backward": "since the sample before"}
 CAME = {1: "charge", -1: "discharge"}
+ENDS = {1: "full", -1: "empty"}
 HASH_LETTERS = 16
 # What passes this close to its points passes through them.
 THROUGH_V = 1e-6
@@ -36,7 +37,7 @@ def files_table(stored: "Stored") -> Table:
     """Every file that was read."""
     cells: dict[str, Callable[[InputPart], str]] = {
         "file": lambda each: each.name,
-        "serves for": lambda each: each.role,
+        "serves for": lambda each: "OCV test" if each.role == "ocv" else each.role,
         "sign of current": lambda each: each.sign.value if each.sign else "a table",
         "hash": lambda each: each.sha256[:HASH_LETTERS],
     }
@@ -68,9 +69,10 @@ def guess_sentences(stored: "Stored") -> Iterator[str]:
     if guessed:
         value = guessed[0].hold.value if guessed[0].hold else ""
         other = "backward" if value == "forward" else "forward"
+        where = f" in {joined([each.name for each in guessed])}" if guessed != simulated else ""
         yield (
-            f"the current of a sample flows {FLOWS[value]} in {joined([e.name for e in guessed])}; "
-            f"`current_hold={other}` is the other reading."
+            f"each sample's current flows {FLOWS[value]}{where} (`current_hold={other}` for the "
+            "other)."
         )
     for each in simulated:
         start = each.start
@@ -96,16 +98,17 @@ def start_sentence(part: "InputPart") -> str:
         "given": "given",
         "rested voltage": f"from the rested voltage {start.voltage_v:.4f} V at row {start.row}",
     }[start.soc_source]
+    came = CAME[start.direction]
     direction = {
-        "given": "as given",
-        "load before": "by the load before it",
-        "full or empty": "for it is full or empty there",
-        "better fit": "which fits better",
-        "assumed": "which is assumed",
+        "given": f"coming from a {came}, as given",
+        "load before": f"coming from a {came}, by the load before it",
+        "full or empty": f"where the cell is {ENDS[start.direction]}, so it comes from a {came}",
+        "better fit": f"coming from a {came}, which fits better",
+        "assumed": f"coming from a {came}, which is assumed",
     }[start.direction_source]
     return (
         f"The simulation of {part.name} starts at a state of charge of {start.soc:.3f} ({known}), "
-        f"coming from a {CAME[start.direction]}, {direction}."
+        f"{direction}."
     )
 
 
@@ -127,7 +130,7 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
         if error.max_v > THROUGH_V
     ]
     if missed:
-        yield f"So far the fits pass from their points: {'; '.join(missed)}."
+        yield f"Misfit at the points: {'; '.join(missed)}."
     else:
         yield "The fits pass through their points."
     if cell.hysteresis.points:

@@ -60,14 +60,19 @@ def optimum_sentence(optimum: OptimumLike) -> str:
     """Whether the circuit is the best one, and how that is known."""
     which = f"no {NUMBERS[optimum.parameters.pairs]}-RC circuit in the bounds is"
     # Rounded up, and without an exponent.
-    gap = f"{ROUNDED_UP.create_decimal_from_float(100 * optimum.proved_gap):f} %"
-    better = f"{which} more than {gap} better" if optimum.proved_gap > 0 else f"{which} better"
+    better = f"{which} {better_than(optimum.proved_gap)}"
     if optimum.status == "certified":
         return f"Best possible: proved, {better}."
     grid = "Best found: verified on a grid of time constants"
     if optimum.cells is None:
         return f"{grid}, not proved."
     return f"{grid}; the proof stopped after {optimum.cells:,} cells: {better}."
+
+
+def better_than(proved_gap: float) -> str:
+    """What no circuit is, by the proof."""
+    gap = f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %"
+    return f"more than {gap} better" if proved_gap > 0 else "better"
 
 
 def local_optima_sentence(optimum: OptimumLike) -> str:
@@ -285,7 +290,7 @@ def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[st
     others = [_change(each) for each in found if each not in gains]
     sentences = [
         f"{_capitalized(_change(each))}: RMSE {_mv(each.rmse_v)} instead of {_mv(rmse_v)}"
-        f"{_option(each)}."
+        f"{''.join(f', with `{name}={value}`' for name, value in option(each).items())}."
         for each in gains
     ]
     if others:
@@ -311,15 +316,15 @@ def _change(suggestion: Suggestion) -> str:
             return f"another OCV curve ({counted(suggestion.knots or 0, 'knot')} over SOC)"
 
 
-def _option(suggestion: Suggestion) -> str:
+def option(suggestion: Suggestion) -> dict[str, str]:
     """The option that makes the change, where there is one."""
     if suggestion.circuit is not None:
-        return f", with `model={suggestion.circuit}`"
+        return {"model": suggestion.circuit}
     if suggestion.initial_soc is not None:
-        return f", with `initial_soc={suggestion.initial_soc:.10g}`"
+        return {"initial_soc": f"{suggestion.initial_soc:.10g}"}
     if suggestion.capacity_ah is not None:
-        return f", with `capacity={suggestion.capacity_ah:.10g}`"
-    return ""
+        return {"capacity": f"{suggestion.capacity_ah:.10g}"}
+    return {}
 
 
 def _equation(estimate: Estimate) -> str:

@@ -13,7 +13,7 @@ from rich.text import Text
 from ..errors import printable
 from .document import Bullets, Document, Listing, Paragraph, Table
 from .verdict import best_possible, weakest_point
-from .words import duration, figures, milliohm
+from .words import between, duration, figures, with_unit
 
 if TYPE_CHECKING:
     from ..results import InputPart, MetricsPart, Result
@@ -145,7 +145,7 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
     return (
         duration(part.duration_s or 0.0),
         f"{part.samples or 0:,} samples",
-        f"SOC {100 * ends[0]:.0f} to {100 * ends[1]:.0f} %",
+        f"SOC {round(100 * ends[0])} to {round(100 * ends[1])} %",
     )
 
 
@@ -183,21 +183,21 @@ def _parameters_table(result: "Result") -> Shown:
     resistances = (circuit.r0, *circuit.r)
     for pair, r_ohm in enumerate(resistances):
         name = f"R{pair} [Ohm]"
-        left = (f"R{pair}", f"{milliohm(r_ohm)} mOhm", _interval(name, estimates, bounds, 1e3))
+        left = (f"R{pair}", with_unit(name, r_ohm), _interval(name, estimates, bounds))
         right = ("", "", "")
         if pair:
             name, tau_s = f"tau{pair} [s]", circuit.tau_s[pair - 1]
-            right = (f"tau{pair}", duration(tau_s), _interval(name, estimates, bounds, 1.0))
+            right = (f"tau{pair}", with_unit(name, tau_s), _interval(name, estimates, bounds))
             if bounds.get(name) == "upper" and tau_s >= longest_s * (1 - 1e-3):
                 right = (f"tau{pair}", f"> {duration(longest_s)}", "longer than the record")
         table.add_row(*left, *right)
     if circuit.gamma is not None:
         value = f"{figures(circuit.gamma)} /SOC"
-        table.add_row("gamma", value, _interval("gamma", estimates, bounds, 1.0), "", "", "")
+        table.add_row("gamma", value, _interval("gamma", estimates, bounds), "", "", "")
     return table
 
 
-def _interval(name: str, estimates: dict, bounds: dict, scale: float) -> str:
+def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str]) -> str:
     if name in bounds:
         return f"at its {bounds[name]} bound"
     each = estimates.get(name)
@@ -205,11 +205,13 @@ def _interval(name: str, estimates: dict, bounds: dict, scale: float) -> str:
         return "" if each is None else "held"
     if each.low is None or each.high is None:
         return "not determined"
-    return f"{figures(scale * each.low)} to {figures(scale * each.high)}"
+    return between(name, each.low, each.high)
 
 
 def _millivolt(value_v: float) -> str:
-    return f"{figures(1e3 * value_v)} mV"
+    """Three figures, zeros too, so that errors line up."""
+    value_mv = 1e3 * value_v
+    return f"{value_mv:.0f} mV" if value_mv >= 1000 else f"{value_mv:#.3g}".rstrip(".") + " mV"
 
 
 def _short(name: str) -> str:

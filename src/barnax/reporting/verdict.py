@@ -3,8 +3,14 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .sentences import diagnostics_sentences, local_optima_sentence, optimum_sentence
-from .words import counted, joined, percent
+from .sentences import (
+    WORTH_TELLING,
+    diagnostics_sentences,
+    local_optima_sentence,
+    optimum_sentence,
+    option,
+)
+from .words import counted, joined, millivolt, percent
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -70,12 +76,13 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
         return {}, "validate on another record of the cell, with `validate`"
     found = result.assessment
     if found is None:
-        return {}, "`trust=basic` adds intervals"
+        return {"trust": "basic"}, "for intervals of the parameters"
     if found.examination is None:
-        return {"trust": "full"}, "tries what would lower the error"
-    circuits = [each.circuit for each in found.examination.suggestions if each.circuit]
-    if circuits and circuits[0] != result.model:
-        return {"model": circuits[0]}, "is the best of the circuits that were tried"
+        return {"trust": "full"}, "to see what would lower the error"
+    rmse_v = result.metrics.identification.rmse_v
+    for each in found.examination.suggestions:
+        if option(each) and each.rmse_v < (1 - WORTH_TELLING) * rmse_v:
+            return option(each), f"for an RMSE of {millivolt(each.rmse_v)}"
     names = [each.name for each in result.of_role("validation")]
     return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
 

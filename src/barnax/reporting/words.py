@@ -69,11 +69,6 @@ def significant(value: float | None, digits: int = 5) -> str:
     return NOTHING if value is None else f"{value:.{digits}g}"
 
 
-def milliohm(value_ohm: float) -> str:
-    """Ohms in milliohms, to three digits."""
-    return figures(1e3 * value_ohm)
-
-
 def duration(value_s: float) -> str:
     """Seconds, minutes or hours, as one would say it.
 

@@ -78,7 +78,7 @@ def search_many(
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
 ) -> list[Search]:
-    """`identify` for every problem, with the bits each would have alone.
+    """`search_seeds` for every problem, with the bits each would have alone.
 
     Problems of one kind share one compiled program, however long their records: compressed
     records are of one size if their boxes span alike, and for the scan shorter ones are filled up

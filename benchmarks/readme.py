@@ -1,4 +1,4 @@
-"""The figure and the tables of the README: `python -m benchmarks.readme`.
+"""The figure and the screen of the README: `python -m benchmarks.readme`.
 
 Runs `barnax identify` as a user would, on the bundled cell, and keeps what it printed and its
 voltage figure in benchmarks/results/.
@@ -18,12 +18,12 @@ RESULTS = Path(__file__).parent / "results"
 
 def main() -> None:
     """Run the command, print the page and write it."""
-    command = ["barnax", "identify", "--ocv-fit", "interpolated"]
+    command = ["barnax", "identify"]
     with tempfile.TemporaryDirectory() as folder:
         ran = subprocess.run(
             [sys.executable, "-m", *command],
             cwd=folder,
-            env=os.environ | {"COLUMNS": "100"},
+            env=os.environ | {"COLUMNS": "80"},
             check=True,
             capture_output=True,
             text=True,

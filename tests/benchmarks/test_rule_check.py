@@ -19,6 +19,9 @@ from barnax.optimizers import Box, SeagullSearch, Swarm
 from barnax.optimizers.pso import Flight
 from benchmarks import environments
 
+# What the paper's comparison rests on; nothing that is shipped.
+pytestmark = pytest.mark.slow
+
 samples = st.lists(st.integers(0, 6).map(float), min_size=3, max_size=12).map(np.array)
 
 

@@ -46,7 +46,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", ["uneven, with a state that moves", pytest.param("even", marks=pytest.mark.slow)]
+)
 def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alone(
     bundled_cell, case, monkeypatch
 ):

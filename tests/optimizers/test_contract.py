@@ -80,6 +80,14 @@ def test_the_same_key_gives_the_same_bits(name):
     assert not np.array_equal(first.stats["history"], other.stats["history"])
 
 
+# It takes a program of its own; all optimizers batch in one way, so the others are slow tests.
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(each, marks=[] if each in ("ibmo", "pso") else [pytest.mark.slow])
+        for each in OPTIMIZERS
+    ],
+)
 def test_a_search_gives_the_same_bits_alone_and_beside_others(name):
     together, trial = searched(name), jax.tree.map(jnp.float32, Trial())
     for place, key in enumerate(jr.split(jr.key(3), 3)):

@@ -30,10 +30,11 @@ def main() -> None:
         )
         figure = Path(folder) / "barnax-out" / "figures" / "identification-voltage.png"
         save_file(RESULTS / "readme.png", figure.read_bytes())
+    screen = "".join(f"{line.rstrip()}\n" for line in ran.stdout.strip("\n").splitlines())
     page = (
         "# What the README shows\n\n"
         f"Printed by `python -m benchmarks.readme` on {date.today()}: the output of "
-        f"`{' '.join(command)}`.\n\n```\n{ran.stdout}```\n"
+        f"`{' '.join(command)}`.\n\n```\n{screen}```\n"
     )
     save_page(RESULTS / "readme.md", page)
     print(page)

@@ -21,8 +21,6 @@ INPUT = "Files"
 OUTPUT = "Output"
 SEARCH = "Search"
 
-Sign = Literal["auto", "charge-positive", "discharge-positive"]
-Hold = Literal["auto", "forward", "backward"]
 PerRecord = list[str] | None
 
 
@@ -32,6 +30,27 @@ def _option(panel: str, metavar: str, text: str, **more: Any) -> Any:
 
 def _of_a_record(metavar: str, text: str) -> Any:
     return _option(WINDOW, f"[FILE=]{metavar}", text)
+
+
+SignOf = Literal["auto", "charge-positive", "discharge-positive"]
+Sign = Annotated[
+    SignOf,
+    _option(
+        INPUT,
+        "SIGN",
+        "Sign of current in the records: charge-positive, discharge-positive, or auto (decided "
+        "from the data).",
+    ),
+]
+Hold = Annotated[
+    Literal["auto", "forward", "backward"],
+    _option(
+        INPUT,
+        "HOLD",
+        "Whether a sample's current flows until the next sample (forward), since the one "
+        "before (backward), or auto (decided from the data).",
+    ),
+]
 
 
 def complete_methods(incomplete: str) -> list[str]:
@@ -120,30 +139,14 @@ class Files:
             INPUT, "FIT", "Hysteresis segments: continuous (they meet at the knots) or independent."
         ),
     ] = "continuous"
-    current_sign: Annotated[
-        Sign,
-        _option(
-            INPUT,
-            "SIGN",
-            "Sign of current in the records: charge-positive, discharge-positive, or auto (decided "
-            "from the data).",
-        ),
-    ] = "auto"
+    current_sign: Sign = "auto"
     ocv_current_sign: Annotated[
-        Sign, _option(INPUT, "SIGN", "Sign of current in the OCV tests.")
+        SignOf, _option(INPUT, "SIGN", "Sign of current in the OCV tests.")
     ] = "auto"
     validate_current_sign: Annotated[
-        Sign, _option(INPUT, "SIGN", "Sign of current in the validation records.")
+        SignOf, _option(INPUT, "SIGN", "Sign of current in the validation records.")
     ] = "auto"
-    current_hold: Annotated[
-        Hold,
-        _option(
-            INPUT,
-            "HOLD",
-            "Whether a sample's current flows until the next sample (forward), since the one "
-            "before (backward), or auto (decided from the data).",
-        ),
-    ] = "auto"
+    current_hold: Hold = "auto"
 
 
 @dataclass(frozen=True)

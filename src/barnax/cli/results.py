@@ -17,7 +17,6 @@ import typer
 
 from ..errors import InputError
 from .options import (
-    INPUT,
     OUTPUT,
     WINDOW,
     ExportChoices,
@@ -66,23 +65,8 @@ def validate(
     result: StoredResult,
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record to validate on.")],
     of_records: RecordOptions,
-    current_sign: Annotated[
-        Sign,
-        typer.Option(
-            metavar="SIGN",
-            help="Sign of current: charge-positive, discharge-positive, or auto.",
-            rich_help_panel=INPUT,
-        ),
-    ] = "auto",
-    current_hold: Annotated[
-        Hold,
-        typer.Option(
-            metavar="HOLD",
-            help="Whether a sample's current flows until the next sample (forward), since the one "
-            "before (backward), or auto.",
-            rich_help_panel=INPUT,
-        ),
-    ] = "auto",
+    current_sign: Sign = "auto",
+    current_hold: Hold = "auto",
     whole_record: Annotated[
         bool,
         typer.Option(

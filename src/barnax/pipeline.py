@@ -311,6 +311,7 @@ def validate_stored(
 ) -> tuple[Evaluation, list[str]]:
     """A stored circuit on another record, and warnings about that record and its window."""
     reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
+    window = window or stored.window
     measured, warnings = read_validation(record, reading, window)
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
@@ -319,6 +320,6 @@ def validate_stored(
             "identified on, so it validates nothing"
         )
     cell = stored.cell_model
-    prepared = prepare_record(measured, cell, stored.model, window or stored.window)
+    prepared = prepare_record(measured, cell, stored.model, window)
     evaluation = _validated(prepared, cell, stored.circuit_parameters)
     return evaluation, [*warnings, *measured.warnings, *prepared.warnings]

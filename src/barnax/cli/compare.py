@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
 
 # What of the report stands in the terminal unless everything is asked for.
-SHOWN = {"Verdict", "Parameters", "Errors", "Search", "Without an answer"}
+SHOWN = {"Verdict", "Parameters", "Search", "Identification", "Validation", "Without an answer"}
 
 
 @grouped
@@ -73,9 +73,13 @@ def compare(
         comparison, result = compare_files(**options, rows=rows, watch=_row_watch(session, advance))
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
     if folder is not None:
+        written = {"comparison.json": result.to_json().encode()}
         with session.watch("Drawing figures"):
-            written = _report(result, comparison, seconds)
-        written["comparison.json"] = result.to_json().encode()
+            try:
+                written |= _report(result, comparison, seconds)
+            except Exception as problem:
+                # The answers are there; what fails to be drawn costs only itself.
+                session.warn([f"the report could not be drawn ({problem}); the result is written"])
         written["timings.json"] = session.timings_json()
         folder = write_folder(folder, written, output.force)
     if output.as_json:
@@ -95,7 +99,7 @@ def _show(
 
     document = comparison_document(result, (), seconds)
     if not is_verbose:
-        kept = [each for each in document.sections if each.title in SHOWN]
+        kept = [each for each in document.sections if each.title.partition(":")[0] in SHOWN]
         document = replace(document, sections=tuple(kept))
     session.show(to_terminal(document.spelled(as_flags)))
     session.warn(result.warnings)
@@ -145,7 +149,7 @@ def _report(
     from ..reporting import comparison_document, comparison_illustrations, report_files
 
     drawn = comparison_illustrations(result, comparison, comparison.optima)
-    return report_files(comparison_document(result, drawn, seconds), drawn)
+    return report_files(comparison_document(result, drawn, seconds).spelled(as_flags), drawn)
 
 
 def optimizers() -> None:

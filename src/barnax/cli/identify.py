@@ -134,9 +134,10 @@ def _next(result: "Result") -> str:
     options, advice = next_step(result)
     if not options:
         return as_flags(advice)
-    words = [
-        word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", value)
-    ]
-    given = without_options(sys.argv[1:], {**APPEARANCE, **dict.fromkeys(words[::2], 2)})
+    flags = {f"--{name.replace('_', '-')}": value for name, value in options.items()}
+    # What is for one record stands beside what others have, and after what it had itself.
+    replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
+    given = without_options(sys.argv[1:], {**APPEARANCE, **replaced})
+    words = [word for pair in flags.items() for word in pair]
     command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
     return f"{as_flags(advice)}:\n{command}"

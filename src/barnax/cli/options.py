@@ -173,8 +173,8 @@ class RecordOptions:
         PerRecord,
         _of_a_record(
             "+1|-1",
-            "What the cell did before the start: +1 charge, -1 discharge (default: from the "
-            "record, else both are tried).",
+            "What the cell did before the start, where the record does not show it: +1 charge, "
+            "-1 discharge (default: both are tried).",
         ),
     ] = None
     score_steps: Annotated[

@@ -145,7 +145,7 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
     return (
         duration(part.duration_s or 0.0),
         f"{part.samples or 0:,} samples",
-        f"SOC {round(100 * ends[0])} to {round(100 * ends[1])} %",
+        f"SOC {100 * ends[0] + 0.0:.0f} to {100 * ends[1] + 0.0:.0f} %".replace("-0 ", "0 "),
     )
 
 
@@ -211,7 +211,7 @@ def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str
 def _millivolt(value_v: float) -> str:
     """Three figures, zeros too, so that errors line up."""
     value_mv = 1e3 * value_v
-    return f"{value_mv:.0f} mV" if value_mv >= 1000 else f"{value_mv:#.3g}".rstrip(".") + " mV"
+    return f"{value_mv:.0f} mV" if value_mv >= 999.5 else f"{value_mv:#.3g}".rstrip(".") + " mV"
 
 
 def _short(name: str) -> str:

@@ -82,7 +82,12 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
     rmse_v = result.metrics.identification.rmse_v
     for each in found.examination.suggestions:
         if option(each) and each.rmse_v < (1 - WORTH_TELLING) * rmse_v:
-            return option(each), f"for an RMSE of {millivolt(each.rmse_v)}"
+            options = option(each)
+            names = [part.name for part in result.of_role("identification")]
+            if "initial_soc" in options and len(names) == 1:
+                # A start is one record's; the others keep theirs.
+                options["initial_soc"] = f"{names[0]}={options['initial_soc']}"
+            return options, f"for an RMSE of {millivolt(each.rmse_v)}"
     names = [each.name for each in result.of_role("validation")]
     return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from benchmarks.pages import save_page
 
 import barnax
 from barnax.model.search_space import SCALES
+from benchmarks.pages import save_page
 
 RESULTS = Path(__file__).parent / "results" / "seeds.md"
 KEY, SEEDS, POPULATION, EVALUATIONS = 1, 32, 30, 15_000

@@ -83,7 +83,7 @@ def test_what_is_proposed_next_runs_as_printed(monkeypatch, result, tmp_path):
     monkeypatch.chdir(tmp_path)
     words = ["identify", "a b.csv", "--fix", "tau1 [s]=5", "--force", "--out", "old"]
     monkeypatch.setattr(sys, "argv", ["barnax", *words])
-    proposed = command._next(result).splitlines()[-1]
+    _, proposed = command._next(result)
     assert proposed == (
         "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --trust full --out barnax-out"
     )

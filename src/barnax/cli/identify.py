@@ -114,12 +114,12 @@ def _show(
     session: Session, result: "Result", folder: Path | None, verbose: bool, report: bool
 ) -> None:
     from ..reporting import identification_document
-    from ..reporting.terminal import first_screen, next_line, parts_line, to_terminal
+    from ..reporting.terminal import first_screen, next_lines, parts_line, to_terminal
 
     if verbose:
         session.show(to_terminal(identification_document(result).spelled(as_flags)))
     session.show(first_screen(result, as_flags))
-    session.show([next_line(_next(result))])
+    session.show(next_lines(*_next(result)))
     if folder is not None:
         names = [f"{folder}/report.html"] if report else []
         names += [f"{folder}/result.json", "figures", f"{session.elapsed_s:.1f} s"]
@@ -127,17 +127,17 @@ def _show(
         session.show([parts_line([f"barnax show {shlex.quote(str(folder))} for all details"])])
 
 
-def _next(result: "Result") -> str:
-    """What to do next, as a command that runs as printed."""
+def _next(result: "Result") -> tuple[str, str]:
+    """What to do next, and the command that does it where one does."""
     from ..reporting.verdict import next_step
 
     options, advice = next_step(result)
     if not options:
-        return as_flags(advice)
+        return as_flags(advice), ""
     flags = {f"--{name.replace('_', '-')}": value for name, value in options.items()}
     # What is for one record stands beside what others have, and after what it had itself.
     replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
     given = without_options(sys.argv[1:], {**APPEARANCE, **replaced})
     words = [word for pair in flags.items() for word in pair]
     command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
-    return f"{as_flags(advice)}:\n{command}"
+    return as_flags(advice), command

@@ -13,6 +13,7 @@ import platformdirs
 from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from ..errors import printable
 
@@ -82,7 +83,9 @@ class Session:
         """Print tables and sentences, unless the command is quiet."""
         if not self._is_quiet:
             for block in blocks:
-                self._console.print(block)
+                # What is to be copied stays in one line, however narrow the terminal.
+                is_whole = isinstance(block, Text) and bool(block.no_wrap)
+                self._console.print(block, soft_wrap=is_whole)
 
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""

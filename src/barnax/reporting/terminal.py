@@ -54,9 +54,11 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
         yield _indented(_line(head, spell(text)))
 
 
-def next_line(text: str) -> RenderableType:
-    """The line that says what to do next."""
-    return _indented(_line("Next", text))
+def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
+    """What to do next, and its command in one line however long, so that it can be copied."""
+    yield _indented(_line("Next", f"{advice}:" if command else advice))
+    if command:
+        yield Text(f"    {printable(command)}", no_wrap=True)
 
 
 def guesses(result: "Result") -> list[str]:

@@ -8,7 +8,6 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.reporting.sentences import (
-    at_bound_sentence,
     diagnostics_sentences,
     finding_sentence,
     identifiability_sentences,
@@ -18,7 +17,7 @@ from barnax.reporting.sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from barnax.search.refine import AtBound, Optimum
+from barnax.search.refine import Optimum
 from barnax.uncertainty import Band, Diagnostics, Estimate, Finding, Identifiability, Profile
 from barnax.uncertainty import Suggestion as Change
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
@@ -56,8 +55,6 @@ def optima() -> list[str]:
                 Found(), local_optima=(replace(other, rmse_v=0.03), replace(other, rmse_v=0.035))
             )
         ),
-        at_bound_sentence([AtBound("R0 [Ohm]", "lower")]),
-        at_bound_sentence([AtBound("R2 [Ohm]", "upper"), AtBound("tau2 [s]", "upper")]),
     ]
 
 

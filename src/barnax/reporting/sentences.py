@@ -89,22 +89,13 @@ def local_optima_sentence(optimum: OptimumLike) -> str:
     return f"{len(others)} other local optima are {reach}, the nearest {where}."
 
 
-def at_bound_sentence(at_bound: Sequence[AtBound]) -> str:
-    """What the bounds decide, empty where they decide nothing."""
-    if not at_bound:
-        return ""
-    them = "it" if len(at_bound) == 1 else "them"
-    return f"{_at_bounds(at_bound, verb=True)}: the bounds, not the data, set {them}."
-
-
-def _at_bounds(at_bound: Sequence[AtBound], *, verb: bool = False) -> str:
+def _at_bounds(at_bound: Sequence[AtBound]) -> str:
     parts = []
     for side in ("lower", "upper"):
         names = [symbol(each.name) for each in at_bound if each.side == side]
         if names:
-            be = (" are" if len(names) > 1 else " is") if verb else ""
             whose = f"their {side} bounds" if len(names) > 1 else f"its {side} bound"
-            parts.append(f"{joined(names)}{be} at {whose}")
+            parts.append(f"{joined(names)} at {whose}")
     return joined(parts)
 
 

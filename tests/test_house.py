@@ -22,6 +22,7 @@ LAYERS = (
     ("search", "gather"),
     ("global_optimum", "uncertainty", "baselines"),
     ("results",),
+    ("storing",),
     ("comparison", "export"),
     ("pipeline", "plots"),
     ("reporting",),

@@ -21,6 +21,7 @@ LAYERS = (
     ("checks", "model"),
     ("search", "gather"),
     ("global_optimum", "uncertainty", "baselines"),
+    ("over_soc",),
     ("results",),
     ("storing",),
     ("comparison", "export"),

@@ -3,7 +3,7 @@
     pip install barnax[data]
     python data/virtual_cell/generate.py --out FOLDER
 
-Each new file is compared with the one that ships beside this script. Takes about six minutes.
+Each new file is compared with the one that ships beside this script. Takes about ten minutes.
 """
 
 import argparse

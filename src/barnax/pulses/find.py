@@ -76,7 +76,7 @@ def find_pulses(
     >>> from barnax import bundled_file, read_record
     >>> record = read_record(bundled_file("hppc_25degC"))
     >>> pulses = find_pulses(record, 1 - record.discharged_ah / 2.0, rest_current_a=0.02)
-    >>> [round(pulse.current_a, 1) for pulse in pulses[4:8]]
+    >>> [round(pulse.current_a, 1) for pulse in pulses[-4:]]
     [2.0, -1.5, 4.0, -3.0]
     """
     found: list[Pulse] = []
@@ -138,8 +138,8 @@ def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest:
     change_a = record.current_a[span] - record.current_a[rest.last]
     drop_v = record.voltage_v[rest.last] - record.voltage_v[span]
     # Near the highest, for a limit may let most of a pulse go.
-    level_a = load.way * float(np.quantile(np.abs(change_a), LEVEL_QUANTILE))
-    is_held = np.abs(change_a / level_a - 1) <= HELD_SHARE
+    reached_a = load.way * float(np.quantile(np.abs(change_a), LEVEL_QUANTILE))
+    is_held = np.abs(change_a / reached_a - 1) <= HELD_SHARE
     start = int(np.argmax(is_held))
     lost = np.flatnonzero(~is_held[start:])
     stop = start + int(lost[0]) if len(lost) else len(is_held)
@@ -149,7 +149,7 @@ def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest:
         record=record.name,
         row=int(record.row[load.first]),
         soc=float(soc[rest.last]),
-        current_a=level_a,
+        current_a=float(np.median(change_a[held])),
         duration_s=load.duration_s,
         rest_s=rest.duration_s,
         is_limited=stop < len(is_held),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..cell import CellModel, OcvPoint, characterize
-from ..model.inputs import Window
+from ..model.window import Window
 from ..records import Record
 
 

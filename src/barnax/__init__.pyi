@@ -1,4 +1,5 @@
 from . import export as export
+from . import filters as filters
 from . import plots as plots
 from . import uncertainty as uncertainty
 from .baselines import METHODS as METHODS
@@ -39,6 +40,9 @@ from .pipeline import validate_stored as validate_stored
 from .records import Record as Record
 from .records import read_record as read_record
 from .records import record_from_frame as record_from_frame
+from .replay import FilterSettings as FilterSettings
+from .replay import SocReplay as SocReplay
+from .replay import replay_soc as replay_soc
 from .results import Result as Result
 from .search.evaluate import Evaluation as Evaluation
 from .search.evaluate import evaluate as evaluate

@@ -9,6 +9,7 @@ from .check import check
 from .compare import compare, optimizers
 from .identify import identify
 from .results import export, rerun, show, validate
+from .soc import soc
 
 app = typer.Typer(
     name="barnax",
@@ -18,7 +19,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (identify, show, validate, compare, rerun, export, check, optimizers):
+for command in (identify, show, validate, soc, compare, rerun, export, check, optimizers):
     app.command()(command)
 
 

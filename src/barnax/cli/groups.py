@@ -13,6 +13,7 @@ INPUT = "Files"
 OUTPUT = "Output"
 SEARCH = "Search"
 TABLES = "Tables over SOC"
+FILTER = "Filter"
 
 
 def option(panel: str, metavar: str, text: str, **more: Any) -> Any:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 DEFAULT_FOLDER = Path("barnax-out")
 # A folder that holds one of these was written by us.
-RESULTS = ("result.json", "comparison.json")
+RESULTS = ("result.json", "comparison.json", "soc.json")
 # What a folder of results lists as its own; older ones have no list, and these names.
 LIST = "files.json"
 OURS = {*RESULTS, "timings.json", "report.html", "report.md", LIST}

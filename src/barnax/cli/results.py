@@ -86,14 +86,7 @@ def validate(
         from ..storing import metrics_part
 
     stored = load(result)
-    chosen = of_records.chosen()
-    unknown = sorted(chosen.keys() - {"", record.name})
-    if unknown:
-        raise InputError(f"an option is given for {unknown[0]!r}; the record is {record.name}")
-    given = {**chosen.get("", {}), **chosen.get(record.name, {})}
-    # What was given for one record alone is not another's.
-    own = {each.name: each.window for each in stored.inputs if each.window}
-    window = _window(own.get(record.name, stored.window), given, whole_record)
+    window = stored_window(stored, record, of_records, whole_record)
     with session.watch("Simulating"):
         evaluation, warnings = validate_stored(
             stored, record, window, current_sign=current_sign, current_hold=current_hold
@@ -103,6 +96,23 @@ def validate(
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
     session.show([terminal_table(metrics_table([(metrics, "validation")]))])
     session.warn(warnings)
+
+
+def stored_window(
+    stored: "Result", record: Path, of_records: RecordOptions, is_whole: bool
+) -> "Window":
+    """The window in which a stored circuit meets a record, with the options that change it.
+
+    Raises `InputError` for an option that is given for another record.
+    """
+    chosen = of_records.chosen()
+    unknown = sorted(chosen.keys() - {"", record.name})
+    if unknown:
+        raise InputError(f"an option is given for {unknown[0]!r}; the record is {record.name}")
+    given = {**chosen.get("", {}), **chosen.get(record.name, {})}
+    # What was given for one record alone is not another's.
+    own = {each.name: each.window for each in stored.inputs if each.window}
+    return _window(own.get(record.name, stored.window), given, is_whole)
 
 
 def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":

@@ -10,6 +10,7 @@ from .compared_search import plot_compared_convergence, plot_compared_parameters
 from .convergence import plot_convergence
 from .error import plot_error
 from .landscape import plot_landscape
+from .replay import plot_soc_replay
 from .voltage import plot_condition, plot_voltage
 
 __all__ = [
@@ -23,5 +24,6 @@ __all__ = [
     "plot_hysteresis",
     "plot_landscape",
     "plot_ocv",
+    "plot_soc_replay",
     "plot_voltage",
 ]

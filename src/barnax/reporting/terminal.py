@@ -41,11 +41,11 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     `spell` gives the texts as who reads them names the options.
     """
     yield Text()
-    yield _indented(_files_table(result))
+    yield indented(_files_table(result))
     yield Text()
-    yield _indented(_errors_table(result))
+    yield indented(_errors_table(result))
     yield Text()
-    yield _indented(_parameters_table(result))
+    yield indented(_parameters_table(result))
     yield Text()
     lines = [("Best possible", best_possible(result))]
     if result.tables is not None and (pays := pay_sentence(result.tables.fit)):
@@ -55,12 +55,12 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
         lines.append(("Weakest point", weakest))
     lines += [("Assumed", text) for text in guesses(result)]
     for head, text in lines:
-        yield _indented(_line(head, spell(text)))
+        yield indented(headed_line(head, spell(text)))
 
 
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
     """What to do next, and its command in one line however long, so that it can be copied."""
-    yield _indented(_line("Next", f"{advice}:" if command else advice))
+    yield indented(headed_line("Next", f"{advice}:" if command else advice))
     if command:
         yield Text(f"    {printable(command)}", no_wrap=True)
 
@@ -82,7 +82,7 @@ def to_terminal(document: Document) -> Iterator[RenderableType]:
             elif isinstance(block, Bullets):
                 style = "yellow" if block.are_warnings else ""
                 for item in block.items:
-                    yield _line("-", item, width=2, style=style)
+                    yield headed_line("-", item, width=2, style=style)
             elif isinstance(block, Table):
                 yield terminal_table(block)
 
@@ -119,13 +119,13 @@ def terminal_table(table: Table) -> Shown:
     return shown
 
 
-def _indented(block: RenderableType) -> RenderableType:
+def indented(block: RenderableType) -> RenderableType:
     from rich.padding import Padding
 
     return Padding(block, (0, 0, 0, 2))
 
 
-def _line(head: str, text: str, width: int = 15, style: str = "") -> RenderableType:
+def headed_line(head: str, text: str, width: int = 15, style: str = "") -> RenderableType:
     """A head and its text, which goes on below itself."""
     grid = Shown.grid(padding=(0, 1, 0, 0))
     grid.add_column(width=width, no_wrap=True)
@@ -240,4 +240,4 @@ def _short(name: str) -> str:
 
 def parts_line(parts: Sequence[str]) -> RenderableType:
     """Short facts in one line."""
-    return _indented(_text("   ".join(parts)))
+    return indented(_text("   ".join(parts)))

@@ -1,0 +1,116 @@
+"""`barnax soc`: how well a stored circuit tells the state of charge along another record."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from .groups import FILTER, WINDOW, grouped, option
+from .options import Output, StoredResult
+from .output import require_free, write_results
+from .record_options import Hold, RecordOptions, Sign
+from .results import load, stored_window
+from .session import Session, as_flags, use_compilation_cache
+
+if TYPE_CHECKING:
+    from ..replay import SocReplay
+
+FOLDER = Path("barnax-soc")
+
+
+@dataclass(frozen=True)
+class FilterOptions:
+    """Which filter replays the record, and what it estimates."""
+
+    filter: Annotated[
+        Literal["ekf", "ukf"],
+        option(FILTER, "ekf|ukf", "Extended or unscented Kalman filter."),
+    ] = "ekf"
+    form: Annotated[
+        Literal["joint", "dual"],
+        option(
+            FILTER,
+            "joint|dual",
+            "Whether what is estimated is part of the filter's state, or of a second filter.",
+        ),
+    ] = "joint"
+    estimate: Annotated[
+        str,
+        option(
+            FILTER,
+            "NAME,NAME",
+            "What is estimated beside the state: offset, capacity, R0, R1, tau1 and so on; '' for "
+            "nothing.",
+        ),
+    ] = "offset,capacity"
+    tables: Annotated[
+        bool,
+        typer.Option(
+            "--tables/--no-tables",
+            help="Use the tables over SOC where the result has any.",
+            rich_help_panel=FILTER,
+        ),
+    ] = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(name.strip() for name in self.estimate.split(",") if name.strip())
+
+
+@grouped
+def soc(
+    result: StoredResult,
+    record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record to replay.")],
+    of_records: RecordOptions,
+    chosen: FilterOptions,
+    output: Output,
+    current_sign: Sign = "auto",
+    current_hold: Hold = "auto",
+    whole_record: Annotated[
+        bool,
+        typer.Option(
+            "--whole-record",
+            help="Replay the whole record, whatever the stored window.",
+            rich_help_panel=WINDOW,
+        ),
+    ] = False,
+) -> None:
+    """Replay a record as a battery manager sees it, and say how well the circuit tells its SOC.
+
+    A Kalman filter runs from a right and a wrong start, with a current offset, and with a wrong
+    capacity. The window of the identification applies, except where options change it.
+    """
+    session = Session(is_quiet=output.quiet or output.as_json)
+    folder = output.out or (None if output.as_json else FOLDER)
+    if folder is not None:
+        require_free(folder, output.force)
+    with session.watch("Loading JAX"):
+        use_compilation_cache()
+        from ..replay import FilterSettings, replay_soc
+        from ..reporting.replay import soc_screen
+
+    stored = load(result)
+    window = stored_window(stored, record, of_records, whole_record)
+    settings = FilterSettings(chosen.filter, chosen.form, chosen.names, tables=chosen.tables)
+    with session.watch("Replaying"):
+        replay = replay_soc(
+            stored, record, window, settings, current_sign=current_sign, current_hold=current_hold
+        )
+    if folder is not None:
+        answer = {"soc.json": replay.to_json().encode()}
+        folder, _ = write_results(session, folder, answer, partial(_draw, replay), output.force)
+    if output.as_json:
+        typer.echo(replay.to_json(), nl=False)
+    session.show(soc_screen(replay))
+    if folder is not None:
+        session.show(["", f"  {folder}/soc.json   figures   {session.elapsed_s:.1f} s"])
+    session.warn(as_flags(text) for text in replay.warnings)
+
+
+def _draw(replay: "SocReplay") -> dict[str, bytes]:
+    from ..plots import plot_soc_replay
+    from ..plots.style import encode
+
+    return {"figures/soc.png": encode(plot_soc_replay(replay), dpi=180)}

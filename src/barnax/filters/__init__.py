@@ -1,0 +1,20 @@
+"""Kalman filters on an identified circuit: what a battery manager would know of its cell."""
+
+from .consistency import Innovations, examine_innovations, mean_bounds
+from .kalman import Estimate, Form, Kind, run_filter
+from .model import Drive, ErrorModel, FilterModel, make_model, model_of
+
+__all__ = [
+    "Drive",
+    "ErrorModel",
+    "Estimate",
+    "FilterModel",
+    "Form",
+    "Innovations",
+    "Kind",
+    "examine_innovations",
+    "make_model",
+    "mean_bounds",
+    "model_of",
+    "run_filter",
+]

@@ -1,0 +1,240 @@
+"""Extended and unscented Kalman filters over a whole record as one `lax.scan`.
+
+Parameters are known, joint (further states of the one filter) or dual (a filter of their own
+beside that of the states). All of it is written for one cell; callers vmap it over cells or
+tunings. `cuthbert` (0.1, on JAX alone) has both filters for given functions, in square-root form:
+two orthogonal factorizations a sample, which on a CPU cost more than all else together, and
+neither a dual form nor slow parameters. What is left of a filter for one measured voltage is
+shorter than its use would be.
+
+Sources: Plett, J. Power Sources 134 (2004) 262-292 (extended, joint and dual) and 161 (2006)
+1369-1384 (sigma points); Julier and Uhlmann (1997) for the unscented transform, with kappa = 1,
+which keeps all weights positive.
+"""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Scalar
+
+from .model import Drive, FilterModel
+
+Kind = Literal["ekf", "ukf"]
+Form = Literal["joint", "dual"]
+Vector = Float[Array, "states"]
+Matrix = Float[Array, "states states"]
+KAPPA = 1.0
+
+
+class Estimate(NamedTuple):
+    """After every sample: SOC and slow parameters with deviations, and how the voltage came.
+
+    `innovation_v` is measured minus predicted voltage, `innovation_sd_v` what the filter expected
+    of it.
+    """
+
+    soc: Float[Array, "*samples"]
+    soc_sd: Float[Array, "*samples"]
+    slow: Float[Array, "*samples slow"]
+    slow_sd: Float[Array, "*samples slow"]
+    innovation_v: Float[Array, "*samples"]
+    innovation_sd_v: Float[Array, "*samples"]
+
+
+class _Belief(NamedTuple):
+    """Mean and covariance."""
+
+    mean: Vector
+    covariance: Matrix
+
+
+class _Seen(NamedTuple):
+    """A predicted voltage, its variance without that of the measurement, and its covariances."""
+
+    voltage_v: Scalar
+    variance_v2: Scalar
+    with_state: Vector
+
+
+def run_filter(
+    model: FilterModel,
+    start: tuple[Vector, Vector],
+    drive: Drive,
+    kind: Kind = "ekf",
+    form: Form = "joint",
+) -> Estimate:
+    """A filter's estimates along a record, from a state and its variances (`FilterModel.start`)."""
+    mean, variance = start
+    slow = jnp.zeros_like(model.slow_sd)
+    if form == "dual" and model.slow:
+        beliefs = (
+            _Belief(mean, jnp.diag(variance)),
+            _Belief(slow, jnp.diag(model.slow_sd**2)),
+        )
+        sensitivity = jnp.zeros((len(mean), len(slow)))
+        step = _dual_step(model, kind)
+        rows = lax.scan(step, (beliefs, sensitivity), drive)[1]
+    else:
+        belief = _Belief(
+            jnp.concatenate([mean, slow]), jnp.diag(jnp.concatenate([variance, model.slow_sd**2]))
+        )
+        rows = lax.scan(_joint_step(model, kind), belief, drive)[1]
+    count = len(slow)
+    deviations = jnp.sqrt(rows[:, 2 + count :])
+    return Estimate(
+        *(rows[:, 0], deviations[:, 0], rows[:, 2 : 2 + count], deviations[:, 1:-1]),
+        *(rows[:, 1], deviations[:, -1]),
+    )
+
+
+def _row(belief: _Belief, slow: _Belief, innovation_v: Scalar, variance_v2: Scalar) -> Vector:
+    """All that is kept of a sample in one array: each further one costs as much as a product."""
+    return jnp.concatenate(
+        [
+            *(belief.mean[:1], innovation_v[None], slow.mean),
+            *(belief.covariance[0, :1], jnp.diag(slow.covariance), variance_v2[None]),
+        ]
+    )
+
+
+def _joint_step(model: FilterModel, kind: Kind):
+    """One sample of a filter whose state holds the slow parameters too."""
+    count = model.states
+    predict, see = (_extended_move, _extended_see) if kind == "ekf" else (_move, _see)
+
+    def step(belief: _Belief, drive: Drive) -> tuple[_Belief, Vector]:
+        def advance(both):
+            moved = model.advance(both[:count], both[count:], drive)
+            return jnp.concatenate([moved, both[count:]])
+
+        def voltage(both):
+            return model.voltage(both[:count], both[count:], drive)
+
+        walk = jnp.concatenate(model.walk(belief.mean[count:], drive.interval_s))
+        belief = predict(advance, belief, walk)
+        seen = see(voltage, belief)
+        innovation_v = drive.voltage_v - seen.voltage_v
+        variance_v2 = seen.variance_v2 + model.noise_v2(belief.mean[0])
+        belief = _correct(belief, seen.with_state, innovation_v, variance_v2)
+        slow = _Belief(belief.mean[count:], belief.covariance[count:, count:])
+        return belief, _row(belief, slow, innovation_v, variance_v2)
+
+    return step
+
+
+def _dual_step(model: FilterModel, kind: Kind):
+    """One sample of two filters, each taking the other's mean for known.
+
+    The innovation's variance is that of the state filter for both. The extended parameter filter
+    follows how the state's estimate depends on the parameters (Plett 2004, part 3, Eq. 28-32).
+    """
+
+    def step(carry, drive: Drive):
+        (belief, slow), sensitivity = carry
+        before = belief.mean
+        state_walk, slow_walk = model.walk(slow.mean, drive.interval_s)
+        slow = slow._replace(covariance=slow.covariance + jnp.diag(slow_walk))
+
+        def advance(state):
+            return model.advance(state, slow.mean, drive)
+
+        def voltage(state):
+            return model.voltage(state, slow.mean, drive)
+
+        if kind == "ekf":
+            belief = _extended_move(advance, belief, state_walk)
+            seen = _extended_see(voltage, belief)
+            by_slow = jax.jacfwd(model.advance, 1)(before, slow.mean, drive)
+            sensitivity = by_slow + jax.jacfwd(advance)(before) @ sensitivity
+            total = jax.grad(model.voltage, 1)(belief.mean, slow.mean, drive)
+            total = total + jax.grad(voltage)(belief.mean) @ sensitivity
+            covaried = slow.covariance @ total
+            slow_seen = _Seen(seen.voltage_v, total @ covaried, covaried)
+        else:
+            belief = _move(advance, belief, state_walk)
+            seen = _see(voltage, belief)
+            total = jnp.zeros_like(slow.mean)
+            slow_seen = _see(
+                lambda other: model.voltage(model.advance(before, other, drive), other, drive), slow
+            )
+        innovation_v = drive.voltage_v - seen.voltage_v
+        variance_v2 = seen.variance_v2 + model.noise_v2(belief.mean[0])
+        gain = seen.with_state / variance_v2
+        belief = _correct(belief, seen.with_state, innovation_v, variance_v2)
+        sensitivity = sensitivity - jnp.outer(gain, total)
+        slow = _correct(
+            slow,
+            slow_seen.with_state,
+            drive.voltage_v - slow_seen.voltage_v,
+            slow_seen.variance_v2 + variance_v2,
+        )
+        row = _row(belief, slow, innovation_v, variance_v2)
+        return ((belief, slow), sensitivity), row
+
+    return step
+
+
+def _correct(
+    belief: _Belief, with_state: Vector, innovation_v: Scalar, variance_v2: Scalar
+) -> _Belief:
+    """The belief after a measurement; equal factors keep the covariance symmetric."""
+    gain = with_state / variance_v2
+    return _Belief(
+        belief.mean + gain * innovation_v,
+        belief.covariance - with_state[:, None] * with_state[None, :] / variance_v2,
+    )
+
+
+def _extended_move(advance: Callable[[Vector], Vector], belief: _Belief, walk: Vector) -> _Belief:
+    slope, mean = jax.jacfwd(lambda state: (advance(state),) * 2, has_aux=True)(belief.mean)
+    moved = slope @ belief.covariance @ slope.T
+    return _Belief(mean, moved + jnp.diag(walk))
+
+
+def _extended_see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen:
+    voltage_v, slope = jax.value_and_grad(voltage)(belief.mean)
+    with_state = belief.covariance @ slope
+    return _Seen(voltage_v, slope @ with_state, with_state)
+
+
+def _move(advance: Callable[[Vector], Vector], belief: _Belief, walk: Vector) -> _Belief:
+    points, weights = _sigma_points(belief)
+    moved = jax.vmap(advance)(points)
+    mean = weights @ moved
+    away = moved - mean
+    return _Belief(mean, (weights[:, None] * away).T @ away + jnp.diag(walk))
+
+
+def _see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen:
+    points, weights = _sigma_points(belief)
+    voltages_v = jax.vmap(voltage)(points)
+    voltage_v = weights @ voltages_v
+    away_v = weights * (voltages_v - voltage_v)
+    return _Seen(voltage_v, away_v @ (voltages_v - voltage_v), away_v @ (points - belief.mean))
+
+
+def _sigma_points(belief: _Belief) -> tuple[Float[Array, "points states"], Float[Array, "points"]]:
+    """The mean, and points a scaled deviation to either side along every axis of the covariance."""
+    count = len(belief.mean)
+    steps = jnp.sqrt(count + KAPPA) * _root(belief.covariance).T
+    points = jnp.concatenate([belief.mean[None], belief.mean + steps, belief.mean - steps])
+    weights = jnp.full(2 * count + 1, 0.5 / (count + KAPPA)).at[0].set(KAPPA / (count + KAPPA))
+    return points, weights
+
+
+def _root(covariance: Matrix) -> Matrix:
+    """The Cholesky factor, column by column: LAPACK's refuses what is known exactly (variance 0)
+    and, called for every sample, takes longer than the filter."""
+    columns: list[Vector] = []
+    left = covariance
+    for index in range(len(covariance)):
+        pivot = left[index, index]
+        is_known = pivot <= 0
+        safe = jnp.where(is_known, 1.0, pivot)
+        column = jnp.where(is_known, 0.0, left[:, index] / jnp.sqrt(safe))
+        columns.append(column)
+        left = left - column[:, None] * column[None, :]
+    return jnp.stack(columns, axis=1)

@@ -1,0 +1,344 @@
+"""An identified circuit as a state-space model: what a Kalman filter moves and compares.
+
+The state is SOC, the voltage over every RC pair, the dynamic hysteresis where the circuit has one,
+and the parts of the circuit's own voltage error. Identification finds that error to be correlated
+over hundreds of seconds (`uncertainty.noise`): a filter that took it for white noise would believe
+its voltage far too much. So each correlated part is a first-order state of its own with the fitted
+deviation and time, only the white part is measurement noise, and nothing is tuned by hand. How
+large the error is at a SOC, as the fit's residuals have it, scales all its parts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Scalar
+
+from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
+from ..cell.parameters import RATE
+from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
+from ..errors import InputError
+from ..model.inputs import PreparedRecord
+
+if TYPE_CHECKING:
+    from ..results import Result
+
+Hysteresis = Literal["none", "instant", "dynamic"]
+# The default nodes of tables over SOC are nodes of this grid too. Between its points curves are
+# read linearly, within 0.3 mV at the knee of an OCV and far closer elsewhere.
+STEPS_PER_SOC = 400
+GRID = np.arange(-STEPS_PER_SOC // 20, STEPS_PER_SOC * 21 // 20 + 1) / STEPS_PER_SOC
+# No tester resolves less, and a measurement without any noise would be believed without limit.
+LEAST_NOISE_V = 1e-4
+# Parts of the error weaker than this share of the whole are left out: each costs a state.
+WEAKEST_PART = 0.01
+OFFSET, CAPACITY = "offset", "capacity"
+# The current at which a cell counts as resting is five times the current's noise.
+NOISES_PER_REST = 5.0
+# Prior standard deviation of a capacity, relative; resistances and times have that of their fit.
+CAPACITY_SD = 0.05
+LEAST_SD, LARGEST_SD = 0.02, 0.5
+# A slow parameter forgets what it knew over this time: its walk gains its prior variance in it.
+WALK_S = 100 * 3600.0
+
+
+class Drive(NamedTuple):
+    """What drives the model at every sample: the interval before it, and what is measured there.
+
+    `held_a` is the current that flowed since the sample before, discharge positive, `turning_a` the
+    same where it turns a hysteresis, else zero. `direction` is that of the last current. The first
+    interval is zero seconds long.
+    """
+
+    interval_s: Float[Array, "*samples"]
+    held_a: Float[Array, "*samples"]
+    turning_a: Float[Array, "*samples"]
+    current_a: Float[Array, "*samples"]
+    direction: Float[Array, "*samples"]
+    voltage_v: Float[Array, "*samples"]
+
+    @classmethod
+    def of(cls, prepared: PreparedRecord) -> "Drive":
+        """A record made ready. Call inside float64."""
+        held_a = np.append(0.0, prepared.held_a[:-1])
+        is_moving = np.abs(held_a) >= prepared.rest_current_a
+        return cls(
+            interval_s=jnp.asarray(np.diff(prepared.time_s, prepend=prepared.time_s[0])),
+            held_a=jnp.asarray(held_a),
+            turning_a=jnp.asarray(np.where(is_moving, held_a, 0.0)),
+            current_a=jnp.asarray(prepared.current_a),
+            direction=jnp.asarray(prepared.direction),
+            voltage_v=jnp.asarray(prepared.voltage_v),
+        )
+
+
+class FilterModel(eqx.Module):
+    """A cell as a filter sees it; all of it may be batched, over cells or over tunings.
+
+    `table` has a row for every SOC of `GRID` with the OCV, half the hysteresis voltage, the scale
+    of the errors, R0 and every pair's R. `slow` names the parameters that are estimated: "offset"
+    is that of the current in A, all others are logarithms of the factor on "capacity", "R0", "R1",
+    "tau1" and so on.
+    """
+
+    table: Float[Array, "points rows"]
+    capacity_ah: Scalar
+    tau_s: Float[Array, "pairs"]
+    gamma: Scalar
+    error_s: Float[Array, "parts"]
+    error_sd_v: Float[Array, "parts"]
+    white_sd_v: Scalar
+    current_sd_a: Scalar
+    slow_sd: Float[Array, "slow"]
+    slow: tuple[str, ...] = eqx.field(static=True)
+    hysteresis: Hysteresis = eqx.field(static=True)
+
+    @property
+    def pairs(self) -> int:
+        return self.tau_s.shape[-1]
+
+    @property
+    def states(self) -> int:
+        return 1 + self.pairs + (self.hysteresis == "dynamic") + self.error_s.shape[-1]
+
+    def at(self, soc: Scalar) -> Float[Array, "rows"]:
+        """The table's row at a SOC; it goes on straight beyond the grid."""
+        along = (soc - GRID[0]) * STEPS_PER_SOC
+        place = jnp.clip(lax.stop_gradient(along), 0, len(GRID) - 2).astype(jnp.int32)
+        below, above = self.table[place], self.table[place + 1]
+        return below + (along - place) * (above - below)
+
+    def factor(self, name: str, slow: Float[Array, "slow"]) -> Scalar | float:
+        """What a slow parameter multiplies; one where it is not estimated."""
+        return jnp.exp(slow[self.slow.index(name)]) if name in self.slow else 1.0
+
+    def factors(self, letter: str, slow: Float[Array, "slow"]) -> Float[Array, "pairs"]:
+        """The same of every pair's "R" or "tau"."""
+        return jnp.stack(
+            [jnp.asarray(self.factor(f"{letter}{pair + 1}", slow)) for pair in range(self.pairs)]
+        )
+
+    def offset_a(self, slow: Float[Array, "slow"]) -> Scalar | float:
+        return slow[self.slow.index(OFFSET)] if OFFSET in self.slow else 0.0
+
+    def gains(self, slow: Float[Array, "slow"], interval_s: Scalar) -> Float[Array, "relaxing"]:
+        """The share of their way to rest that pairs and errors go in an interval."""
+        pairs_s = self.tau_s * self.factors("tau", slow)
+        # One call for all: in a filter each costs as much as the rest of a product.
+        return -jnp.expm1(-interval_s / jnp.concatenate([pairs_s, self.error_s]))
+
+    def advance(
+        self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive
+    ) -> Float[Array, "states"]:
+        """The state one interval later, exact for current held over it."""
+        soc, pairs = state[0], state[1 : 1 + self.pairs]
+        interval_s, held_a = drive.interval_s, drive.held_a - self.offset_a(slow)
+        capacity_as = 3600 * self.capacity_ah * self.factor(CAPACITY, slow)
+        gains = self.gains(slow, interval_s)
+        driven_v = self.at(soc)[4:] * self.factors("R", slow) * held_a
+        moved = [
+            (soc - interval_s * held_a / capacity_as)[None],
+            pairs + gains[: self.pairs] * (driven_v - pairs),
+        ]
+        if self.hysteresis == "dynamic":
+            passed = jnp.abs(drive.turning_a) * interval_s / capacity_as
+            gain = -jnp.expm1(-self.gamma * passed)
+            turned = state[1 + self.pairs]
+            moved.append((turned - gain * (jnp.sign(drive.turning_a) + turned))[None])
+        errors_v = state[self.states - self.error_s.shape[-1] :]
+        return jnp.concatenate([*moved, (1 - gains[self.pairs :]) * errors_v])
+
+    def voltage(
+        self, state: Float[Array, "states"], slow: Float[Array, "slow"], drive: Drive
+    ) -> Scalar:
+        """The terminal voltage in V, the model's own error included."""
+        row = self.at(state[0])
+        current_a = drive.current_a - self.offset_a(slow)
+        voltage_v = row[0] - row[3] * self.factor("R0", slow) * current_a
+        if self.hysteresis == "instant":
+            voltage_v = voltage_v + drive.direction * row[1]
+        if self.hysteresis == "dynamic":
+            voltage_v = voltage_v + state[1 + self.pairs] * row[1]
+        errors_v = state[self.states - self.error_s.shape[-1] :]
+        return voltage_v - jnp.sum(state[1 : 1 + self.pairs]) + row[2] * jnp.sum(errors_v)
+
+    def noise_v2(self, soc: Scalar) -> Scalar:
+        """The variance of the white part of the error at a SOC."""
+        return (self.at(soc)[2] * self.white_sd_v) ** 2
+
+    def walk(
+        self, slow: Float[Array, "slow"], interval_s: Scalar
+    ) -> tuple[Float[Array, "states"], Float[Array, "slow"]]:
+        """The variance that an interval adds to every state and to every slow parameter."""
+        counted = self.current_sd_a * interval_s / (3600 * self.capacity_ah)
+        gain = self.gains(slow, interval_s)[self.pairs :]
+        still = jnp.zeros(self.states - 1 - self.error_s.shape[-1])
+        errors = gain * (2 - gain) * self.error_sd_v**2
+        state = jnp.concatenate([(counted**2)[None], still, errors])
+        return state, self.slow_sd**2 * (interval_s / WALK_S)
+
+    def start(
+        self, soc: Scalar | float, soc_sd: Scalar | float, direction: float, direction_sd: float
+    ) -> tuple[Float[Array, "states"], Float[Array, "states"]]:
+        """State and variances of a cell that has rested. Call inside float64.
+
+        Pairs may hold what the current's noise leaves in them; errors are as they usually are.
+        """
+        soc, soc_sd = jnp.asarray(soc, float), jnp.asarray(soc_sd, float)
+        rest_v = self.at(soc)[4:] * NOISES_PER_REST * self.current_sd_a
+        turned = [direction] if self.hysteresis == "dynamic" else []
+        turned_sd = [direction_sd] if self.hysteresis == "dynamic" else []
+        state = jnp.concatenate(
+            [soc[None], 0 * rest_v, jnp.asarray(turned, float), 0 * self.error_sd_v]
+        )
+        sd = jnp.concatenate([soc_sd[None], rest_v, jnp.asarray(turned_sd, float), self.error_sd_v])
+        return state, sd**2
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """The circuit's voltage error: white, and in parts with a correlation time and a deviation.
+
+    All are multiplied by `scale` at `soc`, straight between and constant beyond.
+
+    Of a result, the parts are those of the noise fitted to the residuals, the white one as large
+    as the residuals themselves: what the fit leaves for white is under a millivolt, and a filter
+    that believed neighboring samples so closely would read a wrong hysteresis or resistance at
+    every turn of the current for a change of SOC.
+    """
+
+    white_sd_v: float
+    correlation_s: tuple[float, ...] = ()
+    sd_v: tuple[float, ...] = ()
+    soc: tuple[float, ...] = (0.5,)
+    scale: tuple[float, ...] = (1.0,)
+
+    @classmethod
+    def of(cls, result: "Result") -> "ErrorModel":
+        """That of an identification; with tables over SOC, as large as theirs at every SOC.
+
+        Raises `InputError` for a result without an assessment.
+        """
+        if result.assessment is None:
+            raise InputError(
+                "this result says nothing of its residuals, from which a filter takes its noise; "
+                "identify again with `trust` 'basic'"
+            )
+        noise = result.assessment.uncertainty.noise
+        rmse_v, bands = result.metrics.identification.rmse_v, result.assessment.diagnostics.by_soc
+        if result.tables is not None:
+            bands = result.tables.by_soc
+        total_v2 = sum(sd**2 for sd in noise.sd_v)
+        parts = [
+            each
+            for each in zip(noise.correlation_s, noise.sd_v, strict=True)
+            if each[0] and each[1] ** 2 > WEAKEST_PART**2 * total_v2
+        ]
+        at = {round(10 * (each.low or 0.0)): each.rmse_v / rmse_v for each in bands}
+        return cls(
+            max(rmse_v, LEAST_NOISE_V),
+            *(zip(*parts, strict=True) if parts else ((), ())),
+            soc=tuple((tenth + 0.5) / 10 for tenth in range(10)),
+            # Where the fit has seen nothing, its error as a whole has to do.
+            scale=tuple(at.get(tenth, 1.0) for tenth in range(10)),
+        )
+
+
+def make_model(
+    cell: CellModel,
+    circuit: str,
+    parameters: CircuitParameters,
+    errors: ErrorModel,
+    *,
+    tables: SocTables | None = None,
+    rest_current_a: float | None = None,
+    slow: Sequence[str] = (),
+    slow_sd: Sequence[float] = (),
+) -> FilterModel:
+    """The model of a circuit on a cell, with tables over SOC where they are given.
+
+    Call inside float64. Beyond its end points the OCV goes on straight, where a simulation holds
+    it constant: there too the voltage has to tell the SOC.
+    """
+    kind = get_circuit(circuit)
+    source_v = [
+        _straight(cell, kind.source_voltage(cell, GRID, side + 0 * GRID)) for side in (1, -1)
+    ]
+    half_v = (source_v[0] - source_v[1]) / 2
+    hysteresis: Hysteresis = "instant" if np.any(half_v) else "none"
+    if kind.hysteresis_amplitude is not None:
+        hysteresis, half_v = "dynamic", kind.hysteresis_amplitude(cell, GRID)
+    ocv_v, resistances = (source_v[0] + source_v[1]) / 2, (parameters.r0, *parameters.r)
+    columns = [value + 0 * GRID for value in resistances]
+    tau_s, gamma = parameters.tau_s, parameters.gamma
+    if tables is not None:
+        names = ("R0 [Ohm]", *(f"R{pair} [Ohm]" for pair in range(1, tables.pairs + 1)))
+        columns = [tables.at(name, GRID) for name in names]
+        tau_s, gamma = tables.tau_s, tables.constants.get(RATE, gamma)
+        if OCV_CORRECTION in tables.tables:
+            ocv_v = ocv_v + tables.at(OCV_CORRECTION, GRID)
+        if HALF_HYSTERESIS in tables.tables:
+            half_v = tables.at(HALF_HYSTERESIS, GRID)
+    scale = np.interp(GRID, errors.soc, errors.scale)
+    rest_a = rest_current_a or cell.capacity_ah / 100
+    return FilterModel(
+        table=jnp.asarray(np.stack([ocv_v, half_v, scale, *columns], axis=1)),
+        capacity_ah=jnp.asarray(cell.capacity_ah, float),
+        tau_s=jnp.asarray(tau_s, float),
+        gamma=jnp.asarray(gamma or 0.0, float),
+        error_s=jnp.asarray(errors.correlation_s, float),
+        error_sd_v=jnp.asarray(errors.sd_v, float),
+        white_sd_v=jnp.asarray(errors.white_sd_v, float),
+        current_sd_a=jnp.asarray(rest_a / NOISES_PER_REST, float),
+        slow_sd=jnp.asarray(slow_sd, float),
+        slow=tuple(slow),
+        hysteresis=hysteresis,
+    )
+
+
+def _straight(cell: CellModel, source_v: np.ndarray) -> np.ndarray:
+    """The curve on the grid, straight beyond the cell's OCV points."""
+    low, high = cell.soc_range
+    first, last = np.searchsorted(GRID, low), np.searchsorted(GRID, high, side="right") - 1
+    steps = np.arange(len(GRID))
+    inside_v = source_v[np.clip(steps, first, last)]
+    before_v = (steps - first).clip(max=0) * (source_v[first + 1] - source_v[first])
+    after_v = (steps - last).clip(min=0) * (source_v[last] - source_v[last - 1])
+    return inside_v + before_v + after_v
+
+
+def model_of(result: "Result", slow: Sequence[str] = ()) -> FilterModel:
+    """The model of a stored result. Call inside float64.
+
+    `slow` are the parameters to estimate. The prior deviation of an offset is the current below
+    which the cell counts as resting, of a capacity `CAPACITY_SD`, of the others that of their fit,
+    between 2 and 50 %. Raises `InputError` for one that the circuit has not, and for a result
+    without an assessment.
+    """
+    errors = ErrorModel.of(result)
+    assert result.assessment is not None, "asked above"
+    fitted = {
+        each.name.partition(" [")[0]: each.relative_error
+        for each in result.assessment.uncertainty.estimates
+    }
+    rest_a, slow_sd = result.start_rest_current_a, []
+    known = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]
+    for name in slow:
+        if name not in known:
+            raise InputError(f"`estimate` {name!r} is not known; there are {', '.join(known)}")
+        relative = float(np.clip(fitted.get(name) or LEAST_SD, LEAST_SD, LARGEST_SD))
+        slow_sd.append({OFFSET: rest_a, CAPACITY: CAPACITY_SD}.get(name, relative))
+    return make_model(
+        result.cell_model,
+        result.model,
+        result.circuit_parameters,
+        errors,
+        tables=None if result.tables is None else result.tables.fit.tables,
+        rest_current_a=rest_a,
+        slow=slow,
+        slow_sd=slow_sd,
+    )

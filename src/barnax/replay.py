@@ -1,0 +1,304 @@
+"""An identified circuit used as a battery manager would: a record replayed through a filter.
+
+The truth is the record's own ampere-hour counter. The filter does not see it: it starts wrong, or
+counts with an offset, or takes a wrong capacity, and has the voltage to notice by.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import Field, PrivateAttr
+
+from .errors import InputError
+from .execution import compile_for, in_float64
+from .filters import (
+    Drive,
+    Estimate,
+    FilterModel,
+    Form,
+    Innovations,
+    Kind,
+    examine_innovations,
+    model_of,
+    run_filter,
+)
+from .filters.model import CAPACITY, OFFSET
+from .gather import Given, Reading, read_validation
+from .model.inputs import PreparedRecord, prepare_record
+from .model.window import Window
+from .results import Result
+from .schema import Count, Document, Part
+
+# Within this share of the counter, and for so long, an estimate has converged.
+CONVERGED, HOLDS_S = 0.03, 600.0
+ABOVE_SOC = 0.1
+# Two standard deviations of a normal distribution hold 95 %.
+BAND = 1.959964
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """Which filter replays a record.
+
+    `kind` is the extended ("ekf") or the unscented ("ukf") Kalman filter. `estimate` are parameters
+    that it estimates beside the state: "offset" of the current, "capacity", and resistances and
+    time constants such as "R0" or "tau1"; "joint" as states of the one filter, or in a second,
+    "dual" one. `soc_sd` is how far the SOC at the start may be off, one standard deviation.
+    `tables` uses the tables over SOC where a result has them.
+
+    Raises `InputError` for an unknown kind or form, and a deviation that is not positive.
+    """
+
+    kind: Kind = "ekf"
+    form: Form = "joint"
+    estimate: tuple[str, ...] = (OFFSET, CAPACITY)
+    soc_sd: float = 0.1
+    tables: bool = True
+
+    def __post_init__(self):
+        if self.kind not in ("ekf", "ukf"):
+            raise InputError(f"`filter` {self.kind!r} is not known; there are ekf, ukf")
+        if self.form not in ("joint", "dual"):
+            raise InputError(f"`form` {self.form!r} is not known; there are joint, dual")
+        if not 0 < self.soc_sd <= 1:
+            raise InputError(f"`soc_sd` {self.soc_sd:g} must be above 0 and at most 1")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What a battery manager has wrong: its start, its current (in C), its capacity."""
+
+    name: str
+    soc_error: float = 0.0
+    offset_c: float = 0.0
+    capacity_factor: float = 1.0
+
+
+SCENARIOS = (
+    Scenario("right start"),
+    Scenario("start 20 % off", soc_error=0.2),
+    Scenario("current offset", offset_c=0.01),
+    Scenario("capacity 5 % high", capacity_factor=1.05),
+)
+
+
+class ScenarioPart(Part):
+    """How a filter did in one scenario; SOC and errors are fractions.
+
+    `converged_s` is the time after which the error stays within 3 % for ten minutes at least, None
+    where it never does. Errors are those from then on, and `counter_rms`, `counter_max` those of
+    plain counting over the same samples; all None without convergence. `in_band` is the share of
+    all samples where the 95 % band holds the counter. `estimates` are the final values of what was
+    estimated and their deviations. `diverged_s` is when the filter's numbers ceased to be any.
+    """
+
+    name: str
+    start_soc: float
+    offset_a: float
+    capacity_ah: float
+    converged_s: float | None = None
+    rms: float | None = None
+    rms_above_10_soc: float | None = None
+    max: float | None = None
+    in_band: float | None = None
+    counter_rms: float | None = None
+    counter_max: float | None = None
+    estimates: dict[str, tuple[float, float]] = Field(default_factory=dict)
+    diverged_s: float | None = None
+
+
+class SocReplay(Document):
+    """The whole of `soc.json`. `innovations` are those of the right start, None if it diverged.
+
+    A replay that was just made has its `traces`.
+    """
+
+    schema_version: Annotated[int, Field(ge=1, le=1)] = 1
+    record: str
+    sha256: str
+    model: str
+    with_tables: bool
+    settings: FilterSettings
+    states: Count
+    samples: Count
+    duration_s: float
+    soc_range: tuple[float, float]
+    scenarios: tuple[ScenarioPart, ...]
+    innovations: Innovations | None
+    warnings: tuple[str, ...] = ()
+
+    _traces: "Traces | None" = PrivateAttr(None)
+    what: ClassVar[str] = "barnax replay"
+    remedy: ClassVar[str] = "give the soc.json that barnax soc wrote"
+
+    @property
+    def traces(self) -> "Traces":
+        """Raises `InputError` for a replay that was read from a file."""
+        if self._traces is None:
+            raise InputError(
+                "this replay was read from a file, which holds no estimates over time; replay "
+                "the record again"
+            )
+        return self._traces
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """What stands over time in a replay: the counter as the truth, and every scenario's estimate.
+
+    `counted` is the SOC that plain counting gives in each scenario.
+    """
+
+    time_s: Float[np.ndarray, "samples"]
+    truth: Float[np.ndarray, "samples"]
+    estimate: Estimate
+    counted: Float[np.ndarray, "scenarios samples"]
+
+
+@in_float64
+def replay_soc(
+    result: Result,
+    record: Given,
+    window: Window | None = None,
+    settings: FilterSettings | None = None,
+    *,
+    scenarios: Sequence[Scenario] = SCENARIOS,
+    current_sign: Any = "auto",
+    current_hold: Any = "auto",
+) -> SocReplay:
+    """What a battery manager with this circuit would have known of the SOC along a record.
+
+    All scenarios run in one call. `window` is by default that of the identification. Raises
+    `InputError` where the record, its window or what is to be estimated cannot be used, and for a
+    result without an assessment, from which the filter takes its noise.
+    """
+    settings, window = settings or FilterSettings(), window or result.window
+    reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
+    measured, warnings = read_validation(record, reading, window)
+    used = result if settings.tables else result.model_copy(update={"tables": None})
+    prepared = prepare_record(measured, result.cell_model, result.model, window)
+    model = eqx.tree_at(
+        lambda each: each.capacity_ah,
+        model_of(used, settings.estimate),
+        jnp.asarray(prepared.capacity_ah),
+    )
+    cases = [_case(model, prepared, each, settings.soc_sd) for each in scenarios]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *cases)
+    program = compile_for(_run_all, *stacked, settings.kind, settings.form)
+    found = program(*stacked, settings.kind, settings.form)
+    estimate = jax.tree.map(np.asarray, found)
+    traces = Traces(
+        time_s=prepared.time_s - prepared.time_s[0],
+        truth=prepared.soc,
+        estimate=estimate,
+        counted=np.stack([_counted(model, case) for case in cases]),
+    )
+    parts = tuple(
+        _score(model, case, each, traces, place)
+        for place, (each, case) in enumerate(zip(scenarios, cases, strict=True))
+    )
+    normalised = np.asarray(estimate.innovation_v[0] / estimate.innovation_sd_v[0])
+    replay = SocReplay(
+        record=measured.name,
+        sha256=measured.sha256,
+        model=result.model,
+        with_tables=used.tables is not None,
+        settings=settings,
+        states=model.states + len(settings.estimate),
+        samples=len(prepared.soc),
+        duration_s=float(traces.time_s[-1]),
+        soc_range=(float(prepared.soc.min()), float(prepared.soc.max())),
+        scenarios=parts,
+        innovations=None if parts[0].diverged_s is not None else examine_innovations(normalised),
+        warnings=tuple(dict.fromkeys([*warnings, *measured.warnings, *prepared.warnings])),
+    )
+    replay._traces = traces
+    return replay
+
+
+def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind, form: Form) -> Estimate:
+    """Every scenario, cell or tuning along the first axis."""
+    return jax.vmap(lambda model, start, drive: run_filter(model, start, drive, kind, form))(
+        models, starts, drives
+    )
+
+
+def _case(model: FilterModel, prepared: PreparedRecord, scenario: Scenario, soc_sd: float):
+    """The model, the start and the drive as the battery manager has them."""
+    soc, drive = prepared.start.soc, Drive.of(prepared)
+    # Where there is no room below, the start is too high.
+    soc += scenario.soc_error if soc < scenario.soc_error else -scenario.soc_error
+    capacity_ah = model.capacity_ah * scenario.capacity_factor
+    offset_a = scenario.offset_c * prepared.capacity_ah
+    drive = drive._replace(
+        held_a=drive.held_a.at[1:].add(offset_a), current_a=drive.current_a + offset_a
+    )
+    direction_sd = 1.0 if prepared.start.direction_source == "assumed" else 0.0
+    believed = eqx.tree_at(lambda each: each.capacity_ah, model, capacity_ah)
+    return believed, model.start(soc, soc_sd, float(prepared.start.direction), direction_sd), drive
+
+
+def _counted(model: FilterModel, case: Any) -> Float[np.ndarray, "samples"]:
+    """SOC by counting alone, with what the manager has wrong."""
+    believed, (state, _), drive = case
+    passed_ah = np.cumsum(np.asarray(drive.held_a * drive.interval_s)) / 3600
+    return float(state[0]) - passed_ah / float(believed.capacity_ah)
+
+
+def _score(
+    model: FilterModel, case: Any, scenario: Scenario, traces: Traces, place: int
+) -> ScenarioPart:
+    """What a filter's estimates are worth against the counter."""
+    believed, (state, _), _ = case
+    soc = np.asarray(traces.estimate.soc[place])
+    soc_sd = np.asarray(traces.estimate.soc_sd[place])
+    part = ScenarioPart(
+        name=scenario.name,
+        start_soc=float(state[0]),
+        offset_a=scenario.offset_c * float(model.capacity_ah),
+        capacity_ah=float(believed.capacity_ah),
+    )
+    is_number = np.isfinite(soc) & np.isfinite(soc_sd)
+    if not np.all(is_number):
+        return part.model_copy(update={"diverged_s": float(traces.time_s[np.argmin(is_number)])})
+    error, counter_error = soc - traces.truth, traces.counted[place] - traces.truth
+    slow, slow_sd = traces.estimate.slow[place, -1], traces.estimate.slow_sd[place, -1]
+    # All but the offset are logarithms of a factor.
+    estimates = {
+        name: (float(value if name == OFFSET else np.exp(value)), float(sd))
+        for name, value, sd in zip(model.slow, slow, slow_sd, strict=True)
+    }
+    found = {"in_band": float(np.mean(np.abs(error) <= BAND * soc_sd)), "estimates": estimates}
+    first = _converged(traces.time_s, np.abs(error) <= CONVERGED)
+    if first is not None:
+        after, above = error[first:], error[first:][traces.truth[first:] >= ABOVE_SOC]
+        found |= {
+            "converged_s": float(traces.time_s[first]),
+            "rms": _rms(after),
+            "rms_above_10_soc": _rms(above) if len(above) else None,
+            "max": float(np.abs(after).max()),
+            "counter_rms": _rms(counter_error[first:]),
+            "counter_max": float(np.abs(counter_error[first:]).max()),
+        }
+    return part.model_copy(update=found)
+
+
+def _converged(
+    time_s: Float[np.ndarray, "samples"], is_near: Bool[np.ndarray, "samples"]
+) -> int | None:
+    """The first sample from which on it stays near for `HOLDS_S`, or to the end."""
+    leaves = np.append(np.flatnonzero(~is_near), len(time_s))
+    following = leaves[np.searchsorted(leaves, np.arange(len(time_s)))]
+    ends_s = np.append(time_s, np.inf)[following]
+    held = np.flatnonzero(is_near & (ends_s - time_s >= HOLDS_S))
+    return int(held[0]) if len(held) else None
+
+
+def _rms(values: Float[np.ndarray, "some"]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

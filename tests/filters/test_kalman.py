@@ -1,0 +1,289 @@
+"""Both filters against plain loops in NumPy, each other, and the truth of simulated cells."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from barnax.cell import CellModel, CircuitParameters, InterpolatedCurve, SegmentedHysteresis
+from barnax.execution import in_float64
+from barnax.filters import (
+    Drive,
+    ErrorModel,
+    examine_innovations,
+    make_model,
+    mean_bounds,
+    run_filter,
+)
+from barnax.filters.model import GRID
+from helpers.results import make_cell
+
+CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0), gamma=80.0)
+ERRORS = ErrorModel(2e-3, (20.0, 900.0), (4e-3, 3e-3), soc=(0.2, 0.8), scale=(1.5, 0.7))
+REST_A, SLOW, SLOW_SD = 0.02, ("offset", "capacity"), (0.02, 0.05)
+SAMPLES = 400
+
+
+def profile(samples=SAMPLES, seed=0):
+    """Intervals that differ, and currents of both signs, some of them resting."""
+    generator = np.random.default_rng(seed)
+    interval_s = np.append(0.0, generator.uniform(0.5, 3.0, samples - 1))
+    current_a = np.repeat(generator.choice([3.0, 1.0, 0.0, -1.5], samples // 8), 8)
+    return interval_s, current_a
+
+
+def drive_of(interval_s, current_a, voltage_v):
+    held_a = np.append(0.0, current_a[:-1])
+    moved = np.where(np.abs(held_a) >= REST_A, held_a, 0.0)
+    direction = np.ones_like(held_a)
+    for place in range(len(held_a)):
+        last = current_a[: place + 1][np.abs(current_a[: place + 1]) >= REST_A]
+        direction[place] = -np.sign(last[-1]) if len(last) else 1.0
+    arrays = (interval_s, held_a, moved, current_a, direction, voltage_v)
+    return Drive(*(jnp.asarray(each) for each in arrays))
+
+
+class Plain:
+    """The same cell written out once more: loops, analytic slopes, LAPACK's Cholesky factor."""
+
+    def __init__(self, circuit, cell):
+        self.circuit, self.cell = circuit, cell
+        self.is_dynamic = circuit == "esc"
+        self.first_error = 3 + self.is_dynamic
+        self.count = self.first_error + 2
+
+    def curves(self, soc):
+        """OCV, half the hysteresis voltage, the scale of errors, and the slope of each."""
+        place = int(np.clip(np.searchsorted(GRID, soc, side="right") - 1, 0, len(GRID) - 2))
+        nodes = GRID[place : place + 2]
+        for curve in (
+            self.cell.average_ocv_v(nodes),
+            self.cell.hysteresis_v(nodes) / 2 * (self.circuit != "so-rc"),
+            np.interp(nodes, ERRORS.soc, ERRORS.scale),
+        ):
+            slope = (curve[1] - curve[0]) / (nodes[1] - nodes[0])
+            yield curve[0] + slope * (soc - nodes[0]), slope
+
+    def advance(self, x, dt, held, turning):
+        offset, capacity_as = x[-2], 3600 * 2.0 * np.exp(x[-1])
+        slope = np.eye(len(x))
+        new = x.copy()
+        new[0] -= dt * (held - offset) / capacity_as
+        slope[0, -2], slope[0, -1] = dt / capacity_as, dt * (held - offset) / capacity_as
+        for pair, (r, tau_s) in enumerate(zip(CIRCUIT.r, CIRCUIT.tau_s, strict=True), 1):
+            gain = 1 - np.exp(-dt / tau_s)
+            new[pair] += gain * (r * (held - offset) - x[pair])
+            slope[pair, pair], slope[pair, -2] = 1 - gain, -gain * r
+        if self.is_dynamic:
+            passed = abs(turning) * dt / capacity_as
+            left = np.exp(-CIRCUIT.gamma * passed)
+            toward = -np.sign(turning)
+            new[3] = toward + left * (x[3] - toward)
+            slope[3, 3], slope[3, -1] = left, (x[3] - toward) * left * CIRCUIT.gamma * passed
+        for place, tau_s in enumerate(ERRORS.correlation_s, self.first_error):
+            new[place] = slope[place, place] = np.exp(-dt / tau_s)
+            new[place] *= x[place]
+        return new, slope
+
+    def voltage(self, x, current, direction):
+        (ocv, ocv_slope), (half, half_slope), (scale, scale_slope) = self.curves(x[0])
+        h = {"so-rc": 0.0, "iso-rc": direction, "esc": x[3]}[self.circuit]
+        errors = slice(self.first_error, self.count)
+        slope = np.zeros(len(x))
+        slope[0] = ocv_slope + h * half_slope + scale_slope * x[errors].sum()
+        slope[1:3], slope[errors], slope[-2] = -1.0, scale, CIRCUIT.r0
+        if self.is_dynamic:
+            slope[3] = half
+        drop = CIRCUIT.r0 * (current - x[-2]) + x[1] + x[2]
+        return ocv + h * half - drop + scale * x[errors].sum(), slope, (scale * 2e-3) ** 2
+
+    def walk(self, dt):
+        q = np.zeros(self.count + 2)
+        q[0] = (REST_A / 5 * dt / 3600 / 2.0) ** 2
+        for place, (tau_s, sd) in enumerate(
+            zip(ERRORS.correlation_s, ERRORS.sd_v, strict=True), self.first_error
+        ):
+            q[place] = sd**2 * (1 - np.exp(-2 * dt / tau_s))
+        q[-2:] = np.array(SLOW_SD) ** 2 * dt / 360_000
+        return np.diag(q)
+
+    def points(self, x, p):
+        root = np.linalg.cholesky(p) * np.sqrt(len(x) + 1)
+        weights = np.full(2 * len(x) + 1, 0.5 / (len(x) + 1))
+        weights[0] = 1 / (len(x) + 1)
+        return np.concatenate([x[None], x + root.T, x - root.T]), weights
+
+    def run(self, kind, x, p, drive):
+        found = []
+        for dt, held, turning, current, direction, measured in zip(*drive, strict=True):
+            if kind == "ekf":
+                x, slope = self.advance(x, dt, held, turning)
+                p = slope @ p @ slope.T + self.walk(dt)
+                v, slope, r = self.voltage(x, current, direction)
+                with_state, variance = p @ slope, slope @ p @ slope
+            else:
+                points, w = self.points(x, p)
+                moved = np.array([self.advance(each, dt, held, turning)[0] for each in points])
+                x = w @ moved
+                p = (w[:, None] * (moved - x)).T @ (moved - x) + self.walk(dt)
+                points, w = self.points(x, p)
+                seen = np.array([self.voltage(each, current, direction)[0] for each in points])
+                v, r = w @ seen, self.voltage(x, current, direction)[2]
+                with_state = (w * (seen - v)) @ (points - x)
+                variance = w @ (seen - v) ** 2
+            s = variance + r
+            x = x + with_state / s * (measured - v)
+            p = p - np.outer(with_state, with_state) / s
+            found.append((x[0], np.sqrt(p[0, 0]), *x[-2:], measured - v, np.sqrt(s)))
+        return np.array(found)
+
+
+@pytest.mark.parametrize("circuit", ["so-rc", "iso-rc", "esc"])
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_a_filter_is_a_plain_loop_in_numpy(circuit, kind):
+    cell = make_cell()
+    drive = drive_of(*profile(), np.random.default_rng(1).normal(3.75, 0.05, SAMPLES))
+    found, plain = both(cell, circuit, kind, drive)
+    for index, name in enumerate(("soc", "soc_sd")):
+        assert np.abs(getattr(found, name) - plain[:, index]).max() < 1e-10
+    assert np.abs(found.slow - plain[:, 2:4]).max() < 1e-10
+    assert np.abs(found.innovation_v - plain[:, 4]).max() < 1e-10
+    assert np.abs(found.innovation_sd_v - plain[:, 5]).max() < 1e-10
+
+
+@in_float64
+def both(cell, circuit, kind, drive):
+    drive = Drive(*(jnp.asarray(np.asarray(each), float) for each in drive))
+    model = make_model(
+        cell, circuit, CIRCUIT, ERRORS, rest_current_a=REST_A, slow=SLOW, slow_sd=SLOW_SD
+    )
+    # LAPACK's factor needs a variance everywhere.
+    state, variance = model.start(0.6, 0.1, 1.0, 0.3)
+    found = jax.jit(run_filter, static_argnums=(3, 4))(
+        model, (state, variance), drive, kind, "joint"
+    )
+    x = np.concatenate([state, np.zeros(2)])
+    p = np.diag(np.concatenate([variance, np.array(SLOW_SD) ** 2]))
+    plain = Plain(circuit, cell).run(kind, x, p, [np.asarray(each) for each in drive])
+    return jax.tree.map(np.asarray, found), plain
+
+
+def straight_cell():
+    """OCV straight over SOC: with known parameters everything is linear."""
+    soc = np.linspace(0.0, 1.0, 21)
+    cell = make_cell()
+    line = InterpolatedCurve.fit(soc, 3.2 + soc)
+    return CellModel(
+        2.0, "given", line, line, SegmentedHysteresis.zero(), cell.charge_points, (), errors={}
+    )
+
+
+@in_float64
+def straight_model(slow=(), slow_sd=(), **changed):
+    errors = ErrorModel(2e-3, (60.0,), (3e-3,))
+    given = {"rest_current_a": REST_A, "slow": slow, "slow_sd": slow_sd} | changed
+    return make_model(straight_cell(), "so-rc", CIRCUIT, errors, **given)
+
+
+@in_float64
+def filtered(model, drive, kind, form="joint", soc=0.6, sd=0.1):
+    start = model.start(soc, sd, 1.0, 0.0)
+    run = jax.jit(run_filter, static_argnums=(3, 4))
+    return jax.tree.map(np.asarray, run(model, start, drive, kind, form))
+
+
+@in_float64
+def simulated(model, key, soc, samples=SAMPLES):
+    """A record of the model itself, with every noise that it speaks of, and the SOC behind it."""
+    interval_s, current_a = profile(samples)
+    quiet = drive_of(interval_s, current_a, 0 * current_a)
+    start, variance = model.start(soc, 0.1, 1.0, 0.0)
+    start_key, walk_key, white_key = jax.random.split(key, 3)
+    state = start + jnp.sqrt(variance) * jax.random.normal(start_key, start.shape)
+    slow = jnp.zeros(0)
+
+    def step(state, sample):
+        drive, walk, white = sample
+        moved = model.advance(state, slow, drive)
+        moved = moved + jnp.sqrt(model.walk(slow, drive.interval_s)[0]) * walk
+        voltage_v = model.voltage(moved, slow, drive)
+        return moved, (voltage_v + jnp.sqrt(model.noise_v2(moved[0])) * white, moved[0])
+
+    walks = jax.random.normal(walk_key, (samples, len(start)))
+    whites = jax.random.normal(white_key, (samples,))
+    _, (voltage_v, truth) = jax.lax.scan(step, state, (quiet, walks, whites))
+    return quiet._replace(voltage_v=voltage_v), truth
+
+
+def test_both_filters_are_one_where_all_is_linear():
+    model = straight_model()
+    drive, _ = simulated(model, jax.random.key(0), 0.6)
+    extended, unscented = (filtered(model, drive, kind) for kind in ("ekf", "ukf"))
+    for one, other in zip(extended, unscented, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
+def test_estimation_errors_and_innovations_are_as_large_as_the_filter_says():
+    """Over 100 runs of a cell with known noise, at seven times; the seed is the first tried."""
+    model, runs = straight_model(), 100
+
+    @in_float64
+    def all_runs():
+        def one(key):
+            drive, truth = simulated(model, key, 0.6)
+            found = run_filter(model, model.start(0.6, 0.1, 1.0, 0.0), drive)
+            return (found.soc - truth) / found.soc_sd, found.innovation_v / found.innovation_sd_v
+
+        return jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(3), runs))
+
+    errors, innovations = (np.asarray(each) for each in all_runs())
+    low, high = mean_bounds(runs)
+    mean_square = np.mean(errors[:, [0, 10, 50, 100, 200, 300, -1]] ** 2, axis=0)
+    assert np.all((mean_square > low) & (mean_square < high))
+    low, high = mean_bounds(innovations.size)
+    assert low < np.mean(innovations**2) < high
+    tested = [examine_innovations(each) for each in innovations]
+    # One in twenty is refused by chance.
+    assert np.mean([each.are_white for each in tested]) > 0.88
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize("form", ["joint", "dual"])
+@in_float64
+def test_what_is_estimated_is_found(kind, form):
+    """A current offset of 20 mA, and R0 three tenths too low."""
+    truth_model = straight_model()
+    drive, truth = simulated(truth_model, jax.random.key(1), 0.7, samples=4000)
+    wrong = CircuitParameters(0.7 * CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c)
+    shifted = drive._replace(held_a=drive.held_a.at[1:].add(0.02), current_a=drive.current_a + 0.02)
+
+    believed = make_model(
+        straight_cell(), "so-rc", wrong, ErrorModel(2e-3, (60.0,), (3e-3,)),
+        rest_current_a=REST_A, slow=("offset", "R0"), slow_sd=(0.02, 0.3),
+    )  # fmt: skip
+    found = filtered(believed, shifted, kind, form, soc=0.7)
+    assert found.slow[-1, 0] == pytest.approx(0.02, abs=0.01)
+    assert np.exp(found.slow[-1, 1]) == pytest.approx(1 / 0.7, rel=0.02)
+    assert abs(found.soc[-1] - truth[-1]) < 0.01
+
+
+@in_float64
+def test_cells_and_tunings_run_in_one_call():
+    model = straight_model()
+    drive, _ = simulated(model, jax.random.key(2), 0.6)
+    white_v = jnp.array([1e-3, 2e-3, 5e-3])
+
+    def tuned(white_sd_v):
+        changed = eqx.tree_at(lambda each: each.white_sd_v, model, white_sd_v)
+        return run_filter(changed, changed.start(0.6, 0.1, 1.0, 0.0), drive).soc
+
+    together = jax.vmap(tuned)(white_v)
+    np.testing.assert_allclose(together[1], filtered(model, drive, "ekf").soc, rtol=1e-12)
+    assert not np.allclose(together[0], together[2])
+
+
+def test_correlated_innovations_are_not_white():
+    noise = np.random.default_rng(0).normal(size=2001)
+    assert not examine_innovations(noise[1:] + 0.3 * noise[:-1]).are_white
+    assert examine_innovations(noise).are_white

@@ -2,10 +2,9 @@
 
 Parameters are known, joint (further states of the one filter) or dual (a filter of their own
 beside that of the states). All of it is written for one cell; callers vmap it over cells or
-tunings. `cuthbert` (0.1, on JAX alone) has both filters for given functions, in square-root form:
-two orthogonal factorizations a sample, which on a CPU cost more than all else together, and
-neither a dual form nor slow parameters. What is left of a filter for one measured voltage is
-shorter than its use would be.
+tunings. `cuthbert` (0.1.1) has both filters as scans, but takes Numba and LLVM along, has no dual
+form, and wants the model as log densities; what a filter of one measured voltage needs is shorter
+than its use would be.
 
 Sources: Plett, J. Power Sources 134 (2004) 262-292 (extended, joint and dual) and 161 (2006)
 1369-1384 (sigma points); Julier and Uhlmann (1997) for the unscented transform, with kappa = 1,
@@ -129,7 +128,9 @@ def _dual_step(model: FilterModel, kind: Kind):
     """One sample of two filters, each taking the other's mean for known.
 
     The innovation's variance is that of the state filter for both. The extended parameter filter
-    follows how the state's estimate depends on the parameters (Plett 2004, part 3, Eq. 28-32).
+    follows how the state's estimate depends on the parameters (Plett 2004, part 3); the unscented
+    one looks one interval ahead, and so hardly sees what moves SOC over hours: an offset, a
+    capacity.
     """
 
     def step(carry, drive: Drive):

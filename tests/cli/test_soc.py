@@ -1,0 +1,35 @@
+"""`barnax soc`: a stored circuit on a record, its screen and its files."""
+
+import json
+
+from barnax.bundled import BUNDLED
+from barnax.replay import SCENARIOS
+
+from .conftest import contents
+
+
+def test_a_replay_is_a_screen_a_file_and_a_figure(run, finished, tmp_path):
+    outcome = run("soc", finished.folder, BUNDLED.validation, "--filter", "ukf", "--estimate", "")
+    assert outcome.status == 0, outcome.err
+    lines = outcome.out.splitlines()
+    assert len(lines) <= 16
+    assert max(map(len, lines)) <= 80
+    assert all(any(line.strip().startswith(each.name) for line in lines) for each in SCENARIOS)
+    files = {"soc.json", "figures/soc.png", "timings.json", "files.json"}
+    assert {f"barnax-soc/{each}" for each in files} <= set(contents(tmp_path))
+    stored = json.loads((tmp_path / "barnax-soc/soc.json").read_text())
+    assert stored["settings"]["kind"] == "ukf"
+    assert [each["name"] for each in stored["scenarios"]] == [each.name for each in SCENARIOS]
+    again = run("soc", finished.folder, BUNDLED.validation)
+    assert "holds a result; replace it with --force" in again.err
+
+
+def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
+    outcome = run("soc", finished.folder, BUNDLED.validation, "--json", "--score-to", "1000")
+    assert json.loads(outcome.out)["samples"] == 1001
+    assert contents(tmp_path) == {}
+
+
+def test_what_is_unknown_is_refused(refuse, finished):
+    message = refuse("soc", finished.folder, BUNDLED.validation, "--estimate", "offset,R9")
+    assert "--estimate 'R9' is not known; there are offset, capacity, R0" in message

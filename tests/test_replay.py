@@ -1,0 +1,89 @@
+"""A record replayed through a filter: what is scored, and what is an answer where nothing is."""
+
+import numpy as np
+import pytest
+
+from barnax.bundled import BUNDLED
+from barnax.errors import InputError
+from barnax.pipeline import identify
+from barnax.plots import plot_soc_replay
+from barnax.replay import FilterSettings, Scenario, SocReplay, _converged, replay_soc
+from barnax.reporting.replay import soc_lines, soc_screen
+
+SCENARIOS = (Scenario("right start"), Scenario("lost", soc_error=1e300))
+
+
+@pytest.fixture(scope="module")
+def result():
+    from barnax.model.window import Window
+
+    return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=2, iterations=5)
+
+
+@pytest.fixture(scope="module")
+def replay(result):
+    return replay_soc(result, BUNDLED.validation, scenarios=SCENARIOS)
+
+
+def test_errors_are_against_the_counter_from_convergence_on(replay):
+    traces, part = replay.traces, replay.scenarios[0]
+    error = np.asarray(traces.estimate.soc[0]) - traces.truth
+    assert part.converged_s == 0.0
+    assert part.rms == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert part.max == pytest.approx(np.abs(error).max())
+    assert part.max < 0.03
+    inside = np.abs(error) <= 1.959964 * np.asarray(traces.estimate.soc_sd[0])
+    assert part.in_band == pytest.approx(np.mean(inside))
+    assert part.counter_max == pytest.approx(0.0, abs=1e-12)
+    assert part.estimates["capacity"][0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
+    part = replay.scenarios[1]
+    assert part.diverged_s == pytest.approx(1.0)
+    assert (part.rms, part.in_band, part.converged_s) == (None, None, None)
+    lines = dict(soc_lines(replay))
+    assert lines["Diverged"].startswith("lost: after 1 s")
+    assert list(soc_screen(replay))
+
+
+def test_a_replay_is_stored_and_read_back(replay, tmp_path):
+    (tmp_path / "soc.json").write_text(replay.to_json())
+    again = SocReplay.from_json(tmp_path / "soc.json")
+    assert again.to_json() == replay.to_json()
+    with pytest.raises(InputError, match="replay the record again"):
+        plot_soc_replay(again)
+    assert len(plot_soc_replay(replay).axes) == 2
+
+
+def test_convergence_must_hold_ten_minutes_or_to_the_end():
+    time_s = np.arange(0.0, 2000.0, 100.0)
+    near = np.ones(20, bool)
+    near[[0, 3]] = False
+    assert _converged(time_s, near) == 4
+    near[8] = False
+    assert _converged(time_s, near) == 9
+    near[-2] = False
+    assert _converged(time_s, near) == 9
+    near[14] = False
+    assert _converged(time_s, near) == 19
+    assert _converged(time_s, np.zeros(20, bool)) is None
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"kind": "pf"}, "`filter` 'pf' is not known; there are ekf, ukf"),
+        ({"form": "triple"}, "`form` 'triple' is not known"),
+        ({"soc_sd": 0.0}, "`soc_sd` 0 must be above 0"),
+    ],
+)
+def test_unknown_settings_are_refused(given, says):
+    with pytest.raises(InputError, match=says):
+        FilterSettings(**given)
+
+
+def test_what_cannot_be_estimated_is_refused_with_what_can(result):
+    settings = FilterSettings(estimate=("R7",))
+    with pytest.raises(InputError, match="'R7' is not known; there are offset, capacity, R0, R1"):
+        replay_soc(result, BUNDLED.validation, settings=settings)

@@ -19,10 +19,12 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.pipeline import Run
 from barnax.records.record import Decision, Record
-from barnax.results import InputPart, MetricsBlock, MetricsPart, Result
+from barnax.results import AssessmentPart, InputPart, MetricsBlock, MetricsPart, Result
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
+from barnax.uncertainty import Band, Diagnostics, Uncertainty
+from barnax.uncertainty.covariance import NoiseParts
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
 CAPACITY_AH = 2.0
@@ -146,12 +148,19 @@ def make_result(
     if model == "esc":
         parameters["gamma"] = GAMMA
     metrics = MetricsPart.model_construct(record=record, rmse_v=0.0232)
+    bands = tuple(Band(low, low + 0.1, 9, 0.02, 0.0, 0.1) for low in (0.1, 0.4, 0.8))
+    noise = NoiseParts((0.0, 25.0, 700.0), (0.002, 0.015, 0.018))
+    assessment = AssessmentPart.model_construct(
+        uncertainty=Uncertainty(0.95, 99, (), (), (), noise),
+        diagnostics=Diagnostics((), (), 100.0, 9.0, 99, bands, (), None),
+    )
     given = Start(initial_soc, "given", initial_direction, "given", row=2, voltage_v=4.0)
     return Result.model_construct(
         model=model,
         parameters=parameters,
         cell=make_cell(hysteresis_fit),
         metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
+        assessment=assessment,
         inputs=(
             InputPart(
                 role="identification",

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..errors import InputError
+from .c_filter import C_FILTER
 from .exporter import Export, Exporter, Profile
 from .files import C_HEADER, CSV, SIMSCAPE
 from .pybamm import PYBAMM
@@ -28,7 +29,7 @@ __all__ = [
 
 # A new target is one file and one name here.
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
-    {exporter.name: exporter for exporter in (PYBAMM, THEVENIN, SIMSCAPE, C_HEADER, CSV)}
+    {exporter.name: exporter for exporter in (PYBAMM, THEVENIN, SIMSCAPE, C_HEADER, CSV, C_FILTER)}
 )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from ..errors import InputError
-from .groups import OUTPUT, SEARCH, option
+from .groups import OUTPUT, SEARCH, TABLES, option
 from .record_options import Files, RecordOptions
 from .session import command_line
 
@@ -127,6 +127,67 @@ class Choices:
             rich_help_panel=OUTPUT,
         ),
     ] = False
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """Tables over SOC: whether, and how."""
+
+    over: Annotated[
+        str | None,
+        option(
+            TABLES,
+            "soc",
+            "Also fit the circuit with its resistances and an OCV correction as tables over SOC.",
+        ),
+    ] = None
+    ocv_correction: Annotated[
+        bool,
+        typer.Option(
+            "--ocv-correction/--no-ocv-correction",
+            help="Whether a table corrects the OCV.",
+            rich_help_panel=TABLES,
+        ),
+    ] = True
+    half_hysteresis: Annotated[
+        bool,
+        typer.Option(
+            "--half-hysteresis",
+            help="Fit the amplitude of a dynamic hysteresis as a table, instead of taking half "
+            "the measured gap; needs records of both directions.",
+            rich_help_panel=TABLES,
+        ),
+    ] = False
+    nodes: Annotated[
+        str | None,
+        option(
+            TABLES,
+            "SOC,SOC,...",
+            "Nodes of the tables (default: 17, from -0.05 to 1, closer below 0.2).",
+        ),
+    ] = None
+    roughness: Annotated[
+        float | None,
+        option(TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."),
+    ] = None
+
+    def chosen(self) -> dict[str, Any]:
+        """What was chosen, by the names of `TableSettings`."""
+        chosen: dict[str, Any] = {"over": self.over}
+        if not self.ocv_correction:
+            chosen["ocv_correction"] = False
+        if self.half_hysteresis:
+            chosen["half_hysteresis"] = True
+        if self.roughness is not None:
+            chosen["roughness"] = self.roughness
+        if self.nodes is not None:
+            try:
+                chosen["nodes"] = tuple(float(node) for node in self.nodes.split(","))
+            except ValueError as problem:
+                raise InputError(
+                    f"`nodes` {self.nodes!r}: write states of charge like 0,0.1,0.5,1"
+                ) from problem
+        return chosen
 
 
 @dataclass(frozen=True)

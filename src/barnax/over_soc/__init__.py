@@ -1,5 +1,6 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
+from .evaluate import evaluate_tables
 from .fit import CrossValidation, FitWarning, NodeInterval, SocErrors, TableFit, fit_tables
 from .settings import TableSettings
 from .simulate import simulate_tables
@@ -11,6 +12,7 @@ __all__ = [
     "SocErrors",
     "TableFit",
     "TableSettings",
+    "evaluate_tables",
     "fit_tables",
     "simulate_tables",
 ]

@@ -40,28 +40,31 @@ def hppc(
 ) -> Result:
     """The tables over SOC that one or several pulse tests show, and every pulse's resistances.
 
-    As `identify` with `over="soc"`, which see for all other options. Pulses and rests are found in
-    the records. Without `ocv` the rests of the test are the OCV, interpolated, and of several tests
-    those of the one nearest to 25 degC; the charge between its ends is the capacity, where none is
-    given. A simulation starts at the end of the rest before the first pulse, unless `window` says
-    otherwise. Without any record the bundled cell's test at 25 degC is identified and validated on
-    its trips.
+    As `identify` with tables over SOC, which see for all other options. Pulses and rests are found
+    in the records. Without `ocv` the rests of the test are the OCV, interpolated, and of several
+    tests those of the one nearest to 25 degC; the charge between its ends is the capacity, where
+    none is given. A simulation starts at the end of the rest before the first pulse, unless
+    `window` says otherwise. Without any record the bundled cell's test at 25 degC is identified and
+    validated on its trips.
 
     Raises `InputError` where a record has no pulses, and where `identify` does.
     """
     reading = reading or Reading()
     own = {name: options.pop(name) for name in list(options) if hasattr(reading, name)}
     reading = replace(reading, **own)
+    options.pop("over", None)
     if not listed(records):
         records, validate = BUNDLED.hppc[1], validate or BUNDLED.validation
     with watch("Finding pulses", 0):
         tests = _read(listed(records), reading)
+        chosen = {"": window or Window()} if isinstance(window, Window | None) else dict(window)
         ocv_tests, cell = listed(ocv), None
         if not ocv_tests:
             base = min(tests, key=lambda each: _distance_degc(each.record))
-            cell, ocv_tests = own_cell([base.record], capacity), [base.source]
-            options.setdefault("ocv_fit", "interpolated")
-        windows = _windows(tests, cell, window)
+            given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
+            cell, ocv_tests = own_cell([base.record], given_ah), [base.source]
+            options["ocv_fit"] = "interpolated"
+        windows = _windows(tests, cell, chosen)
     return identify(
         [each.source for each in tests],
         ocv=ocv_tests,
@@ -70,7 +73,8 @@ def hppc(
         capacity=capacity,
         reading=reading,
         watch=watch,
-        **({"over": "soc"} | options),
+        over="soc",
+        **options,
     )
 
 
@@ -103,12 +107,12 @@ def _distance_degc(record: Record) -> float:
 
 
 def _windows(
-    tests: Sequence[_Test], cell: CellModel | None, given: Window | Mapping[str, Window] | None
+    tests: Sequence[_Test], cell: CellModel | None, chosen: Mapping[str, Window]
 ) -> dict[str, Window]:
-    """Each test from the rest before its first pulse on, but where something else is given."""
-    chosen = {"": given or Window()} if isinstance(given, Window | None) else dict(given)
-    common = chosen.setdefault("", Window())
-    for each in tests:
-        own = chosen.get(each.record.name, common)
-        chosen[each.record.name] = own_window(each.record, cell, own)
-    return chosen
+    """Each test from the rest before its first pulse on, but where something else is chosen."""
+    common = chosen.get("", Window())
+    own = {
+        each.record.name: own_window(each.record, cell, chosen.get(each.record.name, common))
+        for each in tests
+    }
+    return {"": common, **chosen, **own}

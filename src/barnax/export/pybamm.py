@@ -69,7 +69,7 @@ def get_parameter_values():
 '''
 
 
-FUNCTIONS = '''\
+FUNCTIONS = """\
 def table(values):
     def over_soc(T_cell, current, soc):
         return pybamm.Interpolant(NODES, values, soc)
@@ -86,7 +86,7 @@ def capacitance(values, tau):
     return over_soc
 
 
-'''
+"""
 
 
 def write_pybamm(result: Result) -> Export:
@@ -110,7 +110,8 @@ def write_pybamm(result: Result) -> Export:
         circuit_tables=python_tables(tables),
         functions="" if tables.over_soc is None else FUNCTIONS,
         values="\n".join(
-            f'        "{name}": {value},' for name, value in (_circuit(tables) | _values(tables)).items()
+            f'        "{name}": {value},'
+            for name, value in (_circuit(tables) | _values(tables)).items()
         ),
     )
     return Export(content.encode(), caveats)

@@ -1,7 +1,7 @@
 """Pulses of an HPPC test: laid over each other, and their resistances over SOC."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib
 import numpy as np
@@ -33,10 +33,11 @@ def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
     """
     shown = _most_common(pulses)
     figure, panels = _panels(len(shown))
-    scale = ScalarMappable(Normalize(0.0, 1.0), matplotlib.colormaps[COLORS])
+    colors = matplotlib.colormaps[COLORS]
+    scale = ScalarMappable(Normalize(0.0, 1.0), colors)
     for axes, level in zip(panels, shown, strict=True):
         for number, pulse in enumerate(level):
-            _draw_pulse(axes, evaluation, pulse, scale.to_rgba(pulse.soc), number == 0)
+            _draw_pulse(axes, evaluation, pulse, colors(pulse.soc), number == 0)
         axes.set_ylim(bottom=0.0)
         title(axes, rate_label(level, evaluation.prepared.capacity_ah))
     _name(panels, "Time in the pulse [s]", "Resistance [mOhm]\n(change of V over I)")
@@ -88,10 +89,9 @@ def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figur
         for place, label in enumerate(labels):
             known = np.isfinite(values[:, place])
             if known.any():
-                style = {"color": looks[label].color, "marker": looks[label].marker}
-                axes.plot(
-                    soc[known], 1e3 * values[known, place], markersize=3.6, label=label, **style
-                )
+                look = {"color": looks[label].color, "marker": looks[label].marker}
+                style: dict[str, Any] = {"markersize": 3.6, "label": label} | look
+                axes.plot(soc[known], 1e3 * values[known, place], **style)
         axes.set_ylim(bottom=0.0)
         title(axes, rate_label(level, capacity_ah))
     _name(panels, "State of charge [-]", "Resistance [mOhm]")

@@ -7,6 +7,8 @@ import matplotlib
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from .style import (
@@ -149,14 +151,14 @@ def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     top = float(np.percentile(known, SHOWN_PERCENT)) if len(known) else 1.0
     figure = make_figure(height_in=3.2)
     panels = np.atleast_1d(figure.subplots(1, len(maps), sharex=True, sharey=True))
-    colors = matplotlib.colormaps["viridis"]
+    scale = ScalarMappable(Normalize(0.0, top), matplotlib.colormaps["viridis"])
     for axes, (name, rmse_mv) in zip(panels, maps.items(), strict=True):
-        drawn = axes.pcolormesh(SOC_EDGES, edges_a, rmse_mv.T, cmap=colors, vmin=0.0, vmax=top)
+        axes.pcolormesh(SOC_EDGES, edges_a, rmse_mv.T, cmap=scale.cmap, norm=scale.norm)
         axes.set_xlabel("State of charge [-]")
         title(axes, name)
     panels[0].set_ylabel("Current [A]\n(discharge > 0)")
     extend = "max" if len(known) and known.max() > top else "neither"
-    bar = figure.colorbar(drawn, ax=list(panels), pad=0.02, aspect=30, extend=extend)
+    bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=30, extend=extend)
     beyond = f", up to {known.max():.3g}" if extend == "max" else ""
     bar.set_label(f"RMSE [mV]{beyond}")
     bar.ax.tick_params(which="both", **TICKS)
@@ -183,5 +185,3 @@ def _rmse_mv(evaluations: "Sequence[Evaluation]", edges_a: np.ndarray) -> np.ma.
     squares = np.histogram2d(soc, current_a, bins, weights=error_mv**2)[0]
     enough = samples >= FEWEST_IN_CELL
     return np.ma.masked_array(np.sqrt(squares / np.maximum(samples, 1)), mask=~enough)
-
-

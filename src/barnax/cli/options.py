@@ -142,44 +142,47 @@ class TableOptions:
         ),
     ] = None
     ocv_correction: Annotated[
-        bool,
+        bool | None,
         typer.Option(
             "--ocv-correction/--no-ocv-correction",
-            help="Whether a table corrects the OCV.",
+            help="Whether a table corrects the OCV (default: yes).",
             rich_help_panel=TABLES,
         ),
-    ] = True
+    ] = None
     half_hysteresis: Annotated[
-        bool,
+        bool | None,
         typer.Option(
             "--half-hysteresis",
             help="Fit the amplitude of a dynamic hysteresis as a table, instead of taking half "
             "the measured gap; needs records of both directions.",
             rich_help_panel=TABLES,
         ),
-    ] = False
+    ] = None
     nodes: Annotated[
         str | None,
-        option(
-            TABLES,
-            "SOC,SOC,...",
-            "Nodes of the tables (default: 17, from -0.05 to 1, closer below 0.2).",
-        ),
+        option(TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17 from -0.05 to 1)."),
     ] = None
     roughness: Annotated[
         float | None,
         option(TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."),
     ] = None
+    resistance_ridge: Annotated[
+        float | None, option(TABLES, "WEIGHT", "Weight of resistances' squares (default: 1e-9).")
+    ] = None
+    voltage_ridge: Annotated[
+        float | None, option(TABLES, "WEIGHT", "Weight of voltages' squares (default: 1e-7).")
+    ] = None
+    folds: Annotated[
+        int | None,
+        option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."),
+    ] = None
+    blocks: Annotated[
+        int | None, option(TABLES, "N", "Blocks of a record that the folds share (default: 20).")
+    ] = None
 
     def chosen(self) -> dict[str, Any]:
-        """What was chosen, by the names of `TableSettings`."""
-        chosen: dict[str, Any] = {"over": self.over}
-        if not self.ocv_correction:
-            chosen["ocv_correction"] = False
-        if self.half_hysteresis:
-            chosen["half_hysteresis"] = True
-        if self.roughness is not None:
-            chosen["roughness"] = self.roughness
+        """What was chosen, by the names of `Settings` and `TableSettings`."""
+        chosen = {name: value for name, value in vars(self).items() if value is not None}
         if self.nodes is not None:
             try:
                 chosen["nodes"] = tuple(float(node) for node in self.nodes.split(","))

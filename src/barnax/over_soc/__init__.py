@@ -1,9 +1,8 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
-from .evaluate import evaluate_tables
 from .fit import CrossValidation, FitWarning, NodeInterval, SocErrors, TableFit, fit_tables
 from .settings import TableSettings
-from .simulate import simulate_tables
+from .simulate import evaluate_tables, simulate_tables
 
 __all__ = [
     "CrossValidation",

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import CellModel
+from .cell import CellModel, OcvPoint, characterize
 from .errors import InputError
 from .gather import Given, Reading, Watch, file_names, listed, source_of, unwatched
 from .model.window import Window
 from .pipeline import identify
-from .pulses import first_pulse, own_cell, own_window
+from .pulses import Pulse, first_pulse
 from .records import Record, Source, read_record
 from .results import Result
 
@@ -23,8 +23,11 @@ USUAL_DEGC = 25.0
 
 @dataclass(frozen=True, eq=False)
 class _Test:
+    """One test: what was given, the record in it, and its first pulse, whose SOC is not known."""
+
     source: Source | Record
     record: Record
+    pulse: Pulse
 
 
 def hppc(
@@ -62,8 +65,11 @@ def hppc(
         if not ocv_tests:
             base = min(tests, key=lambda each: _distance_degc(each.record))
             given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
-            cell, ocv_tests = own_cell([base.record], given_ah), [base.source]
+            # A polynomial would swing between ten points.
             options["ocv_fit"] = "interpolated"
+            cell = characterize([base.record], capacity_ah=given_ah, ocv_fit="interpolated")
+            ocv_tests = [base.source]
+            reading = replace(reading, ocv_current_sign=reading.current_sign)
         windows = _windows(tests, cell, chosen)
     return identify(
         [each.source for each in tests],
@@ -91,12 +97,13 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
             if isinstance(source, Record)
             else read_record(source, current_sign=sign, current_hold=hold)
         )
-        if first_pulse(record) is None:
+        pulse = first_pulse(record)
+        if pulse is None:
             raise InputError(
                 f"{record.name}: shows no pulses of up to 2 min out of rests of at least 5 min; "
                 "identify it as a dynamic record"
             )
-        tests.append(_Test(source, record))
+        tests.append(_Test(source, record, pulse))
     return tests
 
 
@@ -112,7 +119,27 @@ def _windows(
     """Each test from the rest before its first pulse on, but where something else is chosen."""
     common = chosen.get("", Window())
     own = {
-        each.record.name: own_window(each.record, cell, chosen.get(each.record.name, common))
+        each.record.name: _own_window(each, cell, chosen.get(each.record.name, common))
         for each in tests
     }
     return {"": common, **chosen, **own}
+
+
+def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
+    """Where a pulse test starts: at its first OCV point, at that point's state of charge.
+
+    Where the OCV is of another record, or `cell` is None, at the end of the rest before the first
+    pulse. What `window` has stays.
+    """
+    if window.start_time_s is not None or window.start_after_step is not None:
+        return window
+    record = test.record
+    branches = () if cell is None else (*cell.charge_points, *cell.discharge_points)
+    points = [point for point in branches if point.source == record.name]
+    if points:
+        first: OcvPoint = min(points, key=lambda point: point.row)
+        at = int(np.searchsorted(record.row, first.row))
+        soc = min(max(first.soc, 0.0), 1.0) if window.initial_soc is None else window.initial_soc
+        return replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
+    at = int(np.searchsorted(record.row, test.pulse.row)) - 1
+    return replace(window, start_time_s=float(record.time_s[at]))

@@ -4,7 +4,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from barnax import results
+from barnax import results, storing
 from barnax.cell import (
     CellModel,
     CircuitParameters,
@@ -128,7 +128,7 @@ def result_of(refinement: Refinement) -> Result:
     """The result of a refinement alone: no global optimum, no intervals, no validation."""
     problem, answer = refinement.search.problem, results.best_answer(refinement, None)
     evaluations = [evaluate(each, answer.parameters) for each in problem.prepared_records]
-    return results.make_result(
+    return storing.make_result(
         Run(problem, refinement.search, refinement, None, answer, evaluations, [], None, None)
     )
 

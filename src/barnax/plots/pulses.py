@@ -75,7 +75,7 @@ def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figur
     >>> from barnax import bundled_file, read_record
     >>> from barnax.pulses import find_pulses
     >>> record = read_record(bundled_file("hppc_25degC"))
-    >>> pulses = find_pulses(record, 1 - record.discharged_ah / 2.0, rest_current_a=0.02)
+    >>> pulses = find_pulses(record, 1 - record.discharged_ah / 2.0, threshold_a=0.02)
     >>> plot_pulse_resistances(pulses, 2.0).axes[0].get_title(loc="left")
     'discharge at 1C (2 A)'
     """

@@ -24,6 +24,7 @@ from .channels import (
 )
 from .charge import find_capacity, find_closure, find_counters, find_rests
 from .check_input import Check, CheckInput
+from .kinds import Traits, traits_of
 from .roles import Role, find_roles
 from .sampling import (
     find_coarse_intervals,
@@ -94,6 +95,7 @@ class FileCheck:
     findings: tuple[Finding, ...]
     facts: Facts | None
     roles: tuple[Role, ...]
+    traits: Traits | None = None
 
     @property
     def is_clean(self) -> bool:
@@ -156,11 +158,13 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
         findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
+        traits = traits_of(given) if given else None
         return FileCheck(
             file=source.name,
             findings=tuple(findings),
             facts=_facts(given) if given else None,
-            roles=find_roles(given) if given else (),
+            roles=find_roles(given, traits) if given and traits else (),
+            traits=traits,
         )
 
 

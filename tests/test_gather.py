@@ -19,7 +19,7 @@ from barnax.gather import (
     read_validation,
     windows_of,
 )
-from barnax.model.inputs import Window
+from barnax.model.window import Window
 from reference import make_record
 
 

@@ -15,8 +15,8 @@ from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .checks import FileCheck, SuggestedWindow, check_file
 from .errors import InputError, printable
-from .model.inputs import Window
 from .model.search_space import Range, Scale, read_bounds
+from .model.window import Window
 from .records import Record, Source, read_record, read_source, source_from_frame
 
 # A file, a `Record`, or a data frame.

@@ -30,15 +30,17 @@ from .gather import (
     windows_of,
 )
 from .global_optimum import GlobalOptimum, find_global_optimum
-from .model.inputs import PreparedRecord, Window, other_direction, prepare_record
+from .model.inputs import PreparedRecord, other_direction, prepare_record
 from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
+from .model.window import Window
 from .optimizers import make_optimizer
 from .records import Record
-from .results import Answer, Result, best_answer, make_result
+from .results import Answer, Result, best_answer
 from .search.evaluate import Evaluation, evaluate
 from .search.refine import Descent, Refinement, refine
 from .search.seeds import Search, search_seeds
+from .storing import make_result
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")

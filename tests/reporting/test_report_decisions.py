@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from barnax.cell import SegmentedHysteresis
-from barnax.model.inputs import Window
+from barnax.model.window import Window
 from barnax.records import Decision
 from barnax.reporting.decisions import (
     box_sentences,

@@ -7,6 +7,7 @@ from .hysteresis import HysteresisFit, SegmentedHysteresis
 from .model import CellModel, FitError
 from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
+from .tables import SocTables
 
 __all__ = [
     "CIRCUITS",
@@ -22,6 +23,7 @@ __all__ = [
     "OcvTable",
     "PolynomialCurve",
     "SegmentedHysteresis",
+    "SocTables",
     "characterize",
     "get_circuit",
     "parameter_names",

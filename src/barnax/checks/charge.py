@@ -7,9 +7,10 @@ import numpy as np
 
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..errors import counted
+from ..records.counters import gain_ah
 from ..records.findings import Finding
 from ..records.record import runs
-from ..records.samples import STEADY_SHARE, gain_ah
+from ..records.samples import STEADY_SHARE
 from .check_input import CheckInput
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that

@@ -9,17 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import (
-    Files,
-    Output,
-    RecordOptions,
-    Rows,
-    SearchOptions,
-    grouped,
-    require_choice,
-    run_options,
-)
+from .groups import grouped
+from .options import Output, Rows, SearchOptions, require_choice, run_options
 from .output import DEFAULT_FOLDER, require_free, write_folder
+from .record_options import Files, RecordOptions
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:

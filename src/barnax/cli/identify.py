@@ -8,17 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import (
-    Choices,
-    Files,
-    Output,
-    RecordOptions,
-    SearchOptions,
-    grouped,
-    require_choice,
-    run_options,
-)
+from .groups import grouped
+from .options import Choices, Output, SearchOptions, require_choice, run_options
 from .output import DEFAULT_FOLDER, free_name, require_free, write_folder
+from .record_options import Files, RecordOptions
 from .session import APPEARANCE, Session, as_flags, use_compilation_cache, without_options
 
 if TYPE_CHECKING:

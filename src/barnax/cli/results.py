@@ -16,23 +16,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from .options import (
-    OUTPUT,
-    WINDOW,
-    ExportChoices,
-    Hold,
-    Quiet,
-    RecordOptions,
-    Sign,
-    StoredResult,
-    grouped,
-)
+from .groups import OUTPUT, WINDOW, grouped
+from .options import ExportChoices, Quiet, StoredResult
 from .output import require_free_file, write_file
+from .record_options import Hold, RecordOptions, Sign
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..export import Verification
-    from ..model.inputs import Window
+    from ..model.window import Window
     from ..results import Result
 
 # Across machines and versions the refined error agrees this closely, relative.
@@ -91,7 +83,7 @@ def validate(
         from ..pipeline import validate_stored
         from ..reporting.identification import metrics_table
         from ..reporting.terminal import terminal_table
-        from ..results import metrics_part
+        from ..storing import metrics_part
 
     stored = load(result)
     chosen = of_records.chosen()

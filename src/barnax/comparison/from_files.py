@@ -16,8 +16,8 @@ from ..gather import (
     unwatched,
     windows_of,
 )
-from ..model.inputs import Window
 from ..model.search_space import Range
+from ..model.window import Window
 from .result import ComparisonResult, make_comparison_result
 from .run import PAPER_ROWS, Comparison, compare
 

@@ -16,9 +16,10 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..gather import Watch, unwatched
 from ..global_optimum import GlobalOptimum, find_global_optimum, optimality_gap
-from ..model.inputs import PreparedRecord, Window, prepare_record
+from ..model.inputs import PreparedRecord, prepare_record
 from ..model.problem import Kind, Problem, make_problem
 from ..model.search_space import Bounds, Range, Scale
+from ..model.window import Window
 from ..records import Record
 from ..search.evaluate import Evaluation, evaluate
 from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, AtBound, Descent, RefinedSeed, at_bound

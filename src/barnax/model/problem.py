@@ -15,9 +15,10 @@ from ..cell import CellModel, CircuitParameters, get_circuit
 from ..execution import compile_for, in_float64, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
-from .inputs import PreparedRecord, Window, prepare_record, require_changing_voltage
+from .inputs import PreparedRecord, prepare_record, require_changing_voltage
 from .search_space import Bounds, Coordinates, Range, Scale
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
+from .window import Window
 
 
 class Objective(eqx.Module):

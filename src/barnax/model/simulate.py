@@ -220,7 +220,7 @@ def respond(
     tau: Scalar, state: Scalar, held: Float[Array, "samples"], intervals: Intervals
 ) -> tuple[Scalar, Float[Array, "samples"]]:
     """The same from any state on, and the state that a continuation starts from."""
-    pair = _Pair(jnp.ones_like(tau), tau, intervals)
+    pair = Pair(jnp.ones_like(tau), tau, intervals)
 
     def step(state, sample):
         return pair.advance(state, *sample), state
@@ -287,7 +287,7 @@ def squared_error(rc: RCParameters, inputs: SimulationInput, start: State | None
 
 def last_state(tau: Scalar, held: Float[Array, "samples"], intervals: Intervals) -> Scalar:
     """Where an RC pair of 1 ohm that starts at rest is after the last interval."""
-    pair = _Pair(jnp.ones_like(tau), tau, intervals)
+    pair = Pair(jnp.ones_like(tau), tau, intervals)
 
     def step(state, sample):
         return pair.advance(state, *sample), None
@@ -307,11 +307,11 @@ class _Circuit:
     def __init__(self, rc: RCParameters, inputs: SimulationInput):
         clock, moved = inputs.intervals, inputs.hysteresis
         self._r0 = rc.r0
-        self._pairs = [_Pair(r, tau, clock) for r, tau in zip(rc.r, rc.tau, strict=True)]
+        self._pairs = [Pair(r, tau, clock) for r, tau in zip(rc.r, rc.tau, strict=True)]
         self._hysteresis, turning, amplitude_v = None, None, None
         if moved is not None and rc.gamma is not None:
             one = jnp.ones_like(rc.r0)
-            self._hysteresis = _Pair(one, 1 / rc.gamma, moved.intervals)
+            self._hysteresis = Pair(one, 1 / rc.gamma, moved.intervals)
             turning = _clocked(moved.hysteresis_input, moved.intervals)
             amplitude_v = moved.amplitude_v
         # What moves the state from sample to sample, and what an error depends on beside it.
@@ -354,7 +354,7 @@ class _Circuit:
         return states, turned
 
 
-class _Pair:
+class Pair:
     """One RC pair, moved over one interval by the current that flowed in it."""
 
     def __init__(self, r: Scalar, tau: Scalar, intervals: Intervals):

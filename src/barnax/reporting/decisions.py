@@ -11,7 +11,8 @@ from .words import joined, millivolt, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..model.inputs import Start, Window
+    from ..model.start import Start
+    from ..model.window import Window
     from ..records import Decision
     from ..results import InputPart, Result
 

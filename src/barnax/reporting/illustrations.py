@@ -22,7 +22,7 @@ from ..plots import (
 )
 from ..plots.landscape import has_landscape
 from ..plots.sources import Illustration, record_roles
-from ..results import describe
+from ..storing import describe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

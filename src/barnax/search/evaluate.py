@@ -10,9 +10,10 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters
 from ..execution import in_float64
 from ..metrics import Metrics, measure
-from ..model.inputs import PreparedRecord, Window, prepare_record, require_changing_voltage
+from ..model.inputs import PreparedRecord, prepare_record, require_changing_voltage
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
+from ..model.window import Window
 from ..records import Record
 
 

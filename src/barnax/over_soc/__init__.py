@@ -1,0 +1,16 @@
+"""Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
+
+from .fit import CrossValidation, FitWarning, NodeInterval, SocErrors, TableFit, fit_tables
+from .settings import TableSettings
+from .simulate import simulate_tables
+
+__all__ = [
+    "CrossValidation",
+    "FitWarning",
+    "NodeInterval",
+    "SocErrors",
+    "TableFit",
+    "TableSettings",
+    "fit_tables",
+    "simulate_tables",
+]

@@ -1,0 +1,142 @@
+"""Tables over SOC simulated sample by sample in one `lax.scan`: the reference.
+
+Functions are written for one candidate; callers vmap them. What all candidates share, among it
+where each sample's SOC lies between the nodes, is in a `TableInput`, made once.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int, Scalar
+
+from ..cell import SocTables
+from ..execution import compile_for, in_float64
+from ..model.inputs import PreparedRecord
+from ..model.simulate import Pair, SimulationInput
+
+
+class TableInput(eqx.Module):
+    """A record's imposed arrays, and each sample's place between the nodes.
+
+    `place` is the node below, `share` how far the SOC is on its way to the next one. `start_h` is
+    the state of a dynamic hysteresis at the start; its amplitude is none of `inputs.source_v`.
+    """
+
+    inputs: SimulationInput
+    place: Int[Array, "samples"]
+    share: Float[Array, "samples"]
+    start_h: Scalar
+
+    @classmethod
+    def of(
+        cls,
+        prepared: PreparedRecord,
+        nodes: Float[np.ndarray, "nodes"],
+        shortest_tau_s: float,
+        highest_gamma: float | None,
+    ) -> "TableInput":
+        """Exact for time constants and rates in these limits. Call inside float64."""
+        inputs = prepared.simulation_input(shortest_tau_s, highest_gamma)
+        if prepared.hysteresis_amplitude_v is not None:
+            standing_v = prepared.start.direction * jnp.asarray(prepared.hysteresis_amplitude_v)
+            inputs = eqx.tree_at(
+                lambda each: (each.source_v, each.base_error_v),
+                inputs,
+                (inputs.source_v - standing_v, inputs.base_error_v + standing_v),
+            )
+        # One node is a constant: its table gets a second, equal one.
+        along = np.interp(prepared.soc, nodes, np.arange(len(nodes), dtype=float))
+        place = np.clip(along.astype(int), 0, max(len(nodes) - 2, 0))
+        return cls(
+            inputs=inputs,
+            place=jnp.asarray(place, jnp.int32),
+            share=jnp.asarray(along - place),
+            start_h=jnp.asarray(float(prepared.start.direction)),
+        )
+
+
+class TableParameters(eqx.Module):
+    """Tables as rows: R0, every pair's R, then where they are fitted the OCV correction and the
+    amplitude of a dynamic hysteresis."""
+
+    tables: Float[Array, "tables nodes"]
+    tau: Float[Array, "pairs"]
+    gamma: Scalar | None
+    has_correction: bool = eqx.field(static=True)
+    has_amplitude: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, tables: SocTables) -> "TableParameters":
+        """Call inside float64."""
+        return cls(
+            tables=jnp.asarray(list(tables.tables.values())),
+            tau=jnp.asarray(tables.tau_s),
+            gamma=None if tables.gamma is None else jnp.asarray(tables.gamma),
+            has_correction=tables.ocv_correction_v is not None,
+            has_amplitude=tables.half_hysteresis_v is not None,
+        )
+
+
+def table_errors(parameters: TableParameters, given: TableInput) -> Float[Array, "samples"]:
+    """Measured minus simulated voltage at every sample, in V, scored or not."""
+    inputs, moved = given.inputs, given.inputs.hysteresis
+    pairs = len(parameters.tau)
+    below, rise = _lines(parameters.tables)
+    one = jnp.ones_like(given.start_h)
+    clocks = [Pair(one, tau, inputs.intervals) for tau in parameters.tau]
+    turning = amplitude_v = None
+    if moved is not None and parameters.gamma is not None:
+        clocks.append(Pair(one, 1 / parameters.gamma, moved.intervals))
+        turning = moved.hysteresis_input, moved.intervals.node, moved.intervals.offset_s
+        amplitude_v = moved.amplitude_v
+
+    def step(states, sample):
+        place, share, current_a, base_v, held_a, node, offset_s, turning, amplitude_v = sample
+        table = below[place] + share * rise[place]
+        error_v = base_v + table[0] * current_a + jnp.sum(states[:pairs])
+        if parameters.has_correction:
+            error_v = error_v - table[pairs + 1]
+        flows = [(table[1 + pair] * held_a, node, offset_s) for pair in range(pairs)]
+        if turning is not None:
+            amplitude_v = table[-1] if parameters.has_amplitude else amplitude_v
+            error_v = error_v - amplitude_v * (given.start_h + states[pairs])
+            flows.append(turning)
+        moves = [
+            clock.advance(state, *flow)
+            for clock, state, flow in zip(clocks, states, flows, strict=True)
+        ]
+        return jnp.stack(moves), error_v
+
+    samples = (
+        *(given.place, given.share, inputs.current_a, inputs.base_error_v, inputs.held_a),
+        *(inputs.intervals.node, inputs.intervals.offset_s, turning, amplitude_v),
+    )
+    return lax.scan(step, jnp.zeros(len(clocks), below.dtype), samples)[1]
+
+
+def table_squared_error(parameters: TableParameters, given: TableInput) -> Scalar:
+    """Sum of squared errors over the scored samples, in V^2."""
+    error_v, weight = table_errors(parameters, given), given.inputs.weight
+    error_v = error_v if weight is None else weight * error_v
+    return jnp.sum(error_v * error_v)
+
+
+def _lines(tables: Float[Array, "tables nodes"]):
+    """All tables' values at the node below and their rise to the next one, a row a place."""
+    columns = tables.T if tables.shape[1] > 1 else jnp.repeat(tables.T, 2, axis=0)
+    return columns[:-1], jnp.diff(columns, axis=0)
+
+
+@in_float64
+def simulate_tables(prepared: PreparedRecord, tables: SocTables) -> Float[np.ndarray, "simulated"]:
+    """The terminal voltage at every simulated sample of a record, in V.
+
+    With U the source voltage, h a dynamic hysteresis and u_p the RC pairs' voltages,
+    v = U + D(s) + g(s) h - R0(s) i - sum u_p. In every interval a pair goes the share
+    1 - exp(-dt / tau_p) of its way to R_p(s) i, s being the SOC where the interval starts.
+    """
+    given = TableInput.of(prepared, np.array(tables.nodes), min(tables.tau_s), tables.gamma)
+    parameters = TableParameters.of(tables)
+    error_v = compile_for(table_errors, parameters, given)(parameters, given)
+    return prepared.voltage_v - np.asarray(error_v)

@@ -45,18 +45,20 @@ def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
     if last < len(votes) - 1:
         rows[1] = int(at[last + 1]) + 1
     turned = slice(*rows)
-    where = f"{kinds[1]} at {len(inside)} steps from here on, {kinds[0]} at the other {len(outside)}"
+    inner, outer = f"{kinds[1]} at {len(inside)} steps", f"{kinds[0]} at {len(outside)}"
+    where = f"{outer} steps before, {inner} from here on"
     remedy = "split the file here and give each part its own `current_sign`"
     if is_within:
-        where += f"; it turns back at row {int(samples.row[rows[1]])}"
+        back = int(samples.row[rows[1]])
+        where = f"{inner} from here on, {outer} others; it turns back at row {back}"
         remedy = "turn its sign in these rows"
     elif not first:
-        where = f"{kinds[1]} at {len(inside)} steps before, {kinds[0]} at {len(outside)} from here on"
+        where = f"{inner} before, {outer} steps from here on"
     current_a = samples.current_a.copy()
     current_a[turned] *= -1
     row = rows[0] if first else rows[1]
-    finding = found_at(samples, row, "error", f"the sign of the current turns here: {where}", remedy)
-    return replace(samples, current_a=current_a), [finding]
+    what = f"the sign of the current turns here: {where}"
+    return replace(samples, current_a=current_a), [found_at(samples, row, "error", what, remedy)]
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:

@@ -33,6 +33,7 @@ from .sampling import (
     find_resolution,
     find_temperature,
 )
+from .twins import find_twins
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {
@@ -157,6 +158,7 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
             given = _check_input(source, samples, capacity_ah)
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
+            findings += named("twin columns", find_twins(source.table, given))
         findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
         traits = traits_of(given) if given else None
         return FileCheck(

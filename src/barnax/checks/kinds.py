@@ -16,7 +16,7 @@ Kind = Literal[
 
 # Current steps that an identification wants, and the interval that still shows what follows one.
 STEPS, FINE_S = 20, 10.5
-# A record whose steps reach over less of the capacity, or the bulk time of a steep end, says little.
+# Steps that reach over less of the capacity, or the bulk time of a steep end, say little.
 LEAST_SHARE, STEEP_S = 0.05, 20.0
 # Of the steps so much lies between the ends of their reach; a few may stand apart.
 _REACH = (0.05, 0.95)
@@ -82,9 +82,9 @@ class Traits:
             share = 100 * self.span_ah / capacity_ah
             return f"it moves {self.span_ah:.3g} Ah, {share:.2g} % of the capacity"
         if self.steps < fewest:
-            return f"{self.steps} current steps sampled finely enough, where {fewest} are wanted"
+            return f"{self.steps} current steps sampled finely enough; {fewest} are wanted"
         # Without a capacity a dither gives itself away by how often it turns.
-        whole_ah = capacity_ah or max(self.span_ah, self.charged_ah, self.discharged_ah)
+        whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
         if self.reach_ah < LEAST_SHARE * whole_ah:
             share = 100 * self.reach_ah / whole_ah
             of = "the capacity" if capacity_ah else "what it passes"

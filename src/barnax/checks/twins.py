@@ -1,4 +1,4 @@
-"""Columns that hold the same quantity twice and disagree: a voltage at the leads, a current in mA."""
+"""Columns that hold one quantity twice and disagree: a voltage at the leads, a current in mA."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..records.columns import QUANTITIES, Column, find_columns, likely_column, likely_names
+from ..records.columns import QUANTITIES, Column, find_columns, likely_column
 from ..records.findings import Finding
 from ..records.table import Table, take_lines
 from .check_input import CheckInput
@@ -39,16 +39,11 @@ def find_twins(table: Table, given: CheckInput) -> Iterator[Finding]:
 def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
     """Further columns that can hold the quantity, by their names."""
     (quantity,) = [each for each in QUANTITIES if each.name == name]
-    taken = set(find_columns(table.header))
-    named = dict.fromkeys([*table.header[:_MOST_NAMES], *likely_names(quantity, table.header)])
-    for header in named:
-        if header == own.header or not header:
-            continue
+    for index, header in enumerate(table.header[:_MOST_NAMES]):
         found = find_columns([header])
         column = found.get(name) or (None if found else likely_column(quantity, [header]))
-        if column is not None and table.columns:
-            yield replace(column, index=table.header.index(header))
-    del taken
+        if column is not None and index != own.index and header != own.header:
+            yield replace(column, index=index)
 
 
 def _lead(given: CheckInput, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:

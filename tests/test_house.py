@@ -19,7 +19,7 @@ LAYERS = (
     ("schema", "bundled", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),
-    ("search", "gather"),
+    ("search", "gather", "pulses"),
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
     ("results",),

@@ -7,6 +7,7 @@ from .bundled import bundled_file as bundled_file
 from .cell import CellModel as CellModel
 from .cell import CircuitParameters as CircuitParameters
 from .cell import OcvTable as OcvTable
+from .cell import SocTables as SocTables
 from .cell import characterize as characterize
 from .cell import read_ocv_table as read_ocv_table
 from .checks import FileCheck as FileCheck
@@ -27,6 +28,11 @@ from .model.problem import make_problem as make_problem
 from .model.window import Window as Window
 from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
+from .over_soc import TableFit as TableFit
+from .over_soc import TableSettings as TableSettings
+from .over_soc import evaluate_tables as evaluate_tables
+from .over_soc import fit_tables as fit_tables
+from .over_soc import simulate_tables as simulate_tables
 from .pipeline import Run as Run
 from .pipeline import identify as identify
 from .pipeline import validate_stored as validate_stored

@@ -50,7 +50,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is searched for, and how."""
+    """What is searched for, and how; `over` asks for tables beside the constant circuit."""
 
     model: str = "iso-rc"
     method: str = "ibmo"
@@ -60,12 +60,15 @@ class Settings:
     population: int = 30
     iterations: int = 500
     key: int = 0
+    over: Literal["soc"] | None = None
 
     def __post_init__(self):
         for name, least, most in LIMITS:
             value = getattr(self, name)
             if not least <= value <= most:
                 raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
+        if self.over not in (None, "soc"):
+            raise InputError(f"`over` {self.over!r} is not known; tables go over 'soc'")
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ Records are read once and checked, the cell is characterized, thirty seeds searc
 optimum is looked for beside them, and the best circuit known is assessed and validated.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -35,6 +35,7 @@ from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
+from .over_soc import TableFit, TableSettings, evaluate_tables, fit_tables
 from .records import Record
 from .results import Answer, Result, best_answer
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -44,6 +45,20 @@ from .storing import make_result
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")
+# What a warning says first where the full examination failed.
+FITTING_AGAIN = "fitting again"
+# Validation may leave the SOC that tables were identified on by this much without a word.
+OUTSIDE_SOC = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class TableRun:
+    """Tables over SOC fitted to the records of a run, and their evaluations."""
+
+    settings: TableSettings
+    fit: TableFit
+    identification: list[Evaluation]
+    validation: list[Evaluation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +74,7 @@ class Run:
     validation: list[Evaluation]
     assessment: Assessment | None
     examination: Examination | None
+    tables: TableRun | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
 
@@ -69,6 +85,7 @@ def identify(
     ocv: Given | Sequence[Given] = (),
     validate: Given | Sequence[Given] = (),
     settings: Settings | None = None,
+    tables: TableSettings | None = None,
     window: Window | Mapping[str, Window] | None = None,
     capacity: float | None = None,
     ocv_capacity: float | None = None,
@@ -89,8 +106,10 @@ def identify(
     from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
     records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
     `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
-    says how far the answer is looked into: "full" fits again. Fields of `Settings` and `Reading`
-    may be given by name, such as `model="esc"`. `watch` is asked for a context for every stage.
+    says how far the answer is looked into: "full" fits again. With `over="soc"` the same circuit is
+    also fitted with tables over SOC, by `tables`. Fields of `Settings`, `Reading` and
+    `TableSettings` may be given by name, such as `model="esc"`. `watch` is asked for a context for
+    every stage.
 
     Raises `InputError` where an input cannot be used, naming file, row, value and remedy.
 
@@ -101,6 +120,9 @@ def identify(
     """
     settings = _with_options(settings or Settings(), options)
     reading = _with_options(reading or Reading(), options)
+    tables = _with_options(tables or TableSettings(), options)
+    if settings.over is None and tables != TableSettings():
+        raise InputError("tables are asked for with `over` 'soc'; give it too")
     if options:
         raise TypeError(f"identify() has no option {', '.join(sorted(options))}")
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
@@ -121,7 +143,11 @@ def identify(
             for record in inputs.validation
         ]
         problem = with_better_directions(problem)
-    run = _search_and_assess(problem, optimizer, settings, validation, trust, watch)
+        wanted = None
+        if settings.over is not None:
+            ranges = {**(ranges_of(bounds)[1] or {}), **tables.bounds}
+            wanted = replace(tables, bounds=ranges, fixed={**(fix or {}), **tables.fixed})
+    run = _search_and_assess(problem, optimizer, settings, validation, trust, wanted, watch)
     run = replace(run, ocv=inputs.ocv, warnings=_all_warnings(inputs, run))
     return make_result(run, command)
 
@@ -172,9 +198,11 @@ def _search_and_assess(
     settings: Settings,
     validation: Sequence[PreparedRecord],
     trust: str,
+    tables: TableSettings | None,
     watch: Watch,
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
+    tabulated = None
     with ThreadPoolExecutor(max_workers=2) as beside:
         compiling = beside.submit(Descent, problem)
         looking = beside.submit(_optimum_or_none, problem)
@@ -193,6 +221,9 @@ def _search_and_assess(
             optimum = looking.result()
             if linearizing is not None:
                 linearizing.result()
+        if tables is not None:
+            with watch("Fitting tables over SOC", 0):
+                tabulated = fit_tables(problem.prepared_records, tables)
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     with watch("Evaluating", 0):
@@ -200,6 +231,13 @@ def _search_and_assess(
         validated = [
             evaluate_from_either(each, problem.cell, answer.parameters) for each in validation
         ]
+        table_run = None
+        if tables is not None and tabulated is not None:
+            own, others = (
+                [evaluate_tables(each.prepared, tabulated.tables) for each in evaluations]
+                for evaluations in (identified, validated)
+            )
+            table_run = TableRun(tables, tabulated, own, others)
     assessment = examination = None
     with watch("Assessing", 0):
         if trust != "none":
@@ -207,11 +245,11 @@ def _search_and_assess(
         if trust == "full" and assessment is not None:
             key = jax.random.key(settings.key)
             examination = _attempt(
-                "fitting again", warnings, examine, problem, answer.parameters, assessment, key=key
+                FITTING_AGAIN, warnings, examine, problem, answer.parameters, assessment, key=key
             )
     return Run(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
-        examination, warnings=tuple(warnings),
+        examination, table_run, warnings=tuple(warnings),
     )  # fmt: skip
 
 
@@ -253,7 +291,38 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
         f"{each.name} is at its {each.side} bound: the bounds, not the data, set it"
         for each in run.answer.at_bound
     ]
+    if run.tables is not None:
+        texts += _table_warnings(run.tables)
     return tuple(dict.fromkeys([*texts, *run.warnings]))
+
+
+def _table_warnings(run: TableRun) -> Iterator[str]:
+    """What a user should know of tables over SOC."""
+    for each in run.fit.warnings:
+        if each.kind == "tau at bound":
+            yield (
+                f"tables over SOC: {each.name} ended at its bound of {each.value:.4g} s; with an "
+                "OCV correction a slow pair imitates a wrong capacity, so check `capacity`, or "
+                "give `bounds` for it"
+            )
+        else:
+            yield (
+                f"tables over SOC: {100 * each.value:.0f} % of the nodes of {each.name} are near "
+                "no sample; their values follow from their neighbors"
+            )
+    low, high = (
+        bound([bound(each.prepared.soc[each.prepared.scored]) for each in run.identification])
+        for bound in (min, max)
+    )
+    for each in run.validation:
+        soc = each.prepared.soc[each.prepared.scored]
+        outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
+        if outside:
+            yield (
+                f"{each.prepared.record.name}: {outside} of {len(soc)} scored samples lie outside "
+                f"the SOC that the tables were identified on ({100 * low:.0f} to "
+                f"{100 * high:.0f} %), where they are held constant"
+            )
 
 
 def common_window(stored: Result) -> Window:
@@ -288,4 +357,6 @@ def validate_stored(
         )
     prepared = prepare_record(measured, cell, stored.model, window)
     evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)
+    if stored.tables is not None:
+        evaluation = evaluate_tables(evaluation.prepared, stored.tables.fit.tables)
     return evaluation, [*warnings, *measured.warnings, *prepared.warnings]

@@ -15,11 +15,12 @@ from .global_optimum import GlobalOptimum
 from .model.problem import Kind
 from .model.start import Start
 from .model.window import Window
+from .over_soc import TableFit, TableSettings
 from .records import Decision
 from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
 from .search.refine import SAME_RMSE, AtBound, Optimum, RefinedSeed, Refinement
 from .search.seeds import SeedAnswer
-from .uncertainty import Diagnostics, Examination, Identifiability, Uncertainty
+from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,13 +155,24 @@ class AssessmentPart(Part):
     examination: Examination | None = None
 
 
+class TablesPart(Part):
+    """The circuit with tables over SOC, how it was fitted, and its errors by scan."""
+
+    settings: TableSettings
+    fit: TableFit
+    metrics: MetricsBlock
+    by_soc: tuple[Band, ...]
+
+
 class Result(Document):
     """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
     `parameters` are the best circuit known (`answer_source` says where it comes from), and metrics,
     intervals, figures and exports are of it; `search` and `refined` tell what the seeds did.
     `global_optimum` is None where the box is too wide to look for it, `assessment` where it was
-    not asked for or failed. A result that was just computed has the objects behind it in `run`.
+    not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
+    asked for: then exports, figures of errors and validation are of it. A result that was just
+    computed has the objects behind it in `run`.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -175,6 +187,7 @@ class Result(Document):
     metrics: MetricsBlock
     global_optimum: GlobalPart | None = None
     assessment: AssessmentPart | None = None
+    tables: TablesPart | None = None
     search: SearchPart
     refined: RefinedPart
     cell: CellModel
@@ -235,6 +248,11 @@ class Result(Document):
     @property
     def circuit_parameters(self) -> CircuitParameters:
         return CircuitParameters.from_dict(self.parameters)
+
+    @property
+    def answer_metrics(self) -> MetricsBlock:
+        """Those of the tables over SOC where there are any, else of the constant circuit."""
+        return self.metrics if self.tables is None else self.tables.metrics
 
     @property
     def cell_model(self) -> CellModel:

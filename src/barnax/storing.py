@@ -25,10 +25,12 @@ from .results import (
     RefinedPart,
     Result,
     SearchPart,
+    TablesPart,
 )
 from .search.evaluate import Evaluation, pooled
 from .search.refine import SAME_RMSE, Refinement
 from .search.seeds import Search
+from .uncertainty.diagnostics import Band, soc_bands
 
 if TYPE_CHECKING:
     from .pipeline import Run
@@ -45,13 +47,7 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
         parameters=run.answer.parameters.to_dict(),
         answer_source=run.answer.source,
         at_bound=run.answer.at_bound,
-        metrics=MetricsBlock(
-            identification=joint_metrics(problem.name, run.identification),
-            jointly=tuple(
-                metrics_part(each) for each in run.identification if len(run.identification) > 1
-            ),
-            validation=tuple(metrics_part(each) for each in run.validation),
-        ),
+        metrics=_metrics_block(problem.name, run.identification, run.validation),
         global_optimum=_global_part(run.refinement, run.optimum) if run.optimum else None,
         assessment=None
         if run.assessment is None
@@ -60,6 +56,14 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
             identifiability=run.assessment.identifiability,
             diagnostics=run.assessment.diagnostics,
             examination=run.examination,
+        ),
+        tables=None
+        if run.tables is None
+        else TablesPart(
+            settings=run.tables.settings,
+            fit=run.tables.fit,
+            metrics=_metrics_block(problem.name, run.tables.identification, run.tables.validation),
+            by_soc=_soc_bands(run.tables.identification),
         ),
         search=search_part(run.search),
         refined=RefinedPart(
@@ -84,6 +88,23 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
     )
     result._run = run
     return result
+
+
+def _metrics_block(
+    name: str, identified: Sequence[Evaluation], validated: Sequence[Evaluation]
+) -> MetricsBlock:
+    return MetricsBlock(
+        identification=joint_metrics(name, identified),
+        jointly=tuple(metrics_part(each) for each in identified if len(identified) > 1),
+        validation=tuple(metrics_part(each) for each in validated),
+    )
+
+
+def _soc_bands(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
+    scored = [each.prepared.scored for each in evaluations]
+    soc = [each.prepared.soc[s] for each, s in zip(evaluations, scored, strict=True)]
+    error_v = [each.error_v[s] for each, s in zip(evaluations, scored, strict=True)]
+    return soc_bands(np.concatenate(soc), np.concatenate(error_v))
 
 
 def search_part(search: Search) -> SearchPart:

@@ -12,6 +12,7 @@ WINDOW = "Records (FILE=VALUE for one of them)"
 INPUT = "Files"
 OUTPUT = "Output"
 SEARCH = "Search"
+TABLES = "Tables over SOC"
 
 
 def option(panel: str, metavar: str, text: str, **more: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from ..errors import InputError
-from .groups import OUTPUT, SEARCH, option
+from .groups import OUTPUT, SEARCH, TABLES, option
 from .record_options import Files, RecordOptions
 from .session import command_line
 
@@ -127,6 +127,70 @@ class Choices:
             rich_help_panel=OUTPUT,
         ),
     ] = False
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """Tables over SOC: whether, and how."""
+
+    over: Annotated[
+        str | None,
+        option(
+            TABLES,
+            "soc",
+            "Also fit the circuit with its resistances and an OCV correction as tables over SOC.",
+        ),
+    ] = None
+    ocv_correction: Annotated[
+        bool | None,
+        typer.Option(
+            "--ocv-correction/--no-ocv-correction",
+            help="Whether a table corrects the OCV (default: yes).",
+            rich_help_panel=TABLES,
+        ),
+    ] = None
+    half_hysteresis: Annotated[
+        bool | None,
+        typer.Option(
+            "--half-hysteresis",
+            help="Fit the amplitude of a dynamic hysteresis as a table, instead of taking half "
+            "the measured gap; needs records of both directions.",
+            rich_help_panel=TABLES,
+        ),
+    ] = None
+    nodes: Annotated[
+        str | None,
+        option(TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17 from -0.05 to 1)."),
+    ] = None
+    roughness: Annotated[
+        float | None,
+        option(TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."),
+    ] = None
+    resistance_ridge: Annotated[
+        float | None, option(TABLES, "WEIGHT", "Weight of resistances' squares (default: 1e-9).")
+    ] = None
+    voltage_ridge: Annotated[
+        float | None, option(TABLES, "WEIGHT", "Weight of voltages' squares (default: 1e-7).")
+    ] = None
+    folds: Annotated[
+        int | None,
+        option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."),
+    ] = None
+    blocks: Annotated[
+        int | None, option(TABLES, "N", "Blocks of a record that the folds share (default: 20).")
+    ] = None
+
+    def chosen(self) -> dict[str, Any]:
+        """What was chosen, by the names of `Settings` and `TableSettings`."""
+        chosen = {name: value for name, value in vars(self).items() if value is not None}
+        if self.nodes is not None:
+            try:
+                chosen["nodes"] = tuple(float(node) for node in self.nodes.split(","))
+            except ValueError as problem:
+                raise InputError(
+                    f"`nodes` {self.nodes!r}: write states of charge like 0,0.1,0.5,1"
+                ) from problem
+        return chosen
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ def test_a_voltage_at_the_leads_is_told_from_one_at_the_cell(tmp_path, name):
     assert counting(outcome) == {"twin columns": "warning"}
     twin = found(outcome, "twin columns")
     assert f"'Voltage / V' and '{name}' differ by 20 mohm" in twin.what
-    assert f"voltage={name}" in twin.remedy
 
 
 @pytest.mark.parametrize("factor", [1.0, 1000.0, 0.5])

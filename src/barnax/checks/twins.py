@@ -17,6 +17,7 @@ from .check_input import CheckInput
 _EXPLAINED, _LEAST_V = 0.8, 3e-3
 _PROPORTIONAL, _EQUAL = 0.999, 0.01
 _MOST_NAMES = 200
+_REMEDY = "leave only the right one in the file"
 
 Channel = Float[np.ndarray, "samples"]
 
@@ -60,8 +61,7 @@ def _lead(given: CheckInput, own: Channel, other: Channel, column: Column) -> It
             f"times the current, up to {1e3 * swing_v:.3g} mV: one of them holds the drop of the "
             f"leads, and R0 with it; '{header}' is used"
         )
-        remedy = f"`columns=voltage={column.header}` takes the other"
-        yield given.at(int(np.argmax(np.abs(apart_v))), "warning", what, remedy)
+        yield given.at(int(np.argmax(np.abs(apart_v))), "warning", what, _REMEDY)
 
 
 def _scale(given: CheckInput, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
@@ -76,5 +76,4 @@ def _scale(given: CheckInput, own: Channel, other: Channel, column: Column) -> I
             f"the currents '{header}' and '{column.header}' disagree: the second is {ratio:.4g} "
             f"times the first throughout; '{header}' is used"
         )
-        remedy = f"`columns=current={column.header}` takes the other"
-        yield given.at(int(np.argmax(np.abs(own))), "warning", what, remedy)
+        yield given.at(int(np.argmax(np.abs(own))), "warning", what, _REMEDY)

@@ -30,7 +30,7 @@ def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Sectio
 
 def _sentences(result: "Result") -> Iterator[str]:
     pulses = result.pulses
-    found = [counted(len(each), _label(result, each)) for each in levels(pulses)]
+    found = [f"{len(each)} in {_label(result, each)}" for each in levels(pulses)]
     socs = [pulse.soc for pulse in pulses]
     rests_s = sorted({round(pulse.rest_s, -1) for pulse in pulses})
     yield (
@@ -54,7 +54,7 @@ def _sentences(result: "Result") -> Iterator[str]:
 
 
 def _label(result: "Result", level: Sequence[Pulse]) -> str:
-    return f"{rate_label(level, result.cell_model.capacity_ah)}"
+    return rate_label(level, result.cell_model.capacity_ah)
 
 
 def _level_table(result: "Result", level: Sequence[Pulse]) -> Table:

@@ -11,6 +11,7 @@ from .bundled import BUNDLED
 from .cell import CellModel, OcvPoint, characterize
 from .errors import InputError
 from .gather import Given, Reading, Watch, file_names, listed, source_of, unwatched
+from .model.inputs import OCV_MARGIN, soc_along
 from .model.window import Window
 from .pipeline import identify
 from .pulses import Pulse, first_pulse
@@ -136,10 +137,25 @@ def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
     record = test.record
     branches = () if cell is None else (*cell.charge_points, *cell.discharge_points)
     points = [point for point in branches if point.source == record.name]
-    if points:
+    if cell is not None and points:
         first: OcvPoint = min(points, key=lambda point: point.row)
         at = int(np.searchsorted(record.row, first.row))
         soc = min(max(first.soc, 0.0), 1.0) if window.initial_soc is None else window.initial_soc
-        return replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
+        window = replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
+        return _within_ocv(window, record, cell, at)
     at = int(np.searchsorted(record.row, test.pulse.row)) - 1
     return replace(window, start_time_s=float(record.time_s[at]))
+
+
+def _within_ocv(window: Window, record: Record, cell: CellModel, first: int) -> Window:
+    """The window without the samples too far beyond the OCV points.
+
+    A test that ends at its cut-off without a rest has no point there.
+    """
+    low, high = cell.soc_range
+    soc = soc_along(
+        record, window.capacity_ah or cell.capacity_ah, first, window.initial_soc or 1.0
+    )
+    reach = (low - OCV_MARGIN, high + OCV_MARGIN)
+    is_inside = reach[0] <= soc[first:].min() and soc[first:].max() <= reach[1]
+    return window if is_inside or window.score_soc else replace(window, score_soc=reach)

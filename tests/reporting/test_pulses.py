@@ -33,7 +33,7 @@ RESULT = SimpleNamespace(pulses=PULSES, cell_model=make_cell())
 def test_the_first_screen_has_each_rate_in_the_middle_of_soc():
     assert middle_heads(RESULT) == ("at 50 % SOC [mOhm]", "at once", "2 s", "10 s")
     assert middle_pulses(RESULT) == [
-        ("discharge at 1C (2 A)", "65", "75", "85"),
+        ("discharge at 1C (2 A)", "65.0", "75.0", "85.0"),
         # No charge pulse lies below 50 %.
         ("charge at 0.75C (1.5 A)", "–", "–", "–"),
     ]
@@ -47,8 +47,20 @@ def test_the_section_says_what_was_found_and_what_a_resistance_is():
     assert "2 in discharge at 1C (2 A) and 1 in charge at 0.75C (1.5 A)." in text
     assert "change of voltage over the change of current" in text
     assert "1 pulse met a limit" in text
-    assert first.rows == (("80.0", "50", "60", "70"), ("40.0", "70", "80", "90"))
+    assert first.rows == (("80.0", "50.0", "60.0", "70.0"), ("40.0", "70.0", "80.0", "90.0"))
     assert [column.head for column in second.columns][1:] == ["at once [mOhm]", "2 s [mOhm]"]
+
+
+def test_a_small_cells_resistances_are_told_in_ohm():
+    small = SimpleNamespace(
+        pulses=(
+            pulse(0.6, 0.05, (3.7, 4.2, 5.1, None, None)),
+            pulse(0.4, 0.05, 3 * (4.0,) + 2 * (None,)),
+        ),
+        cell_model=make_cell(),
+    )
+    assert middle_heads(small)[0] == "at 50 % SOC [Ohm]"
+    assert middle_pulses(small)[0][1:] == ("3.85", "4.10", "4.55")
 
 
 def test_a_result_without_pulses_has_no_section():

@@ -1,5 +1,6 @@
 """From files to an identified pulse test: what it starts from, and what it refuses."""
 
+import polars as pl
 import pytest
 
 from barnax import Window, bundled_file, pulse_test, read_record
@@ -47,11 +48,17 @@ def test_a_window_that_is_given_stays(asked):
     assert asked["window"]["hppc_25degC.parquet"] == own
 
 
-def test_of_several_temperatures_the_one_nearest_to_25_degc_is_the_ocv_test(asked):
-    tests = [bundled_file(f"hppc_{degc}degC") for degc in (10, 25, 40)]
-    hppc(tests)
-    assert [source.name for source in asked["records"]] == [path.name for path in tests]
-    assert [source.name for source in asked["ocv"]] == ["hppc_25degC.parquet"]
+def test_of_several_tests_the_first_is_the_ocv_test(asked, tmp_path):
+    again = tmp_path / "again.parquet"
+    pl.read_parquet(HPPC)[:-1].write_parquet(again)
+    hppc([again, HPPC])
+    assert [source.name for source in asked["records"]] == ["again.parquet", HPPC.name]
+    assert [source.name for source in asked["ocv"]] == ["again.parquet"]
+
+
+def test_tests_at_several_temperatures_are_refused():
+    with pytest.raises(InputError, match=r"hppc_10degC\.parquet at 10 degC, .* at 40 degC"):
+        hppc([bundled_file("hppc_10degC"), bundled_file("hppc_40degC")])
 
 
 def test_what_lies_beyond_the_own_ocv_is_not_scored(asked):

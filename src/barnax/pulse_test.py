@@ -18,8 +18,8 @@ from .pulses import Pulse, first_pulse
 from .records import Record, Source, read_record
 from .results import Result
 
-# Of tests at several temperatures the one nearest to this tells the OCV.
-USUAL_DEGC = 25.0
+# Tests whose temperatures differ by more than this are not of one set of tables.
+SAME_DEGC = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +46,13 @@ def hppc(
 
     As `identify` with tables over SOC, which see for all other options. Pulses and rests are found
     in the records. Without `ocv` the rests of the test are the OCV, interpolated, and of several
-    tests those of the one nearest to 25 degC; the charge between its ends is the capacity, where
+    tests those of the first; the charge between its ends is the capacity, where
     none is given. A simulation starts at the end of the rest before the first pulse, unless
     `window` says otherwise. Without any record the bundled cell's test at 25 degC is identified and
     validated on its trips.
 
-    Raises `InputError` where a record has no pulses, and where `identify` does.
+    Raises `InputError` where a record has no pulses, where tests are of several temperatures, and
+    where `identify` does.
     """
     reading = reading or Reading()
     own = {name: options.pop(name) for name in list(options) if hasattr(reading, name)}
@@ -64,7 +65,7 @@ def hppc(
         chosen = {"": window or Window()} if isinstance(window, Window | None) else dict(window)
         ocv_tests, cell = listed(ocv), None
         if not ocv_tests:
-            base = min(tests, key=lambda each: _distance_degc(each.record))
+            base = tests[0]
             given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
             # A polynomial would swing between ten points.
             options["ocv_fit"] = "interpolated"
@@ -86,7 +87,7 @@ def hppc(
 
 
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
-    """Every test once. Raises `InputError` for a record without pulses."""
+    """Every test once. Raises `InputError` where one has no pulses or another temperature."""
     names = file_names([each for each in given if isinstance(each, str | Path)])
     sign: Any = reading.current_sign
     hold: Any = reading.current_hold
@@ -105,13 +106,23 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
                 "identify it as a dynamic record"
             )
         tests.append(_Test(source, record, pulse))
+    _require_one_temperature(tests)
     return tests
 
 
-def _distance_degc(record: Record) -> float:
-    """How far the test's temperature is from the usual one; nothing where it is not known."""
-    degc = record.temperature_degc
-    return 0.0 if degc is None else abs(float(np.median(degc)) - USUAL_DEGC)
+def _require_one_temperature(tests: Sequence[_Test]) -> None:
+    """Raise `InputError` where tests were made at temperatures too far apart."""
+    medians = {
+        each.record.name: float(np.median(degc))
+        for each in tests
+        if (degc := each.record.temperature_degc) is not None
+    }
+    if medians and max(medians.values()) - min(medians.values()) > SAME_DEGC:
+        listed_degc = ", ".join(f"{name} at {degc:.0f} degC" for name, degc in medians.items())
+        raise InputError(
+            f"{listed_degc}: resistances change with temperature; identify each temperature by "
+            "itself"
+        )
 
 
 def _windows(

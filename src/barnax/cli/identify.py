@@ -3,22 +3,16 @@
 import shlex
 import sys
 import threading
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .options import (
-    Choices,
-    Files,
-    Output,
-    RecordOptions,
-    SearchOptions,
-    grouped,
-    require_choice,
-    run_options,
-)
-from .output import DEFAULT_FOLDER, free_name, require_free, write_folder
+from .groups import grouped
+from .options import Choices, Output, SearchOptions, TableOptions, require_choice, run_options
+from .output import DEFAULT_FOLDER, free_name, require_free, write_results
+from .record_options import Files, RecordOptions
 from .session import APPEARANCE, Session, as_flags, use_compilation_cache, without_options
 
 if TYPE_CHECKING:
@@ -31,6 +25,7 @@ def identify(
     of_records: RecordOptions,
     search: SearchOptions,
     chosen: Choices,
+    tables: TableOptions,
     output: Output,
     records: Annotated[
         list[Path] | None,
@@ -46,6 +41,44 @@ def identify(
 
     Without arguments it identifies the bundled virtual cell.
     """
+    _run("identify", records, files, of_records, search, chosen, tables, output)
+
+
+@grouped
+def hppc(
+    files: Files,
+    of_records: RecordOptions,
+    search: SearchOptions,
+    chosen: Choices,
+    tables: TableOptions,
+    output: Output,
+    records: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[RECORD]...",
+            help="Pulse test (HPPC); several give one circuit. Without any, the bundled cell's "
+            "test at 25 degC is taken, and its trips to validate on.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Identify tables over SOC from a pulse test, and print every pulse's resistances.
+
+    Pulses, rests, capacity and OCV are found in the test itself; --ocv gives another OCV.
+    """
+    _run("hppc", records, files, of_records, search, chosen, tables, output)
+
+
+def _run(
+    command: Literal["identify", "hppc"],
+    records: list[Path] | None,
+    files: Files,
+    of_records: RecordOptions,
+    search: SearchOptions,
+    chosen: Choices,
+    tables: TableOptions,
+    output: Output,
+) -> None:
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
     if folder is not None:
@@ -54,7 +87,11 @@ def identify(
         use_compilation_cache()
         from ..cell import CIRCUITS
         from ..optimizers import OPTIMIZERS
-        from ..pipeline import identify as run
+
+        if command == "hppc":
+            from ..pulse_test import hppc as run
+        else:
+            from ..pipeline import identify as run
 
     if folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
@@ -65,33 +102,21 @@ def identify(
     options = run_options(files, of_records, search, records or [])
     result = run(
         **options,
+        **tables.chosen(),
         model=chosen.model,
         method=chosen.method,
         trust=chosen.trust,
         watch=session.watch,
     )
+    written: set[str] = set()
     if folder is not None:
-        folder = _write(session, folder, result, chosen.report, output.force)
+        answer = {"result.json": result.to_json().encode()}
+        draw = partial(result_files, result, chosen.report)
+        folder, written = write_results(session, folder, answer, draw, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
-    _show(session, result, folder, output.verbose, chosen.report)
+    _show(session, result, folder, written, output.verbose)
     session.warn(result.warnings)
-
-
-def _write(session: Session, folder: Path, result: "Result", report: bool, is_forced: bool) -> Path:
-    """The folder of a result: the answer first, and what of the figures can be drawn."""
-    written = {"result.json": result.to_json().encode()}
-    with session.watch("Drawing figures"):
-        try:
-            written |= result_files(result, report)
-        except Exception as problem:
-            # The answer is there; what fails to be drawn costs only itself.
-            session.warn([f"the figures could not be drawn ({problem}); the result is written"])
-    written["timings.json"] = session.timings_json()
-    place = write_folder(folder, written, is_forced)
-    if place != folder:
-        session.warn([f"{folder}: something else has appeared there; the results are in {place}"])
-    return place
 
 
 def result_files(result: "Result", report: bool) -> dict[str, bytes]:
@@ -102,16 +127,19 @@ def result_files(result: "Result", report: bool) -> dict[str, bytes]:
         is_always,
         report_files,
     )
+    from ..reporting.pulses import pulses_csv, tables_csv
 
+    tables = {"tables.csv": tables_csv(result)} if result.tables else {}
+    tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
     if not report:
         drawn = identification_illustrations(result.run, is_always)
-        return {f"figures/{each.name}.png": each.png for each in drawn}
+        return tables | {f"figures/{each.name}.png": each.png for each in drawn}
     drawn = identification_illustrations(result.run)
-    return report_files(identification_document(result, drawn).spelled(as_flags), drawn)
+    return tables | report_files(identification_document(result, drawn).spelled(as_flags), drawn)
 
 
 def _show(
-    session: Session, result: "Result", folder: Path | None, verbose: bool, report: bool
+    session: Session, result: "Result", folder: Path | None, written: set[str], verbose: bool
 ) -> None:
     from ..reporting import identification_document
     from ..reporting.terminal import first_screen, next_lines, parts_line, to_terminal
@@ -121,8 +149,11 @@ def _show(
     session.show(first_screen(result, as_flags))
     session.show(next_lines(*_next(result)))
     if folder is not None:
-        names = [f"{folder}/report.html"] if report else []
-        names += [f"{folder}/result.json", "figures", f"{session.elapsed_s:.1f} s"]
+        names = [f"{folder}/report.html"] if "report.html" in written else []
+        names.append(f"{folder}/result.json")
+        names += [name for name in ("tables.csv", "pulses.csv") if name in written]
+        names += ["figures"] if any(name.startswith("figures/") for name in written) else []
+        names.append(f"{session.elapsed_s:.1f} s")
         session.show(["", parts_line(names)])
         session.show([parts_line([f"barnax show {shlex.quote(str(folder))} for all details"])])
 

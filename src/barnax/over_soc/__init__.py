@@ -4,7 +4,7 @@ from .cross_validation import CrossValidation, SocErrors
 from .fit import FitWarning, TableFit, beyond_visited, errors_on, fit_tables
 from .intervals import NodeInterval
 from .settings import TableSettings
-from .simulate import simulate_tables, with_measured_gap
+from .simulate import evaluate_tables, simulate_tables, with_measured_gap
 
 __all__ = [
     "CrossValidation",
@@ -15,6 +15,7 @@ __all__ = [
     "TableSettings",
     "beyond_visited",
     "errors_on",
+    "evaluate_tables",
     "fit_tables",
     "simulate_tables",
     "with_measured_gap",

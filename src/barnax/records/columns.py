@@ -128,6 +128,8 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "step", _COUNTS, "step index|step|step id|step number|ns|step count", "Step Index / 1"
     ),
+    _quantity("cycle", _COUNTS, "cycle index|cycle count|cycle|cycle number", "Cycle Count / 1"),
+    _quantity("state", _COUNTS, "state|step type|md|status|step name", "Step Type / 1"),
     _quantity(
         "charging capacity",
         _AMPERE_HOURS,

@@ -247,7 +247,7 @@ def record_from_frame(
 
 def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision) -> Record:
     """The record of a source's checked samples, turned to discharge-positive."""
-    return Record(
+    record = Record(
         name=source.name,
         time_s=samples.time_s,
         # Adding zero makes the -0.0 of a resting tester a plain zero.
@@ -259,7 +259,11 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         sign=sign,
         hold=hold,
         sha256=source.sha256,
+        cycle=samples.cycle,
+        state=samples.state,
     )
+    flowed_ah = record.interval_current_a * record.interval_s / 3600
+    return replace(record, charge_ah=samples.counters.charge_ah(flowed_ah))
 
 
 def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float, Int
 
 Hold = Literal["forward", "backward"]
 Strength = Literal["given", "strong", "weak", "assumed"]
+# In `Record.state`, what is no discharge (+1), charge (-1) or rest (0).
+OTHER_STATE = 9
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,10 @@ class Record:
 
     `hold` says whether a sample's current flowed in the interval after it ("forward") or before
     it ("backward"). `row` is each sample's row in the source file, the header being row 1, so
-    that a message can name it. `sign` holds the file's own convention
-    ("charge-positive" or "discharge-positive") and the reason it was taken for that.
+    that a message can name it. `charge_ah` is the tester's own net charge out of the cell since the
+    first sample, by its counters. `state` is +1 where the file says that a step discharges, -1
+    where it charges, 0 where it rests, and `OTHER_STATE` where it says anything else. `sign` holds
+    the file's own convention ("charge-positive" or "discharge-positive") and the reason for it.
     """
 
     name: str
@@ -42,6 +46,9 @@ class Record:
     hold: Decision
     sha256: str
     warnings: tuple[str, ...] = ()
+    charge_ah: Float[np.ndarray, "samples"] | None = None
+    cycle: Int[np.ndarray, "samples"] | None = None
+    state: Int[np.ndarray, "samples"] | None = None
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():

@@ -1,6 +1,7 @@
 """A file's cells: the table as it was read, its lines as numbers in base units, and their rules."""
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from .columns import (
     likely_names,
 )
 from .findings import Finding, found_at
+from .record import OTHER_STATE
 
 # Even nanoseconds since 1970 are less; what is more overflows where it is squared.
 LARGEST_NUMBER = 1e20
@@ -123,6 +125,8 @@ def _numbers(cells: pl.Series, found: Column) -> Float[np.ndarray, "lines"]:
     """The column in its base unit, NaN where a cell is no number."""
     if isinstance(cells.dtype, pl.Categorical | pl.Enum):
         cells = cells.cast(pl.String)
+    if found.quantity.name == "state" and cells.dtype == pl.String:
+        return _states(cells)
     if not (cells.dtype.is_numeric() or cells.dtype == pl.String):
         # A date, a duration or a truth value is no number of the stated unit.
         return np.full(len(cells), np.nan)
@@ -130,6 +134,23 @@ def _numbers(cells: pl.Series, found: Column) -> Float[np.ndarray, "lines"]:
     if found.unit.factor == 1 and found.unit.offset == 0:
         return numbers
     return numbers * found.unit.factor + found.unit.offset
+
+
+# How testers call what a step does; what is neither is another state.
+_STATES = (
+    (1, r"^(d|dis|dch|dch?g|rated|.*dchg|.*dis-?charg(e|ing)|.*entladen|.*放电)$"),
+    (-1, r"^(c|chg?|cha|ratec|.*chg|.*charg(e|ing)|.*laden|.*充电)$"),
+    (0, r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|静置|搁置)$"),
+)
+
+
+def _states(cells: pl.Series) -> Float[np.ndarray, "lines"]:
+    """The codes of `Record.state` for a column of words; there are few words in many lines."""
+    codes = {}
+    for word in cells.unique().drop_nulls():
+        plain = re.sub(r"[\s_]+", " ", word).strip().lower()
+        codes[word] = next((code for code, words in _STATES if re.match(words, plain)), OTHER_STATE)
+    return cells.replace_strict(codes, default=OTHER_STATE, return_dtype=pl.Float64).to_numpy()
 
 
 def table_sha256(table: Table) -> str:
@@ -146,7 +167,7 @@ def table_sha256(table: Table) -> str:
 Columns = Mapping[str, Column]
 
 REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.is_required)
-_LARGEST_STEP = 2**31
+_LARGEST = 2**31
 
 
 def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Finding]]:
@@ -298,11 +319,13 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
     for name in set(lines.columns) & NEEDED:
         is_good &= ~lines.bad(name)
     lines = lines.keep(is_good)
-    step = lines.values.get("step")
-    if step is not None and np.any((step != np.round(step)) | (np.abs(step) > _LARGEST_STEP)):
-        what = f"the numbers under '{lines.columns['step'].header}' are not whole: left out"
+    for name in ("step", "cycle", "state"):
+        numbers = lines.values.get(name)
+        if numbers is None or np.all((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST)):
+            continue
+        what = f"the numbers under '{lines.columns[name].header}' are not whole: left out"
         findings.append(Finding("note", what, is_told=True))
-        lines = lines.without("step")
+        lines = lines.without(name)
     return lines, findings
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import counted
+from .counters import gain_ah
 from .findings import Finding, Severity, found_at
-from .samples import Samples, bulk_time_s, gain_ah, step_resistance_ohm
+from .samples import Samples, bulk_time_s, step_resistance_ohm
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 _CELL_RANGE_V = (0.5, 6.0)

@@ -1,0 +1,114 @@
+"""The tester's own ampere-hours, joined where a counter starts again."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+Charge = Float[np.ndarray, "samples"]
+Increments = Float[np.ndarray, "intervals"]
+
+# A smaller fall of a counter is rounding; a larger one begins it anew.
+_ROUNDING = 1e-3
+# Counted and integrated charge are compared over blocks of intervals, for inside a drive cycle the
+# current switches between samples. They agree within this share and so many quanta; so many must.
+_BLOCKS, _NEAR, _QUANTA, _AGREEING = 200, 0.1, 2.0, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Counters:
+    """The tester's own ampere-hours, as far as the file has them.
+
+    `charged_ah` and `discharged_ah` only grow, but for resets; `net_ah` follows the file's own
+    sign of current, or nothing at all: names such as "Capacity" mean many things.
+    """
+
+    charged_ah: Charge | None = None
+    discharged_ah: Charge | None = None
+    net_ah: Charge | None = None
+
+    @property
+    def written(self) -> dict[str, Charge]:
+        """The counters that the file has, by name."""
+        return {name: values for name, values in vars(self).items() if values is not None}
+
+    @property
+    def both(self) -> tuple[Charge, ...]:
+        """What was counted in and out; nothing unless the file has both."""
+        if self.charged_ah is None or self.discharged_ah is None:
+            return ()
+        return self.charged_ah, self.discharged_ah
+
+    @property
+    def quantum_ah(self) -> float:
+        """What the coarsest counter resolves: the decimal place to which it was printed."""
+        moving = [values for values in self.written.values() if values.any()]
+        return max(map(_decimal_place, moving), default=0.0)
+
+    def increments_ah(self, *, with_net: bool) -> Increments | None:
+        """Ah counted in each interval, charge positive; zero where a counter was reset.
+
+        None without counters. `with_net` accepts a net counter where the other two are missing;
+        its sign is then the file's own.
+        """
+        parts = []
+        if self.charged_ah is not None:
+            parts.append(np.maximum(np.diff(self.charged_ah), 0))
+        if self.discharged_ah is not None:
+            parts.append(-np.maximum(np.diff(self.discharged_ah), 0))
+        if not parts and with_net and self.net_ah is not None:
+            parts.append(np.diff(self.net_ah))
+        return np.sum(parts, axis=0) if parts else None
+
+    def charge_ah(self, integrated_ah: Increments) -> Charge | None:
+        """The net charge by the counters since the first sample, signed as `integrated_ah` is.
+
+        That is the charge by integration of the intervals. Counters that begin anew with a step or
+        a cycle are joined; one that counts without a sign takes the current's. None where the file
+        has none, or one that does not count.
+        """
+        starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
+        summed_ah = np.add.reduceat(integrated_ah, starts)
+        flowed_ah = np.add.reduceat(np.abs(integrated_ah), starts)
+        least_ah = _QUANTA * self.quantum_ah
+        best_ah, most = None, _AGREEING
+        for counted_ah in self._candidates(np.sign(integrated_ah)):
+            turned_ah = counted_ah * (np.sign(np.sum(counted_ah * integrated_ah)) or 1.0)
+            apart_ah = np.abs(np.add.reduceat(turned_ah, starts) - summed_ah)
+            moves = np.maximum(apart_ah, flowed_ah) > least_ah
+            agrees = (apart_ah <= _NEAR * flowed_ah + least_ah)[moves]
+            if len(agrees) and agrees.mean() > most:
+                best_ah, most = turned_ah, float(agrees.mean())
+        return None if best_ah is None else np.concatenate([np.zeros(1), np.cumsum(best_ah)])
+
+    def _candidates(self, direction: Increments) -> list[Increments]:
+        """What the counters may mean, the plainest first."""
+        if self.both:
+            return [_joined(self.both[0]) - _joined(self.both[1])]
+        if self.net_ah is None:
+            return []
+        steps_ah = np.diff(self.net_ah)
+        shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
+        from_zero_ah = np.where(shrinks, self.net_ah[1:], steps_ah)
+        return [steps_ah, from_zero_ah, _joined(np.abs(self.net_ah)) * direction]
+
+
+def _joined(counter_ah: Charge) -> Increments:
+    """What a counter that only grows, and begins anew, counted in each interval."""
+    gained_ah = np.diff(counter_ah)
+    is_anew = gained_ah < -_ROUNDING * counter_ah.max()
+    return np.where(is_anew, counter_ah[1:], np.maximum(gained_ah, 0))
+
+
+def gain_ah(counter_ah: Charge) -> float:
+    """By how much a counter grew, resets left out."""
+    return float(np.sum(np.maximum(np.diff(counter_ah), 0)))
+
+
+def _decimal_place(values: Charge) -> float:
+    """The coarsest power of ten of which all values are multiples, to single precision."""
+    for digits in range(9):
+        scaled = values * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6 * (1 + np.abs(scaled))):
+            return 10.0**-digits
+    return 0.0

@@ -1,0 +1,92 @@
+"""The tester's own charge: counters that run on, begin anew, or count without a sign."""
+
+import numpy as np
+import pytest
+
+from barnax.records import read_record, record_from_frame
+from barnax.records.counters import Counters
+from barnax.records.record import OTHER_STATE
+
+# Three steps of ten minutes: discharge at 2 A, rest, charge at 1 A, logged every 10 s.
+CURRENT_A = np.repeat([2.0, 0.0, -1.0], 60)
+STEP = np.repeat([1, 2, 3], 60)
+CHARGE_AH = np.concatenate([[0], np.cumsum(CURRENT_A[1:])]) * 10 / 3600
+FLOWED_AH = np.diff(CHARGE_AH)
+
+
+def per_step(counter_ah):
+    """The counter as one that begins anew with each step."""
+    start = np.searchsorted(STEP, STEP)
+    before = np.where(start > 0, counter_ah[start - 1], 0)
+    return counter_ah - before
+
+
+def parts():
+    out = np.concatenate([[0], np.cumsum(np.maximum(FLOWED_AH, 0))])
+    into = np.concatenate([[0], np.cumsum(np.maximum(-FLOWED_AH, 0))])
+    return into, out
+
+
+MEANINGS = {
+    "net, discharge positive": Counters(net_ah=CHARGE_AH),
+    "net, charge positive": Counters(net_ah=-CHARGE_AH),
+    "net, not from zero": Counters(net_ah=0.7 - CHARGE_AH),
+    "net of each step": Counters(net_ah=per_step(CHARGE_AH)),
+    "of each step, without a sign": Counters(net_ah=np.abs(per_step(CHARGE_AH))),
+    "in and out": Counters(*parts()),
+    "in and out of each step": Counters(*map(per_step, parts())),
+    "in and out, exchanged": Counters(*parts()[::-1]),
+}
+
+
+@pytest.mark.parametrize("counters", MEANINGS.values(), ids=MEANINGS)
+def test_a_counter_gives_the_charge_whatever_it_begins_with(counters):
+    np.testing.assert_allclose(counters.charge_ah(FLOWED_AH), CHARGE_AH, atol=1e-12)
+
+
+def test_the_counter_knows_of_a_discharge_that_was_not_logged():
+    logged = np.ones(180, bool)
+    logged[20:50] = False
+    time_s = 10.0 * np.arange(180)[logged]
+    current_a = np.where(np.arange(180) == 50, 0, CURRENT_A)[logged]
+    flowed_ah = current_a[1:] * np.diff(time_s) / 3600
+    charge_ah = Counters(net_ah=-CHARGE_AH[logged]).charge_ah(flowed_ah)
+    np.testing.assert_allclose(charge_ah, CHARGE_AH[logged], atol=1e-12)
+    assert flowed_ah.sum() < 0.6 * charge_ah[70]
+
+
+@pytest.mark.parametrize(
+    "counters",
+    [
+        Counters(),
+        Counters(net_ah=1000 * CHARGE_AH),
+        Counters(net_ah=np.round(CHARGE_AH)),
+        Counters(*parts()[:1], np.random.default_rng(0).random(180)),
+    ],
+    ids=["none", "another unit", "too coarse", "noise"],
+)
+def test_what_does_not_count_the_current_is_no_charge(counters):
+    assert counters.charge_ah(FLOWED_AH) is None
+
+
+def test_a_record_has_the_charge_the_cycle_and_the_state_of_its_file():
+    record = record_from_frame(
+        {
+            "Test Time / s": 10.0 * np.arange(180),
+            "Current / A": -CURRENT_A,
+            "Voltage / V": 3.7 - 0.05 * CURRENT_A - 0.5 * CHARGE_AH,
+            "Net Capacity / Ah": -CHARGE_AH,
+            "Cycle Count / 1": np.repeat([1, 2], 90),
+            "Step Type / 1": np.repeat(["CC_DChg", "Rest", "CCCV Chg", "OCV", "SIM"], 36),
+        }
+    )
+    np.testing.assert_allclose(record.charge_ah, CHARGE_AH, atol=1e-12)
+    assert record.cycle.tolist() == [1] * 90 + [2] * 90
+    assert record.state.tolist() == np.repeat([1, 0, -1, 0, OTHER_STATE], 36).tolist()
+
+
+def test_a_file_without_them_has_none(tmp_path):
+    rows = "".join(f"{k},{k % 2},{3.7 - 0.05 * (k % 2)}\n" for k in range(20))
+    (tmp_path / "plain.csv").write_text("Time [s],Current [A],Voltage [V]\n" + rows)
+    record = read_record(tmp_path / "plain.csv")
+    assert (record.charge_ah, record.cycle, record.state) == (None, None, None)

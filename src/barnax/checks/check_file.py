@@ -144,7 +144,7 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
         raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
     if not isinstance(source, Source):
         source = read_source(source)
-    examined = examine(source.table, source.name, capacity_ah)
+    examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]
     given = None
     # Absurd values overflow on their way to being found absurd.

@@ -10,8 +10,8 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CellModel, characterize
-from barnax.model.inputs import Window
 from barnax.model.problem import Problem, make_problem
+from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records import Record, read_record
 from barnax.search.refine import Refinement, refine

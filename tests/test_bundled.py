@@ -13,11 +13,12 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from barnax import bundled
-from barnax.bundled import BUNDLED, BUNDLED_NAMES, bundled_file
+from barnax.bundled import BUNDLED, BUNDLED_NAMES, HPPC_NAMES, bundled_file
 from barnax.errors import InputError
 
 SOURCE = Path(__file__).parents[1] / "data" / "virtual_cell"
 COLUMNS = ["Test Time / s", "Current / A", "Voltage / V"]
+TEMPERATURE = "Surface Temperature / degC"
 CAPACITY_AH = 2.0004
 CURRENT_NOISE_A = 2e-3
 VOLTAGE_NOISE_V = 1e-3
@@ -25,7 +26,7 @@ REST_BELOW_A = 0.02
 
 
 def columns_of(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    time_s, current_a, voltage_v = pl.read_parquet(bundled_file(name)).to_numpy().T
+    time_s, current_a, voltage_v = pl.read_parquet(bundled_file(name), columns=COLUMNS).to_numpy().T
     return time_s, current_a, voltage_v
 
 
@@ -52,18 +53,18 @@ def rested_points(name: str) -> tuple[np.ndarray, np.ndarray]:
     return soc[order], rested_v[order]
 
 
-@pytest.mark.parametrize("name", BUNDLED_NAMES)
+@pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES])
 def test_the_hash_equals_the_one_in_the_provenance_page(name: str):
     page = (bundled_file(name).parent / "README.md").read_text(encoding="utf-8")
     stated = dict(re.findall(r"^\| `(\w+)\.parquet` .* `([0-9a-f]{64})` \|$", page, re.MULTILINE))
     assert stated[name] == hashlib.sha256(bundled_file(name).read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("name", BUNDLED_NAMES)
+@pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES])
 def test_the_columns_are_those_of_the_battery_data_format(name: str):
     table = pl.read_parquet(bundled_file(name))
-    time_s, current_a, voltage_v = table.to_numpy().T
-    assert table.columns == COLUMNS
+    time_s, current_a, voltage_v = table.select(COLUMNS).to_numpy().T
+    assert table.columns == COLUMNS + ([TEMPERATURE] if name in HPPC_NAMES else [])
     assert np.isfinite(table.to_numpy()).all()
     assert time_s[0] == 0.0
     assert (np.diff(time_s) > 0).all()
@@ -119,13 +120,29 @@ def test_a_drive_is_the_generators_profile_and_noise_at_one_sample_a_second(name
     assert np.abs(noise_a).max() < 6 * CURRENT_NOISE_A
 
 
-def test_the_roles_name_the_four_files():
-    paths = [BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv]
-    assert [path.stem for path in paths] == list(BUNDLED_NAMES)
+@pytest.mark.parametrize("name", HPPC_NAMES)
+def test_an_hppc_test_runs_from_full_to_empty_at_its_temperature(name: str):
+    time_s, current_a, voltage_v = columns_of(name)
+    degc = pl.read_parquet(bundled_file(name))[TEMPERATURE].to_numpy()
+    ambient_degc = float(name.removeprefix("hppc_").removesuffix("degC"))
+    # The cell comes from 25 degC and warms in its pulses.
+    at_rest = (np.abs(current_a) < REST_BELOW_A) & (time_s > 2 * 3600)
+    at_rest &= np.diff(time_s, prepend=0) > 20
+    assert np.median(degc[at_rest]) == pytest.approx(ambient_degc, abs=0.11)
+    assert np.abs(degc[time_s > 2 * 3600] - ambient_degc).max() < 3
+    assert charge_passed_ah(time_s, current_a)[-1] == pytest.approx(-1.985, abs=0.01)
+    assert voltage_v[time_s < 3 * 3600].min() > 4.17
+
+
+def test_the_roles_name_every_file():
+    paths = [BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv, *BUNDLED.hppc]
+    assert [path.stem for path in paths] == [*BUNDLED_NAMES, *HPPC_NAMES]
 
 
 def test_an_unknown_name_is_refused_with_the_names_there_are():
-    with pytest.raises(InputError, match="identification, validation, ocv_charge, ocv_discharge"):
+    with pytest.raises(
+        InputError, match="identification, validation, ocv_charge, ocv_discharge, hppc_10"
+    ):
         bundled_file("ocv")
 
 

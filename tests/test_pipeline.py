@@ -11,7 +11,7 @@ import barnax
 from barnax import pipeline
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
-from barnax.model.inputs import Window
+from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.results import Result
 from reference import filtered_response, make_record

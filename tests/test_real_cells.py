@@ -9,8 +9,8 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from barnax.cell import characterize
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
+from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate

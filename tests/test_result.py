@@ -13,9 +13,10 @@ from pydantic import ValidationError
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.export.tables import tables_of
-from barnax.model.inputs import Window
+from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
-from barnax.results import Result, best_answer, describe, make_result
+from barnax.results import Result, best_answer
+from barnax.storing import describe, make_result
 
 OPTIONS = {
     "model": "so-rc",

@@ -18,6 +18,7 @@ warnings.filterwarnings("ignore", message="The definition of the hysteresis deca
 NOMINAL_CAPACITY_AH = 2.0
 UPPER_CUTOFF_V = 4.2
 LOWER_CUTOFF_V = 2.5
+KELVIN_AT_0_DEGC = 273.15
 GRAPHITE_HALF_GAP_V = 0.006
 
 MODEL_OPTIONS: dict[str, Any] = {
@@ -64,7 +65,7 @@ EXCHANGE_CURRENTS = (
 )
 
 
-def parameter_values() -> pybamm.ParameterValues:
+def parameter_values(ambient_degc: float) -> pybamm.ParameterValues:
     """Chen2020_composite, changed into a 2 Ah 18650 whose graphite has a hysteresis too."""
     values = pybamm.ParameterValues("Chen2020_composite")
     graphite_ocp = values["Primary: Negative electrode OCP [V]"]
@@ -72,6 +73,7 @@ def parameter_values() -> pybamm.ParameterValues:
         GEOMETRY
         | MATERIALS
         | HYSTERESIS
+        | {"Ambient temperature [K]": KELVIN_AT_0_DEGC + ambient_degc}
         | {name: _doubled(values[name]) for name in EXCHANGE_CURRENTS}
         | {
             "Primary: Negative electrode lithiation OCP [V]": lambda stoichiometry: (
@@ -86,11 +88,11 @@ def parameter_values() -> pybamm.ParameterValues:
     return values
 
 
-def build_simulation(steps: Sequence[Any]) -> pybamm.Simulation:
-    """One cycle of PyBaMM experiment steps on the virtual cell."""
+def build_simulation(steps: Sequence[Any], ambient_degc: float = 25.0) -> pybamm.Simulation:
+    """One cycle of PyBaMM experiment steps on the virtual cell, in air of that temperature."""
     return pybamm.Simulation(
         pybamm.lithium_ion.DFN(MODEL_OPTIONS),
-        parameter_values=parameter_values(),
+        parameter_values=parameter_values(ambient_degc),
         experiment=pybamm.Experiment([tuple(steps)]),
         solver=pybamm.IDAKLUSolver(rtol=1e-6, atol=1e-6),
     )

@@ -7,6 +7,7 @@ from .bundled import bundled_file as bundled_file
 from .cell import CellModel as CellModel
 from .cell import CircuitParameters as CircuitParameters
 from .cell import OcvTable as OcvTable
+from .cell import SocTables as SocTables
 from .cell import characterize as characterize
 from .cell import read_ocv_table as read_ocv_table
 from .checks import FileCheck as FileCheck
@@ -22,11 +23,16 @@ from .gather import Settings as Settings
 from .global_optimum import GlobalOptimum as GlobalOptimum
 from .global_optimum import find_global_optimum as find_global_optimum
 from .global_optimum import optimality_gap as optimality_gap
-from .model.inputs import Window as Window
 from .model.problem import Problem as Problem
 from .model.problem import make_problem as make_problem
+from .model.window import Window as Window
 from .optimizers import OPTIMIZERS as OPTIMIZERS
 from .optimizers import make_optimizer as make_optimizer
+from .over_soc import TableFit as TableFit
+from .over_soc import TableSettings as TableSettings
+from .over_soc import evaluate_tables as evaluate_tables
+from .over_soc import fit_tables as fit_tables
+from .over_soc import simulate_tables as simulate_tables
 from .pipeline import Run as Run
 from .pipeline import identify as identify
 from .pipeline import validate_stored as validate_stored
@@ -34,7 +40,6 @@ from .records import Record as Record
 from .records import read_record as read_record
 from .records import record_from_frame as record_from_frame
 from .results import Result as Result
-from .results import make_result as make_result
 from .search.evaluate import Evaluation as Evaluation
 from .search.evaluate import evaluate as evaluate
 from .search.evaluate import validate as validate
@@ -43,6 +48,7 @@ from .search.refine import refine as refine
 from .search.seeds import Search as Search
 from .search.seeds import search_many as search_many
 from .search.seeds import search_seeds as search_seeds
+from .storing import make_result as make_result
 from .uncertainty import Assessment as Assessment
 from .uncertainty import Examination as Examination
 from .uncertainty import assess as assess

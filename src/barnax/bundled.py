@@ -1,4 +1,4 @@
-"""The virtual cell that ships with barnax: where its four Parquet files lie.
+"""The virtual cell that ships with barnax: where its Parquet files lie.
 
 The files are simulated, not measured; `data/virtual_cell/README.md` tells how. An installed wheel
 carries them beside this module, an editable install reads them from the repository.
@@ -10,21 +10,21 @@ from typing import Final, final
 from .errors import InputError
 
 BUNDLED_NAMES: Final = ("identification", "validation", "ocv_charge", "ocv_discharge")
+HPPC_NAMES: Final = ("hppc_10degC", "hppc_25degC", "hppc_40degC")
 CELL_FOLDER: Final = "virtual_cell"
 
 
 def bundled_file(name: str) -> Path:
-    """The path of one bundled file: a name of `BUNDLED_NAMES`, without the suffix.
+    """The path of one bundled file: a name of `BUNDLED_NAMES` or `HPPC_NAMES`, without the suffix.
 
     Raises `InputError` for another name, and where the installation lacks the file.
 
     >>> bundled_file("ocv_charge").name
     'ocv_charge.parquet'
     """
-    if name not in BUNDLED_NAMES:
-        raise InputError(
-            f"no bundled file is called {name!r}; the names are {', '.join(BUNDLED_NAMES)}"
-        )
+    names = (*BUNDLED_NAMES, *HPPC_NAMES)
+    if name not in names:
+        raise InputError(f"no bundled file is called {name!r}; the names are {', '.join(names)}")
     here = Path(__file__).resolve()
     in_wheel, in_repository = here.parent / "data", here.parents[2] / "data"
     candidates = [data / CELL_FOLDER / f"{name}.parquet" for data in (in_wheel, in_repository)]
@@ -59,6 +59,11 @@ class BundledCell:
     def ocv(self) -> tuple[Path, Path]:
         """The OCV tests: charge, then discharge."""
         return bundled_file("ocv_charge"), bundled_file("ocv_discharge")
+
+    @property
+    def hppc(self) -> tuple[Path, ...]:
+        """The pulse tests at 10, 25 and 40 degC."""
+        return tuple(bundled_file(name) for name in HPPC_NAMES)
 
 
 BUNDLED: Final = BundledCell()

@@ -4,16 +4,16 @@ Records are read once and checked, the cell is characterized, thirty seeds searc
 optimum is looked for beside them, and the best circuit known is assessed and validated.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import jax
 import numpy as np
 
-from .cell import CellModel, CircuitParameters, OcvTable
+from .cell import OcvTable
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .errors import InputError
@@ -29,21 +29,36 @@ from .gather import (
     unwatched,
     windows_of,
 )
-from .global_optimum import GlobalOptimum, find_global_optimum
-from .model.inputs import PreparedRecord, Window, other_direction, prepare_record
+from .global_optimum import GlobalOptimum, find_global_optimum, with_better_directions
+from .model.inputs import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
+from .model.window import Window
 from .optimizers import make_optimizer
+from .over_soc import TableFit, TableSettings, evaluate_tables, fit_tables
 from .records import Record
-from .results import Answer, Result, best_answer, make_result
-from .search.evaluate import Evaluation, evaluate
+from .results import Answer, Result, best_answer
+from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .search.refine import Descent, Refinement, refine
 from .search.seeds import Search, search_seeds
+from .storing import make_result
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")
-# A direction is the better one where it lowers the RMSE by more than this.
-SAME_FIT = 1e-6
+# What a warning says first where the full examination failed.
+FITTING_AGAIN = "fitting again"
+# Validation may leave the SOC that tables were identified on by this much without a word.
+OUTSIDE_SOC = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class TableRun:
+    """Tables over SOC fitted to the records of a run, and their evaluations."""
+
+    settings: TableSettings
+    fit: TableFit
+    identification: list[Evaluation]
+    validation: list[Evaluation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +74,7 @@ class Run:
     validation: list[Evaluation]
     assessment: Assessment | None
     examination: Examination | None
+    tables: TableRun | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
 
@@ -69,6 +85,7 @@ def identify(
     ocv: Given | Sequence[Given] = (),
     validate: Given | Sequence[Given] = (),
     settings: Settings | None = None,
+    tables: TableSettings | None = None,
     window: Window | Mapping[str, Window] | None = None,
     capacity: float | None = None,
     ocv_capacity: float | None = None,
@@ -89,8 +106,10 @@ def identify(
     from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
     records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
     `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
-    says how far the answer is looked into: "full" fits again. Fields of `Settings` and `Reading`
-    may be given by name, such as `model="esc"`. `watch` is asked for a context for every stage.
+    says how far the answer is looked into: "full" fits again. With `over="soc"` the same circuit is
+    also fitted with tables over SOC, by `tables`. Fields of `Settings`, `Reading` and
+    `TableSettings` may be given by name, such as `model="esc"`. `watch` is asked for a context for
+    every stage.
 
     Raises `InputError` where an input cannot be used, naming file, row, value and remedy.
 
@@ -101,6 +120,9 @@ def identify(
     """
     settings = _with_options(settings or Settings(), options)
     reading = _with_options(reading or Reading(), options)
+    tables = _with_options(tables or TableSettings(), options)
+    if settings.over is None and tables != TableSettings():
+        raise InputError("tables are asked for with `over` 'soc'; give it too")
     if options:
         raise TypeError(f"identify() has no option {', '.join(sorted(options))}")
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
@@ -120,8 +142,12 @@ def identify(
             prepare_record(record, inputs.cell, settings.model, windows[record.name])
             for record in inputs.validation
         ]
-        problem = _with_better_directions(problem)
-    run = _search_and_assess(problem, optimizer, settings, validation, trust, watch)
+        problem = with_better_directions(problem)
+        wanted = None
+        if settings.over is not None:
+            ranges = {**(ranges_of(bounds)[1] or {}), **tables.bounds}
+            wanted = replace(tables, bounds=ranges, fixed={**(fix or {}), **tables.fixed})
+    run = _search_and_assess(problem, optimizer, settings, validation, trust, wanted, watch)
     run = replace(run, ocv=inputs.ocv, warnings=_all_warnings(inputs, run))
     return make_result(run, command)
 
@@ -163,38 +189,7 @@ def _problem(
         _ = problem.compressed
     except InputError:
         return problem
-    return replace_kind(problem, "compressed")
-
-
-def replace_kind(problem: Problem, kind: Kind) -> Problem:
-    """The same problem searched by another objective; what is computed already is kept."""
-    other = replace(problem, kind=kind)
-    for name in ("all_inputs", "scan", "compressed", "coordinates"):
-        if name in vars(problem):
-            vars(other)[name] = vars(problem)[name]
-    return other
-
-
-def _with_better_directions(problem: Problem) -> Problem:
-    """The problem with each open direction before the start as fits better, record by record."""
-    for place, prepared in enumerate(problem.prepared_records):
-        other = other_direction(prepared, problem.cell)
-        if other is None:
-            continue
-        records = list(problem.prepared_records)
-        tried = replace(problem, prepared_records=(*records[:place], other, *records[place + 1 :]))
-        try:
-            own_v, other_v = (
-                find_global_optimum(each, prove=False).rmse_v for each in (problem, tried)
-            )
-        except InputError:
-            continue
-        best, rest_v = (tried, own_v) if other_v < own_v * (1 - SAME_FIT) else (problem, other_v)
-        chosen = best.prepared_records[place]
-        start = replace(chosen.start, direction_source="better fit", other_rmse_v=rest_v)
-        records[place] = replace(chosen, start=start)
-        problem = replace(problem, prepared_records=tuple(records))
-    return problem
+    return problem.keeping_computed(kind="compressed")
 
 
 def _search_and_assess(
@@ -203,9 +198,11 @@ def _search_and_assess(
     settings: Settings,
     validation: Sequence[PreparedRecord],
     trust: str,
+    tables: TableSettings | None,
     watch: Watch,
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
+    tabulated = None
     with ThreadPoolExecutor(max_workers=2) as beside:
         compiling = beside.submit(Descent, problem)
         looking = beside.submit(_optimum_or_none, problem)
@@ -224,11 +221,23 @@ def _search_and_assess(
             optimum = looking.result()
             if linearizing is not None:
                 linearizing.result()
+        if tables is not None:
+            with watch("Fitting tables over SOC", 0):
+                tabulated = fit_tables(problem.prepared_records, tables)
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     with watch("Evaluating", 0):
         identified = [evaluate(each, answer.parameters) for each in problem.prepared_records]
-        validated = [_validated(each, problem.cell, answer.parameters) for each in validation]
+        validated = [
+            evaluate_from_either(each, problem.cell, answer.parameters) for each in validation
+        ]
+        table_run = None
+        if tables is not None and tabulated is not None:
+            own, others = (
+                [evaluate_tables(each.prepared, tabulated.tables) for each in evaluations]
+                for evaluations in (identified, validated)
+            )
+            table_run = TableRun(tables, tabulated, own, others)
     assessment = examination = None
     with watch("Assessing", 0):
         if trust != "none":
@@ -236,11 +245,11 @@ def _search_and_assess(
         if trust == "full" and assessment is not None:
             key = jax.random.key(settings.key)
             examination = _attempt(
-                "fitting again", warnings, examine, problem, answer.parameters, assessment, key=key
+                FITTING_AGAIN, warnings, examine, problem, answer.parameters, assessment, key=key
             )
     return Run(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
-        examination, warnings=tuple(warnings),
+        examination, table_run, warnings=tuple(warnings),
     )  # fmt: skip
 
 
@@ -264,22 +273,6 @@ def _attempt(
         return None
 
 
-def _validated(
-    prepared: PreparedRecord, cell: CellModel, parameters: CircuitParameters
-) -> Evaluation:
-    """The answer on a record it was not fitted to, from the direction that fits better if open."""
-    own = evaluate(prepared, parameters)
-    other = other_direction(prepared, cell)
-    if other is None:
-        return own
-    tried = evaluate(other, parameters)
-    best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
-    start = replace(
-        best.prepared.start, direction_source="better fit", other_rmse_v=rest.metrics.rmse_v
-    )
-    return replace(best, prepared=replace(best.prepared, start=start))
-
-
 def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
     """Every warning of a run once, in the order of the flow."""
     texts = [text for record in inputs.ocv for text in record.warnings]
@@ -289,8 +282,8 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
         if each.metrics.r2 < 0:
             texts.append(
                 f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
-                f"would (R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax "
-                "check, and at what `fix` and `bounds` hold"
+                f"would (R2 {each.metrics.r2:.3g}); what the checks of its file found is among "
+                "these warnings; look at its window, and at what `fix` and `bounds` hold"
             )
     for each in run.validation:
         texts += [*each.prepared.record.warnings, *each.prepared.warnings]
@@ -298,7 +291,49 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
         f"{each.name} is at its {each.side} bound: the bounds, not the data, set it"
         for each in run.answer.at_bound
     ]
+    if run.tables is not None:
+        texts += _table_warnings(run.tables)
     return tuple(dict.fromkeys([*texts, *run.warnings]))
+
+
+def _table_warnings(run: TableRun) -> Iterator[str]:
+    """What a user should know of tables over SOC."""
+    for each in run.fit.warnings:
+        if each.kind == "tau at bound":
+            yield (
+                f"tables over SOC: {each.name} ended at its bound of {each.value:.4g} s; with an "
+                "OCV correction a slow pair imitates a wrong capacity, so check `capacity`, or "
+                "give `bounds` for it"
+            )
+        else:
+            yield (
+                f"tables over SOC: {100 * each.value:.0f} % of the nodes of {each.name} are near "
+                "no sample; their values follow from their neighbors"
+            )
+    low, high = (
+        bound([bound(each.prepared.soc[each.prepared.scored]) for each in run.identification])
+        for bound in (min, max)
+    )
+    for each in run.validation:
+        soc = each.prepared.soc[each.prepared.scored]
+        outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
+        if outside:
+            yield (
+                f"{each.prepared.record.name}: {outside} of {len(soc)} scored samples lie outside "
+                f"the SOC that the tables were identified on ({100 * low:.0f} to "
+                f"{100 * high:.0f} %), where they are held constant"
+            )
+
+
+def common_window(stored: Result) -> Window:
+    """What the windows of all simulated records agree on; what is one's alone is not another's."""
+    windows = [each.window for each in stored.inputs if each.window]
+    agreed = {
+        field.name: getattr(windows[0], field.name)
+        for field in fields(Window)
+        if all(getattr(each, field.name) == getattr(windows[0], field.name) for each in windows)
+    }
+    return Window(**agreed)
 
 
 def validate_stored(
@@ -311,15 +346,17 @@ def validate_stored(
 ) -> tuple[Evaluation, list[str]]:
     """A stored circuit on another record, and warnings about that record and its window."""
     reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
-    window = window or stored.window
-    measured, warnings = read_validation(record, reading, window)
+    window = window or common_window(stored)
+    cell = stored.cell_model
+    measured, warnings = read_validation(record, reading, window, cell)
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
         warnings.append(
             f"{measured.name}: is the record {own[measured.sha256]} that the circuit was "
             "identified on, so it validates nothing"
         )
-    cell = stored.cell_model
     prepared = prepare_record(measured, cell, stored.model, window)
-    evaluation = _validated(prepared, cell, stored.circuit_parameters)
+    evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)
+    if stored.tables is not None:
+        evaluation = evaluate_tables(evaluation.prepared, stored.tables.fit.tables)
     return evaluation, [*warnings, *measured.warnings, *prepared.warnings]

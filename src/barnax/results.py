@@ -4,29 +4,23 @@ What is stored are the dataclasses that the numerics return (see `schema`), gath
 files, the settings and the versions they come from.
 """
 
-import functools
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from importlib.metadata import version
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from .cell import CellModel, CircuitParameters, OcvTable, get_circuit
+from .cell import CellModel, CircuitParameters, get_circuit
 from .errors import InputError
-from .global_optimum import GlobalOptimum, optimality_gap
-from .metrics import Metrics
-from .model.inputs import Start, Window
-from .model.problem import Kind, Problem
-from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
-from .records import Decision, Record
+from .global_optimum import GlobalOptimum
+from .model.problem import Kind
+from .model.start import Start
+from .model.window import Window
+from .over_soc import TableFit, TableSettings
+from .records import Decision
 from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
-from .search.evaluate import Evaluation, pooled
 from .search.refine import SAME_RMSE, AtBound, Optimum, RefinedSeed, Refinement
-from .search.seeds import Search, SeedAnswer
-from .uncertainty import Diagnostics, Examination, Identifiability, Uncertainty
+from .search.seeds import SeedAnswer
+from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +28,6 @@ if TYPE_CHECKING:
     from .pipeline import Run
 
 SCHEMA_VERSION = 2
-VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
 
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 # A state of charge; a record may run beyond full and empty, but not far.
@@ -162,13 +155,24 @@ class AssessmentPart(Part):
     examination: Examination | None = None
 
 
+class TablesPart(Part):
+    """The circuit with tables over SOC, how it was fitted, and its errors by scan."""
+
+    settings: TableSettings
+    fit: TableFit
+    metrics: MetricsBlock
+    by_soc: tuple[Band, ...]
+
+
 class Result(Document):
     """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
     `parameters` are the best circuit known (`answer_source` says where it comes from), and metrics,
     intervals, figures and exports are of it; `search` and `refined` tell what the seeds did.
     `global_optimum` is None where the box is too wide to look for it, `assessment` where it was
-    not asked for or failed. A result that was just computed has the objects behind it in `run`.
+    not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
+    asked for: then exports, figures of errors and validation are of it. A result that was just
+    computed has the objects behind it in `run`.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -183,6 +187,7 @@ class Result(Document):
     metrics: MetricsBlock
     global_optimum: GlobalPart | None = None
     assessment: AssessmentPart | None = None
+    tables: TablesPart | None = None
     search: SearchPart
     refined: RefinedPart
     cell: CellModel
@@ -245,6 +250,11 @@ class Result(Document):
         return CircuitParameters.from_dict(self.parameters)
 
     @property
+    def answer_metrics(self) -> MetricsBlock:
+        """Those of the tables over SOC where there are any, else of the constant circuit."""
+        return self.metrics if self.tables is None else self.tables.metrics
+
+    @property
     def cell_model(self) -> CellModel:
         return self.cell
 
@@ -301,168 +311,3 @@ class Result(Document):
         from .reporting.render import to_fragment
 
         return to_fragment(identification_document(self, summary_only=True))
-
-
-def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
-    """Everything a run found, as one value that can be stored; `command` is what was run."""
-    problem = run.problem
-    result = Result(
-        schema_version=SCHEMA_VERSION,
-        model=problem.circuit,
-        parameters=run.answer.parameters.to_dict(),
-        answer_source=run.answer.source,
-        at_bound=run.answer.at_bound,
-        metrics=MetricsBlock(
-            identification=joint_metrics(problem.name, run.identification),
-            jointly=tuple(
-                metrics_part(each) for each in run.identification if len(run.identification) > 1
-            ),
-            validation=tuple(metrics_part(each) for each in run.validation),
-        ),
-        global_optimum=_global_part(run.refinement, run.optimum) if run.optimum else None,
-        assessment=None
-        if run.assessment is None
-        else AssessmentPart(
-            uncertainty=run.assessment.uncertainty,
-            identifiability=run.assessment.identifiability,
-            diagnostics=run.assessment.diagnostics,
-            examination=run.examination,
-        ),
-        search=search_part(run.search),
-        refined=RefinedPart(
-            rmse_v=run.refinement.rmse_v,
-            objective=run.refinement.objective,
-            evaluations=run.refinement.evaluations,
-            at_bound=run.refinement.at_bound,
-            optima=run.refinement.optima,
-            seeds=run.refinement.refined,
-        ),
-        cell=problem.cell,
-        bounds=dict(problem.bounds.ranges),
-        fixed=dict(problem.bounds.fixed),
-        inputs=(
-            *(record_part("identification", each) for each in run.identification),
-            *(record_part("validation", each) for each in run.validation),
-            *(input_part("ocv", record) for record in run.ocv),
-        ),
-        warnings=run.warnings,
-        command=tuple(command),
-        versions=all_versions(),
-    )
-    result._run = run
-    return result
-
-
-def search_part(search: Search) -> SearchPart:
-    """A search as it is stored."""
-    problem: Problem = search.problem
-    method, settings = describe(search.optimizer)
-    return SearchPart(
-        method=method,
-        settings=settings,
-        coordinates=problem.scale,
-        objective=problem.kind,
-        population=search.optimizer.population,
-        iterations=search.optimizer.iterations,
-        key=search.key,
-        evaluations=search.evaluations,
-        seeds=search.seeds,
-    )
-
-
-def _global_part(refinement: Refinement, optimum: GlobalOptimum) -> GlobalPart:
-    """The global optimum as it is stored, with the optimality gap of every answer.
-
-    Local optima are counted once, whoever found them: the seeds or the grid.
-    """
-    gaps = [optimality_gap(seed.rmse_v, optimum.rmse_v) for seed in refinement.search.seeds]
-    local = list(optimum.local_optima)
-    for each in refinement.optima:
-        known = [optimum.rmse_v, *(other.rmse_v for other in local)]
-        if all(abs(each.rmse_v / other - 1) > SAME_RMSE for other in known if other):
-            local.append(each)
-    return GlobalPart(
-        rmse_v=optimum.rmse_v,
-        parameters=optimum.parameters,
-        status=optimum.status,
-        lower_bound_v=optimum.lower_bound_v,
-        proved_gap=optimum.proved_gap,
-        cells=None if optimum.certificate is None else optimum.certificate.cells,
-        local_optima=tuple(sorted(local, key=lambda each: each.rmse_v)),
-        at_bound=optimum.at_bound,
-        median_gap=float(np.median(gaps)),
-        best_gap=min(gaps),
-        refined_gap=optimality_gap(refinement.rmse_v, optimum.rmse_v),
-        seeds_there=sum(
-            seed.rmse_v <= optimum.rmse_v * (1 + SAME_RMSE) for seed in refinement.refined
-        ),
-    )
-
-
-def joint_metrics(name: str, evaluations: Sequence[Evaluation]) -> MetricsPart:
-    """The metrics of several records together, under one name."""
-    return _metrics(name, pooled(evaluations), evaluations)
-
-
-def metrics_part(evaluation: Evaluation) -> MetricsPart:
-    """The metrics of one record under its name."""
-    return _metrics(evaluation.prepared.record.name, evaluation.metrics, [evaluation])
-
-
-def _metrics(name: str, metrics: Metrics, evaluations: Sequence[Evaluation]) -> MetricsPart:
-    above = [
-        each.error_v[each.prepared.scored & (each.prepared.soc >= 0.1)] for each in evaluations
-    ]
-    errors_v = np.concatenate(above)
-    above_v = float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else None
-    return MetricsPart(record=name, **vars(metrics), rmse_above_10_soc_v=above_v)
-
-
-def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any]]:
-    """An optimizer's registered name, or its class's, and its settings."""
-    settings = {
-        field.name: getattr(optimizer, field.name)
-        for field in fields(optimizer)
-        if isinstance(getattr(optimizer, field.name), bool | int | float | str)
-    }
-    budget = {"population": optimizer.population, "iterations": optimizer.iterations}
-    for name, make in OPTIMIZERS.items():
-        if make(**budget) == optimizer:
-            return name, settings
-    return type(optimizer).__name__, settings
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    return {"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED}
-
-
-def all_versions() -> dict[str, str]:
-    """The versions that can change a result's digits."""
-    return dict(_versions())
-
-
-def input_part(role: Any, record: Record | OcvTable) -> InputPart:
-    """A file that was read, with what was decided about it."""
-    if isinstance(record, OcvTable):
-        return InputPart(role=role, name=record.name, sha256=record.sha256)
-    return InputPart(
-        role=role, name=record.name, sha256=record.sha256, sign=record.sign, hold=record.hold
-    )
-
-
-def record_part(role: Any, evaluation: Evaluation) -> InputPart:
-    """A record that was simulated."""
-    prepared = evaluation.prepared
-    soc = prepared.soc[prepared.scored]
-    return input_part(role, prepared.record).model_copy(
-        update={
-            "window": prepared.window,
-            "start": prepared.start,
-            "rest_current_a": float(prepared.rest_current_a),
-            "capacity_ah": float(prepared.capacity_ah),
-            "duration_s": prepared.scored_duration_s,
-            "samples": int(np.count_nonzero(prepared.scored)),
-            "soc_range": (float(soc.min()), float(soc.max())),
-        }
-    )

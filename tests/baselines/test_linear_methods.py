@@ -7,8 +7,9 @@ import pytest
 
 from barnax.baselines import METHODS, Budget, MethodFailure
 from barnax.baselines.regression import even_samples
-from barnax.model.inputs import Window, prepare_record
+from barnax.model.inputs import prepare_record
 from barnax.model.problem import make_problem
+from barnax.model.window import Window
 from reference import banded_response, drop_v, make_record
 
 TWO_PAIRS = (0.05, (0.02, 0.03), (8.0, 90.0))

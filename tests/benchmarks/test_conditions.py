@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from benchmarks.real_cells.conditions import condition_of
 
-from barnax.model.inputs import Window, prepare_record
+from barnax.model.inputs import prepare_record
+from barnax.model.window import Window
 from reference import make_record
 
 

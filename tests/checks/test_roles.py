@@ -7,7 +7,8 @@ import pytest
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.cell import characterize
 from barnax.checks import check_file
-from barnax.model.inputs import Window, prepare_record
+from barnax.model.inputs import prepare_record
+from barnax.model.window import Window
 from barnax.records import read_record
 from helpers.records import CURRENT, TIME, VOLTAGE, checked, frame
 
@@ -60,7 +61,7 @@ def test_a_record_of_little_charge_does_not_serve_to_identify():
 
 def test_a_record_of_few_steps_does_not_serve_to_identify(tmp_path):
     found = roles(checked(tmp_path, frame()[:300]))
-    assert "identification wants 20" in found["identification"].reason
+    assert "20 are wanted" in found["identification"].reason
 
 
 def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):

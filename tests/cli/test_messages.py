@@ -36,7 +36,7 @@ def test_what_the_command_names_python_takes_too():
     taken = set(inspect.signature(barnax.identify).parameters)
     taken |= {
         field.removesuffix(unit)
-        for group in (barnax.Settings, barnax.Reading, barnax.Window)
+        for group in (barnax.Settings, barnax.Reading, barnax.TableSettings, barnax.Window)
         for field in inspect.signature(group).parameters
         for unit in ("_s", "_a", "_ah")
     } | set(inspect.signature(barnax.Settings).parameters)

@@ -10,7 +10,7 @@ from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonResult, compare, make_comparison_result
 from barnax.errors import InputError
-from barnax.model.inputs import Window
+from barnax.model.window import Window
 from barnax.plots import plot_compared_convergence
 from barnax.records import read_record
 from barnax.search.evaluate import validate

@@ -12,9 +12,9 @@ from scipy.optimize import lsq_linear
 from barnax.global_optimum.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, certify
 from barnax.global_optimum.reduced import Axis, Reduced
 from barnax.global_optimum.search import landscape_of
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.search_space import Bounds, ResistanceBounds
+from barnax.model.window import Window
 from reference import banded_response, make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)

@@ -7,8 +7,8 @@ from scipy.optimize import lsq_linear
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.global_optimum import Landscape, make_landscape
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
+from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
 from barnax.uncertainty.linearization import named_values
 from reference import make_record

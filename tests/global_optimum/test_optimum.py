@@ -10,8 +10,8 @@ import pytest
 from barnax.cell import characterize
 from barnax.errors import InputError
 from barnax.global_optimum import Landscape, find_global_optimum, optimality_gap
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.refine import AtBound
 from reference import drop_v, filtered_response, fit_circuit

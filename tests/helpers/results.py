@@ -13,7 +13,9 @@ from barnax.cell import (
     SegmentedHysteresis,
 )
 from barnax.metrics import measure
-from barnax.model.inputs import PreparedRecord, Start, Window
+from barnax.model.inputs import PreparedRecord
+from barnax.model.start import Start
+from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.pipeline import Run
 from barnax.records.record import Decision, Record

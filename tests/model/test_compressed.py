@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.errors import InputError
 from barnax.model.compressed import BLOCK, ROW_STEP
-from barnax.model.inputs import Window
 from barnax.model.problem import (
     make_problem,
     rc_parameters,
@@ -24,6 +23,7 @@ from barnax.model.problem import (
     rmse,
     rmse_by_scan,
 )
+from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
 from barnax.search.seeds import search_many, search_seeds

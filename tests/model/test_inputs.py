@@ -8,15 +8,9 @@ import pytest
 
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.errors import InputError
-from barnax.model.inputs import (
-    Window,
-    first_sample,
-    other_direction,
-    prepare_record,
-    scored_samples,
-    soc_along,
-)
+from barnax.model.inputs import other_direction, prepare_record, soc_along
 from barnax.model.problem import make_problem
+from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate
 from helpers.problems import R0_OHM, R_OHM, TAU_S, simulated_record
 from reference import make_record

@@ -8,9 +8,9 @@ import pytest
 import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
-from barnax.model.inputs import Window
 from barnax.model.padding import padding_for
 from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.seeds import search_many, search_seeds
 from helpers.problems import drive_a

@@ -10,9 +10,9 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rc_parameters, residuals, rmse, rmse_by_scan
 from barnax.model.search_space import Coordinates
+from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
 from reference import drop_v, looped_response
 

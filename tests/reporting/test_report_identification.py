@@ -9,7 +9,7 @@ from rich.console import Console
 
 import barnax
 from barnax.cli.session import as_flags
-from barnax.model.inputs import Window
+from barnax.model.window import Window
 from barnax.plots.sources import record_roles
 from barnax.reporting import (
     identification_document,

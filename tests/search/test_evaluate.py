@@ -7,7 +7,8 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
-from barnax.model.inputs import Window, prepare_record
+from barnax.model.inputs import prepare_record
+from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate
 from reference import drop_v, filtered_response

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem
+from barnax.model.window import Window
 from barnax.optimizers import OPTIMIZERS, make_optimizer
 from barnax.search.evaluate import evaluate
 from barnax.search.refine import AtBound, refine

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from barnax.cell import CircuitParameters
-from barnax.model.inputs import Window
 from barnax.model.problem import Problem, make_problem
+from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records.record import Decision, Hold
 from barnax.search.refine import refine

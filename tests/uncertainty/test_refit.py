@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.model.inputs import Window
 from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.model.window import Window
 from barnax.uncertainty import Refit
 
 from .made import TRUTH, made_problem, white_noise

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import InputError, printable
-from .options import INPUT, OUTPUT
+from .groups import INPUT, OUTPUT
 from .session import Session, as_flags
 
 FINDINGS = 1

@@ -4,22 +4,16 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import (
-    Files,
-    Output,
-    RecordOptions,
-    Rows,
-    SearchOptions,
-    grouped,
-    require_choice,
-    run_options,
-)
-from .output import DEFAULT_FOLDER, require_free, write_folder
+from .groups import grouped
+from .options import Output, Rows, SearchOptions, require_choice, run_options
+from .output import DEFAULT_FOLDER, require_free, write_results
+from .record_options import Files, RecordOptions
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
@@ -72,26 +66,23 @@ def compare(
     with session.watch("Comparing", total) as advance:
         comparison, result = compare_files(**options, rows=rows, watch=_row_watch(session, advance))
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
+    written: set[str] = set()
     if folder is not None:
-        written = {"comparison.json": result.to_json().encode()}
-        with session.watch("Drawing figures"):
-            try:
-                written |= _report(result, comparison, seconds)
-            except Exception as problem:
-                # The answers are there; what fails to be drawn costs only itself.
-                session.warn([f"the report could not be drawn ({problem}); the result is written"])
-        written["timings.json"] = session.timings_json()
-        folder = write_folder(folder, written, output.force)
+        answer = {"comparison.json": result.to_json().encode()}
+        draw = partial(_report, result, comparison, seconds)
+        folder, written = write_results(session, folder, answer, draw, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
-    _show(session, result, seconds, folder, output.verbose)
+    _show(session, result, seconds, output.verbose)
+    if folder is not None:
+        name = "report.html" if "report.html" in written else "comparison.json"
+        session.show([f"\nThe results are in [bold]{shown(folder)}/{name}[/bold]."])
 
 
 def _show(
     session: Session,
     result: "ComparisonResult",
     seconds: dict[str, float],
-    folder: Path | None,
     is_verbose: bool,
 ) -> None:
     from ..reporting import comparison_document
@@ -103,8 +94,6 @@ def _show(
         document = replace(document, sections=tuple(kept))
     session.show(to_terminal(document.spelled(as_flags)))
     session.warn(result.warnings)
-    if folder is not None:
-        session.show([f"\nThe report is [bold]{shown(folder)}/report.html[/bold]."])
 
 
 def _row_watch(session: Session, advance: Callable[[int], None]) -> Callable:

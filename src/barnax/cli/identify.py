@@ -3,22 +3,16 @@
 import shlex
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import (
-    Choices,
-    Files,
-    Output,
-    RecordOptions,
-    SearchOptions,
-    grouped,
-    require_choice,
-    run_options,
-)
-from .output import DEFAULT_FOLDER, free_name, require_free, write_folder
+from .groups import grouped
+from .options import Choices, Output, SearchOptions, TableOptions, require_choice, run_options
+from .output import DEFAULT_FOLDER, free_name, require_free, write_results
+from .record_options import Files, RecordOptions
 from .session import APPEARANCE, Session, as_flags, use_compilation_cache, without_options
 
 if TYPE_CHECKING:
@@ -31,6 +25,7 @@ def identify(
     of_records: RecordOptions,
     search: SearchOptions,
     chosen: Choices,
+    tables: TableOptions,
     output: Output,
     records: Annotated[
         list[Path] | None,
@@ -65,33 +60,21 @@ def identify(
     options = run_options(files, of_records, search, records or [])
     result = run(
         **options,
+        **tables.chosen(),
         model=chosen.model,
         method=chosen.method,
         trust=chosen.trust,
         watch=session.watch,
     )
+    written: set[str] = set()
     if folder is not None:
-        folder = _write(session, folder, result, chosen.report, output.force)
+        answer = {"result.json": result.to_json().encode()}
+        draw = partial(result_files, result, chosen.report)
+        folder, written = write_results(session, folder, answer, draw, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
-    _show(session, result, folder, output.verbose, chosen.report)
+    _show(session, result, folder, written, output.verbose)
     session.warn(result.warnings)
-
-
-def _write(session: Session, folder: Path, result: "Result", report: bool, is_forced: bool) -> Path:
-    """The folder of a result: the answer first, and what of the figures can be drawn."""
-    written = {"result.json": result.to_json().encode()}
-    with session.watch("Drawing figures"):
-        try:
-            written |= result_files(result, report)
-        except Exception as problem:
-            # The answer is there; what fails to be drawn costs only itself.
-            session.warn([f"the figures could not be drawn ({problem}); the result is written"])
-    written["timings.json"] = session.timings_json()
-    place = write_folder(folder, written, is_forced)
-    if place != folder:
-        session.warn([f"{folder}: something else has appeared there; the results are in {place}"])
-    return place
 
 
 def result_files(result: "Result", report: bool) -> dict[str, bytes]:
@@ -111,7 +94,7 @@ def result_files(result: "Result", report: bool) -> dict[str, bytes]:
 
 
 def _show(
-    session: Session, result: "Result", folder: Path | None, verbose: bool, report: bool
+    session: Session, result: "Result", folder: Path | None, written: set[str], verbose: bool
 ) -> None:
     from ..reporting import identification_document
     from ..reporting.terminal import first_screen, next_lines, parts_line, to_terminal
@@ -121,8 +104,10 @@ def _show(
     session.show(first_screen(result, as_flags))
     session.show(next_lines(*_next(result)))
     if folder is not None:
-        names = [f"{folder}/report.html"] if report else []
-        names += [f"{folder}/result.json", "figures", f"{session.elapsed_s:.1f} s"]
+        names = [f"{folder}/report.html"] if "report.html" in written else []
+        names.append(f"{folder}/result.json")
+        names += ["figures"] if any(name.startswith("figures/") for name in written) else []
+        names.append(f"{session.elapsed_s:.1f} s")
         session.show(["", parts_line(names)])
         session.show([parts_line([f"barnax show {shlex.quote(str(folder))} for all details"])])
 

@@ -1,56 +1,16 @@
 """Options that several commands share: declared once, in groups, with their help."""
 
-import dataclasses
-import functools
-import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
 import typer
 
 from ..errors import InputError
+from .groups import OUTPUT, SEARCH, TABLES, option
+from .record_options import Files, RecordOptions
 from .session import command_line
-
-if TYPE_CHECKING:
-    from ..model.inputs import Window
-
-WINDOW = "Records (FILE=VALUE for one of them)"
-INPUT = "Files"
-OUTPUT = "Output"
-SEARCH = "Search"
-
-PerRecord = list[str] | None
-
-
-def _option(panel: str, metavar: str, text: str, **more: Any) -> Any:
-    return typer.Option(metavar=metavar, help=text, rich_help_panel=panel, **more)
-
-
-def _of_a_record(metavar: str, text: str) -> Any:
-    return _option(WINDOW, f"[FILE=]{metavar}", text)
-
-
-SignOf = Literal["auto", "charge-positive", "discharge-positive"]
-Sign = Annotated[
-    SignOf,
-    _option(
-        INPUT,
-        "SIGN",
-        "Sign of current in the records: charge-positive, discharge-positive, or auto (decided "
-        "from the data).",
-    ),
-]
-Hold = Annotated[
-    Literal["auto", "forward", "backward"],
-    _option(
-        INPUT,
-        "HOLD",
-        "Whether a sample's current flows until the next sample (forward), since the one "
-        "before (backward), or auto (decided from the data).",
-    ),
-]
 
 
 def complete_methods(incomplete: str) -> list[str]:
@@ -74,187 +34,13 @@ def complete_exporters(incomplete: str) -> list[str]:
     return [name for name in EXPORTERS if name.startswith(incomplete)]
 
 
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The command, with each parameter that is a group of options spelled out field by field."""
-    signature = inspect.signature(command, eval_str=True)
-    groups: dict[str, Any] = {}
-    spelled: list[inspect.Parameter] = []
-    for parameter in signature.parameters.values():
-        group = parameter.annotation
-        if not dataclasses.is_dataclass(group):
-            spelled.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
-            continue
-        groups[parameter.name] = group
-        hints = get_type_hints(group, include_extras=True)
-        spelled += [
-            inspect.Parameter(
-                each.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=(
-                    inspect.Parameter.empty if each.default is dataclasses.MISSING else each.default
-                ),
-                annotation=hints[each.name],
-            )
-            for each in dataclasses.fields(group)
-        ]
-
-    @functools.wraps(command)
-    def spread(**given: Any) -> None:
-        for name, group in groups.items():
-            own = {each.name: given.pop(each.name) for each in dataclasses.fields(group)}
-            given[name] = group(**own)
-        command(**given)
-
-    spread.__signature__ = signature.replace(parameters=spelled)  # pyright: ignore
-    spread.__annotations__ = {each.name: each.annotation for each in spelled}
-    return spread
-
-
-@dataclass(frozen=True)
-class Files:
-    """The files of a run, and how they are read."""
-
-    ocv: Annotated[
-        list[Path] | None,
-        _option(
-            INPUT,
-            "FILE",
-            "OCV test of the same cell: pulses and rests, a slow sweep, or a table; repeatable.",
-        ),
-    ] = None
-    validate: Annotated[
-        list[Path] | None, _option(INPUT, "FILE", "Record to validate on; repeatable.")
-    ] = None
-    ocv_capacity: Annotated[
-        float | None,
-        _option(INPUT, "AH", "Capacity in the OCV test, where it does not span full to empty."),
-    ] = None
-    ocv_fit: Annotated[
-        Literal["polynomial", "interpolated"],
-        _option(INPUT, "FIT", "OCV curves: polynomial of degree 7, or interpolated (PCHIP)."),
-    ] = "polynomial"
-    hysteresis_fit: Annotated[
-        Literal["continuous", "independent"],
-        _option(
-            INPUT, "FIT", "Hysteresis segments: continuous (they meet at the knots) or independent."
-        ),
-    ] = "continuous"
-    current_sign: Sign = "auto"
-    ocv_current_sign: Annotated[
-        SignOf, _option(INPUT, "SIGN", "Sign of current in the OCV tests.")
-    ] = "auto"
-    validate_current_sign: Annotated[
-        SignOf, _option(INPUT, "SIGN", "Sign of current in the validation records.")
-    ] = "auto"
-    current_hold: Hold = "auto"
-
-
-@dataclass(frozen=True)
-class RecordOptions:
-    """What is known of the records, and what of them counts; for all, or for one by its name."""
-
-    capacity: Annotated[
-        PerRecord,
-        _of_a_record(
-            "AH", "Capacity of the cell when the record was measured (default: the OCV test's)."
-        ),
-    ] = None
-    start_time: Annotated[
-        PerRecord, _of_a_record("S", "Time at which the simulation starts, on the file's clock.")
-    ] = None
-    start_after_step: Annotated[
-        PerRecord, _of_a_record("N", "Start at the last sample of the last block of this step.")
-    ] = None
-    initial_soc: Annotated[
-        PerRecord,
-        _of_a_record("0..1", "State of charge at the start (default: from the rested voltage)."),
-    ] = None
-    initial_direction: Annotated[
-        PerRecord,
-        _of_a_record(
-            "+1|-1",
-            "What the cell did before the start, where the record does not show it: +1 charge, "
-            "-1 discharge (default: both are tried).",
-        ),
-    ] = None
-    score_steps: Annotated[
-        PerRecord, _of_a_record("N,N", "Count errors only in these steps, such as 7,8.")
-    ] = None
-    score_from: Annotated[PerRecord, _of_a_record("S", "Count errors from this time on.")] = None
-    score_to: Annotated[PerRecord, _of_a_record("S", "Count errors up to this time.")] = None
-    score_soc: Annotated[
-        PerRecord,
-        _of_a_record(
-            "LOW,HIGH", "Count errors only between these states of charge, such as 0.1,1."
-        ),
-    ] = None
-    rest_current: Annotated[
-        PerRecord, _of_a_record("A", "Current below which the cell is at rest (default: C/100).")
-    ] = None
-
-    def chosen(self) -> dict[str, dict[str, Any]]:
-        """Fields of a `Window` by the name of the record they are for, "" for all."""
-        found: dict[str, dict[str, Any]] = {}
-        for option, (name, parse) in _WINDOW_FIELDS.items():
-            for text in getattr(self, option) or []:
-                record, _, value = text.rpartition("=")
-                try:
-                    found.setdefault(record, {})[name] = parse(value)
-                except ValueError as problem:
-                    raise InputError(
-                        f"`{option}` {text!r}: write it like {_EXAMPLES.get(option, '5')}, or "
-                        f"FILE={_EXAMPLES.get(option, '5')} for one of the records"
-                    ) from problem
-        return found
-
-    def windows(self) -> "Window | dict[str, Window] | None":
-        """One window for all records, or one for each that has its own; None where none is given.
-
-        Raises `InputError` where they contradict each other.
-        """
-        from ..model.inputs import Window
-
-        chosen = self.chosen()
-        if not chosen:
-            return None
-        common = chosen.get("", {})
-        return {name: Window(**(common | own)) for name, own in chosen.items()}
-
-
-def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) -> tuple[Any, ...]:
-    values = tuple(kind(part) for part in text.split(","))
-    if count is not None and len(values) != count:
-        raise ValueError(text)
-    return values
-
-
-_EXAMPLES = {
-    "initial_soc": "0.9",
-    "initial_direction": "-1",
-    "score_steps": "7,8",
-    "score_soc": "0.1,1",
-}
-_WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
-    "capacity": ("capacity_ah", float),
-    "start_time": ("start_time_s", float),
-    "start_after_step": ("start_after_step", int),
-    "initial_soc": ("initial_soc", float),
-    "initial_direction": ("initial_direction", int),
-    "score_steps": ("score_steps", lambda text: _numbers(text, int)),
-    "score_from": ("score_from_s", float),
-    "score_to": ("score_to_s", float),
-    "score_soc": ("score_soc", lambda text: _numbers(text, float, 2)),
-    "rest_current": ("rest_current_a", float),
-}
-
-
 @dataclass(frozen=True)
 class SearchOptions:
     """The box, and the search in it."""
 
     objective: Annotated[
         Literal["auto", "scan", "compressed"],
-        _option(
+        option(
             SEARCH,
             "auto|scan|compressed",
             "How the search computes errors: scan simulates every sample, compressed reduces the "
@@ -264,24 +50,24 @@ class SearchOptions:
     ] = "auto"
     coordinates: Annotated[
         Literal["rc", "log"],
-        _option(
+        option(
             SEARCH,
             "rc|log",
             "Search raw R and C, as the paper does (rc), or logarithms of R and tau (log).",
         ),
     ] = "rc"
-    seeds: Annotated[int, _option(SEARCH, "N", "Independent runs of the optimizer.", min=1)] = 30
-    population: Annotated[int, _option(SEARCH, "N", "Candidates in a generation.", min=4)] = 30
-    iterations: Annotated[int, _option(SEARCH, "N", "Generations.", min=1)] = 500
+    seeds: Annotated[int, option(SEARCH, "N", "Independent runs of the optimizer.", min=1)] = 30
+    population: Annotated[int, option(SEARCH, "N", "Candidates in a generation.", min=4)] = 30
+    iterations: Annotated[int, option(SEARCH, "N", "Generations.", min=1)] = 500
     key: Annotated[
         int,
-        _option(
+        option(
             SEARCH, "N", "Random key; the same key gives the same result.", min=0, max=2**32 - 1
         ),
     ] = 0
     bounds: Annotated[
         Path | None,
-        _option(
+        option(
             SEARCH,
             "FILE.toml",
             'Bounds: a table \\[bounds] with lines such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
@@ -289,7 +75,7 @@ class SearchOptions:
     ] = None
     fix: Annotated[
         list[str] | None,
-        _option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; repeatable.'),
+        option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; repeatable.'),
     ] = None
 
     @property
@@ -305,7 +91,7 @@ class Choices:
 
     model: Annotated[
         str,
-        _option(
+        option(
             SEARCH,
             "iso-rc|so-rc|esc|...",
             "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
@@ -315,7 +101,7 @@ class Choices:
     ] = "iso-rc"
     method: Annotated[
         str,
-        _option(
+        option(
             SEARCH,
             "NAME",
             "Optimizer: ibmo, ibmo-centered, pso or any other that "
@@ -325,7 +111,7 @@ class Choices:
     ] = "ibmo"
     trust: Annotated[
         Literal["none", "basic", "full"],
-        _option(
+        option(
             SEARCH,
             "none|basic|full",
             "How closely the answer is examined: basic gives intervals, identifiability and "
@@ -344,12 +130,76 @@ class Choices:
 
 
 @dataclass(frozen=True)
+class TableOptions:
+    """Tables over SOC: whether, and how."""
+
+    over: Annotated[
+        str | None,
+        option(
+            TABLES,
+            "soc",
+            "Also fit the circuit with its resistances and an OCV correction as tables over SOC.",
+        ),
+    ] = None
+    ocv_correction: Annotated[
+        bool | None,
+        typer.Option(
+            "--ocv-correction/--no-ocv-correction",
+            help="Whether a table corrects the OCV (default: yes).",
+            rich_help_panel=TABLES,
+        ),
+    ] = None
+    half_hysteresis: Annotated[
+        bool | None,
+        typer.Option(
+            "--half-hysteresis",
+            help="Fit the amplitude of a dynamic hysteresis as a table, instead of taking half "
+            "the measured gap; needs records of both directions.",
+            rich_help_panel=TABLES,
+        ),
+    ] = None
+    nodes: Annotated[
+        str | None,
+        option(TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17 from -0.05 to 1)."),
+    ] = None
+    roughness: Annotated[
+        float | None,
+        option(TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."),
+    ] = None
+    resistance_ridge: Annotated[
+        float | None, option(TABLES, "WEIGHT", "Weight of resistances' squares (default: 1e-9).")
+    ] = None
+    voltage_ridge: Annotated[
+        float | None, option(TABLES, "WEIGHT", "Weight of voltages' squares (default: 1e-7).")
+    ] = None
+    folds: Annotated[
+        int | None,
+        option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."),
+    ] = None
+    blocks: Annotated[
+        int | None, option(TABLES, "N", "Blocks of a record that the folds share (default: 20).")
+    ] = None
+
+    def chosen(self) -> dict[str, Any]:
+        """What was chosen, by the names of `Settings` and `TableSettings`."""
+        chosen = {name: value for name, value in vars(self).items() if value is not None}
+        if self.nodes is not None:
+            try:
+                chosen["nodes"] = tuple(float(node) for node in self.nodes.split(","))
+            except ValueError as problem:
+                raise InputError(
+                    f"`nodes` {self.nodes!r}: write states of charge like 0,0.1,0.5,1"
+                ) from problem
+        return chosen
+
+
+@dataclass(frozen=True)
 class Rows:
     """Which rows are compared."""
 
     models: Annotated[
         str | None,
-        _option(
+        option(
             SEARCH,
             "NAME,NAME",
             "Circuits, each with every method (default: the paper's five rows).",
@@ -357,7 +207,7 @@ class Rows:
     ] = None
     methods: Annotated[
         str | None,
-        _option(
+        option(
             SEARCH,
             "NAME,NAME",
             "Methods, each with every circuit: ls, rls, varpro, lm, pso-lm, de, or any that "
@@ -372,7 +222,7 @@ class ExportChoices:
 
     to: Annotated[
         str,
-        _option(
+        option(
             OUTPUT,
             "pybamm|thevenin|simscape|c-header|csv",
             "The tool or format to write for.",
@@ -381,7 +231,7 @@ class ExportChoices:
     ]
     out: Annotated[
         Path | None,
-        _option(
+        option(
             OUTPUT,
             "FILE",
             "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
@@ -408,7 +258,7 @@ class Output:
     """Where results go, and what is printed."""
 
     out: Annotated[
-        Path | None, _option(OUTPUT, "FOLDER", "Folder for the results (default: barnax-out).")
+        Path | None, option(OUTPUT, "FOLDER", "Folder for the results (default: barnax-out).")
     ] = None
     force: Annotated[
         bool,

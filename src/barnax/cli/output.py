@@ -6,11 +6,15 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .session import Session
 
 DEFAULT_FOLDER = Path("barnax-out")
 # A folder that holds one of these was written by us.
@@ -80,6 +84,30 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
                 os.replace(old, place)
                 raise
     return folder
+
+
+def write_results(
+    session: "Session",
+    folder: Path,
+    answer: Mapping[str, bytes],
+    draw: Callable[[], Mapping[str, bytes]],
+    is_forced: bool,
+) -> tuple[Path, set[str]]:
+    """Put a result into `folder` with its figures; what fails to be drawn costs only itself.
+
+    Gives the folder that it went to, and the files in it.
+    """
+    written = dict(answer)
+    with session.watch("Drawing figures"):
+        try:
+            written |= draw()
+        except Exception as problem:
+            session.warn([f"the figures could not be drawn ({problem}); the result is written"])
+    written["timings.json"] = session.timings_json()
+    place = write_folder(folder, written, is_forced)
+    if place != folder:
+        session.warn([f"{folder}: something else has appeared there; the results are in {place}"])
+    return place, set(written)
 
 
 def free_name(place: Path) -> Path:

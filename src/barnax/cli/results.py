@@ -16,29 +16,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from .options import (
-    OUTPUT,
-    WINDOW,
-    ExportChoices,
-    Hold,
-    Quiet,
-    RecordOptions,
-    Sign,
-    StoredResult,
-    grouped,
-)
+from .groups import OUTPUT, WINDOW, grouped
+from .options import ExportChoices, Quiet, StoredResult
 from .output import require_free_file, write_file
+from .record_options import Hold, RecordOptions, Sign
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..export import Verification
-    from ..model.inputs import Window
+    from ..model.window import Window
     from ..results import Result
 
 # Across machines and versions the refined error agrees this closely, relative.
 SAME_RMSE = 1e-9
 FINDINGS = 1
-START = ("start_time_s", "start_after_step", "initial_soc")
+START = ("start_time_s", "start_after_step", "initial_soc", "initial_direction")
 SCORING = ("score_steps", "score_from_s", "score_to_s", "score_soc")
 
 
@@ -88,10 +80,10 @@ def validate(
     session = Session(is_quiet=quiet or as_json)
     with session.watch("Loading JAX"):
         use_compilation_cache()
-        from ..pipeline import validate_stored
+        from ..pipeline import common_window, validate_stored
         from ..reporting.identification import metrics_table
         from ..reporting.terminal import terminal_table
-        from ..results import metrics_part
+        from ..storing import metrics_part
 
     stored = load(result)
     chosen = of_records.chosen()
@@ -101,7 +93,7 @@ def validate(
     given = {**chosen.get("", {}), **chosen.get(record.name, {})}
     # What was given for one record alone is not another's.
     own = {each.name: each.window for each in stored.inputs if each.window}
-    window = _window(own.get(record.name, stored.window), given, whole_record)
+    window = _window(own.get(record.name) or common_window(stored), given, whole_record)
     with session.watch("Simulating"):
         evaluation, warnings = validate_stored(
             stored, record, window, current_sign=current_sign, current_hold=current_hold

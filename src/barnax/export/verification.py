@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from ..cell import CellModel
 from ..cell.hysteresis import SegmentedHysteresis
 from ..errors import InputError
-from ..model.inputs import Window
+from ..model.window import Window
 from ..records import Decision, Record
 from ..results import Result
 from ..search.evaluate import validate

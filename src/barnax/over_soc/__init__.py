@@ -2,7 +2,7 @@
 
 from .fit import CrossValidation, FitWarning, NodeInterval, SocErrors, TableFit, fit_tables
 from .settings import TableSettings
-from .simulate import simulate_tables
+from .simulate import evaluate_tables, simulate_tables
 
 __all__ = [
     "CrossValidation",
@@ -11,6 +11,7 @@ __all__ = [
     "SocErrors",
     "TableFit",
     "TableSettings",
+    "evaluate_tables",
     "fit_tables",
     "simulate_tables",
 ]

@@ -12,8 +12,10 @@ from jaxtyping import Array, Float, Int, Scalar
 
 from ..cell import SocTables
 from ..execution import compile_for, in_float64
-from ..model.inputs import PreparedRecord
+from ..metrics import measure
+from ..model.inputs import PreparedRecord, require_changing_voltage
 from ..model.simulate import Pair, SimulationInput
+from ..search.evaluate import Evaluation
 
 
 class TableInput(eqx.Module):
@@ -140,3 +142,11 @@ def simulate_tables(prepared: PreparedRecord, tables: SocTables) -> Float[np.nda
     parameters = TableParameters.of(tables)
     error_v = compile_for(table_errors, parameters, given)(parameters, given)
     return prepared.voltage_v - np.asarray(error_v)
+
+
+def evaluate_tables(prepared: PreparedRecord, tables: SocTables) -> Evaluation:
+    """The errors of tables on a record made ready. Raises `InputError` for a flat voltage."""
+    require_changing_voltage(prepared)
+    simulated_v, scored = simulate_tables(prepared, tables), prepared.scored
+    metrics = measure(prepared.voltage_v[scored], simulated_v[scored])
+    return Evaluation(prepared, simulated_v, metrics)

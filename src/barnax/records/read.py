@@ -79,7 +79,7 @@ def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
         for check, rule in (
             ("clock", examine_clock),
             ("repeats", separate_steps),
-            ("direction", examine_direction),
+            ("sign", examine_direction),
             ("voltage unit", examine_voltage_unit),
         ):
             samples, found = rule(samples)

@@ -32,8 +32,7 @@ class Record:
     that a message can name it. `charge_ah` is the tester's own net charge out of the cell since the
     first sample, by its counters. `state` is +1 where the file says that a step discharges, -1
     where it charges, 0 where it rests, and `OTHER_STATE` where it says anything else. `sign` holds
-    the file's own convention ("charge-positive" or "discharge-positive") and the reason it was
-    taken for that.
+    the file's own convention ("charge-positive" or "discharge-positive") and the reason for it.
     """
 
     name: str

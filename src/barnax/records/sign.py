@@ -107,8 +107,9 @@ def _doubts(samples: Samples, sign: Decision) -> list[Finding]:
     return [found_at(samples, start, "warning", what, remedy)]
 
 
-# A current of one sign, but for its noise; how many of its steps of either kind deny that.
-_NEVER_SHARE, _FEWEST_DENIALS, _DENIED_SHARE = 0.01, 3, 0.1
+# A current of one sign, but for its noise. Of signed currents hardly any step contradicts the
+# others; of magnitudes some do.
+_NEVER_SHARE, _FEWEST_DENIALS, _DENIED_SHARE = 0.01, 3, 0.02
 
 
 def examine_direction(samples: Samples) -> tuple[Samples, list[Finding]]:

@@ -133,9 +133,8 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
     is_good = np.ones(len(lines.row), bool)
     if (impedance := _impedance_rows(lines)).any():
         count = counted(int(impedance.sum()), "row")
-        what = (
-            f"{count} of an impedance measurement left out ({lines.cell('state', _at(impedance))})"
-        )
+        word = lines.cell("state", int(np.argmax(impedance)))
+        what = f"{count} of an impedance measurement ({word}) left out"
         findings.append(found_at(lines, impedance, "note", what, is_told=True))
         is_good &= ~impedance
     units = _units_row(lines)

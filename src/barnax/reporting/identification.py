@@ -26,6 +26,7 @@ from .sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
+from .soc_tables import tables_section
 from .tables import METRICS, Cells, circuits_table
 from .verdict import best_possible, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
@@ -65,6 +66,7 @@ def identification_document(
         verdict,
         *warnings_section(result.warnings),
         answer,
+        *tables_section(result, pictures.starting("tables")),
         *_uncertainty_section(result),
         errors,
         Section(
@@ -92,9 +94,10 @@ def identification_document(
 
 def verdict_sentences(result: "Result") -> Iterator[str]:
     """How good the answer is, on the records it was fitted to and on others."""
-    own = result.metrics.identification
-    yield f"On {own.record} {result.model} errs by {millivolt(own.rmse_v)} (RMSE)."
-    yield from validation_sentences(own, result.metrics.validation)
+    own = result.answer_metrics.identification
+    circuit = result.model if result.tables is None else f"{result.model} with tables over SOC"
+    yield f"On {own.record} {circuit} errs by {millivolt(own.rmse_v)} (RMSE)."
+    yield from validation_sentences(own, result.answer_metrics.validation)
     yield f"Best possible: {best_possible(result)}"
     weakest = weakest_point(result)
     if weakest:
@@ -178,9 +181,10 @@ def seeds_table(result: "Result") -> Table:
 
 def errors_table(result: "Result") -> Table:
     """Errors of the answer on every record (Li et al., 2023, Eq. 22 to 26)."""
-    rows = [(each, "identification") for each in result.metrics.jointly]
-    rows.append((result.metrics.identification, "all of these" if rows else "identification"))
-    rows += [(each, "validation") for each in result.metrics.validation]
+    metrics = result.answer_metrics
+    rows = [(each, "identification") for each in metrics.jointly]
+    rows.append((metrics.identification, "all of these" if rows else "identification"))
+    rows += [(each, "validation") for each in metrics.validation]
     return metrics_table(rows)
 
 
@@ -271,7 +275,7 @@ def _bands_table(found: "AssessmentPart") -> Table:
 
 
 def _summary(result: "Result") -> str:
-    own, others = result.metrics.identification, result.metrics.validation
+    own, others = result.answer_metrics.identification, result.answer_metrics.validation
     parts = [f"{millivolt(own.rmse_v)} on {own.record}"]
     parts += [f"{millivolt(each.rmse_v)} on {each.record}" for each in others]
     return f"RMSE {joined(parts)}. Best possible: {best_possible(result)}"

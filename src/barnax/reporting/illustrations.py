@@ -22,7 +22,7 @@ from ..plots import (
 )
 from ..plots.landscape import has_landscape
 from ..plots.sources import Illustration, record_roles
-from ..results import describe
+from ..storing import describe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -170,8 +170,9 @@ def figure_of(result: "Result", name: str) -> "Figure":
 def _identification_figures(run: "Run") -> Figures:
     figures = Figures()
     figures.add_cell(run.problem.cell)
+    answered = run if run.tables is None else run.tables
     roles = record_roles(len(run.identification), len(run.validation))
-    for role, each in zip(roles, [*run.identification, *run.validation], strict=True):
+    for role, each in zip(roles, [*answered.identification, *answered.validation], strict=True):
         record = each.prepared.record.name
         figures.add_condition(role, each)
         figures.add("voltage", f"{role}-voltage", record, partial(plot_voltage, each))

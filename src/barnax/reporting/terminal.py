@@ -12,10 +12,12 @@ from rich.text import Text
 
 from ..errors import printable
 from .document import Bullets, Document, Listing, Paragraph, Table
+from .soc_tables import middle_heads, middle_rows, pay_sentence
 from .verdict import best_possible, weakest_point
 from .words import between, duration, figures, with_unit
 
 if TYPE_CHECKING:
+    from ..over_soc import TableFit
     from ..results import InputPart, MetricsPart, Result
     from ..uncertainty import Estimate
 
@@ -46,6 +48,8 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     yield _indented(_parameters_table(result))
     yield Text()
     lines = [("Best possible", best_possible(result))]
+    if result.tables is not None and (pays := pay_sentence(result.tables.fit)):
+        lines.append(("On held-out", pays[0].upper() + pays[1:]))
     weakest = weakest_point(result)
     if weakest:
         lines.append(("Weakest point", weakest))
@@ -152,17 +156,20 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
 
 
 def _errors_table(result: "Result") -> Shown:
-    several, others = result.metrics.jointly, result.metrics.validation
+    metrics, constant = result.answer_metrics, result.metrics
+    several, others = metrics.jointly, metrics.validation
     rows: list[tuple[str, MetricsPart]] = []
     rows += zip(_numbered("identification", len(several)), several, strict=True)
-    rows.append(("together" if several else "identification", result.metrics.identification))
+    rows.append(("together" if several else "identification", metrics.identification))
     rows += zip(_numbered("validation", len(others)), others, strict=True)
     table = Shown(**BARE)
     table.add_column("")
-    for head in ("RMSE", "above 10 % SOC", "max"):
+    heads = ("RMSE", "above 10 % SOC", "max", *(["constant circuit"] if result.tables else []))
+    for head in heads:
         table.add_column(head, justify="right")
-    for role, each in rows:
-        errors = (each.rmse_v, each.rmse_above_10_soc_v, each.max_v)
+    before = (*constant.jointly, constant.identification, *constant.validation)
+    for (role, each), simple in zip(rows, before, strict=True):
+        errors = (each.rmse_v, each.rmse_above_10_soc_v, each.max_v, simple.rmse_v)[: len(heads)]
         table.add_row(role, *("" if value is None else _millivolt(value) for value in errors))
     return table
 
@@ -173,6 +180,8 @@ def _numbered(role: str, count: int) -> list[str]:
 
 def _parameters_table(result: "Result") -> Shown:
     """Resistances at the left, the time constants of their pairs at the right."""
+    if result.tables is not None:
+        return _soc_tables(result.tables.fit)
     estimates: dict[str, Estimate] = {}
     if result.assessment is not None:
         estimates = {each.name: each for each in result.assessment.uncertainty.estimates}
@@ -196,6 +205,15 @@ def _parameters_table(result: "Result") -> Shown:
     if circuit.gamma is not None:
         value = f"{figures(circuit.gamma)} /SOC"
         table.add_row("gamma", value, _interval("gamma", estimates, bounds), "", "", "")
+    return table
+
+
+def _soc_tables(fit: "TableFit") -> Shown:
+    table = Shown(**BARE)
+    for head in middle_heads(fit):
+        table.add_column(head, justify="right" if head.startswith("at") else "left", no_wrap=True)
+    for row in middle_rows(fit):
+        table.add_row(*row)
     return table
 
 

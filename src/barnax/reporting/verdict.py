@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ..pipeline import FITTING_AGAIN
 from .sentences import (
     WORTH_TELLING,
     diagnostics_sentences,
@@ -10,6 +11,7 @@ from .sentences import (
     optimum_sentence,
     option,
 )
+from .soc_tables import best_tables
 from .words import counted, joined, millivolt, percent
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ MUCH = 0.5
 def best_possible(result: "Result") -> str:
     """Whether a better circuit exists in the bounds, and how many seeds found this one."""
     optimum, seeds = result.global_optimum, len(result.search.seeds)
+    if result.tables is not None:
+        return best_tables(result.tables.fit)
     if optimum is None:
         reached = result.refined.optima[0].seeds
         return (
@@ -55,9 +59,12 @@ def seeds_sentences(result: "Result") -> Iterator[str]:
 
 def weakest_point(result: "Result") -> str:
     """Where most of the error is, empty where it is nowhere in particular."""
-    if result.assessment is None:
+    if result.tables is not None:
+        bands = result.tables.by_soc
+    elif result.assessment is not None:
+        bands = result.assessment.diagnostics.by_soc
+    else:
         return ""
-    bands = result.assessment.diagnostics.by_soc
     low = [band for band in bands if band.high is not None and band.high <= LOW_SOC + 1e-9]
     share = sum(band.share for band in low)
     if share > MUCH:
@@ -66,6 +73,8 @@ def weakest_point(result: "Result") -> str:
             f"{percent(share)} of the squared error is below {percent(LOW_SOC)} SOC, in "
             f"{percent(samples)} of the samples."
         )
+    if result.tables is not None or result.assessment is None:
+        return ""
     _, *notable = diagnostics_sentences(result.assessment.diagnostics)
     return notable[0] if notable else ""
 
@@ -77,10 +86,12 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
     found = result.assessment
     if found is None:
         return {"trust": "basic"}, "for intervals of the parameters"
-    if found.examination is None:
+    has_failed = any(text.startswith(FITTING_AGAIN) for text in result.warnings)
+    if found.examination is None and not has_failed:
         return {"trust": "full"}, "to see what would lower the error"
     rmse_v = result.metrics.identification.rmse_v
-    for each in found.examination.suggestions:
+    suggested = () if found.examination is None else found.examination.suggestions
+    for each in suggested:
         if option(each) and each.rmse_v < (1 - WORTH_TELLING) * rmse_v:
             options = option(each)
             names = [part.name for part in result.of_role("identification")]

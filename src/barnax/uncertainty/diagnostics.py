@@ -69,7 +69,7 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
         correlation_time_s=time_s,
         effective_samples=linearization.samples * interval_s / max(time_s, interval_s),
         samples=linearization.samples,
-        by_soc=_soc_bands(_scored(prepared_records, "soc"), linearization.error_v),
+        by_soc=soc_bands(_scored(prepared_records, "soc"), linearization.error_v),
         by_current=_current_bands(rate, linearization.error_v, rest_c),
         by_temperature=_temperature_bands(prepared_records, linearization.error_v),
     )
@@ -81,7 +81,8 @@ def _scored(prepared_records: Sequence[PreparedRecord], name: str) -> Float[np.n
     )
 
 
-def _soc_bands(soc: np.ndarray, error_v: np.ndarray) -> tuple[Band, ...]:
+def soc_bands(soc: np.ndarray, error_v: np.ndarray) -> tuple[Band, ...]:
+    """The errors in each tenth of the state of charge."""
     edges = SOC_EDGES.copy()
     edges[[0, -1]] = -np.inf, np.inf  # measured SOC may leave 0 to 1 a little
     return _bands(soc, error_v, edges, SOC_EDGES.tolist())

@@ -1,0 +1,134 @@
+"""Which part of a record is simulated, and where errors count."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..errors import InputError
+from ..records import Record
+
+
+@dataclass(frozen=True)
+class Window:
+    """Which part of a record is simulated, where errors count, and what is known of its start.
+
+    The simulation starts at `start_time_s` (the file's own clock) or at the last sample of the
+    last block of step `start_after_step`, with `initial_soc` there. Errors count at the samples
+    of `score_steps`, between `score_from_s` and `score_to_s`, and at states of charge within
+    `score_soc`; by default at all of them. `rest_current_a` overrides the current below which the
+    cell counts as resting; `initial_direction` is the last current before the record, +1 charging,
+    -1 discharging; `capacity_ah` is the cell's when the record was measured, by default that of the
+    cell model. Raises `InputError` where these contradict each other.
+    """
+
+    start_time_s: float | None = None
+    start_after_step: int | None = None
+    initial_soc: float | None = None
+    score_steps: tuple[int, ...] | None = None
+    score_from_s: float | None = None
+    score_to_s: float | None = None
+    score_soc: tuple[float, float] | None = None
+    rest_current_a: float | None = None
+    initial_direction: Literal[-1, 1] | None = None
+    capacity_ah: float | None = None
+
+    def __post_init__(self):
+        if self.start_time_s is not None and self.start_after_step is not None:
+            raise InputError("give `start_time` or `start_after_step`, not both")
+        if self.initial_soc is not None and not 0 <= self.initial_soc <= 1:
+            raise InputError(
+                f"`initial_soc` {self.initial_soc} is not a fraction; state of charge runs from "
+                "0 (empty) to 1 (full)"
+            )
+        if self.initial_direction not in (1, -1, None):
+            raise InputError(
+                f"`initial_direction` {self.initial_direction} is neither +1 (the cell was last "
+                "charged) nor -1 (discharged)"
+            )
+        for name in ("rest_current", "capacity"):
+            value = getattr(self, f"{name}_a" if name == "rest_current" else f"{name}_ah")
+            if value is not None and not 0 < value < np.inf:
+                raise InputError(f"`{name}` {value} must be positive")
+        if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
+            raise InputError(
+                f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "
+                "first, as in 0.1,1"
+            )
+        if (
+            self.score_from_s is not None
+            and self.score_to_s is not None
+            and self.score_to_s <= self.score_from_s
+        ):
+            raise InputError(
+                f"`score_to` {self.score_to_s} s must come after `score_from` {self.score_from_s} s"
+            )
+
+    @property
+    def is_chosen(self) -> bool:
+        """Whether it says where to start or what to score."""
+        return self != Window(
+            rest_current_a=self.rest_current_a,
+            initial_direction=self.initial_direction,
+            capacity_ah=self.capacity_ah,
+        )
+
+
+def first_sample(record: Record, window: Window) -> int:
+    """Index of the sample where the simulation starts. Raises `InputError` if there is none."""
+    if window.start_time_s is not None:
+        after = np.flatnonzero(record.time_s >= window.start_time_s)
+        if not len(after) or window.start_time_s < record.time_s[0]:
+            raise InputError(
+                f"{record.name}: `start_time` {window.start_time_s} s lies outside the record, "
+                f"whose clock runs from {record.time_s[0]:g} to {record.time_s[-1]:g} s"
+            )
+        return int(after[0])
+    if window.start_after_step is not None:
+        inside = np.flatnonzero(_steps(record, "start_after_step") == window.start_after_step)
+        if not len(inside):
+            raise InputError(_no_such_step(record, window.start_after_step))
+        return int(inside[-1])
+    return 0
+
+
+def scored_samples(
+    record: Record, window: Window, first: int, soc: Float[np.ndarray, "samples"]
+) -> Bool[np.ndarray, "samples"]:
+    """True where errors count, over the whole record. Raises `InputError` if nowhere."""
+    scored = np.arange(record.samples) >= first
+    if window.score_steps is not None:
+        steps = _steps(record, "score_steps")
+        for step in window.score_steps:
+            if not np.any(steps == step):
+                raise InputError(_no_such_step(record, step))
+        scored &= np.isin(steps, window.score_steps)
+    if window.score_from_s is not None:
+        scored &= record.time_s >= window.score_from_s
+    if window.score_to_s is not None:
+        scored &= record.time_s <= window.score_to_s
+    if window.score_soc is not None:
+        low, high = window.score_soc
+        scored &= (soc >= low) & (soc <= high)
+    if not np.any(scored):
+        raise InputError(
+            f"{record.name}: no sample is left to score after the start at "
+            f"{record.time_s[first]:g} s; widen `score_steps`, `score_from`, `score_to` or "
+            "`score_soc`"
+        )
+    return scored
+
+
+def _steps(record: Record, option: str) -> np.ndarray:
+    if record.step is None:
+        raise InputError(
+            f"{record.name}: `{option}` needs a step column, and the file has none; use "
+            "`start_time`, `score_from` and `score_to` instead"
+        )
+    return record.step
+
+
+def _no_such_step(record: Record, step: int) -> str:
+    present = ", ".join(str(number) for number in np.unique(_steps(record, "start_after_step")))
+    return f"{record.name}: there is no step {step}; the file has steps {present}"

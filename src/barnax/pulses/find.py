@@ -1,0 +1,197 @@
+"""The pulses of a record, each out of a rest, and their resistances."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..records import Record, is_rested
+
+# After how many seconds of a pulse its resistance is usually told: at once, and as in USABC (1996),
+# the FreedomCAR manuals and ISO 12405-4 (2018).
+STANDARD_S = (0.0, 2.0, 10.0, 18.0, 30.0)
+# A longer load moves the cell to another SOC; a rest from here on settles it before pulses.
+LONGEST_S, SETTLED_S = 120.0, 300.0
+FEWEST_SAMPLES = 3
+# Neighbors that differ by more than this share belong to two loads, unless the first is a ramp.
+STEP_SHARE, RAMP_S = 0.2, 1.0
+# A tester that has met a limit lets go of the current by more than this share.
+HELD_SHARE = 0.05
+LEVEL_QUANTILE = 0.9
+# How near a sample must lie to a time for the voltage there to be known, in s and as a share, and
+# how late the first one may come.
+NEAR_S, NEAR_SHARE, AT_ONCE_S = 0.5, 0.2, 1.0
+# Currents this near to each other are one rate.
+SAME_RATE = 0.1
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """One pulse out of a rest.
+
+    `soc` is the state of charge where it begins, `row` the source row of its first sample,
+    `current_a` its level (discharge positive), `rest_s` how long the cell had rested. `is_limited`
+    says that the tester met a limit and let the current go. `resistance_ohm` is the change of
+    voltage over the change of current after each of `STANDARD_S`, None where the pulse was over or
+    not sampled; the first is that of the first sample under load, `delay_s` after the step. As the
+    standards have it, it contains what the OCV moves with the charge of the pulse.
+    """
+
+    record: str
+    row: int
+    soc: float
+    current_a: float
+    duration_s: float
+    rest_s: float
+    is_limited: bool
+    temperature_degc: float | None
+    delay_s: float
+    resistance_ohm: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class _Load:
+    """Samples `first` to `last` under one current, or at rest (`way` 0)."""
+
+    way: int
+    first: int
+    last: int
+    begin_s: float
+    end_s: float
+
+    @property
+    def duration_s(self) -> float:
+        return self.end_s - self.begin_s
+
+
+def find_pulses(
+    record: Record, soc: Float[np.ndarray, "samples"], rest_current_a: float
+) -> tuple[Pulse, ...]:
+    """Every pulse of a record, in order of time, whatever its direction and rate.
+
+    A pulse is a load of up to 2 min out of a rest, where since a rest of at least 5 min nothing
+    but pulses and rests came. `soc` is that of every sample.
+
+    >>> from barnax import bundled_file, read_record
+    >>> record = read_record(bundled_file("hppc_25degC"))
+    >>> pulses = find_pulses(record, 1 - record.discharged_ah / 2.0, rest_current_a=0.02)
+    >>> [round(pulse.current_a, 1) for pulse in pulses[-4:]]
+    [2.0, -1.5, 4.0, -3.0]
+    """
+    found: list[Pulse] = []
+    before: _Load | None = None
+    is_settled = False
+    for load in _loads(record, rest_current_a):
+        is_pulse = (
+            load.way != 0
+            and is_settled
+            and before is not None
+            and before.way == 0
+            and load.duration_s <= LONGEST_S
+            and load.last - load.first + 1 >= FEWEST_SAMPLES
+        )
+        if is_pulse and before is not None:
+            found.append(_pulse(record, soc, load, before))
+        is_settled = load.duration_s >= SETTLED_S or is_settled if load.way == 0 else is_pulse
+        before = load
+    return tuple(found)
+
+
+def _loads(record: Record, rest_current_a: float) -> Iterator[_Load]:
+    """The record as loads and rests; the short ramp of a current belongs to what it leads to."""
+    level_a = np.where(is_rested(record, rest_current_a), 0.0, record.current_a)
+    way = np.sign(level_a).astype(int)
+    largest_a = np.maximum(np.abs(level_a[1:]), np.abs(level_a[:-1]))
+    is_cut = (np.diff(way) != 0) | (np.abs(np.diff(level_a)) > STEP_SHARE * largest_a)
+    firsts = np.concatenate([[0], np.flatnonzero(is_cut) + 1])
+    lasts = np.append(firsts[1:] - 1, record.samples - 1)
+    # Where a sample's current flowed: up to the next sample, or since the one before.
+    begins, ends = (
+        (firsts, np.minimum(lasts + 1, record.samples - 1))
+        if record.hold.value == "forward"
+        else (np.maximum(firsts - 1, 0), lasts)
+    )
+    ramp: _Load | None = None
+    for first, last, begin, end in zip(firsts, lasts, begins, ends, strict=True):
+        load = _Load(
+            int(way[first]),
+            int(first),
+            int(last),
+            float(record.time_s[begin]),
+            float(record.time_s[end]),
+        )
+        if ramp is not None and ramp.way == load.way:
+            load = _Load(load.way, ramp.first, load.last, ramp.begin_s, load.end_s)
+        elif ramp is not None:
+            yield ramp
+        ramp = load if load.way and load.duration_s < RAMP_S else None
+        if ramp is None:
+            yield load
+    if ramp is not None:
+        yield ramp
+
+
+def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest: _Load) -> Pulse:
+    span = slice(load.first, load.last + 1)
+    since_s = record.time_s[span] - load.begin_s
+    change_a = record.current_a[span] - record.current_a[rest.last]
+    drop_v = record.voltage_v[rest.last] - record.voltage_v[span]
+    # Near the highest, for a limit may let most of a pulse go.
+    reached_a = load.way * float(np.quantile(np.abs(change_a), LEVEL_QUANTILE))
+    is_held = np.abs(change_a / reached_a - 1) <= HELD_SHARE
+    start = int(np.argmax(is_held))
+    lost = np.flatnonzero(~is_held[start:])
+    stop = start + int(lost[0]) if len(lost) else len(is_held)
+    held = slice(start, stop)
+    degc = record.temperature_degc
+    return Pulse(
+        record=record.name,
+        row=int(record.row[load.first]),
+        soc=float(soc[rest.last]),
+        current_a=float(np.median(change_a[held])),
+        duration_s=load.duration_s,
+        rest_s=rest.duration_s,
+        is_limited=stop < len(is_held),
+        temperature_degc=None if degc is None else float(degc[rest.last]),
+        delay_s=float(since_s[start]),
+        resistance_ohm=_resistances(since_s[held], drop_v[held] / change_a[held]),
+    )
+
+
+def _resistances(
+    since_s: Float[np.ndarray, "samples"], ratio_ohm: Float[np.ndarray, "samples"]
+) -> tuple[float | None, ...]:
+    """The ratio at each of `STANDARD_S`, linear between samples that lie near enough."""
+
+    def at(time_s: float) -> float | None:
+        is_over = since_s[-1] < time_s - NEAR_S
+        nearest_s = float(np.abs(since_s - time_s).min())
+        if is_over or nearest_s > max(NEAR_S, NEAR_SHARE * time_s):
+            return None
+        return float(np.interp(time_s, since_s, ratio_ohm))
+
+    first = float(ratio_ohm[0]) if since_s[0] <= AT_ONCE_S else None
+    return (first, *(at(time_s) for time_s in STANDARD_S[1:]))
+
+
+def pulse_samples(record: Record, pulse: Pulse) -> slice:
+    """The samples of a pulse in its record, from the last at rest on."""
+    first = int(np.searchsorted(record.row, pulse.row))
+    since_s = record.time_s[first:] - record.time_s[first - 1]
+    return slice(first - 1, first + int(np.searchsorted(since_s, pulse.duration_s, "right")))
+
+
+def levels(pulses: Sequence[Pulse]) -> list[tuple[Pulse, ...]]:
+    """The pulses by direction and rate, discharges first and the slower rates before the faster.
+
+    >>> levels([])
+    []
+    """
+    found: list[list[Pulse]] = []
+    for pulse in sorted(pulses, key=lambda each: (each.current_a < 0, abs(each.current_a))):
+        reached_a = found[-1][-1].current_a if found else 0.0
+        if abs(pulse.current_a - reached_a) > SAME_RATE * abs(pulse.current_a):
+            found.append([])
+        found[-1].append(pulse)
+    return [tuple(sorted(each, key=lambda pulse: -pulse.soc)) for each in found]

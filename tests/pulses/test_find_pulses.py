@@ -1,0 +1,132 @@
+"""Pulses found in made records, and their resistances against the closed form of RC pairs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.pulses import STANDARD_S, find_pulses, levels, pulse_samples
+from barnax.records import Decision, Record
+
+GIVEN = Decision("forward", "given", "made so")
+REST_A = 0.02
+ONE_RC = (0.05, ((0.03, 12.0),))
+TWO_RC = (0.05, ((0.01, 2.0), (0.03, 25.0)))
+
+
+def record_of(loads, circuit=ONE_RC, hold="forward", interval_s=0.1, noise_v=0.0):
+    """A record of (seconds, A) after each other at 4 V, its RC pairs solved exactly."""
+    r0, pairs = circuit
+    current_a = np.concatenate([np.full(round(s / interval_s), a) for s, a in loads])
+    time_s = interval_s * np.arange(len(current_a))
+    voltage_v = 4.0 - r0 * current_a
+    for r, tau_s in pairs:
+        decay, u, course = np.exp(-interval_s / tau_s), 0.0, []
+        for a in current_a:
+            # Forward, a sample's current flows after it; backward, it has flowed already.
+            after = decay * u + (1 - decay) * r * a
+            course.append(u if hold == "forward" else after)
+            u = after
+        voltage_v = voltage_v - np.array(course)
+    noise = np.random.default_rng(0).normal(0, noise_v, len(time_s)) if noise_v else 0.0
+    return Record(
+        name="made",
+        time_s=time_s,
+        current_a=current_a,
+        voltage_v=voltage_v + noise,
+        temperature_degc=None,
+        step=None,
+        row=np.arange(len(time_s)) + 2,
+        sign=replace(GIVEN, value="discharge-positive"),
+        hold=replace(GIVEN, value=hold),
+        sha256="",
+    )
+
+
+def pulses_of(record):
+    return find_pulses(record, 1 - record.discharged_ah / 2.0, REST_A)
+
+
+def closed_form(circuit, time_s):
+    r0, pairs = circuit
+    return r0 + sum(r * (1 - np.exp(-time_s / tau_s)) for r, tau_s in pairs)
+
+
+@pytest.mark.parametrize("circuit", [ONE_RC, TWO_RC], ids=["one RC", "two RC"])
+@pytest.mark.parametrize("current_a", [2.0, -4.0])
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_resistances_are_those_of_the_closed_form(circuit, current_a, hold):
+    record = record_of([(600, 0), (32, current_a), (60, 0)], circuit, hold)
+    (pulse,) = pulses_of(record)
+    # A sample that ends its interval shows the step 0.1 s late.
+    assert pulse.delay_s == pytest.approx(0.0 if hold == "forward" else 0.1)
+    times_s = [pulse.delay_s, *STANDARD_S[1:]]
+    expected = [closed_form(circuit, time_s) for time_s in times_s]
+    # Linear between samples 0.1 s apart.
+    assert pulse.resistance_ohm == pytest.approx(expected, rel=1e-5)
+    assert pulse.current_a == pytest.approx(current_a)
+    assert pulse.duration_s == pytest.approx(32.0)
+    assert pulse.rest_s == pytest.approx(600.0, abs=0.11)
+
+
+def test_a_short_pulse_has_no_resistance_after_its_end():
+    (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (40, 0)]))
+    known = [value is not None for value in pulse.resistance_ohm]
+    assert known == [True, True, True, False, False]
+
+
+def test_pulses_of_both_directions_and_rates_are_told_apart():
+    one_level = [(30, 2.0), (40, 0), (10, -1.5), (40, 0), (10, 4.0), (40, 0), (10, -3.0)]
+    loads = [(600, 0), *one_level, (600, 0), (1000, 1.0), (600, 0), *one_level, (600, 0)]
+    pulses = pulses_of(record_of(loads, noise_v=1e-4))
+    assert [round(pulse.current_a, 3) for pulse in pulses] == 2 * [2.0, -1.5, 4.0, -3.0]
+    assert [round(each[0].current_a, 3) for each in levels(pulses)] == [2.0, 4.0, -1.5, -3.0]
+    assert all(len(each) == 2 and each[0].soc > each[1].soc for each in levels(pulses))
+
+
+def test_soc_is_that_before_the_pulse():
+    pulses = pulses_of(record_of([(600, 0), (36, 2.0), (600, 0), (36, -2.0), (100, 0)]))
+    assert [pulse.soc for pulse in pulses] == pytest.approx([1.0, 0.99])
+
+
+@pytest.mark.parametrize(
+    "loads",
+    [
+        [(600, 0), (360, 1.0), (600, 0)],
+        [(60, 0), (20, 2.0), (60, 0)],
+        [(600, 0), (1000, 1.0), (60, 0), (10, 2.0), (60, 0)],
+        [(600, 0), (10, -2.0), (10, 2.0), (60, 0)],
+    ],
+    ids=["a long load", "no long rest", "a load before", "no rest between"],
+)
+def test_what_is_no_pulse_is_not_taken_for_one(loads):
+    currents = [pulse.current_a for pulse in pulses_of(record_of(loads))]
+    assert currents == ([-2.0] if (10, -2.0) in loads else [])
+
+
+def test_a_slower_load_that_follows_at_once_is_no_part_of_a_pulse():
+    (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (500, 0.5), (60, 0)]))
+    assert pulse.duration_s == pytest.approx(10.0)
+
+
+def test_a_ramp_belongs_to_its_pulse_and_counts_from_its_begin():
+    (pulse,) = pulses_of(record_of([(600, 0), (0.2, 0.9), (0.2, 1.5), (9.6, 2.0), (60, 0)]))
+    assert pulse.current_a == pytest.approx(2.0)
+    assert (pulse.duration_s, pulse.delay_s) == pytest.approx((10.0, 0.4))
+    assert not pulse.is_limited
+
+
+def test_a_current_that_a_limit_lets_go_is_told_and_not_used():
+    held, gone = [(4, -2.0)], [(0.5, -2.0 * 0.93**k) for k in range(1, 12)]
+    (pulse,) = pulses_of(record_of([(600, 0), *held, *gone, (60, 0)]))
+    assert pulse.is_limited
+    assert [value is not None for value in pulse.resistance_ohm] == [True, True] + 3 * [False]
+
+
+def test_the_samples_of_a_pulse_begin_with_the_rest_before_it():
+    record = record_of([(600, 0), (10, 2.0), (60, 0)])
+    (pulse,) = pulses_of(record)
+    span = pulse_samples(record, pulse)
+    assert record.current_a[span][0] == 0
+    assert (record.current_a[span][1:-1] == 2.0).all()
+    assert len(record.time_s[span]) == pytest.approx(102, abs=1)

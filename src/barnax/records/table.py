@@ -137,6 +137,10 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
         what = f"{count} of an impedance measurement ({word}) left out"
         findings.append(found_at(lines, impedance, "note", what, is_told=True))
         is_good &= ~impedance
+    if _is_cut_short(lines):
+        what, last = "the last row is cut short: left out", len(lines.row) - 1
+        findings.append(found_at(lines, last, "warning", what, "copy or export the file again"))
+        is_good[-1] = False
     units = _units_row(lines)
     if units:
         what = f"the row below the names holds no numbers but {units}, as units"
@@ -186,6 +190,19 @@ def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
     if words.dtype != pl.String:
         return np.zeros(len(lines.row), bool)
     return words.str.contains(_IMPEDANCE).fill_null(False).to_numpy()[lines.at]
+
+
+def _is_cut_short(lines: Lines) -> bool:
+    """Whether cells are missing at the end of the last line that the one before it has."""
+    if len(lines.at) < 2 or lines.sheets:
+        return False
+    last, before = (
+        [column[int(line)] is not None for column in lines.table.columns]
+        for line in lines.at[-2:][::-1]
+    )
+    end = len(last) - last[::-1].index(True)
+    needed = [column.index for name, column in lines.columns.items() if name in NEEDED]
+    return any(before[end:]) and any(index >= end for index in needed)
 
 
 def _units_row(lines: Lines) -> str:

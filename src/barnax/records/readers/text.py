@@ -179,14 +179,26 @@ def _with_units(layout: _Layout, below: str) -> tuple[tuple[str, ...], bool]:
     cells += [""] * (len(layout.header) - len(cells))
     units = [cell.strip("[]()") for cell in cells]
     found = columns_of(layout.header)
-    needed = [each for each in found.values() if each.quantity.is_required]
-    spelled = [unit_of(each.quantity, units[each.index]) for each in needed if units[each.index]]
-    if not spelled or not all(spelled):
+    own = {each.index: each for each in found.values()}
+    spelled = {
+        k: unit_of(own[k].quantity, units[k])
+        for k in own
+        if units[k] and own[k].quantity.is_required
+    }
+    if not spelled or not all(
+        unit and (own[k].is_unit_assumed or unit == own[k].unit) for k, unit in spelled.items()
+    ):
         return layout.header, False
     return tuple(
-        f"{name} [{unit}]" if name and any(unit_of(each, unit) for each in QUANTITIES) else name
-        for name, unit in zip(layout.header, units, strict=False)
+        name
+        if (k in own and not own[k].is_unit_assumed) or not _is_unit(units[k])
+        else f"{name} [{units[k]}]"
+        for k, name in enumerate(layout.header)
     ), True
+
+
+def _is_unit(text: str) -> bool:
+    return any(unit_of(quantity, text) for quantity in QUANTITIES)
 
 
 def _columns(body: bytes, header: Sequence[str], delimiter: str, file: str) -> list[pl.Series]:

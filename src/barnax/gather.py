@@ -20,7 +20,7 @@ from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window
 from .records import Record, Source, read_record, read_source, source_from_frame
 
-# A file, a `Record`, or a data frame.
+# A file or what was read of one, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 # What a search may be asked for: more than fits a computer's memory is refused before any work.
@@ -100,7 +100,7 @@ def read_inputs(
     watch: Watch = unwatched,
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
-    given, tests, others = (_listed(each) for each in (records, ocv, validate))
+    given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
     capacity = common.capacity_ah if capacity is None else capacity
     is_bundled = not given
@@ -199,6 +199,8 @@ def read_validation(
 
 def source_of(given: Given, names: Mapping[Path, str]) -> Source:
     """A file or a data frame, read once, under the name that results call it."""
+    if isinstance(given, Source):
+        return given
     if not isinstance(given, str | Path):
         return source_from_frame(given, "data frame")
     source = read_source(given)
@@ -264,14 +266,14 @@ def ranges_of(
     return ("`fix`" if bounds is None else "`bounds`"), bounds
 
 
-def _listed(sources: Given | Sequence[Given]) -> list[Given]:
+def listed(sources: Given | Sequence[Given]) -> list[Given]:
     return list(sources) if isinstance(sources, list | tuple) else [sources]
 
 
 def _name_of(source: Given) -> str:
     if isinstance(source, str | Path):
         return printable(Path(source).name)
-    return source.name if isinstance(source, Record) else "data frame"
+    return source.name if isinstance(source, Record | Source) else "data frame"
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:

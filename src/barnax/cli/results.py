@@ -150,7 +150,7 @@ def rerun(
 
 def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str]:
     """The stored command with every file's name replaced by where it lies."""
-    if len(stored.command) < 2 or stored.command[1] != "identify":
+    if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
         raise InputError(
             f"{result}: stores no command to repeat (it was made from Python); run it again there"
         )

@@ -24,8 +24,9 @@ LAYERS = (
     ("over_soc",),
     ("results",),
     ("storing",),
-    ("comparison", "export", "replay"),
+    ("comparison", "export"),
     ("pipeline", "plots"),
+    ("pulse_test", "replay"),
     ("reporting",),
     ("cli",),
 )

@@ -32,6 +32,7 @@ from .filters.model import CAPACITY, OFFSET
 from .gather import Given, Reading, read_validation
 from .model.inputs import PreparedRecord, prepare_record
 from .model.window import Window
+from .pipeline import common_window
 from .results import Result
 from .schema import Count, Document, Part
 
@@ -174,13 +175,13 @@ def replay_soc(
 ) -> SocReplay:
     """What a battery manager with this circuit would have known of the SOC along a record.
 
-    All scenarios run in one call. `window` is by default that of the identification. Raises
-    `InputError` where the record, its window or what is to be estimated cannot be used, and for a
-    result without an assessment, from which the filter takes its noise.
+    All scenarios run in one call. `window` is by default what those of the identification agree on.
+    Raises `InputError` where the record, its window or what is to be estimated cannot be used, and
+    for a result without an assessment, from which the filter takes its noise.
     """
-    settings, window = settings or FilterSettings(), window or result.window
+    settings, window = settings or FilterSettings(), window or common_window(result)
     reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
-    measured, warnings = read_validation(record, reading, window)
+    measured, warnings = read_validation(record, reading, window, result.cell_model)
     used = result if settings.tables else result.model_copy(update={"tables": None})
     prepared = prepare_record(measured, result.cell_model, result.model, window)
     model = eqx.tree_at(

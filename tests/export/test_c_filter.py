@@ -7,13 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.cell import SocTables
 from barnax.execution import in_float64
 from barnax.export import EXPORTERS
 from barnax.filters import Drive, model_of, run_filter
 from barnax.model.inputs import prepare_record
 from barnax.model.window import Window
-from helpers.results import CIRCUITS, GAMMA, make_record, make_result
+from helpers.results import CIRCUITS, make_record, make_result, make_table_result
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="this system has no C compiler")
@@ -62,32 +61,13 @@ def in_python(result, prepared):
     return np.asarray(jnp.stack(columns, axis=1)), drive
 
 
-def tabulated(result):
-    """The same result with tables over SOC."""
-    gamma = GAMMA if result.model == "esc" else None
-    tables = SocTables(
-        (0.0, 0.2, 1.0), (10.0, 90.0), (0.09, 0.06, 0.05), ((0.03, 0.02, 0.01), (0.05, 0.02, 0.03)),
-        ocv_correction_v=(0.01, -0.01, 0.02), gamma=gamma, visited=(True,) * 3,
-    )  # fmt: skip
-
-    class Part:
-        by_soc = result.assessment.diagnostics.by_soc
-
-        class fit:
-            pass
-
-    Part.fit.tables = tables
-    return result.model_copy(update={"tables": Part})
-
-
-@pytest.mark.parametrize("with_tables", [False, True])
-@pytest.mark.parametrize("circuit", CIRCUITS)
+@pytest.mark.parametrize(
+    ("circuit", "with_tables"),
+    [*((name, False) for name in CIRCUITS), ("so-rc", True), ("esc", True)],
+)
 def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
-    result = make_result(circuit, rest_current_a=0.05)
-    if with_tables:
-        if circuit not in ("so-rc", "iso-rc", "esc"):
-            pytest.skip("these tables are of two pairs")
-        result = tabulated(result)
+    make = make_table_result if with_tables else make_result
+    result = make(circuit, rest_current_a=0.05)
     window = Window(initial_soc=0.9, initial_direction=1, rest_current_a=0.05)
     prepared = prepare_record(make_record(2000), result.cell_model, circuit, window)
     expected, drive = in_python(result, prepared)

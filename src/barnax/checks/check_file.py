@@ -1,7 +1,7 @@
 """Everything that is wrong with a file, and what it can serve as."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from .channels import (
 )
 from .charge import find_capacity, find_closure, find_counters, find_rests
 from .check_input import Check, CheckInput
+from .kinds import Traits, traits_of
 from .roles import Role, find_roles
 from .sampling import (
     find_coarse_intervals,
@@ -32,6 +33,7 @@ from .sampling import (
     find_resolution,
     find_temperature,
 )
+from .twins import find_twins
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {
@@ -94,6 +96,7 @@ class FileCheck:
     findings: tuple[Finding, ...]
     facts: Facts | None
     roles: tuple[Role, ...]
+    traits: Traits | None = None
 
     @property
     def is_clean(self) -> bool:
@@ -144,7 +147,7 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
         raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
     if not isinstance(source, Source):
         source = read_source(source)
-    examined = examine(source.table, source.name, capacity_ah)
+    examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]
     given = None
     # Absurd values overflow on their way to being found absurd.
@@ -153,14 +156,20 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
             samples, found = find_turn(examined.mended)
             findings += named("sign", found)
             given = _check_input(source, samples, capacity_ah)
+            if any(finding.check == "sign" for finding in examined.findings):
+                # A current without any sign has been told of.
+                given = replace(given, sign_doubts=())
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
+            findings += named("twin columns", find_twins(source.table, given))
         findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
+        traits = traits_of(given) if given else None
         return FileCheck(
             file=source.name,
             findings=tuple(findings),
             facts=_facts(given) if given else None,
-            roles=find_roles(given) if given else (),
+            roles=find_roles(given, traits) if given and traits else (),
+            traits=traits,
         )
 
 

@@ -176,8 +176,8 @@ class TableOptions:
         int | None,
         option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."),
     ] = None
-    blocks: Annotated[
-        int | None, option(TABLES, "N", "Blocks of a record that the folds share (default: 20).")
+    block_s: Annotated[
+        float | None, option(TABLES, "S", "Length of the blocks that are held out (default: 400).")
     ] = None
 
     def chosen(self) -> dict[str, Any]:
@@ -224,7 +224,7 @@ class ExportChoices:
         str,
         option(
             OUTPUT,
-            "pybamm|thevenin|simscape|c-header|csv|c-filter",
+            "pybamm|thevenin|simscape|c-header|csv|json|c-filter",
             "The tool or format to write for.",
             autocompletion=complete_exporters,
         ),
@@ -235,7 +235,8 @@ class ExportChoices:
             OUTPUT,
             "FILE",
             "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
-            "barnax_cell.h, barnax_parameters.csv or barnax_filter.h).",
+            "barnax_cell.h, barnax_parameters.csv, barnax_cell.json or "
+            "barnax_filter.h).",
         ),
     ] = None
     force: Annotated[

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # Across machines and versions the refined error agrees this closely, relative.
 SAME_RMSE = 1e-9
 FINDINGS = 1
-START = ("start_time_s", "start_after_step", "initial_soc")
+START = ("start_time_s", "start_after_step", "initial_soc", "initial_direction")
 SCORING = ("score_steps", "score_from_s", "score_to_s", "score_soc")
 
 
@@ -105,6 +105,8 @@ def stored_window(
 
     Raises `InputError` for an option that is given for another record.
     """
+    from ..pipeline import common_window
+
     chosen = of_records.chosen()
     unknown = sorted(chosen.keys() - {"", record.name})
     if unknown:
@@ -112,7 +114,7 @@ def stored_window(
     given = {**chosen.get("", {}), **chosen.get(record.name, {})}
     # What was given for one record alone is not another's.
     own = {each.name: each.window for each in stored.inputs if each.window}
-    return _window(own.get(record.name, stored.window), given, is_whole)
+    return _window(own.get(record.name) or common_window(stored), given, is_whole)
 
 
 def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":
@@ -160,7 +162,7 @@ def rerun(
 
 def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str]:
     """The stored command with every file's name replaced by where it lies."""
-    if len(stored.command) < 2 or stored.command[1] != "identify":
+    if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
         raise InputError(
             f"{result}: stores no command to repeat (it was made from Python); run it again there"
         )

@@ -6,6 +6,7 @@ from pathlib import Path
 from ..baselines import Budget
 from ..cell.curves import OcvFit
 from ..cell.hysteresis import HysteresisFit
+from ..errors import InputError
 from ..gather import (
     Given,
     Reading,
@@ -42,8 +43,13 @@ def compare_files(
 ) -> tuple[Comparison, ComparisonResult]:
     """Models and methods (`rows`) side by side on one record; the rest is as in `identify`.
 
-    Raises `InputError` where an input cannot be used.
+    Raises `InputError` where an input cannot be used, or more than one record is given.
     """
+    if isinstance(records, list | tuple) and len(records) > 1:
+        raise InputError(
+            f"a comparison is on one record, and {len(records)} were given; give the others with "
+            "`validate`"
+        )
     settings = settings or Settings()
     inputs = read_inputs(
         records, ocv, validate, reading or Reading(),

@@ -10,7 +10,9 @@ from .compared_search import plot_compared_convergence, plot_compared_parameters
 from .convergence import plot_convergence
 from .error import plot_error
 from .landscape import plot_landscape
+from .pulses import plot_pulse_resistances, plot_pulses
 from .replay import plot_soc_replay
+from .soc_tables import plot_error_map, plot_tables
 from .voltage import plot_condition, plot_voltage
 
 __all__ = [
@@ -21,9 +23,13 @@ __all__ = [
     "plot_condition",
     "plot_convergence",
     "plot_error",
+    "plot_error_map",
     "plot_hysteresis",
     "plot_landscape",
     "plot_ocv",
+    "plot_pulse_resistances",
+    "plot_pulses",
     "plot_soc_replay",
+    "plot_tables",
     "plot_voltage",
 ]

@@ -53,23 +53,21 @@ def run_in_environment() -> None:
 
 
 def results() -> Iterator:
-    """Every circuit identified on the bundled cell."""
-    import jax
-
+    """Every circuit identified on the bundled cell, one of them with tables over SOC too."""
     import barnax
 
-    tests = [
-        barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
-    ]
-    cell = barnax.characterize(tests, ocv_fit="interpolated")
-    record = barnax.read_record(barnax.bundled_file("identification"))
-    for circuit in CIRCUITS:
-        problem = barnax.make_problem(record, cell, circuit, coordinates="log")
-        optimizer = barnax.make_optimizer("ibmo-centered", 30, ITERATIONS)
-        found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
-        refinement = barnax.refine(found)
-        evaluation = barnax.evaluate(problem.prepared, refinement.parameters)
-        yield barnax.make_result(refinement, [evaluation], ocv=tests)
+    for circuit, over in (*((circuit, None) for circuit in CIRCUITS), ("so-rc", "soc")):
+        yield barnax.identify(
+            model=circuit,
+            over=over,
+            ocv_fit="interpolated",
+            method="ibmo-centered",
+            coordinates="log",
+            seeds=SEEDS,
+            iterations=ITERATIONS,
+            key=KEY,
+            trust="none",
+        )
 
 
 def trips():
@@ -98,10 +96,14 @@ def rows(result) -> Iterator[str]:
             exporter = get_exporter(package)
             found = verify(start, exporter, exporter.write(start).content, profile)
             yield (
-                f"| {result.model} | {package} | {name} | {found.samples} | {found.rms_v:.2e} "
+                f"| {name_of(result)} | {package} | {name} | {found.samples} | {found.rms_v:.2e} "
                 f"| {found.largest_v:.2e} | {found.without_turns_v:.2e} "
                 f"| {found.without_hysteresis_v:.2e} |"
             )
+
+
+def name_of(result) -> str:
+    return f"{result.model}, tables" if result.tables else result.model
 
 
 def thevenin_loop_difference_v(result, profile) -> float:
@@ -165,7 +167,7 @@ def write_page() -> None:
         if result.model in ("iso-rc", "esc"):
             for _, start, profile in cases(result):
                 loop_v = max(loop_v, thevenin_loop_difference_v(start, profile))
-        if result.model == "so-rc":
+        if result.model == "so-rc" and result.tables is None:
             ramp_v = ramp_difference_v(result)
     page = "\n".join(
         [

@@ -20,6 +20,7 @@ from ..model.search_space import Range
 from ..model.window import Window
 from .result import ComparisonResult, make_comparison_result
 from .run import PAPER_ROWS, Comparison, compare
+from .tabulated import tabulate
 
 
 def compare_files(
@@ -28,6 +29,7 @@ def compare_files(
     ocv: Given | Sequence[Given] = (),
     validate: Given | Sequence[Given] = (),
     rows: Sequence[tuple[str, str]] = PAPER_ROWS,
+    tabulated: Sequence[str] = (),
     settings: Settings | None = None,
     window: Window | Mapping[str, Window] | None = None,
     capacity: float | None = None,
@@ -41,6 +43,8 @@ def compare_files(
     watch: Watch = unwatched,
 ) -> tuple[Comparison, ComparisonResult]:
     """Models and methods (`rows`) side by side on one record; the rest is as in `identify`.
+
+    Circuits in `tabulated`, which rows must have too, are also fitted with tables over SOC.
 
     Raises `InputError` where an input cannot be used.
     """
@@ -68,7 +72,9 @@ def compare_files(
         source=source,
         watch=watch,
     )
+    with watch("Tables over SOC", 0):
+        tables = tabulate(comparison, tabulated)
     result = make_comparison_result(
-        comparison, ocv=inputs.ocv, command=command, warnings=inputs.warnings
+        comparison, tables, ocv=inputs.ocv, command=command, warnings=inputs.warnings
     )
     return comparison, result

@@ -8,6 +8,7 @@ from .document import Bullets, Section, Table, make_table
 from .words import NOTHING, between, duration, figures, fixed, joined, millivolt, percent, with_unit
 
 if TYPE_CHECKING:
+    from ..comparison.tabulated import Tabulated
     from ..over_soc import NodeInterval, SocErrors, TableFit
     from ..results import Result, TablesPart
 
@@ -32,7 +33,10 @@ def pay_sentence(fit: "TableFit") -> str:
     if held is None:
         return ""
     pays = held.tables.is_worth(held.constant)
-    change = f"{_errors(held.constant)} to {_errors(held.tables)} on blocks held out of the fit"
+    change = (
+        f"{_errors(held.constant)} to {_errors(held.tables)} mV (above 10 % SOC) on blocks held "
+        "out of the fit"
+    )
     if pays:
         return f"tables pay here: {change}."
     return f"tables do not pay here: {change}; the constant circuit is the safer one."
@@ -67,6 +71,36 @@ def tables_section(result: "Result", pictures: tuple) -> list[Section]:
     told = tuple(tables_sentences(result.tables, result.metrics.identification.rmse_v))
     blocks = (Bullets(told), constants_table(result.tables.fit), nodes_table(result.tables.fit))
     return [Section("Tables over SOC", (*blocks, *pictures))]
+
+
+def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[Section]:
+    """Constant circuits and the same with tables over SOC, side by side."""
+    if not found:
+        return []
+    rows = []
+    for each in found:
+        held = each.fit.cross_validation
+        rows.append(
+            (each.model, each.constant_parameters, held and held.constant, each.constant_errors)
+        )
+        rows.append((f"{each.model}:soc", each.fit.parameters, held and held.tables, each.errors))
+    cells = {
+        "circuit": lambda row: row[0],
+        "values": lambda row: str(row[1]),
+        "held out [mV]": lambda row: NOTHING if row[2] is None else _errors(row[2]),
+    }
+    for place, name in enumerate(names):
+        role = "identified on" if place == 0 else "validation"
+        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: _errors(row[3][place])
+    table = make_table(
+        "RMSE in mV, in brackets above 10 % SOC: on blocks held out of the fit, and on each "
+        "record. The constant circuit is the best one known, fitted anew for the held-out blocks.",
+        rows,
+        cells,
+        list(cells),
+    )
+    told = [f"{each.model}: {pay_sentence(each.fit)}" for each in found]
+    return [Section("Tables over SOC", (Bullets(tuple(told)), table))]
 
 
 def nodes_table(fit: "TableFit") -> Table:
@@ -167,5 +201,5 @@ def _interval(each: "NodeInterval | None", scale: float = 1.0) -> str:
 
 
 def _errors(errors: "SocErrors") -> str:
-    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)} above 10 % SOC)"
-    return f"{fixed(1e3 * errors.rmse_v, 1)} mV{above}"
+    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
+    return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"

@@ -135,9 +135,10 @@ def test_a_window_is_proposed_where_none_is_chosen(real_data):
         assert not any(proposed in text for text in input_warnings(found, "identification", window))
 
 
-def test_a_record_to_validate_on_is_checked_too(tmp_path):
+def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
     table = pl.read_parquet(BUNDLED.validation)
     doubled = pl.concat([table.head(40), table[39:]])
     doubled.write_parquet(tmp_path / "twice.parquet")
-    record, warnings = read_validation(tmp_path / "twice.parquet", Reading(), None)
+    path = tmp_path / "twice.parquet"
+    record, warnings = read_validation(path, Reading(), None, bundled_cell)
     assert any("twice.parquet: row 42" in text for text in [*warnings, *record.warnings])

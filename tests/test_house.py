@@ -26,6 +26,7 @@ LAYERS = (
     ("storing",),
     ("comparison", "export"),
     ("pipeline", "plots"),
+    ("pulse_test",),
     ("reporting",),
     ("cli",),
 )

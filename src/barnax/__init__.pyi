@@ -36,6 +36,7 @@ from .over_soc import simulate_tables as simulate_tables
 from .pipeline import Run as Run
 from .pipeline import identify as identify
 from .pipeline import validate_stored as validate_stored
+from .pulse_test import hppc as hppc
 from .records import Record as Record
 from .records import read_record as read_record
 from .records import record_from_frame as record_from_frame

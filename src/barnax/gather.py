@@ -14,12 +14,13 @@ from .cell import CellModel, OcvTable, characterize, read_ocv_test
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .checks import FileCheck, SuggestedWindow, check_file
+from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window
 from .records import Record, Source, read_record, read_source, source_from_frame
 
-# A file, a `Record`, or a data frame.
+# A file or what was read of one, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 # What a search may be asked for: more than fits a computer's memory is refused before any work.
@@ -99,7 +100,7 @@ def read_inputs(
     watch: Watch = unwatched,
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
-    given, tests, others = (_listed(each) for each in (records, ocv, validate))
+    given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
     capacity = common.capacity_ah if capacity is None else capacity
     is_bundled = not given
@@ -113,17 +114,15 @@ def read_inputs(
             "`ocv`"
         )
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
-    warnings: list[str] = []
+    looked_at: list[tuple[str, Source, Record | OcvTable]] = []
 
     def take(each: Given, role: str, read: Callable[[Source], Any]) -> Any:
-        """What a file or frame holds, read once, with the warnings of its checks."""
+        """What a file or frame holds, read once, and remembered to be checked."""
         if isinstance(each, Record | OcvTable):
             return each
         source = source_of(each, names)
-        taken = read(source)
-        if not is_bundled and not isinstance(taken, OcvTable):
-            warnings.extend(input_warnings(check_file(source, capacity_ah=capacity), role, window))
-        return taken
+        looked_at.append((role, source, read(source)))
+        return looked_at[-1][2]
 
     def reader(sign: Any) -> Callable[[Source], Record]:
         hold: Any = reading.current_hold
@@ -151,24 +150,57 @@ def read_inputs(
             hysteresis_fit=hysteresis_fit,
             rest_current_a=common.rest_current_a,
         )
+    warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 
 
+def _checked(
+    looked_at: Sequence[tuple[str, Source, Record | OcvTable]],
+    cell: CellModel,
+    capacity_ah: float | None,
+    window: Window | Mapping[str, Window] | None,
+) -> list[str]:
+    """What the checks have against the files, by themselves and against each other."""
+    warnings: list[str] = []
+    degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
+    for role, source, taken in looked_at:
+        if isinstance(taken, OcvTable):
+            continue
+        is_test = role == "OCV test"
+        # A record's ampere-hours are judged by the capacity that it is simulated with.
+        own_ah = capacity_ah
+        if not is_test:
+            own_ah = window_of(window, source.name).capacity_ah or cell.capacity_ah
+        found = check_file(source, capacity_ah=own_ah)
+        warnings += input_warnings(found, role, window)
+        if found.traits is not None:
+            degc[is_test].append((found.file, found.traits.temperature_degc))
+        if not is_test:
+            against = compare_with_cell(taken, cell, own_ah)
+            warnings += [each.sentence(found.file) for each in against]
+    return warnings + compare_temperatures(degc[False], degc[True])
+
+
 def read_validation(
-    given: Given, reading: Reading, window: Window | Mapping[str, Window] | None
+    given: Given,
+    reading: Reading,
+    window: Window | Mapping[str, Window] | None,
+    cell: CellModel,
 ) -> tuple[Record, list[str]]:
-    """A record to validate on, and what the checks have against it."""
+    """A record to validate a cell's circuit on, and what the checks have against it."""
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {})
     sign: Any = reading.validate_current_sign
     hold: Any = reading.current_hold
     record = read_record(source, current_sign=sign, current_hold=hold)
-    return record, input_warnings(check_file(source), "validation", window)
+    return record, _checked([("validation", source, record)], cell, None, window)
 
 
 def source_of(given: Given, names: Mapping[Path, str]) -> Source:
     """A file or a data frame, read once, under the name that results call it."""
+    if isinstance(given, Source):
+        return given
     if not isinstance(given, str | Path):
         return source_from_frame(given, "data frame")
     source = read_source(given)
@@ -183,17 +215,17 @@ def input_warnings(
     for each in found.roles:
         if each.name == role and not each.is_usable:
             texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
-        elif each.name == role and each.window is not None and not _is_chosen(window, found.file):
+        elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
             advice = window_advice(each.window)
             texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []
     return texts
 
 
-def _is_chosen(window: Window | Mapping[str, Window] | None, name: str) -> bool:
-    """Whether anybody has said which part of the record counts."""
+def window_of(window: Window | Mapping[str, Window] | None, name: str) -> Window:
+    """What was said of a record: its own window, else the common one."""
     if isinstance(window, Mapping):
         window = window.get(name, window.get(""))
-    return window is not None and window.is_chosen
+    return window or Window()
 
 
 def window_advice(suggested: SuggestedWindow) -> str:
@@ -234,14 +266,14 @@ def ranges_of(
     return ("`fix`" if bounds is None else "`bounds`"), bounds
 
 
-def _listed(sources: Given | Sequence[Given]) -> list[Given]:
+def listed(sources: Given | Sequence[Given]) -> list[Given]:
     return list(sources) if isinstance(sources, list | tuple) else [sources]
 
 
 def _name_of(source: Given) -> str:
     if isinstance(source, str | Path):
         return printable(Path(source).name)
-    return source.name if isinstance(source, Record) else "data frame"
+    return source.name if isinstance(source, Record | Source) else "data frame"
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:

@@ -6,14 +6,14 @@ optimum is looked for beside them, and the best circuit known is assessed and va
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import jax
 import numpy as np
 
-from .cell import CellModel, CircuitParameters, OcvTable
+from .cell import OcvTable
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .errors import InputError
@@ -29,8 +29,8 @@ from .gather import (
     unwatched,
     windows_of,
 )
-from .global_optimum import GlobalOptimum, find_global_optimum
-from .model.inputs import PreparedRecord, other_direction, prepare_record
+from .global_optimum import GlobalOptimum, find_global_optimum, with_better_directions
+from .model.inputs import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window
@@ -38,15 +38,13 @@ from .optimizers import make_optimizer
 from .over_soc import TableFit, TableSettings, evaluate_tables, fit_tables
 from .records import Record
 from .results import Answer, Result, best_answer
-from .search.evaluate import Evaluation, evaluate
+from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .search.refine import Descent, Refinement, refine
 from .search.seeds import Search, search_seeds
 from .storing import make_result
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")
-# A direction is the better one where it lowers the RMSE by more than this.
-SAME_FIT = 1e-6
 # What a warning says first where the full examination failed.
 FITTING_AGAIN = "fitting again"
 # Validation may leave the SOC that tables were identified on by this much without a word.
@@ -144,7 +142,7 @@ def identify(
             prepare_record(record, inputs.cell, settings.model, windows[record.name])
             for record in inputs.validation
         ]
-        problem = _with_better_directions(problem)
+        problem = with_better_directions(problem)
         wanted = None
         if settings.over is not None:
             ranges = {**(ranges_of(bounds)[1] or {}), **tables.bounds}
@@ -191,38 +189,7 @@ def _problem(
         _ = problem.compressed
     except InputError:
         return problem
-    return replace_kind(problem, "compressed")
-
-
-def replace_kind(problem: Problem, kind: Kind) -> Problem:
-    """The same problem searched by another objective; what is computed already is kept."""
-    other = replace(problem, kind=kind)
-    for name in ("all_inputs", "scan", "compressed", "coordinates"):
-        if name in vars(problem):
-            vars(other)[name] = vars(problem)[name]
-    return other
-
-
-def _with_better_directions(problem: Problem) -> Problem:
-    """The problem with each open direction before the start as fits better, record by record."""
-    for place, prepared in enumerate(problem.prepared_records):
-        other = other_direction(prepared, problem.cell)
-        if other is None:
-            continue
-        records = list(problem.prepared_records)
-        tried = replace(problem, prepared_records=(*records[:place], other, *records[place + 1 :]))
-        try:
-            own_v, other_v = (
-                find_global_optimum(each, prove=False).rmse_v for each in (problem, tried)
-            )
-        except InputError:
-            continue
-        best, rest_v = (tried, own_v) if other_v < own_v * (1 - SAME_FIT) else (problem, other_v)
-        chosen = best.prepared_records[place]
-        start = replace(chosen.start, direction_source="better fit", other_rmse_v=rest_v)
-        records[place] = replace(chosen, start=start)
-        problem = replace(problem, prepared_records=tuple(records))
-    return problem
+    return problem.keeping_computed(kind="compressed")
 
 
 def _search_and_assess(
@@ -261,7 +228,9 @@ def _search_and_assess(
     warnings: list[str] = []
     with watch("Evaluating", 0):
         identified = [evaluate(each, answer.parameters) for each in problem.prepared_records]
-        validated = [_validated(each, problem.cell, answer.parameters) for each in validation]
+        validated = [
+            evaluate_from_either(each, problem.cell, answer.parameters) for each in validation
+        ]
         table_run = None
         if tables is not None and tabulated is not None:
             own, others = (
@@ -304,22 +273,6 @@ def _attempt(
         return None
 
 
-def _validated(
-    prepared: PreparedRecord, cell: CellModel, parameters: CircuitParameters
-) -> Evaluation:
-    """The answer on a record it was not fitted to, from the direction that fits better if open."""
-    own = evaluate(prepared, parameters)
-    other = other_direction(prepared, cell)
-    if other is None:
-        return own
-    tried = evaluate(other, parameters)
-    best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
-    start = replace(
-        best.prepared.start, direction_source="better fit", other_rmse_v=rest.metrics.rmse_v
-    )
-    return replace(best, prepared=replace(best.prepared, start=start))
-
-
 def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
     """Every warning of a run once, in the order of the flow."""
     texts = [text for record in inputs.ocv for text in record.warnings]
@@ -329,8 +282,8 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
         if each.metrics.r2 < 0:
             texts.append(
                 f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
-                f"would (R2 {each.metrics.r2:.3g}); look for a wrong sign or unit with barnax "
-                "check, and at what `fix` and `bounds` hold"
+                f"would (R2 {each.metrics.r2:.3g}); what the checks of its file found is among "
+                "these warnings; look at its window, and at what `fix` and `bounds` hold"
             )
     for each in run.validation:
         texts += [*each.prepared.record.warnings, *each.prepared.warnings]
@@ -372,6 +325,17 @@ def _table_warnings(run: TableRun) -> Iterator[str]:
             )
 
 
+def common_window(stored: Result) -> Window:
+    """What the windows of all simulated records agree on; what is one's alone is not another's."""
+    windows = [each.window for each in stored.inputs if each.window]
+    agreed = {
+        field.name: getattr(windows[0], field.name)
+        for field in fields(Window)
+        if all(getattr(each, field.name) == getattr(windows[0], field.name) for each in windows)
+    }
+    return Window(**agreed)
+
+
 def validate_stored(
     stored: Result,
     record: Given,
@@ -382,17 +346,17 @@ def validate_stored(
 ) -> tuple[Evaluation, list[str]]:
     """A stored circuit on another record, and warnings about that record and its window."""
     reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
-    window = window or stored.window
-    measured, warnings = read_validation(record, reading, window)
+    window = window or common_window(stored)
+    cell = stored.cell_model
+    measured, warnings = read_validation(record, reading, window, cell)
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
         warnings.append(
             f"{measured.name}: is the record {own[measured.sha256]} that the circuit was "
             "identified on, so it validates nothing"
         )
-    cell = stored.cell_model
     prepared = prepare_record(measured, cell, stored.model, window)
-    evaluation = _validated(prepared, cell, stored.circuit_parameters)
+    evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)
     if stored.tables is not None:
         evaluation = evaluate_tables(evaluation.prepared, stored.tables.fit.tables)
     return evaluation, [*warnings, *measured.warnings, *prepared.warnings]

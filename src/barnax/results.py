@@ -16,6 +16,7 @@ from .model.problem import Kind
 from .model.start import Start
 from .model.window import Window
 from .over_soc import TableFit, TableSettings
+from .pulses import Pulse
 from .records import Decision
 from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
 from .search.refine import SAME_RMSE, AtBound, Optimum, RefinedSeed, Refinement
@@ -171,8 +172,9 @@ class Result(Document):
     intervals, figures and exports are of it; `search` and `refined` tell what the seeds did.
     `global_optimum` is None where the box is too wide to look for it, `assessment` where it was
     not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
-    asked for: then exports, figures of errors and validation are of it. A result that was just
-    computed has the objects behind it in `run`.
+    asked for: then exports, figures of errors and validation are of it. `pulses` are those of the
+    records identified on that are pulse tests. A result that was just computed has the objects
+    behind it in `run`.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -188,6 +190,7 @@ class Result(Document):
     global_optimum: GlobalPart | None = None
     assessment: AssessmentPart | None = None
     tables: TablesPart | None = None
+    pulses: tuple[Pulse, ...] = ()
     search: SearchPart
     refined: RefinedPart
     cell: CellModel

@@ -14,6 +14,7 @@ from .global_optimum import GlobalOptimum, optimality_gap
 from .metrics import Metrics
 from .model.problem import Problem
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
+from .pulses import pulses_of
 from .records import Record
 from .results import (
     SCHEMA_VERSION,
@@ -65,6 +66,7 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
             metrics=_metrics_block(problem.name, run.tables.identification, run.tables.validation),
             by_soc=_soc_bands(run.tables.identification),
         ),
+        pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
         search=search_part(run.search),
         refined=RefinedPart(
             rmse_v=run.refinement.rmse_v,

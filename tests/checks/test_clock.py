@@ -121,9 +121,26 @@ def test_single_doubled_stamps_are_merged_and_the_first_of_two_kept(tmp_path_fac
     assert (np.diff(record.time_s) > 0).all()
 
 
-def test_a_stamp_of_three_values_is_an_error(tmp_path, inputs):
-    table = changed(inputs, CURRENT, [1.0, -1.0, 1.0], [100, 101, 102])
-    outcome = checked(tmp_path, changed(table, TIME, inputs[TIME][100], [101, 102]))
+def stamps_of_three(inputs, starts):
+    """The table with three different values under one stamp, in some places."""
+    table = inputs
+    for start in starts:
+        table = changed(table, CURRENT, [0.1, 0.2], [start + 1, start + 2])
+        table = changed(table, TIME, inputs[TIME][start], [start + 1, start + 2])
+    return table
+
+
+def test_one_stamp_of_three_values_is_mended_with_a_warning_that_names_it(tmp_path, inputs):
+    outcome = checked(tmp_path, stamps_of_three(inputs, [100]))
+    assert counting(outcome) == {"repeats": "warning"}
+    assert found(outcome, "repeats").row == 103
+    record = read_record(tmp_path / "cell.csv")
+    assert record.samples == inputs.height - 2
+    assert any("time 100 s stands twice" in text for text in record.warnings)
+
+
+def test_many_stamps_of_three_values_are_an_error(tmp_path, inputs):
+    outcome = checked(tmp_path, stamps_of_three(inputs, range(50, 19_000, 50)))
     assert counting(outcome)["repeats"] == "error"
 
 

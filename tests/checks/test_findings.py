@@ -309,6 +309,54 @@ def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
     assert 0 <= found(outcome, "sign").row - half < 500
 
 
+@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("start", [3000, 9000])
+def test_a_sign_turned_for_300_samples_is_found(tmp_path, name, start):
+    table = frame(name)
+    current_a = array(table, CURRENT).copy()
+    current_a[start : start + 300] *= -1
+    outcome = checked(tmp_path, changed(table, CURRENT, current_a))
+    assert counting(outcome) == {"sign": "error"}
+    assert found(outcome, "sign").row == pytest.approx(start, abs=100)
+    assert "it turns back at row" in found(outcome, "sign").what
+    # Mended, it moves what the record moves.
+    assert outcome.facts.discharged_ah == pytest.approx(
+        checked(tmp_path, table).facts.discharged_ah, abs=0.02
+    )
+
+
+def test_a_hard_drive_cycle_without_its_sign_is_found(tmp_path, real_data):
+    """US06 charges so seldom that few of its steps contradict the others."""
+    (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
+    table = pl.read_parquet(path)[[TIME, CURRENT, VOLTAGE]]
+    outcome = checked(tmp_path, table.with_columns(pl.col(CURRENT).abs()))
+    assert counting(outcome) == {"sign": "error"}
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_counters_that_prove_a_current_is_scaled_name_the_factor(tmp_path, factor):
+    outcome = checked(tmp_path, scaled(with_counters(DRIVE), CURRENT, factor))
+    counters = found(outcome, "counters")
+    assert f"the current is {factor:g} times what the tester counted, throughout" in counters.what
+    assert f"{1 / factor:g} times as much" in counters.remedy
+
+
+def test_a_hole_that_the_counters_saw_is_no_wrong_unit(tmp_path):
+    outcome = checked(tmp_path, cut(with_counters(DRIVE), 3000, 9000))
+    assert "throughout" not in found(outcome, "counters").what
+
+
+def test_a_gap_between_two_rests_is_not_in_doubt(tmp_path):
+    """300 s of a rest that the tester left out, just before the load that follows."""
+    current_a = array(OUT, CURRENT)
+    load = 1 + int(np.flatnonzero(np.abs(np.diff(current_a)) > 0.5)[2])
+    clock = array(OUT, TIME)
+    last = int(np.searchsorted(clock, clock[load] - 320))
+    outcome = checked(tmp_path, cut(OUT, last, load - 1))
+    assert outcome.is_clean
+    assert "nothing seems to happen" in found(outcome, "gaps").what
+
+
 def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
     low = OUT.filter(pl.col(TIME) > 100_000)
     outcome = checked(tmp_path, pl.concat([OUT.filter(pl.col(TIME) < 4000), low]))

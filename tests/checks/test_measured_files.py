@@ -101,10 +101,7 @@ def test_what_each_other_file_serves_as(checks):
         INCREMENTAL: ["OCV test", *drive],
         OCV[0]: ["OCV test"],
         OCV[2]: ["OCV test"],
-        # Without a capacity nobody knows how little this is.
-        OCV[3]: drive,
         DYNAMIC[0]: drive,
-        DYNAMIC[2]: drive,
         LEAVES[0]: ["OCV test", *drive],
         LEAVES[1]: ["validation"],
         LEAVES[2]: ["validation"],
@@ -113,9 +110,20 @@ def test_what_each_other_file_serves_as(checks):
     assert window(checks[DYNAMIC[0]]).options == {"score_steps": (5,)}
 
 
-@pytest.mark.parametrize("file", [OCV[1], OCV[3], DYNAMIC[1]])
-def test_a_residual_discharge_serves_for_nothing(real_data, file):
-    assert usable(check_file(real_data / file, capacity_ah=2.06)) == []
+@pytest.mark.parametrize("file", [OCV[1], OCV[3], DYNAMIC[1], DYNAMIC[2]])
+@pytest.mark.parametrize("capacity_ah", [None, 2.06])
+def test_a_dither_and_a_charge_serve_for_nothing(real_data, file, capacity_ah):
+    outcome = check_file(real_data / file, capacity_ah=capacity_ah)
+    assert usable(outcome) == []
+    assert outcome.traits.kind(2.06) == ("charge" if file == DYNAMIC[2] else "nothing")
+
+
+def test_every_measured_file_is_known_for_what_it_is(checks):
+    kinds = {file: outcome.traits.kind(None) for file, outcome in checks.items()}
+    assert {kinds[file] for file in [*DRIVES, *RAW_DRIVES, DYNAMIC[0]]} == {"drive cycle"}
+    assert {kinds[file] for file in [LOW_CURRENT, OCV[0], OCV[2]]} == {"slow sweep"}
+    assert (kinds[INCREMENTAL], kinds[LEAVES[0]]) == ("OCV test", "pulse test")
+    assert {kinds[file] for file in [*LEAVES[1:], RAW[4]]} == {"capacity test"}
 
 
 def test_the_low_current_test_passes_more_than_the_capacity(real_data):

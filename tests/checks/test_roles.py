@@ -61,7 +61,7 @@ def test_a_record_of_little_charge_does_not_serve_to_identify():
 
 def test_a_record_of_few_steps_does_not_serve_to_identify(tmp_path):
     found = roles(checked(tmp_path, frame()[:300]))
-    assert "identification wants 20" in found["identification"].reason
+    assert "20 are wanted" in found["identification"].reason
 
 
 def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):

@@ -117,3 +117,10 @@ def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):
     assert outcome.status == 1
     assert "[red]cell.csv" in outcome.out
     assert "[bold]Voltage[/bold] x" in " ".join(outcome.out.split())
+
+
+def test_a_check_of_nothing_does_not_count_no_errors(run, unreadable):
+    outcome = run("check", unreadable)
+    assert outcome.status == 2
+    assert "0 errors" not in outcome.out
+    assert "1 file could not be read, so nothing was checked." in outcome.out

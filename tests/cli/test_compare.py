@@ -5,9 +5,12 @@ import shutil
 
 import pytest
 
+from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
 from barnax.cli.compare import chosen_rows
 from barnax.comparison import PAPER_ROWS, ComparisonResult
+from barnax.comparison.from_files import compare_files
+from barnax.errors import InputError
 from barnax.optimizers import OPTIMIZERS
 
 from .conftest import BUDGET, contents, run_command
@@ -111,3 +114,9 @@ def test_every_registered_optimizer_is_listed(run):
     assert (outcome.status, outcome.err) == (0, "")
     listed = {line.split()[0] for line in outcome.out.splitlines() if line.split()}
     assert set(OPTIMIZERS) <= listed
+
+
+def test_a_second_record_is_refused_rather_than_left_out():
+    records = [BUNDLED.record, BUNDLED.validation]
+    with pytest.raises(InputError, match="on one record, and 2 were given"):
+        compare_files(records, ocv=list(BUNDLED.ocv))

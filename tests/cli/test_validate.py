@@ -19,11 +19,13 @@ def stored(finished):
 
 @pytest.fixture
 def rewritten(stored, tmp_path):
-    """The stored result with other fields in the window of the identification record."""
+    """The stored result with other fields in the windows of its records."""
 
     def write(**fields):
         document = json.loads(stored.read_text())
-        document["inputs"][0]["window"] |= fields
+        for each in document["inputs"]:
+            if each["window"] is not None:
+                each["window"] |= fields
         (tmp_path / "changed.json").write_text(json.dumps(document))
         return "changed.json"
 
@@ -137,3 +139,11 @@ def test_what_cannot_be_used_is_refused(refuse, stored, tmp_path, words, message
     backward = pl.read_parquet(BUNDLED.validation).head(2000).reverse()
     backward.write_csv(tmp_path / "backward.csv")
     assert message in refuse("validate", *(stored if w == "{stored}" else w for w in words))
+
+
+def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_path):
+    """A third record takes what the windows of all stored records agree on."""
+    document = json.loads(stored.read_text())
+    document["inputs"][0]["window"]["initial_soc"] = 0.5
+    (tmp_path / "own.json").write_text(json.dumps(document))
+    assert rmse_v(run, "own.json", drive) == rmse_v(run, stored, drive)

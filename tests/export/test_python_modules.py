@@ -113,7 +113,7 @@ def run_thevenin(module: dict[str, Any], profile: Profile) -> np.ndarray:
 def test_thevenins_equations_give_barnax_voltage_from_the_exported_dictionary(circuit):
     result = make_result(circuit)
     profile = pulse_profile(result)
-    here_v = simulate_here(result, result.cell_model, profile)
+    here_v = simulate_here(result, profile)
     there_v = run_thevenin(load("thevenin", circuit), profile)
     assert np.abs(there_v - here_v).max() < 1.1 * TOLERANCE_V
 
@@ -121,9 +121,8 @@ def test_thevenins_equations_give_barnax_voltage_from_the_exported_dictionary(ci
 def test_an_instant_hysteresis_turns_in_thevenin_one_sample_later():
     result = make_result("iso-rc")
     profile = pulse_profile(result)
-    difference_v = run_thevenin(load("thevenin", "iso-rc"), profile) - simulate_here(
-        result, result.cell_model, profile
-    )
+    there_v = run_thevenin(load("thevenin", "iso-rc"), profile)
+    difference_v = there_v - simulate_here(result, profile)
     flowing = np.flatnonzero(profile.current_a)
     turns = flowing[np.flatnonzero(np.diff(np.sign(profile.current_a[flowing]))) + 1]
     late = np.union1d(flowing[:1], turns)
@@ -134,7 +133,7 @@ def test_an_instant_hysteresis_turns_in_thevenin_one_sample_later():
 def test_a_dynamic_hysteresis_differs_in_thevenin_by_its_slope_over_gamma():
     result = make_result("esc")
     profile = pulse_profile(result)
-    here_v = simulate_here(result, result.cell_model, profile)
+    here_v = simulate_here(result, profile)
     difference_v = run_thevenin(load("thevenin", "esc"), profile) - here_v
     w = result.cell_model.hysteresis
     steepest_v = max(abs(w.parameters[name]) for name in "ACEG") / 2

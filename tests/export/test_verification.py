@@ -21,7 +21,7 @@ def faked(result, error_v):
     """An exporter into a package that is surely installed and errs as it is told."""
 
     def simulate(content, profile):
-        return simulate_here(result, result.cell_model, profile) + error_v
+        return simulate_here(result, profile) + error_v
 
     return replace(EXPORTERS["csv"], package="numpy", simulate=simulate)
 
@@ -60,7 +60,7 @@ def test_samples_at_which_the_current_turns_are_told_apart():
 
 def test_barnax_own_side_is_the_circuit_that_was_identified():
     result = make_result("so-rc")
-    found_v = simulate_here(result, result.cell_model, SHORT)
+    found_v = simulate_here(result, SHORT)
     soc = 0.9 - np.append(0, np.cumsum(SHORT.current_a[:-1])) / 3600 / CAPACITY_AH
     expected_v = result.cell_model.average_ocv_v(soc) - 0.0511 * SHORT.current_a
     for r, c in PAIRS[:2]:
@@ -75,10 +75,10 @@ def test_both_sides_start_in_the_direction_the_identification_started_in(circuit
     result = make_result(circuit, initial_direction=direction)
     # Less than the rest current turns nothing.
     resting = Profile(1.0 * np.arange(200), np.tile([0.03, -0.03], 100))
-    found_v = simulate_here(result, result.cell_model, resting)
+    found_v = simulate_here(result, resting)
     start_v = tables_of(result).initial_hysteresis_v
     assert start_v * direction > 5e-3
-    away_v = found_v - simulate_here(make_result("so-rc"), result.cell_model, resting)
+    away_v = found_v - simulate_here(make_result("so-rc"), resting)
     np.testing.assert_allclose(away_v, start_v, atol=1e-5)
 
 

@@ -4,22 +4,24 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from barnax import results
+from barnax import results, storing
 from barnax.cell import (
     CellModel,
     CircuitParameters,
     InterpolatedCurve,
     OcvPoint,
     SegmentedHysteresis,
+    SocTables,
 )
 from barnax.metrics import measure
 from barnax.model.inputs import PreparedRecord
 from barnax.model.start import Start
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
+from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableSettings
 from barnax.pipeline import Run
 from barnax.records.record import Decision, Record
-from barnax.results import InputPart, MetricsBlock, MetricsPart, Result
+from barnax.results import InputPart, MetricsBlock, MetricsPart, Result, TablesPart
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
@@ -126,7 +128,7 @@ def result_of(refinement: Refinement) -> Result:
     """The result of a refinement alone: no global optimum, no intervals, no validation."""
     problem, answer = refinement.search.problem, results.best_answer(refinement, None)
     evaluations = [evaluate(each, answer.parameters) for each in problem.prepared_records]
-    return results.make_result(
+    return storing.make_result(
         Run(problem, refinement.search, refinement, None, answer, evaluations, [], None, None)
     )
 
@@ -163,3 +165,60 @@ def make_result(
         ),
         versions={"barnax": "0.1.0"},
     )
+
+
+# Steep below 20 % SOC, as cells are; the last is a resistance that the fit has at its bound.
+NODES = (-0.05, 0.0, 0.1, 0.2, 0.5, 0.8, 1.0)
+TABLE_OHM = (
+    (0.09, 0.08, 0.06, 0.052, 0.05, 0.051, 0.053),
+    (0.02, 0.018, 0.012, 0.011, 0.01, 0.0, 0.009),
+    (0.05, 0.045, 0.03, 0.02, 0.018, 0.02, 0.021),
+)
+CORRECTION_V = (0.004, 0.003, -0.002, 0.001, 0.0, -0.001, 0.002)
+TABLE_TAU_S = (9.0, 110.0)
+
+
+def make_fit(circuit: str = "so-rc") -> TableFit:
+    """Tables with the first two nodes near no sample, and intervals of the others."""
+    visited = (False, False, *(5 * [True]))
+    tables = SocTables(
+        nodes=NODES,
+        tau_s=TABLE_TAU_S,
+        r0_ohm=TABLE_OHM[0],
+        r_ohm=TABLE_OHM[1:],
+        ocv_correction_v=CORRECTION_V,
+        gamma=GAMMA if circuit == "esc" else None,
+        visited=visited,
+    )
+    intervals = tuple(
+        NodeInterval(name, soc, value, 1e-3, 1e-4, value - 2e-3, value + 2e-3)
+        for name, values in tables.tables.items()
+        for soc, value, is_visited in zip(NODES, values, visited, strict=True)
+        if is_visited
+    )
+    return TableFit(
+        tables=tables,
+        objective_v=5e-3,
+        errors=(SocErrors(4.9e-3, 3e-3),),
+        tau_ranges_s=((2.0, 1000.0), (2.0, 1000.0)),
+        lower_bound_v=4.96e-3,
+        status="certified",
+        cells=12,
+        at_bound=(),
+        parameters=22,
+        intervals=intervals,
+        cross_validation=None,
+        warnings=(),
+    )
+
+
+def make_table_result(circuit: str = "so-rc", **given: Any) -> Result:
+    """The same with tables over SOC beside the constant circuit."""
+    metrics = MetricsPart.model_construct(record="cycle.csv", rmse_v=0.0049)
+    part = TablesPart.model_construct(
+        settings=TableSettings(nodes=NODES),
+        fit=make_fit(circuit),
+        metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
+        by_soc=(),
+    )
+    return make_result(circuit, **given).model_copy(update={"tables": part})

@@ -40,13 +40,23 @@ def test_every_decision_is_told_as_firmly_as_it_was_made():
         hold = Decision("backward", strength, "the counters say so")
         told += list(decision_sentences(with_inputs(sign=sign, hold=hold)))[:4]
         told += list(guess_sentences(with_inputs(hold=hold)))[:1]
-    for source in ("given", "load before", "full or empty", "better fit", "assumed"):
+    for source in (
+        "given",
+        "load before",
+        "full or empty",
+        "better fit",
+        "without effect",
+        "assumed",
+    ):
         for soc_source in ("given", "rested voltage"):
             start = replace(
                 STORED.start, direction_source=source, soc_source=soc_source, other_rmse_v=0.02
             )
             result = with_inputs(start=start)
-            told += [start_sentence(result.inputs[0]), *list(guess_sentences(result))[1:]]
+            told += [
+                start_sentence(result.inputs[0].name, start),
+                *list(guess_sentences(result))[1:],
+            ]
     for window in WINDOWS:
         told += window_sentences(window, ["a.csv", "b.csv"])
     cell = STORED.cell_model

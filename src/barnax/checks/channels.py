@@ -12,10 +12,11 @@ from ..records.samples import Samples
 from ..records.sign import CHARGE, DISCHARGE, step_votes
 from .check_input import CheckInput
 
-# How many steps of either kind make a pattern, and how far each kind must agree.
-_FEWEST, _AGREEING = 3, 0.9
-# Both kinds of steps are there in earnest.
-_MINORITY = 0.1
+# How many steps of either kind make a pattern, at an end of the record and within it, and how far
+# they must agree.
+_FEWEST, _FEWEST_WITHIN, _AGREEING = 3, 6, 0.9
+# Of signed currents hardly any step contradicts the others; of magnitudes some do.
+_MINORITY = 0.02
 # A current that is never negative, but for its noise.
 _NEVER_SHARE = 0.01
 
@@ -23,29 +24,51 @@ Votes = Float[np.ndarray, "steps"]
 
 
 def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
-    """The samples in one sign throughout, and an error where it was another from a row on."""
+    """The samples in one sign throughout, and an error where it was another over some rows."""
     at, votes = step_votes(samples)
     if len(votes) < 2 * _FEWEST:
         return samples, []
-    before = np.cumsum(votes)
-    contrast = np.abs(before[:-1]) + np.abs(before[-1] - before[:-1])
-    split = int(np.argmax(contrast)) + 1
-    parts = votes[:split], votes[split:]
-    is_turned = parts[0].mean() * parts[1].mean() < 0 and all(
-        len(part) >= _FEWEST and np.abs(part.mean()) >= 2 * _AGREEING - 1 for part in parts
+    usual = float(np.sign(votes.sum())) or 1.0
+    first, last = _most_contrary(votes * usual)
+    inside = votes[first : last + 1]
+    outside = np.concatenate([votes[:first], votes[last + 1 :]])
+    is_within = first > 0 and last < len(votes) - 1
+    fewest = _FEWEST_WITHIN if is_within else _FEWEST
+    is_turned = inside.mean() * usual < 0 and all(
+        len(part) >= fewest and np.abs(part.mean()) >= 2 * _AGREEING - 1
+        for part in (inside, outside)
     )
     if not is_turned:
         return samples, []
-    kinds = [CHARGE if part.mean() > 0 else DISCHARGE for part in parts]
-    row = int(at[split]) + 1
-    what = (
-        f"the sign of the current turns here: {kinds[0]} at {len(parts[0])} steps before, "
-        f"{kinds[1]} at {len(parts[1])} from here on"
-    )
+    kinds = [CHARGE if part.mean() > 0 else DISCHARGE for part in (outside, inside)]
+    rows = [int(at[first]) + 1 if first else 0, len(samples)]
+    if last < len(votes) - 1:
+        rows[1] = int(at[last + 1]) + 1
+    turned = slice(*rows)
+    inner, outer = f"{kinds[1]} at {len(inside)} steps", f"{kinds[0]} at {len(outside)}"
+    where = f"{outer} steps before, {inner} from here on"
     remedy = "split the file here and give each part its own `current_sign`"
-    turned_a = np.concatenate([samples.current_a[:row], -samples.current_a[row:]])
-    finding = found_at(samples, row, "error", what, remedy)
-    return replace(samples, current_a=turned_a), [finding]
+    if is_within:
+        back = int(samples.row[rows[1]])
+        where = f"{inner} from here on, {outer} others; it turns back at row {back}"
+        remedy = "turn its sign in these rows"
+    elif not first:
+        where = f"{inner} before, {outer} steps from here on"
+    current_a = samples.current_a.copy()
+    current_a[turned] *= -1
+    row = rows[0] if first else rows[1]
+    what = f"the sign of the current turns here: {where}"
+    return replace(samples, current_a=current_a), [found_at(samples, row, "error", what, remedy)]
+
+
+def _most_contrary(votes: Votes) -> tuple[int, int]:
+    """First and last of the run of votes with the lowest sum (Kadane's algorithm)."""
+    before = np.concatenate([[0.0], np.cumsum(votes)])
+    drop = before[1:] - np.maximum.accumulate(before)[:-1]
+    last = int(np.argmin(drop))
+    # Of equal heights the last, or the run would begin with votes that cancel each other.
+    first = last - int(np.argmax(before[last::-1]))
+    return first, last
 
 
 def find_sign(given: CheckInput) -> Iterator[Finding]:

@@ -18,6 +18,8 @@ from .check_input import CheckInput
 _COUNTERS_DIFFER, _COUNTERS_NOTED = 0.03, 0.01
 # Counters are printed to so much, and both ends are rounded.
 _QUANTA = 3
+# A factor that every tenth of the charge has to this is a wrong unit or range, and no hole.
+_SCALED, _PARTS = 0.1, 10
 # A counter that stands this far from zero at the start began before the record.
 _BEGUN_SHARE = 0.01
 _HARDLY_MOVES = 0.02
@@ -69,12 +71,26 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
     elif apart > _COUNTERS_DIFFER:
         other = "forward" if given.record.hold.value == "backward" else "backward"
         held = _throughput_ah(given, other)
+        verdict = f"{100 * apart:.1f} % apart"
         remedy = "look for gaps and for a current offset; trust the counters before the integral"
-        if abs(held / total_ah - 1) < abs(ratio - 1) / 3:
+        if abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
+            verdict = f"the current is {ratio:.3g} times what the tester counted, throughout"
+            remedy = f"check its unit and range: {1 / ratio:.3g} times as much would agree"
+        elif abs(held / total_ah - 1) < abs(ratio - 1) / 3:
             remedy = f"`current_hold='{other}'`, which gives {held:.4g} Ah in and out"
-        yield given.at(0, "warning", f"{figures}: {100 * apart:.1f} % apart", remedy)
+        yield given.at(0, "warning", f"{figures}: {verdict}", remedy)
     elif apart > _COUNTERS_NOTED:
         yield given.at(0, "note", f"{figures}: {100 * apart:.1f} % apart")
+
+
+def _is_scaled(given: CheckInput, ratio: float) -> bool:
+    """Whether the integral is that share of the counted charge in every part of the record."""
+    counted_ah = given.samples.counters.increments_ah(with_net=False)
+    assert counted_ah is not None, "both counters are there"
+    passed_ah = np.cumsum(np.abs(counted_ah))
+    edges = np.searchsorted(passed_ah, passed_ah[-1] * np.arange(_PARTS) / _PARTS)
+    parts = [np.add.reduceat(np.abs(each), edges) for each in (given.moved_ah, counted_ah)]
+    return bool(np.all(np.abs(parts[0] / parts[1] / ratio - 1) < _SCALED))
 
 
 def find_capacity(given: CheckInput) -> Iterator[Finding]:

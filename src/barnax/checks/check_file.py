@@ -24,6 +24,7 @@ from .channels import (
 )
 from .charge import find_capacity, find_closure, find_counters, find_rests
 from .check_input import Check, CheckInput
+from .kinds import Traits, traits_of
 from .roles import Role, find_roles
 from .sampling import (
     find_coarse_intervals,
@@ -32,6 +33,7 @@ from .sampling import (
     find_resolution,
     find_temperature,
 )
+from .twins import find_twins
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {
@@ -94,6 +96,7 @@ class FileCheck:
     findings: tuple[Finding, ...]
     facts: Facts | None
     roles: tuple[Role, ...]
+    traits: Traits | None = None
 
     @property
     def is_clean(self) -> bool:
@@ -155,12 +158,15 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
             given = _check_input(source, samples, capacity_ah)
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
+            findings += named("twin columns", find_twins(source.table, given))
         findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
+        traits = traits_of(given) if given else None
         return FileCheck(
             file=source.name,
             findings=tuple(findings),
             facts=_facts(given) if given else None,
-            roles=find_roles(given) if given else (),
+            roles=find_roles(given, traits) if given and traits else (),
+            traits=traits,
         )
 
 

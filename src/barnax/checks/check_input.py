@@ -38,15 +38,16 @@ class CheckInput:
     @cached_property
     def charged_ah(self) -> float:
         """All the charge that went in."""
-        return float(np.sum(np.maximum(-self._moved_ah, 0)))
+        return float(np.sum(np.maximum(-self.moved_ah, 0)))
 
     @cached_property
     def discharged_ah(self) -> float:
         """All the charge that came out."""
-        return float(np.sum(np.maximum(self._moved_ah, 0)))
+        return float(np.sum(np.maximum(self.moved_ah, 0)))
 
     @cached_property
-    def _moved_ah(self) -> Float[np.ndarray, "intervals"]:
+    def moved_ah(self) -> Float[np.ndarray, "intervals"]:
+        """Ampere-hours that came out in each interval."""
         return self.record.interval_current_a * self.record.interval_s / 3600
 
     @cached_property

@@ -10,8 +10,8 @@ from jaxtyping import Int
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
 from ..cell.soc_axis import WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError
-from ..records.samples import bulk_time_s
 from .check_input import CheckInput
+from .kinds import STEPS, Traits
 
 # Current steps inside a step of the tester that make it a profile.
 _FEWEST_STEPS = 10
@@ -145,11 +145,8 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
-# Current steps that an identification and a validation want, and the interval that still shows
-# what follows a step.
-_STEPS, _VALIDATION_STEPS, _FINE_S = 20, 10, 10.5
-# A record that moves less of the capacity, or the bulk time of a steep end, says little.
-_LEAST_SHARE, _STEEP_S = 0.05, 20.0
+# Current steps that a validation wants.
+_VALIDATION_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -171,9 +168,9 @@ class Role:
         }
 
 
-def find_roles(given: CheckInput) -> tuple[Role, ...]:
+def find_roles(given: CheckInput, traits: Traits) -> tuple[Role, ...]:
     """Every role, usable or not."""
-    return (_ocv_test(given), *_profiles(given))
+    return (_ocv_test(given), *_profiles(given, traits))
 
 
 def _ocv_test(given: CheckInput) -> Role:
@@ -203,35 +200,12 @@ def _sweep_words(sweep: Sweep) -> str:
     return f"{kind}, {sweep.passed_ah:.4g} Ah, {start_v:.3f} to {end_v:.3f} V"
 
 
-def _profiles(given: CheckInput) -> list[Role]:
-    record = given.record
-    is_fine = given.is_step & (record.interval_s <= _FINE_S)
-    steps = int(is_fine.sum())
-    loaded_s = record.interval_s[~given.is_rested[1:]]
-    interval_s = float(np.median(loaded_s)) if len(loaded_s) else np.inf
-    seen = f"{steps} current steps, sampled every {interval_s:.3g} s under load"
-    reason = _too_little(given)
+def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     window = suggest_window(given)
+    seen = f"{traits.steps} current steps, sampled every {traits.interval_s:.3g} s under load"
     moves = f"{seen}; it moves {given.span_ah:.3g} Ah; {window.reason}"
     roles = []
-    for name, fewest in (("identification", _STEPS), ("validation", _VALIDATION_STEPS)):
-        few = f"{steps} current steps sampled finely enough, and {name} wants {fewest}"
-        lacks = reason or (few if steps < fewest else "")
+    for name, fewest in (("identification", STEPS), ("validation", _VALIDATION_STEPS)):
+        lacks = traits.lacks(given.capacity_ah, fewest)
         roles.append(Role(name, False, lacks) if lacks else Role(name, True, moves, window))
     return roles
-
-
-def _too_little(given: CheckInput) -> str:
-    """Why the record shows too little of the cell, if it does."""
-    if not isinstance(given.sweeps, str) and all(sweep.kind == "slow" for sweep in given.sweeps):
-        return "a slow sweep does not show what follows a step of current"
-    bulk_s, travel_v = bulk_time_s(given.samples)
-    if 0 < bulk_s < _STEEP_S:
-        return (
-            f"the cell stands at a steep end: {given.span_ah:.3g} Ah move its voltage by "
-            f"{travel_v:.2g} V"
-        )
-    if given.capacity_ah is not None and given.span_ah < _LEAST_SHARE * given.capacity_ah:
-        share = 100 * given.span_ah / given.capacity_ah
-        return f"it moves {given.span_ah:.3g} Ah, {share:.2g} % of the capacity"
-    return ""

@@ -25,12 +25,14 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     gaps = _gaps(interval_s)
     if not len(gaps):
         return
-    # The charge is in doubt by as much as the current moves beside the gap.
-    beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
-    doubt_a = np.ptp(record.current_a[beside], axis=1)
-    doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     source_v = record.voltage_v + given.resistance_ohm * record.current_a
     jump_v = np.abs(np.diff(source_v)[gaps])
+    # The charge is in doubt by as much as the current moves beside the gap, and not between rests
+    # of one voltage.
+    beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
+    doubt_a = np.ptp(record.current_a[beside], axis=1)
+    doubt_a[given.is_rested[gaps] & given.is_rested[gaps + 1] & (jump_v <= _HIDDEN_V)] = 0
+    doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     worst = gaps[int(np.argmax(interval_s[gaps]))]
     where = f"a gap of {interval_s[worst]:.4g} s"
     if len(gaps) > 1:
@@ -38,10 +40,10 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         where = f"{len(gaps)} gaps, the longest {interval_s[worst]:.4g} s before row {row}"
     first = int(gaps[0]) + 1
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
-        what = (
-            f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and up to "
-            f"{doubt_ah:.2g} Ah are in doubt"
-        )
+        lost = f"up to {doubt_ah:.2g} Ah are in doubt"
+        if doubt_ah < _HIDDEN_SHARE * given.scale_ah:
+            lost = "what passed meanwhile was not logged"
+        what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
         remedy = "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)"
         yield given.at(first, "warning", what, remedy)
     else:

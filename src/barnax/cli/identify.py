@@ -5,7 +5,7 @@ import sys
 import threading
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -41,6 +41,44 @@ def identify(
 
     Without arguments it identifies the bundled virtual cell.
     """
+    _run("identify", records, files, of_records, search, chosen, tables, output)
+
+
+@grouped
+def hppc(
+    files: Files,
+    of_records: RecordOptions,
+    search: SearchOptions,
+    chosen: Choices,
+    tables: TableOptions,
+    output: Output,
+    records: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[RECORD]...",
+            help="Pulse test (HPPC); several give one circuit. Without any, the bundled cell's "
+            "test at 25 degC is taken, and its trips to validate on.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Identify tables over SOC from a pulse test, and print every pulse's resistances.
+
+    Pulses, rests, capacity and OCV are found in the test itself; --ocv gives another OCV.
+    """
+    _run("hppc", records, files, of_records, search, chosen, tables, output)
+
+
+def _run(
+    command: Literal["identify", "hppc"],
+    records: list[Path] | None,
+    files: Files,
+    of_records: RecordOptions,
+    search: SearchOptions,
+    chosen: Choices,
+    tables: TableOptions,
+    output: Output,
+) -> None:
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
     if folder is not None:
@@ -49,7 +87,11 @@ def identify(
         use_compilation_cache()
         from ..cell import CIRCUITS
         from ..optimizers import OPTIMIZERS
-        from ..pipeline import identify as run
+
+        if command == "hppc":
+            from ..pulse_test import hppc as run
+        else:
+            from ..pipeline import identify as run
 
     if folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
@@ -85,12 +127,15 @@ def result_files(result: "Result", report: bool) -> dict[str, bytes]:
         is_always,
         report_files,
     )
+    from ..reporting.pulses import pulses_csv, tables_csv
 
+    tables = {"tables.csv": tables_csv(result)} if result.tables else {}
+    tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
     if not report:
         drawn = identification_illustrations(result.run, is_always)
-        return {f"figures/{each.name}.png": each.png for each in drawn}
+        return tables | {f"figures/{each.name}.png": each.png for each in drawn}
     drawn = identification_illustrations(result.run)
-    return report_files(identification_document(result, drawn).spelled(as_flags), drawn)
+    return tables | report_files(identification_document(result, drawn).spelled(as_flags), drawn)
 
 
 def _show(
@@ -106,6 +151,7 @@ def _show(
     if folder is not None:
         names = [f"{folder}/report.html"] if "report.html" in written else []
         names.append(f"{folder}/result.json")
+        names += [name for name in ("tables.csv", "pulses.csv") if name in written]
         names += ["figures"] if any(name.startswith("figures/") for name in written) else []
         names.append(f"{session.elapsed_s:.1f} s")
         session.show(["", parts_line(names)])

@@ -225,7 +225,7 @@ class ExportChoices:
         str,
         option(
             OUTPUT,
-            "pybamm|thevenin|simscape|c-header|csv",
+            "pybamm|thevenin|simscape|c-header|csv|json",
             "The tool or format to write for.",
             autocompletion=complete_exporters,
         ),
@@ -236,7 +236,7 @@ class ExportChoices:
             OUTPUT,
             "FILE",
             "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
-            "barnax_cell.h or barnax_parameters.csv).",
+            "barnax_cell.h, barnax_parameters.csv or barnax_cell.json).",
         ),
     ] = None
     force: Annotated[

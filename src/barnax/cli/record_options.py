@@ -139,7 +139,8 @@ class RecordOptions:
     def windows(self) -> "Window | dict[str, Window] | None":
         """One window for all records, or one for each that has its own; None where none is given.
 
-        Raises `InputError` where they contradict each other.
+        A record's own start replaces the common one. Raises `InputError` where options of one
+        record contradict each other.
         """
         from ..model.window import Window
 
@@ -147,7 +148,16 @@ class RecordOptions:
         if not chosen:
             return None
         common = chosen.get("", {})
-        return {name: Window(**(common | own)) for name, own in chosen.items()}
+        windows = {}
+        for name, own in chosen.items():
+            kept = common
+            if own.keys() & {"start_time_s", "start_after_step"}:
+                kept = {key: common[key] for key in common if not key.startswith("start")}
+            try:
+                windows[name] = Window(**(kept | own))
+            except InputError as problem:
+                raise InputError(f"{name}: {problem}" if name else str(problem)) from problem
+        return windows
 
 
 def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) -> tuple[Any, ...]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # Across machines and versions the refined error agrees this closely, relative.
 SAME_RMSE = 1e-9
 FINDINGS = 1
-START = ("start_time_s", "start_after_step", "initial_soc")
+START = ("start_time_s", "start_after_step", "initial_soc", "initial_direction")
 SCORING = ("score_steps", "score_from_s", "score_to_s", "score_soc")
 
 
@@ -80,7 +80,7 @@ def validate(
     session = Session(is_quiet=quiet or as_json)
     with session.watch("Loading JAX"):
         use_compilation_cache()
-        from ..pipeline import validate_stored
+        from ..pipeline import common_window, validate_stored
         from ..reporting.identification import metrics_table
         from ..reporting.terminal import terminal_table
         from ..storing import metrics_part
@@ -93,7 +93,7 @@ def validate(
     given = {**chosen.get("", {}), **chosen.get(record.name, {})}
     # What was given for one record alone is not another's.
     own = {each.name: each.window for each in stored.inputs if each.window}
-    window = _window(own.get(record.name, stored.window), given, whole_record)
+    window = _window(own.get(record.name) or common_window(stored), given, whole_record)
     with session.watch("Simulating"):
         evaluation, warnings = validate_stored(
             stored, record, window, current_sign=current_sign, current_hold=current_hold
@@ -150,7 +150,7 @@ def rerun(
 
 def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str]:
     """The stored command with every file's name replaced by where it lies."""
-    if len(stored.command) < 2 or stored.command[1] != "identify":
+    if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
         raise InputError(
             f"{result}: stores no command to repeat (it was made from Python); run it again there"
         )

@@ -6,6 +6,7 @@ from pathlib import Path
 from ..baselines import Budget
 from ..cell.curves import OcvFit
 from ..cell.hysteresis import HysteresisFit
+from ..errors import InputError
 from ..gather import (
     Given,
     Reading,
@@ -46,8 +47,13 @@ def compare_files(
 
     Circuits in `tabulated`, which rows must have too, are also fitted with tables over SOC.
 
-    Raises `InputError` where an input cannot be used.
+    Raises `InputError` where an input cannot be used, or more than one record is given.
     """
+    if isinstance(records, list | tuple) and len(records) > 1:
+        raise InputError(
+            f"a comparison is on one record, and {len(records)} were given; give the others with "
+            "`validate`"
+        )
     settings = settings or Settings()
     inputs = read_inputs(
         records, ocv, validate, reading or Reading(),

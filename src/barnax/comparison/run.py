@@ -15,13 +15,18 @@ from ..cell import CellModel, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
 from ..gather import Watch, unwatched
-from ..global_optimum import GlobalOptimum, find_global_optimum, optimality_gap
+from ..global_optimum import (
+    GlobalOptimum,
+    find_global_optimum,
+    optimality_gap,
+    with_better_directions,
+)
 from ..model.inputs import PreparedRecord, prepare_record
 from ..model.problem import Kind, Problem, make_problem
 from ..model.search_space import Bounds, Range, Scale
 from ..model.window import Window
 from ..records import Record
-from ..search.evaluate import Evaluation, evaluate
+from ..search.evaluate import Evaluation, evaluate, evaluate_from_either
 from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, AtBound, Descent, RefinedSeed, at_bound
 from .statistics import (
     BandError,
@@ -170,6 +175,7 @@ def compare(
         objective=objective,
         source=source,
     )
+    problems = {model: with_better_directions(problem) for model, problem in problems.items()}
     prepared_records = {model: [problem.prepared] for model, problem in problems.items()}
     for model, prepared in prepared_records.items():
         for other, its in zip(validation, windows, strict=True):
@@ -247,11 +253,13 @@ def _run(
         except (MethodFailure, InputError, np.linalg.LinAlgError) as failure:
             return replace(row, failure=str(failure))
     row = replace(row, answers=tuple(answers))
-    evaluations = [evaluate(prepared, row.median.parameters) for prepared in prepared_records]
+    identified, *others = prepared_records
+    parameters = row.median.parameters
+    evaluations = [evaluate(identified, parameters)]
+    evaluations += [evaluate_from_either(each, problem.cell, parameters) for each in others]
     bands = [
         errors_by_soc(each.error_v, each.prepared.soc, each.prepared.scored) for each in evaluations
     ]
-    parameters = row.median.parameters
     box = problem.objective_in("log").coordinates
     return replace(
         row,

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from ..errors import InputError
 from .exporter import Export, Exporter, Profile
-from .files import C_HEADER, CSV, SIMSCAPE
+from .files import C_HEADER, CSV, JSON, SIMSCAPE
 from .pybamm import PYBAMM
 from .thevenin import THEVENIN
 from .verification import Verification, pulse_profile, require_package, verify
@@ -28,7 +28,7 @@ __all__ = [
 
 # A new target is one file and one name here.
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
-    {exporter.name: exporter for exporter in (PYBAMM, THEVENIN, SIMSCAPE, C_HEADER, CSV)}
+    {exporter.name: exporter for exporter in (PYBAMM, THEVENIN, SIMSCAPE, C_HEADER, CSV, JSON)}
 )
 
 

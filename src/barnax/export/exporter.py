@@ -12,6 +12,8 @@ from ..results import Result
 from .tables import Tables
 
 WIDTH = 96
+# Tools that ask for a capacitance divide by the resistance; this much is none.
+LEAST_OHM = 1e-9
 
 
 def numbers(values: Iterable[float], indent: str = "    ") -> str:
@@ -43,6 +45,17 @@ def note_lines(heading: str, caveats: Iterable[str], prefix: str = "") -> str:
     return "\n".join(f"{prefix}{line}".rstrip() for line in lines)
 
 
+def python_tables(tables: Tables) -> str:
+    """The nodes and every resistance on them as NumPy arrays; nothing of a constant circuit."""
+    if tables.over_soc is None:
+        return ""
+    least = {name: np.maximum(values, LEAST_OHM) for name, values in tables.resistances.items()}
+    arrays = {"NODES": tables.over_soc.nodes, **least}
+    return "\n".join(
+        f"{name} = np.array([\n{numbers(values)}\n])" for name, values in arrays.items()
+    )
+
+
 def _plain(text: str) -> str:
     """One line that ends no comment: neither C's nor Python's."""
     words = " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *")
@@ -55,7 +68,7 @@ def hysteresis_is_left_out(tool: str, tables: Tables) -> tuple[str, ...]:
         return ()
     rate = ""
     if tables.kind == "dynamic":
-        rate = f", and its rate gamma of {tables.parameters.gamma:.6g} per unit of SOC"
+        rate = f", and its rate gamma of {tables.gamma:.6g} per unit of SOC"
     largest_mv = 1e3 * tables.largest_hysteresis_v
     return (
         f"{tool} has no hysteresis voltage: W(soc), up to {largest_mv:.3g} mV, of which the "

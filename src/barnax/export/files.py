@@ -1,15 +1,16 @@
-"""Exports that are plain files: a C header, CSV, and a `.mat` file for Simscape."""
+"""Exports that are plain files: a C header, CSV, JSON, and a `.mat` file for Simscape."""
 
 import csv
 import io
-from collections.abc import Iterator
+import json
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from scipy.io import savemat
 
 from ..results import Result
 from .exporter import Export, Exporter, hysteresis_is_left_out, note_lines, numbers
-from .tables import Table, Tables, tables_of
+from .tables import Table, Tables, tables_of, unvisited_caveat
 
 HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2}
 
@@ -23,7 +24,8 @@ TEMPLATE = """\
  * while |i| < barnax_rest_current_a or i = 0. Else with BARNAX_HYSTERESIS 1: h = sign(-i); with 2,
  * over an interval that passes the share dz of the capacity:
  * h = exp(-gamma |dz|) h + (1 - exp(-gamma |dz|)) sign(-i).
- * Tables are read linearly and are constant beyond their ends.
+ * Tables are read linearly and are constant beyond their ends, as barnax_look_up does, which is
+ * there where BARNAX_LOOK_UP is defined first.{over_soc}
  */
 #ifndef BARNAX_CELL_H
 #define BARNAX_CELL_H
@@ -34,8 +36,25 @@ TEMPLATE = """\
 
 {declarations}
 
+#ifdef BARNAX_LOOK_UP
+static double barnax_look_up(const double *soc, const double *values, int points, double at)
+{{
+    int k = 1;
+    if (points == 1 || at <= soc[0])
+        return values[0];
+    if (at >= soc[points - 1])
+        return values[points - 1];
+    while (soc[k] < at)
+        k++;
+    return values[k - 1]
+        + (values[k] - values[k - 1]) * (at - soc[k - 1]) / (soc[k] - soc[k - 1]);
+}}
+#endif
+
 #endif /* BARNAX_CELL_H */
 """
+OVER_SOC = """
+ * R0 and every R are tables over barnax_nodes_soc; C_k(soc) = tau_k / R_k(soc)."""
 
 
 def write_c_header(result: Result) -> Export:
@@ -45,30 +64,33 @@ def write_c_header(result: Result) -> Export:
     """
     tables = tables_of(result)
     content = TEMPLATE.format(
-        notes=note_lines(tables.heading, (), " * "),
-        pairs=tables.parameters.pairs,
+        notes=note_lines(tables.heading, unvisited_caveat(tables), " * "),
+        over_soc="" if tables.over_soc is None else OVER_SOC,
+        pairs=tables.pairs,
         kind=HYSTERESIS[tables.kind],
         declarations="\n".join(_declarations(tables)),
     )
-    return Export(content.encode(), ())
+    return Export(content.encode(), unvisited_caveat(tables))
 
 
 def _declarations(tables: Tables) -> Iterator[str]:
-    circuit = tables.parameters
     yield _scalar("capacity_ah", tables.capacity_ah, "A.h")
     yield _scalar("initial_soc", tables.initial_soc, "1")
     yield _scalar("initial_direction", float(tables.initial_direction), "1, at the start")
     yield _scalar("rest_current_a", tables.rest_current_a, "A, turns no hysteresis below")
-    yield _scalar("r0_ohm", circuit.r0, "ohm")
-    for name, values, unit in (
-        ("r_ohm", circuit.r, "ohm"),
-        ("c_f", circuit.c, "F"),
-        ("tau_s", circuit.tau_s, "s"),
-    ):
-        yield f"static const double barnax_{name}[BARNAX_RC_PAIRS] = {{ /* {unit} */"
-        yield f"{numbers(values)}\n}};"
-    if circuit.gamma is not None:
-        yield _scalar("gamma", circuit.gamma, "per unit of SOC")
+    if tables.over_soc is None:
+        circuit = tables.parameters
+        yield _scalar("r0_ohm", circuit.r0, "ohm")
+        yield from _array("r_ohm", "BARNAX_RC_PAIRS", circuit.r, "ohm")
+        yield from _array("c_f", "BARNAX_RC_PAIRS", circuit.c, "F")
+    else:
+        yield f"#define BARNAX_NODES {len(tables.over_soc.nodes)}"
+        yield from _array("nodes_soc", "BARNAX_NODES", tables.over_soc.nodes, "1")
+        for name, values in tables.resistances.items():
+            yield from _array(f"{name.lower()}_ohm", "BARNAX_NODES", values, "ohm")
+    yield from _array("tau_s", "BARNAX_RC_PAIRS", tables.tau_s, "s")
+    if tables.gamma is not None:
+        yield _scalar("gamma", tables.gamma, "per unit of SOC")
     yield ""
     yield from _table("ocv", tables.ocv)
     if tables.hysteresis is not None:
@@ -80,12 +102,16 @@ def _scalar(name: str, value: float, unit: str) -> str:
     return f"static const double barnax_{name} = {value!r}; /* {unit} */"
 
 
+def _array(name: str, count: str, values: Iterable[float], unit: str) -> Iterator[str]:
+    yield f"static const double barnax_{name}[{count}] = {{ /* {unit} */"
+    yield f"{numbers(values)}\n}};"
+
+
 def _table(name: str, table: Table) -> Iterator[str]:
     points = f"BARNAX_{name.upper()}_POINTS"
     yield f"#define {points} {len(table.soc)}"
-    for axis, values, unit in (("soc", table.soc, "1"), ("v", table.voltage_v, "V")):
-        yield f"static const double barnax_{name}_{axis}[{points}] = {{ /* {unit} */"
-        yield f"{numbers(values)}\n}};"
+    yield from _array(f"{name}_soc", points, table.soc, "1")
+    yield from _array(f"{name}_v", points, table.voltage_v, "V")
 
 
 C_HEADER = Exporter(
@@ -97,22 +123,30 @@ C_HEADER = Exporter(
 
 
 def write_csv(result: Result) -> Export:
-    """The table. `OCV(0.5)` and `W(0.5)` are the curves at a SOC, to be read linearly.
+    """The table. `OCV(0.5)`, `W(0.5)`, `R0(0.5)` are the curves at a SOC, to be read linearly.
 
     The hysteresis starts in the initial direction; below the rest current it keeps its own.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("name", "value", "unit"))
-    writer.writerows(_rows(tables_of(result)))
-    return Export(text.getvalue().encode(), ())
+    tables = tables_of(result)
+    writer.writerows(_rows(tables))
+    return Export(text.getvalue().encode(), unvisited_caveat(tables))
 
 
 def _rows(tables: Tables) -> Iterator[tuple[str, str, str]]:
-    for name, value in tables.parameters.to_dict().items():
-        plain, _, unit = name.partition(" ")
-        yield plain, repr(value), unit.strip("[]") or "1"
-    for pair, tau_s in enumerate(tables.parameters.tau_s, start=1):
+    if tables.over_soc is None:
+        for name, value in tables.parameters.to_dict().items():
+            plain, _, unit = name.partition(" ")
+            yield plain, repr(value), unit.strip("[]") or "1"
+    else:
+        for name, values in tables.resistances.items():
+            for soc, value in zip(tables.over_soc.nodes, values, strict=True):
+                yield f"{name}({soc!r})", repr(value), "Ohm"
+        if tables.gamma is not None:
+            yield "gamma", repr(tables.gamma), "1"
+    for pair, tau_s in enumerate(tables.tau_s, start=1):
         yield f"tau{pair}", repr(tau_s), "s"
     yield "capacity", repr(tables.capacity_ah), "A.h"
     yield "initial SOC", repr(tables.initial_soc), "1"
@@ -132,33 +166,95 @@ CSV = Exporter(
 )
 
 
+def write_json(result: Result) -> Export:
+    """One object of plain numbers and lists: what is a list stands over its SOC."""
+    tables = tables_of(result)
+    content: dict[str, object] = {
+        "notes": [tables.heading, *unvisited_caveat(tables)],
+        "circuit": tables.model,
+        "capacity [A.h]": tables.capacity_ah,
+        "initial SOC": tables.initial_soc,
+        "initial direction": tables.initial_direction,
+        "rest current [A]": tables.rest_current_a,
+        "hysteresis": tables.kind,
+        "gamma": tables.gamma,
+        "tau [s]": tables.tau_s,
+        "resistances": {"SOC": tables.over_soc.nodes if tables.over_soc else None}
+        | {f"{name} [Ohm]": values for name, values in tables.resistances.items()},
+        "OCV": _listed(tables.ocv),
+        "W": None if tables.hysteresis is None else _listed(tables.hysteresis),
+    }
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    return Export(text.encode(), unvisited_caveat(tables))
+
+
+def _listed(table: Table) -> dict[str, list[float]]:
+    return {"SOC": table.soc.tolist(), "voltage [V]": table.voltage_v.tolist()}
+
+
+JSON = Exporter(
+    name="json",
+    description="JSON: constants and tables, hysteresis included",
+    file_name="barnax_cell.json",
+    write=write_json,
+)
+
+
 HEADER_BYTES = 116
 HEADER = b"MATLAB 5.0 MAT-file, written by barnax"
 
 
+# The block asks for states of charge from 0 to 1.
+IN_RANGE = (
+    "The blocks take states of charge from 0 to 1: the nodes beyond are left out, and below empty "
+    "they hold the values at 0, where barnax goes on."
+)
+
+
 def write_simscape(result: Result) -> Export:
-    """The .mat file (MATLAB 5)."""
+    """The .mat file (MATLAB 5), with what two blocks ask for.
+
+    Variables as Battery (Table-Based) calls its parameters; and, as one structure,
+    `BatteryEquivalentCircuit` with the fields that the block of that name asks for.
+    """
     tables = tables_of(result)
-    circuit = tables.parameters
+    soc = tables.ocv.soc[(tables.ocv.soc >= 0) & (tables.ocv.soc <= 1)]
+    nodes = np.array(tables.over_soc.nodes if tables.over_soc else [0.0, 1.0])
+    is_cut = bool(len(soc) < len(tables.ocv.soc))
     caveats = (
+        *unvisited_caveat(tables),
         *hysteresis_is_left_out("The block Battery (Table-Based)", tables),
         'The block reads its tables linearly; set "Extrapolation method for all tables" to '
         "Nearest, as barnax holds the OCV constant beyond its end points.",
+        *([IN_RANGE] if is_cut else []),
     )
-    over_soc = np.ones_like(tables.ocv.soc)
-    variables: dict[str, object] = {
-        "SOC_vec": tables.ocv.soc,
-        "V0_vec": tables.ocv.voltage_v,
+
+    def over(axis: np.ndarray, values: tuple[float, ...]) -> np.ndarray:
+        """A resistance read at every point of an axis."""
+        return np.interp(axis, nodes, np.broadcast_to(values, len(nodes)))
+
+    inside = np.unique(np.clip(nodes, 0.0, 1.0))
+    table_based: dict[str, object] = {"SOC_vec": soc, "V0_vec": tables.ocv(soc)}
+    equivalent: dict[str, object] = {
+        "BatteryCapacity": tables.capacity_ah,
+        "SOCBreakpoints": soc,
+        "OpenCircuitVoltage": tables.ocv(soc),
+        "ResistanceSOCBreakpoints": inside,
+    }
+    for name, values in tables.resistances.items():
+        table_based[f"{name}_vec"] = over(soc, values)
+        equivalent[name] = over(inside, values)
+    for pair, tau_s in enumerate(tables.tau_s, start=1):
+        table_based[f"tau{pair}_vec"] = np.full(len(soc), tau_s)
+        equivalent[f"Tau{pair}"] = np.full(len(inside), tau_s)
+    variables = table_based | {
         "V_range": np.array([0.0, np.inf]),
         "AH": tables.capacity_ah,
-        "R0_vec": circuit.r0 * over_soc,
-        "prm_dyn": f"simscape.enum.tablebattery.prm_dyn.rc{circuit.pairs}",
+        "prm_dyn": f"simscape.enum.tablebattery.prm_dyn.rc{tables.pairs}",
         "stateOfCharge": tables.initial_soc,
+        "BatteryEquivalentCircuit": equivalent,
         "barnax_notes": note_lines(tables.heading, caveats),
     }
-    for pair, (r, tau_s) in enumerate(zip(circuit.r, circuit.tau_s, strict=True), start=1):
-        variables[f"R{pair}_vec"] = r * over_soc
-        variables[f"tau{pair}_vec"] = tau_s * over_soc
     file = io.BytesIO()
     savemat(file, variables, oned_as="row")
     # SciPy writes the date there; equal results are to give equal bytes.
@@ -169,7 +265,7 @@ def write_simscape(result: Result) -> Export:
 
 SIMSCAPE = Exporter(
     name="simscape",
-    description="MATLAB file: tables of Simscape's Battery (Table-Based)",
+    description="MATLAB file: Simscape's Battery (Table-Based) and Battery Equivalent Circuit",
     file_name="barnax_simscape.mat",
     write=write_simscape,
 )

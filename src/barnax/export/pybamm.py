@@ -10,8 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ..results import Result
-from .exporter import Export, Exporter, Profile, hysteresis_is_left_out, note_lines, numbers
-from .tables import Tables, tables_of
+from .exporter import (
+    Export,
+    Exporter,
+    Profile,
+    hysteresis_is_left_out,
+    note_lines,
+    numbers,
+    python_tables,
+)
+from .tables import Tables, tables_of, unvisited_caveat
 
 # A result has no cut-off voltages; these stop no simulation of the cell.
 CUTOFF_MARGIN_V = 1.0
@@ -39,13 +47,14 @@ SOC = np.array([
 OCV_V = np.array([
 {ocv}
 ])
+{circuit_tables}
 
 
 def open_circuit_voltage(soc):
     return pybamm.Interpolant(SOC, OCV_V, soc, name="open-circuit voltage")
 
 
-def get_model():
+{functions}def get_model():
     """The Thevenin model with as many RC elements as these parameters have."""
     return pybamm.equivalent_circuit.Thevenin(options={{"number of rc elements": RC_ELEMENTS}})
 
@@ -60,10 +69,31 @@ def get_parameter_values():
 '''
 
 
+FUNCTIONS = """\
+def table(values):
+    def over_soc(T_cell, current, soc):
+        return pybamm.Interpolant(NODES, values, soc)
+
+    return over_soc
+
+
+def capacitance(values, tau):
+    resistance = table(values)
+
+    def over_soc(T_cell, current, soc):
+        return tau / resistance(T_cell, current, soc)
+
+    return over_soc
+
+
+"""
+
+
 def write_pybamm(result: Result) -> Export:
     """The module's source."""
     tables = tables_of(result)
     caveats = (
+        *unvisited_caveat(tables),
         *hysteresis_is_left_out("PyBaMM's Thevenin model", tables),
         "PyBaMM ends a simulation where the SOC leaves 0 to 1; barnax goes on with the OCV's end "
         "values.",
@@ -74,24 +104,35 @@ def write_pybamm(result: Result) -> Export:
     )
     content = TEMPLATE.format(
         notes=note_lines(tables.heading, caveats, "# "),
-        pairs=tables.parameters.pairs,
+        pairs=tables.pairs,
         soc=numbers(tables.ocv.soc),
         ocv=numbers(tables.ocv.voltage_v),
+        circuit_tables=python_tables(tables),
+        functions="" if tables.over_soc is None else FUNCTIONS,
         values="\n".join(
-            f'        "{name}": {value!r},' for name, value in _values(tables).items()
+            f'        "{name}": {value},'
+            for name, value in (_circuit(tables) | _values(tables)).items()
         ),
     )
     return Export(content.encode(), caveats)
 
 
+def _circuit(tables: Tables) -> dict[str, str]:
+    """R0 and every pair's R and C: numbers, or calls that make functions of SOC."""
+    if tables.over_soc is None:
+        constants = tables.parameters.to_dict()
+        return {name: repr(value) for name, value in constants.items() if name != "gamma"}
+    named = {"R0 [Ohm]": "table(R0)"}
+    for pair, tau_s in enumerate(tables.tau_s, start=1):
+        named[f"R{pair} [Ohm]"] = f"table(R{pair})"
+        named[f"C{pair} [F]"] = f"capacitance(R{pair}, {tau_s!r})"
+    return named
+
+
 def _values(tables: Tables) -> dict[str, float]:
-    """Every number of the parameter set under its name."""
-    circuit = {
-        name: value for name, value in tables.parameters.to_dict().items() if name != "gamma"
-    }
+    """What the parameter set has under every name, but for the circuit."""
     overpotentials = {
-        f"Element-{pair} initial overpotential [V]": 0.0
-        for pair in range(1, tables.parameters.pairs + 1)
+        f"Element-{pair} initial overpotential [V]": 0.0 for pair in range(1, tables.pairs + 1)
     }
     initial_soc = min(max(tables.initial_soc, NEAREST_TO_LIMIT), 1 - NEAREST_TO_LIMIT)
     return {
@@ -99,7 +140,6 @@ def _values(tables: Tables) -> dict[str, float]:
         "Cell capacity [A.h]": tables.capacity_ah,
         "Nominal cell capacity [A.h]": tables.capacity_ah,
         "Current function [A]": tables.capacity_ah,
-        **circuit,
         **overpotentials,
         "Upper voltage cut-off [V]": float(tables.ocv.voltage_v.max()) + CUTOFF_MARGIN_V,
         "Lower voltage cut-off [V]": float(tables.ocv.voltage_v.min()) - CUTOFF_MARGIN_V,

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..cell import CellModel, CircuitParameters, get_circuit
+from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.hysteresis import KNOTS, SegmentedHysteresis
 from ..results import Result
@@ -26,7 +26,7 @@ Values = Float[np.ndarray, "points"]
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A voltage in V over SOC, strictly increasing from 0 to 1, to be read linearly."""
+    """A voltage in V over SOC, strictly increasing from 0 or below to 1, to be read linearly."""
 
     soc: Values
     voltage_v: Values
@@ -43,7 +43,10 @@ class Tables:
     circuit adds half of it after charging and takes half of it away after discharging: at once
     (`kind` is "instant"), or with a state that follows the charge passed at the rate
     `parameters.gamma` per unit of SOC ("dynamic"); a current below `rest_current_a` turns neither.
-    `initial_direction` is the direction the simulation starts with, +1 charging.
+    `initial_direction` is the direction the simulation starts with, +1 charging. Where the circuit
+    is tabulated, `over_soc` has its resistances and time constants and `parameters` are those of
+    the constant circuit beside it; the OCV has the correction in it, and the hysteresis is the
+    tabulated one.
     """
 
     model: str
@@ -56,6 +59,28 @@ class Tables:
     kind: Hysteresis
     ocv: Table
     hysteresis: Table | None
+    over_soc: SocTables | None = None
+
+    @property
+    def pairs(self) -> int:
+        return (self.over_soc or self.parameters).pairs
+
+    @property
+    def tau_s(self) -> tuple[float, ...]:
+        return (self.over_soc or self.parameters).tau_s
+
+    @property
+    def gamma(self) -> float | None:
+        return (self.over_soc or self.parameters).gamma
+
+    @property
+    def resistances(self) -> dict[str, tuple[float, ...]]:
+        """R0, R1 and so on in ohm: one value, or one for each node over SOC."""
+        if self.over_soc is not None:
+            values = (self.over_soc.r0_ohm, *self.over_soc.r_ohm)
+        else:
+            values = tuple((r,) for r in (self.parameters.r0, *self.parameters.r))
+        return {f"R{number}": each for number, each in enumerate(values)}
 
     @property
     def largest_hysteresis_v(self) -> float:
@@ -75,24 +100,67 @@ def tables_of(result: Result) -> Tables:
     cell = result.cell_model
     circuit = get_circuit(result.model)
     kind = _kind_of(circuit, cell)
+    over_soc = result.tables.fit.tables if result.tables else None
     breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])
-    rmse_mv = 1e3 * result.metrics.identification.rmse_v
+
+    def average_v(soc: Values) -> Values:
+        return np.mean(_sources_v(circuit, cell, soc), axis=0)
+
+    ocv, hysteresis = linear_table(average_v, breakpoints), None
+    if kind != "none":
+        hysteresis = _hysteresis(circuit, cell, breakpoints)
+    if over_soc is not None:
+        ocv = _corrected(ocv, over_soc)
+        if over_soc.half_hysteresis_v is not None:
+            hysteresis = _on_nodes(over_soc, 2 * np.array(over_soc.half_hysteresis_v))
     return Tables(
         model=result.model,
-        heading=(
-            f"Written by barnax {result.versions.get('barnax', '')}: circuit {result.model}, "
-            f"identified on {result.metrics.identification.record} with an RMSE of "
-            f"{rmse_mv:.3f} mV. Discharge current is positive."
-        ),
+        heading=_heading(result),
         parameters=result.circuit_parameters,
         capacity_ah=cell.capacity_ah,
         initial_soc=result.initial_soc,
         initial_direction=result.start_direction,
         rest_current_a=result.start_rest_current_a,
         kind=kind,
-        ocv=linear_table(lambda soc: np.mean(_sources_v(circuit, cell, soc), axis=0), breakpoints),
-        hysteresis=None if kind == "none" else _hysteresis(circuit, cell, breakpoints),
+        ocv=ocv,
+        hysteresis=hysteresis,
+        over_soc=over_soc,
     )
+
+
+def unvisited_caveat(tables: Tables) -> tuple[str, ...]:
+    """Which nodes mean nothing by themselves; nothing where every one was visited."""
+    over_soc = tables.over_soc
+    if over_soc is None or all(over_soc.visited):
+        return ()
+    unseen = zip(over_soc.nodes, over_soc.visited, strict=True)
+    nodes = ", ".join(f"{node:g}" for node, is_visited in unseen if not is_visited)
+    return (
+        f"No sample is near the nodes at SOC {nodes}: their values follow from their neighbors'.",
+    )
+
+
+def _heading(result: Result) -> str:
+    over = " with tables over SOC" if result.tables else ""
+    errors = result.answer_metrics.identification
+    return (
+        f"Written by barnax {result.versions.get('barnax', '')}: circuit {result.model}{over}, "
+        f"identified on {errors.record} with an RMSE of {1e3 * errors.rmse_v:.3f} mV. Discharge "
+        "current is positive."
+    )
+
+
+def _corrected(ocv: Table, over_soc: SocTables) -> Table:
+    """The OCV with its correction: exact, as every node is a point of it."""
+    nodes = np.array(over_soc.nodes)
+    soc = np.unique(np.round(np.concatenate([ocv.soc, nodes]), DIGITS_SOC))
+    correction_v = over_soc.ocv_correction_v
+    added_v = 0.0 if correction_v is None else np.interp(soc, nodes, correction_v)
+    return Table(soc, np.round(ocv(soc) + added_v, DIGITS_V))
+
+
+def _on_nodes(over_soc: SocTables, voltage_v: Values) -> Table:
+    return Table(np.round(over_soc.nodes, DIGITS_SOC), np.round(voltage_v, DIGITS_V))
 
 
 def linear_table(

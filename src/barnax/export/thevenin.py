@@ -6,13 +6,14 @@ relaxes the share of it: they differ by about the slope of M_hyst over gamma.
 """
 
 import importlib
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
 
 from ..results import Result
-from .exporter import Export, Exporter, Profile, note_lines, numbers
-from .tables import Tables, tables_of
+from .exporter import Export, Exporter, Profile, note_lines, numbers, python_tables
+from .tables import Tables, tables_of, unvisited_caveat
 
 # The rate, per unit of SOC, that turns the hysteresis within 1e-5 of the capacity: nearly at once.
 # A higher one turns with a tester's noise at rest: measured on the bundled trips, 1e5 has the
@@ -43,6 +44,7 @@ HALF_HYSTERESIS_V = np.array([
 ])
 # To start as barnax does: thevenin.TransientState(..., hyst=INITIAL_HYSTERESIS_V, ...).
 INITIAL_HYSTERESIS_V = {initial_hysteresis!r}
+{circuit_tables}
 
 
 def ocv(soc):
@@ -55,6 +57,14 @@ def half_hysteresis(soc):
 
 def constant(value):
     return lambda soc, T_cell: value
+
+
+def table(values):
+    return lambda soc, T_cell: np.interp(soc, NODES, values)
+
+
+def capacitance(values, tau):
+    return lambda soc, T_cell: tau / np.interp(soc, NODES, values)
 
 
 def get_params():
@@ -82,6 +92,7 @@ def write_thevenin(result: Result) -> Export:
     """The module's source."""
     tables = tables_of(result)
     caveats = (
+        *unvisited_caveat(tables),
         *_hysteresis_caveats(tables),
         "A result has no thermal parameters: mass, Cp, h_therm and A_therm are placeholders, and "
         "the model is isothermal.",
@@ -97,23 +108,33 @@ def write_thevenin(result: Result) -> Export:
         hysteresis_soc=numbers(hysteresis_soc),
         half_hysteresis=numbers(half_hysteresis_v),
         initial_hysteresis=tables.initial_hysteresis_v,
-        pairs=tables.parameters.pairs,
+        pairs=tables.pairs,
         soc0=tables.initial_soc,
         capacity=tables.capacity_ah,
         gamma=_rate(tables),
-        circuit="\n".join(
-            f'        "{name.split(" ")[0]}": constant({value!r}),'
-            for name, value in tables.parameters.to_dict().items()
-            if name != "gamma"
-        ),
+        circuit_tables=python_tables(tables),
+        circuit="\n".join(f"        {line}," for line in _circuit(tables)),
     )
     return Export(content.encode(), caveats)
+
+
+def _circuit(tables: Tables) -> Iterator[str]:
+    """The entries of R0 and of every pair."""
+    if tables.over_soc is None:
+        for name, value in tables.parameters.to_dict().items():
+            if name != "gamma":
+                yield f'"{name.split(" ")[0]}": constant({value!r})'
+        return
+    yield '"R0": table(R0)'
+    for pair, tau_s in enumerate(tables.tau_s, start=1):
+        yield f'"R{pair}": table(R{pair})'
+        yield f'"C{pair}": capacitance(R{pair}, {tau_s!r})'
 
 
 def _rate(tables: Tables) -> float:
     if tables.kind == "instant":
         return INSTANT_RATE
-    return tables.parameters.gamma or 0.0
+    return tables.gamma or 0.0
 
 
 def _hysteresis_caveats(tables: Tables) -> tuple[str, ...]:

@@ -8,16 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..cell import CellModel
 from ..cell.hysteresis import SegmentedHysteresis
 from ..errors import InputError
+from ..model.inputs import prepare_record
 from ..model.window import Window
+from ..over_soc import simulate_tables
 from ..records import Decision, Record
 from ..results import Result
-from ..search.evaluate import validate
+from ..search.evaluate import evaluate
 from .exporter import Exporter, Profile
 
 INTERVAL_S = 2.0
+FINER = 16
 # One round of the test profile: seconds and current in units of 1C toward the far end of SOC.
 ROUND = ((30.0, 0.0), (240.0, 1.0), (60.0, 0.0), (60.0, -1.0), (30.0, 0.2), (30.0, -0.2))
 # The profile stays this share of the measured SOC range away from its end.
@@ -71,31 +73,42 @@ def verify(
         raise ValueError(f"the exporter {exporter.name} names no package to simulate in")
     profile = profile or pulse_profile(result)
     there_v = simulate(content, profile)
-    cell = result.cell_model
-    plain = replace(cell, hysteresis=SegmentedHysteresis.zero())
-    difference_v = there_v - simulate_here(result, cell, profile)
+    difference_v = there_v - simulate_here(result, profile)
     return Verification(
         package=package,
         version=importlib.metadata.version(package),
         samples=len(profile.time_s),
         largest_v=_largest(difference_v),
         rms_v=math.sqrt(np.mean(np.nan_to_num(difference_v, nan=math.inf) ** 2)),
-        without_hysteresis_v=_largest(there_v - simulate_here(result, plain, profile)),
+        without_hysteresis_v=_largest(
+            there_v - simulate_here(result, profile, without_hysteresis=True)
+        ),
         without_turns_v=_largest(difference_v[~_turns(profile, result.start_direction)]),
     )
 
 
 def simulate_here(
-    result: Result, cell: CellModel, profile: Profile
+    result: Result, profile: Profile, *, without_hysteresis: bool = False
 ) -> Float[np.ndarray, "samples"]:
-    """barnax's own terminal voltage in V for a result's circuit on a profile."""
-    discharged_ah = np.cumsum(profile.current_a[:-1] * np.diff(profile.time_s)) / 3600
+    """barnax's own terminal voltage in V for a result's circuit, or its tables, on a profile.
+
+    Where resistances change with SOC, intervals are cut in `FINER`: barnax holds a resistance over
+    an interval, and a solver does not.
+    """
+    cell, tables = result.cell_model, result.tables.fit.tables if result.tables else None
+    if without_hysteresis:
+        cell = replace(cell, hysteresis=SegmentedHysteresis.zero())
+    finer = 1 if tables is None else FINER
+    samples = np.arange(len(profile.time_s))
+    time_s = np.interp(np.arange(finer * samples[-1] + 1) / finer, samples, profile.time_s)
+    current_a = np.append(np.repeat(profile.current_a[:-1], finer), profile.current_a[-1])
+    discharged_ah = np.cumsum(current_a[:-1] * np.diff(time_s)) / 3600
     soc = result.initial_soc - np.concatenate([[0.0], discharged_ah]) / cell.capacity_ah
     given = Decision("forward", "given", "made so")
     record = Record(
         name="the profile",
-        time_s=profile.time_s,
-        current_a=profile.current_a,
+        time_s=time_s,
+        current_a=current_a,
         # Nothing is measured here; a simulation does not look at it.
         voltage_v=cell.average_ocv_v(soc),
         temperature_degc=None,
@@ -110,8 +123,14 @@ def simulate_here(
         initial_direction=result.start.direction,
         rest_current_a=result.start_rest_current_a,
     )
-    evaluation = validate(record, cell, result.model, result.circuit_parameters, window)
-    return evaluation.simulated_v
+    prepared = prepare_record(record, cell, result.model, window)
+    if tables is None:
+        simulated_v = evaluate(prepared, result.circuit_parameters).simulated_v
+    else:
+        if without_hysteresis:
+            tables = replace(tables, half_hysteresis_v=None)
+        simulated_v = simulate_tables(prepared, tables)
+    return simulated_v[::finer]
 
 
 def pulse_profile(result: Result) -> Profile:

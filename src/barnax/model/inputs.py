@@ -151,6 +151,19 @@ def prepare_record(
 
 def other_direction(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord | None:
     """The same record coming from the other direction, where that is open and changes anything."""
+    other = _turned(prepared, cell)
+    return None if other is None or _is_alike(prepared, other) else other
+
+
+def settle_direction(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord:
+    """The record, said to be without effect of the direction before it where it has none."""
+    other = _turned(prepared, cell)
+    if other is None or not _is_alike(prepared, other):
+        return prepared
+    return replace(prepared, start=replace(prepared.start, direction_source="without effect"))
+
+
+def _turned(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord | None:
     if prepared.start.direction_source != "assumed":
         return None
     window = replace(prepared.window, initial_direction=-prepared.start.direction)
@@ -159,11 +172,11 @@ def other_direction(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord
     except InputError:
         return None
     start = replace(other.start, direction_source="assumed")
-    other = replace(other, window=prepared.window, start=start)
-    is_same = np.array_equal(other.source_v, prepared.source_v) and other.start.soc == (
-        prepared.start.soc
-    )
-    return None if is_same else other
+    return replace(other, window=prepared.window, start=start)
+
+
+def _is_alike(one: PreparedRecord, other: PreparedRecord) -> bool:
+    return np.array_equal(one.source_v, other.source_v) and one.start.soc == other.start.soc
 
 
 def soc_along(

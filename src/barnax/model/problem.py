@@ -1,9 +1,9 @@
 """The identification problem: records of one cell, one circuit, one box."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -80,6 +80,14 @@ class Problem:
     def scored(self) -> int:
         """How many samples count."""
         return sum(int(np.count_nonzero(prepared.scored)) for prepared in self.prepared_records)
+
+    def keeping_computed(self, **changes: Any) -> "Problem":
+        """The problem with other fields that leave what is computed already as it is."""
+        other = replace(self, **changes)
+        for name in ("all_inputs", "scan", "compressed", "coordinates"):
+            if name in vars(self):
+                vars(other)[name] = vars(self)[name]
+        return other
 
     @property
     def warnings(self) -> tuple[str, ...]:

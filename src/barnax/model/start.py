@@ -19,8 +19,10 @@ DOUBTFUL_V, DOUBTFUL_SOC = 0.01, 0.02
 BEYOND_OCV_V = 0.005
 
 # How the direction before the start is known: given; from the load before it; from a start at full
-# or empty; because a fit with the other is worse; or not at all.
-DirectionSource = Literal["given", "load before", "full or empty", "better fit", "assumed"]
+# or empty; because a fit with the other is worse; or not at all, whether or not that matters.
+DirectionSource = Literal[
+    "given", "load before", "full or empty", "better fit", "without effect", "assumed"
+]
 
 
 @dataclass(frozen=True)

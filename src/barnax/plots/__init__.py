@@ -10,6 +10,8 @@ from .compared_search import plot_compared_convergence, plot_compared_parameters
 from .convergence import plot_convergence
 from .error import plot_error
 from .landscape import plot_landscape
+from .pulses import plot_pulse_resistances, plot_pulses
+from .soc_tables import plot_error_map, plot_tables
 from .voltage import plot_condition, plot_voltage
 
 __all__ = [
@@ -20,8 +22,12 @@ __all__ = [
     "plot_condition",
     "plot_convergence",
     "plot_error",
+    "plot_error_map",
     "plot_hysteresis",
     "plot_landscape",
     "plot_ocv",
+    "plot_pulse_resistances",
+    "plot_pulses",
+    "plot_tables",
     "plot_voltage",
 ]

@@ -10,7 +10,8 @@ from .findings import Finding, found_at
 from .samples import Samples
 
 _DAY_S = 86_400.0
-# More stamps out of line than three, or one in a hundred, are no slips.
+# More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
+# follow another of the same stamp.
 _SLIPS, _FEW = 3, 0.01
 
 Clock = Float[np.ndarray, "samples"]
@@ -148,7 +149,7 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
     is_any = is_near | is_other
     in_a_row = (is_other[1:] & is_any[:-1]) | (is_any[1:] & is_other[:-1])
     others = int(is_other.sum())
-    if in_a_row.any() or np.mean(is_other) > _COARSE:
+    if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
         at = int(np.argmax(is_other)) + 1
         each = len(samples) / len(np.unique(samples.time_s))
         what = (

@@ -43,10 +43,13 @@ def finding_line(file: str, finding: "Finding") -> str:
 
 def count_sentence(found: Sequence["FileCheck"], unreadable: int) -> str:
     """How much was found in all files."""
+    refused = f"{counted(unreadable, 'file')} could not be read" if unreadable else ""
+    if not found:
+        return f"{refused}, so nothing was checked."
     severities = [each.severity for file in found for each in file.findings]
     counts = [counted(severities.count(severity), severity) for severity in SEVERITIES]
-    refused = f"; {counted(unreadable, 'file')} could not be read" if unreadable else ""
-    return f"{counted(len(found), 'file')} checked: {', '.join(counts)}{refused}."
+    read = f"{counted(len(found), 'file')} checked: {', '.join(counts)}"
+    return "; ".join(filter(None, (read, refused))) + "."
 
 
 def _place(finding: "Finding") -> str:

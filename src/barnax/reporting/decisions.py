@@ -60,7 +60,8 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
     for window, names in _gathered((each.window, each.name) for each in simulated):
         yield from window_sentences(window, names)
     for each in simulated:
-        yield start_sentence(each)
+        if each.start is not None:
+            yield start_sentence(each.name, each.start)
 
 
 def guess_sentences(stored: "Stored") -> Iterator[str]:
@@ -90,11 +91,8 @@ def guess_sentences(stored: "Stored") -> Iterator[str]:
             yield f"{each.name} comes from a {came}; `initial_direction` tells otherwise."
 
 
-def start_sentence(part: "InputPart") -> str:
+def start_sentence(name: str, start: "Start") -> str:
     """Where one record starts, and how that is known."""
-    start: Start | None = part.start
-    if start is None:
-        return f"{part.name} was not simulated."
     known = {
         "given": "given",
         "rested voltage": f"from the rested voltage {start.voltage_v:.4f} V at row {start.row}",
@@ -105,10 +103,11 @@ def start_sentence(part: "InputPart") -> str:
         "load before": f"coming from a {came}, by the load before it",
         "full or empty": f"where the cell is {ENDS[start.direction]}, so it comes from a {came}",
         "better fit": f"coming from a {came}, which fits better",
+        "without effect": f"coming from a {came}, which is assumed and makes no difference",
         "assumed": f"coming from a {came}, which is assumed",
     }[start.direction_source]
     return (
-        f"The simulation of {part.name} starts at a state of charge of {start.soc:.3f} ({known}), "
+        f"The simulation of {name} starts at a state of charge of {start.soc:.3f} ({known}), "
         f"{direction}."
     )
 

@@ -16,6 +16,7 @@ from .decisions import (
     warnings_section,
 )
 from .document import Bullets, Document, Pictures, Section, Table, make_table
+from .pulses import pulses_section
 from .sentences import (
     BandQuantity,
     band_label,
@@ -67,6 +68,12 @@ def identification_document(
         *warnings_section(result.warnings),
         answer,
         *tables_section(result, pictures.starting("tables")),
+        *pulses_section(
+            result,
+            pictures.of(
+                *(f"{role}-{kind}" for role in roles for kind in ("pulses", "resistances"))
+            ),
+        ),
         *_uncertainty_section(result),
         errors,
         Section(

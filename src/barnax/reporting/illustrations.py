@@ -15,13 +15,18 @@ from ..plots import (
     plot_condition,
     plot_convergence,
     plot_error,
+    plot_error_map,
     plot_hysteresis,
     plot_landscape,
     plot_ocv,
+    plot_pulse_resistances,
+    plot_pulses,
+    plot_tables,
     plot_voltage,
 )
 from ..plots.landscape import has_landscape
 from ..plots.sources import Illustration, record_roles
+from ..pulses import pulses_of
 from ..storing import describe
 
 if TYPE_CHECKING:
@@ -66,6 +71,24 @@ WORDS = {
         "plus and minus the RMSE.",
         "Error over time and over the state of charge",
     ),
+    "tables": (
+        "The tables over the state of charge with the intervals of their nodes, and the constant "
+        "circuit behind. Hollow: nodes near no sample, whose values follow from their neighbors'.",
+        "Resistances and OCV correction over the state of charge, with intervals",
+    ),
+    "map": (
+        "RMSE by state of charge and current, over all scored samples {}.",
+        "RMSE in cells of state of charge and current",
+    ),
+    "pulses": (
+        "The pulses of {} laid over each other: the change of voltage over that of current since "
+        "each began. Color: state of charge, measured; dashed: simulated.",
+        "Resistance over the time in a pulse, a line a pulse",
+    ),
+    "resistances": (
+        "The standard pulse resistances of {} over the state of charge.",
+        "Pulse resistances over the state of charge, by direction and rate",
+    ),
     "convergence": (
         "How the best RMSE of every seed fell during the search, and how far each stayed above "
         "the refined answer.",
@@ -94,9 +117,12 @@ WORDS = {
     ),
 }
 # All others hold so many points that PNG is the smaller form.
-SPARSE = {"ocv", "hysteresis", "landscape", "parameters"}
+SPARSE = {"ocv", "hysteresis", "landscape", "parameters", "tables", "resistances"}
 # What is written beside a result even where no report is.
-ALWAYS = ("ocv", "hysteresis", "convergence", "voltage", "error")
+ALWAYS = (
+    *("ocv", "hysteresis", "convergence", "voltage", "error"),
+    *("tables", "map", "pulses", "resistances"),
+)
 
 
 @dataclass(frozen=True)
@@ -122,6 +148,30 @@ class Figures:
         prepared = evaluation.prepared
         draw = partial(plot_condition, prepared)
         self.add("condition", f"{role}-condition", prepared.record.name, draw)
+
+    def add_tables(self, run: "Run") -> None:
+        """The tables over SOC and where they err, beside the constant circuit."""
+        if run.tables is None:
+            return
+        draw = partial(plot_tables, run.tables.fit, run.answer.parameters)
+        self.add("tables", "tables", "", draw)
+        own = {"constant circuit": run.identification, "tables": run.tables.identification}
+        self.add("map", "tables-map", "identified on", partial(plot_error_map, own))
+        if run.validation:
+            others = {"constant circuit": run.validation, "tables": run.tables.validation}
+            draw = partial(plot_error_map, others)
+            self.add("map", "tables-validation-map", "of validation", draw)
+
+    def add_pulses(self, roles: "Sequence[str]", evaluations: "Sequence[Evaluation]") -> None:
+        """The pulses of each record that is a pulse test."""
+        for role, each in zip(roles, evaluations, strict=False):
+            pulses = pulses_of(each.prepared)
+            if not pulses:
+                continue
+            record, capacity_ah = each.prepared.record.name, each.prepared.capacity_ah
+            self.add("pulses", f"{role}-pulses", record, partial(plot_pulses, each, pulses))
+            draw = partial(plot_pulse_resistances, pulses, capacity_ah)
+            self.add("resistances", f"{role}-resistances", record, draw)
 
     def add_landscape(
         self,
@@ -177,6 +227,8 @@ def _identification_figures(run: "Run") -> Figures:
         figures.add_condition(role, each)
         figures.add("voltage", f"{role}-voltage", record, partial(plot_voltage, each))
         figures.add("error", f"{role}-error", record, partial(plot_error, each))
+    figures.add_tables(run)
+    figures.add_pulses(roles, answered.identification)
     draw = partial(plot_convergence, run.search, run.refinement)
     figures.add("convergence", "convergence", "", draw)
     if run.optimum is not None:

@@ -12,6 +12,8 @@ from rich.text import Text
 
 from ..errors import printable
 from .document import Bullets, Document, Listing, Paragraph, Table
+from .pulses import middle_heads as middle_heads_of_pulses
+from .pulses import middle_pulses
 from .soc_tables import middle_heads, middle_rows, pay_sentence
 from .verdict import best_possible, weakest_point
 from .words import between, duration, figures, with_unit
@@ -47,6 +49,9 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     yield Text()
     yield _indented(_parameters_table(result))
     yield Text()
+    if result.pulses:
+        yield _indented(_pulses_table(result))
+        yield Text()
     lines = [("Best possible", best_possible(result))]
     if result.tables is not None and (pays := pay_sentence(result.tables.fit)):
         lines.append(("On held-out", pays[0].upper() + pays[1:]))
@@ -205,6 +210,16 @@ def _parameters_table(result: "Result") -> Shown:
     if circuit.gamma is not None:
         value = f"{figures(circuit.gamma)} /SOC"
         table.add_row("gamma", value, _interval("gamma", estimates, bounds), "", "", "")
+    return table
+
+
+def _pulses_table(result: "Result") -> Shown:
+    """A line for each direction and rate."""
+    table = Shown(**BARE)
+    for place, head in enumerate(middle_heads_of_pulses(result)):
+        table.add_column(head, justify="right" if place else "left", no_wrap=True)
+    for row in middle_pulses(result):
+        table.add_row(*row)
     return table
 
 

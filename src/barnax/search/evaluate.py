@@ -1,7 +1,7 @@
 """One circuit simulated on one record, with its errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import numpy as np
@@ -10,7 +10,13 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters
 from ..execution import in_float64
 from ..metrics import Metrics, measure
-from ..model.inputs import PreparedRecord, prepare_record, require_changing_voltage
+from ..model.inputs import (
+    PreparedRecord,
+    other_direction,
+    prepare_record,
+    require_changing_voltage,
+    settle_direction,
+)
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..model.window import Window
@@ -39,6 +45,22 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
     simulated_v = np.asarray(_simulate(rc_parameters(parameters), inputs))
     metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])
     return Evaluation(prepared, simulated_v, metrics)
+
+
+def evaluate_from_either(
+    prepared: PreparedRecord, cell: CellModel, parameters: CircuitParameters
+) -> Evaluation:
+    """A circuit on a record it was not fitted to, from the direction that fits better if open."""
+    own = evaluate(settle_direction(prepared, cell), parameters)
+    other = other_direction(prepared, cell)
+    if other is None:
+        return own
+    tried = evaluate(other, parameters)
+    best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
+    start = replace(
+        best.prepared.start, direction_source="better fit", other_rmse_v=rest.metrics.rmse_v
+    )
+    return replace(best, prepared=replace(best.prepared, start=start))
 
 
 _simulate = eqx.filter_jit(terminal_voltage)

@@ -1,18 +1,24 @@
-"""The pulses of a record, each out of a rest, and their resistances."""
+"""Pulse tests (HPPC): the pulses of a record, each out of a rest, and their resistances."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from ..records import Record, is_rested
+from .records import Record, is_rested, rest_current_a
+
+if TYPE_CHECKING:
+    from .model.inputs import PreparedRecord
 
 # After how many seconds of a pulse its resistance is usually told: at once, and as in USABC (1996),
 # the FreedomCAR manuals and ISO 12405-4 (2018).
 STANDARD_S = (0.0, 2.0, 10.0, 18.0, 30.0)
 # A longer load moves the cell to another SOC; a rest from here on settles it before pulses.
 LONGEST_S, SETTLED_S = 120.0, 300.0
+# After so many long rests there must be pulses for a record to be a pulse test.
+FEWEST_LEVELS = 3
 FEWEST_SAMPLES = 3
 # Neighbors that differ by more than this share belong to two loads, unless the first is a ramp.
 STEP_SHARE, RAMP_S = 0.2, 1.0
@@ -66,23 +72,23 @@ class _Load:
 
 
 def find_pulses(
-    record: Record, soc: Float[np.ndarray, "samples"], rest_current_a: float
+    record: Record, soc: Float[np.ndarray, "samples"], threshold_a: float
 ) -> tuple[Pulse, ...]:
     """Every pulse of a record, in order of time, whatever its direction and rate.
 
     A pulse is a load of up to 2 min out of a rest, where since a rest of at least 5 min nothing
-    but pulses and rests came. `soc` is that of every sample.
+    but pulses and rests came; the cell rests below `threshold_a`. `soc` is that of every sample.
 
     >>> from barnax import bundled_file, read_record
     >>> record = read_record(bundled_file("hppc_25degC"))
-    >>> pulses = find_pulses(record, 1 - record.discharged_ah / 2.0, rest_current_a=0.02)
+    >>> pulses = find_pulses(record, 1 - record.discharged_ah / 2.0, threshold_a=0.02)
     >>> [round(pulse.current_a, 1) for pulse in pulses[-4:]]
     [2.0, -1.5, 4.0, -3.0]
     """
     found: list[Pulse] = []
     before: _Load | None = None
     is_settled = False
-    for load in _loads(record, rest_current_a):
+    for load in _loads(record, threshold_a):
         is_pulse = (
             load.way != 0
             and is_settled
@@ -98,9 +104,9 @@ def find_pulses(
     return tuple(found)
 
 
-def _loads(record: Record, rest_current_a: float) -> Iterator[_Load]:
+def _loads(record: Record, threshold_a: float) -> Iterator[_Load]:
     """The record as loads and rests; the short ramp of a current belongs to what it leads to."""
-    level_a = np.where(is_rested(record, rest_current_a), 0.0, record.current_a)
+    level_a = np.where(is_rested(record, threshold_a), 0.0, record.current_a)
     way = np.sign(level_a).astype(int)
     largest_a = np.maximum(np.abs(level_a[1:]), np.abs(level_a[:-1]))
     is_cut = (np.diff(way) != 0) | (np.abs(np.diff(level_a)) > STEP_SHARE * largest_a)
@@ -173,6 +179,30 @@ def _resistances(
 
     first = float(ratio_ohm[0]) if since_s[0] <= AT_ONCE_S else None
     return (first, *(at(time_s) for time_s in STANDARD_S[1:]))
+
+
+def first_pulse(record: Record) -> Pulse | None:
+    """The first pulse of a record, None where there is none; its SOC is not known yet."""
+    span_ah = float(np.ptp(record.discharged_ah))
+    if span_ah == 0:
+        return None
+    pulses = find_pulses(record, np.ones(record.samples), rest_current_a(record, span_ah))
+    return pulses[0] if pulses else None
+
+
+def pulses_of(prepared: "PreparedRecord") -> tuple[Pulse, ...]:
+    """The pulses of a record made ready; none unless it is a pulse test.
+
+    A pulse test has pulses after at least three of its long rests.
+    """
+    # What prepares records loads JAX, which pulses do without.
+    from .model.inputs import soc_along
+
+    record, start = prepared.record, prepared.start.soc
+    soc = soc_along(record, prepared.capacity_ah, prepared.first, start)
+    pulses = find_pulses(record, soc, prepared.rest_current_a)
+    settled = [pulse for pulse in pulses if pulse.rest_s >= SETTLED_S]
+    return pulses if len(settled) >= FEWEST_LEVELS else ()
 
 
 def pulse_samples(record: Record, pulse: Pulse) -> slice:

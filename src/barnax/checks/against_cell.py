@@ -1,0 +1,130 @@
+"""Whether a record is of the cell that the OCV test shows, by charge, voltage and temperature."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..cell import CellModel
+from ..records import Record
+from ..records.findings import Finding
+from ..records.samples import STEP_SHARE, step_resistance_ohm
+
+# A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
+_UNITS = {
+    60.0: "its time is in minutes",
+    3600.0: "its time is in hours",
+    1e-3: "its current is in mA, or its time in ms",
+    1e3: "its current is in kA",
+    2.0: "its current is half of what flowed",
+    0.5: "its current is twice what flowed",
+}
+_CAPACITIES = np.geomspace(0.5, 2, 25)
+# What most of the voltage must leave the OCV by before anything is said of it, and what share of
+# that must vanish with another charge; and what no unit explains.
+_APART_V, _VANISHES, _ELSEWHERE_V = 0.03, 0.5, 0.15
+_MOST = 0.75
+# So many samples tell, best those of a small current.
+_SAMPLES, _SMALL_HOURS = 400, 5.0
+_STARTS = 61
+# A record may run beyond full and empty by this.
+_BEYOND = 0.05
+# Parameters of a cell change noticeably over so many degrees.
+_DEGREES = 5.0
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How well a record's voltage follows the OCV at its best start, its charge times `factor`."""
+
+    factor: float
+    apart_v: float
+
+
+def follow(record: Record, cell: CellModel, capacity_ah: float) -> tuple[Followed, Followed]:
+    """How the record follows the cell's OCV as it is, and with the best factor on its charge."""
+    source_v, passed = _source(record, capacity_ah)
+    soc = np.linspace(*cell.soc_range, 501)
+    ocv_v = (cell.charge(soc) + cell.discharge(soc)) / 2
+
+    def followed(factor: float) -> Followed:
+        moved = factor * (passed - passed.min())
+        room = 1 + 2 * _BEYOND - float(np.ptp(moved))
+        if room < 0:
+            return Followed(factor, np.inf)
+        starts = 1 + _BEYOND - room * np.linspace(0, 1, _STARTS)
+        modeled_v = np.interp(starts[:, None] - moved, soc, ocv_v)
+        apart_v = np.quantile(np.abs(source_v - modeled_v), _MOST, axis=1)
+        return Followed(factor, float(apart_v.min()))
+
+    own = followed(1.0)
+    others = [followed(float(factor)) for factor in (*_UNITS, *_CAPACITIES)]
+    return own, min(others, key=lambda each: each.apart_v)
+
+
+def _source(
+    record: Record, capacity_ah: float
+) -> tuple[Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"]]:
+    """The voltage without R I, and the charge taken out as a share of the capacity."""
+    step_a, step_v = np.diff(record.current_a), np.diff(record.voltage_v)
+    is_step = np.abs(step_a) > STEP_SHARE * np.abs(record.current_a).max()
+    resistance_ohm = step_resistance_ohm(step_a[is_step], step_v[is_step])
+    small_a = capacity_ah / _SMALL_HOURS
+    at = np.flatnonzero(np.abs(record.current_a) < small_a)
+    if len(at) < _SAMPLES:
+        at = np.arange(record.samples)
+    passed = record.discharged_ah / capacity_ah
+    # Evenly over the charge, or a long rest would be all that counts.
+    order = at[np.argsort(passed[at], kind="stable")]
+    wanted = np.linspace(passed[order[0]], passed[order[-1]], _SAMPLES)
+    chosen = order[np.minimum(np.searchsorted(passed[order], wanted), len(order) - 1)]
+    source_v = record.voltage_v[chosen] + resistance_ohm * record.current_a[chosen]
+    return source_v, passed[chosen]
+
+
+def compare_with_cell(
+    record: Record, cell: CellModel, capacity_ah: float | None = None
+) -> list[Finding]:
+    """A warning where the record's charge or voltage is not of the cell that the OCV test shows."""
+    capacity_ah = capacity_ah or cell.capacity_ah
+    own, best = follow(record, cell, capacity_ah)
+    if own.apart_v <= _APART_V:
+        return []
+    apart = "its charge goes beyond full and empty"
+    if np.isfinite(own.apart_v):
+        apart = f"the voltage leaves the OCV by {1e3 * own.apart_v:.3g} mV wherever it starts"
+    if best.apart_v < min(_VANISHES * own.apart_v, _APART_V):
+        remedy = "check `capacity`, and that the OCV test is of this cell"
+        meaning = f"as if the cell held {capacity_ah / best.factor:.3g} Ah"
+        if best.factor in _UNITS:
+            remedy, meaning = "correct the unit, or give the right column", _UNITS[best.factor]
+        what = (
+            f"{apart}, and by {1e3 * best.apart_v:.2g} mV with {best.factor:.4g} times the charge: "
+            f"{meaning}"
+        )
+        return [Finding("warning", what, remedy)]
+    if own.apart_v > _ELSEWHERE_V:
+        remedy = "check that the OCV test is of this cell, and the units of both"
+        return [Finding("warning", f"{apart}, whatever its charge", remedy)]
+    return []
+
+
+def compare_temperatures(
+    records: Sequence[tuple[str, float | None]], tests: Sequence[tuple[str, float | None]]
+) -> list[str]:
+    """A sentence for each record that is much warmer or colder than every OCV test."""
+    known = [(name, degc) for name, degc in tests if degc is not None]
+    found = []
+    for name, degc in records:
+        if degc is None or not known:
+            continue
+        apart = {abs(own_degc - degc): (test, own_degc) for test, own_degc in known}
+        if min(apart) > _DEGREES:
+            test, test_degc = apart[min(apart)]
+            found.append(
+                f"{name}: was measured at {degc:.3g} degC, the OCV test {test} at {test_degc:.3g} "
+                "degC: the open-circuit voltage and the capacity change with temperature; give an "
+                "OCV test of the record's temperature with `ocv`"
+            )
+    return found

@@ -1,0 +1,145 @@
+"""A pulse test (HPPC) identified: capacity and OCV from its own rests, tables over SOC."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .bundled import BUNDLED
+from .cell import CellModel, OcvPoint, characterize
+from .errors import InputError
+from .gather import Given, Reading, Watch, file_names, listed, source_of, unwatched
+from .model.window import Window
+from .pipeline import identify
+from .pulses import Pulse, first_pulse
+from .records import Record, Source, read_record
+from .results import Result
+
+# Of tests at several temperatures the one nearest to this tells the OCV.
+USUAL_DEGC = 25.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """One test: what was given, the record in it, and its first pulse, whose SOC is not known."""
+
+    source: Source | Record
+    record: Record
+    pulse: Pulse
+
+
+def hppc(
+    records: Given | Sequence[Given] = (),
+    *,
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
+    window: Window | Mapping[str, Window] | None = None,
+    capacity: float | None = None,
+    reading: Reading | None = None,
+    watch: Watch = unwatched,
+    **options: Any,
+) -> Result:
+    """The tables over SOC that one or several pulse tests show, and every pulse's resistances.
+
+    As `identify` with tables over SOC, which see for all other options. Pulses and rests are found
+    in the records. Without `ocv` the rests of the test are the OCV, interpolated, and of several
+    tests those of the one nearest to 25 degC; the charge between its ends is the capacity, where
+    none is given. A simulation starts at the end of the rest before the first pulse, unless
+    `window` says otherwise. Without any record the bundled cell's test at 25 degC is identified and
+    validated on its trips.
+
+    Raises `InputError` where a record has no pulses, and where `identify` does.
+    """
+    reading = reading or Reading()
+    own = {name: options.pop(name) for name in list(options) if hasattr(reading, name)}
+    reading = replace(reading, **own)
+    options.pop("over", None)
+    if not listed(records):
+        records, validate = BUNDLED.hppc[1], validate or BUNDLED.validation
+    with watch("Finding pulses", 0):
+        tests = _read(listed(records), reading)
+        chosen = {"": window or Window()} if isinstance(window, Window | None) else dict(window)
+        ocv_tests, cell = listed(ocv), None
+        if not ocv_tests:
+            base = min(tests, key=lambda each: _distance_degc(each.record))
+            given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
+            # A polynomial would swing between ten points.
+            options["ocv_fit"] = "interpolated"
+            cell = characterize([base.record], capacity_ah=given_ah, ocv_fit="interpolated")
+            ocv_tests = [base.source]
+            reading = replace(reading, ocv_current_sign=reading.current_sign)
+        windows = _windows(tests, cell, chosen)
+    return identify(
+        [each.source for each in tests],
+        ocv=ocv_tests,
+        validate=validate,
+        window=windows,
+        capacity=capacity,
+        reading=reading,
+        watch=watch,
+        over="soc",
+        **options,
+    )
+
+
+def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
+    """Every test once. Raises `InputError` for a record without pulses."""
+    names = file_names([each for each in given if isinstance(each, str | Path)])
+    sign: Any = reading.current_sign
+    hold: Any = reading.current_hold
+    tests = []
+    for each in given:
+        source = each if isinstance(each, Record) else source_of(each, names)
+        record = (
+            source
+            if isinstance(source, Record)
+            else read_record(source, current_sign=sign, current_hold=hold)
+        )
+        pulse = first_pulse(record)
+        if pulse is None:
+            raise InputError(
+                f"{record.name}: shows no pulses of up to 2 min out of rests of at least 5 min; "
+                "identify it as a dynamic record"
+            )
+        tests.append(_Test(source, record, pulse))
+    return tests
+
+
+def _distance_degc(record: Record) -> float:
+    """How far the test's temperature is from the usual one; nothing where it is not known."""
+    degc = record.temperature_degc
+    return 0.0 if degc is None else abs(float(np.median(degc)) - USUAL_DEGC)
+
+
+def _windows(
+    tests: Sequence[_Test], cell: CellModel | None, chosen: Mapping[str, Window]
+) -> dict[str, Window]:
+    """Each test from the rest before its first pulse on, but where something else is chosen."""
+    common = chosen.get("", Window())
+    own = {
+        each.record.name: _own_window(each, cell, chosen.get(each.record.name, common))
+        for each in tests
+    }
+    return {"": common, **chosen, **own}
+
+
+def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
+    """Where a pulse test starts: at its first OCV point, at that point's state of charge.
+
+    Where the OCV is of another record, or `cell` is None, at the end of the rest before the first
+    pulse. What `window` has stays.
+    """
+    if window.start_time_s is not None or window.start_after_step is not None:
+        return window
+    record = test.record
+    branches = () if cell is None else (*cell.charge_points, *cell.discharge_points)
+    points = [point for point in branches if point.source == record.name]
+    if points:
+        first: OcvPoint = min(points, key=lambda point: point.row)
+        at = int(np.searchsorted(record.row, first.row))
+        soc = min(max(first.soc, 0.0), 1.0) if window.initial_soc is None else window.initial_soc
+        return replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
+    at = int(np.searchsorted(record.row, test.pulse.row)) - 1
+    return replace(window, start_time_s=float(record.time_s[at]))

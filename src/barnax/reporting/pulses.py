@@ -1,0 +1,156 @@
+"""The pulses of a test in words and tables, and the same numbers as CSV."""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..plots.pulses import rate_label
+from ..pulses import STANDARD_S, Pulse, levels
+from .document import Bullets, Picture, Section, Table, make_table
+from .words import NOTHING, counted, duration, fixed, joined
+
+if TYPE_CHECKING:
+    from ..results import Result
+
+HEADS = tuple(f"{time_s:g} s" if time_s else "at once" for time_s in STANDARD_S)
+MIDDLE_SOC = 0.5
+
+
+def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Section]:
+    """What the pulses of a test show, where one was identified on."""
+    if not result.pulses:
+        return []
+    tables = [_level_table(result, level) for level in levels(result.pulses)]
+    told = Bullets(tuple(_sentences(result)))
+    return [Section("Pulses", (told, *tables, *pictures))]
+
+
+def _sentences(result: "Result") -> Iterator[str]:
+    pulses = result.pulses
+    found = [counted(len(each), _label(result, each)) for each in levels(pulses)]
+    socs = [pulse.soc for pulse in pulses]
+    rests_s = sorted({round(pulse.rest_s, -1) for pulse in pulses})
+    yield (
+        f"{counted(len(pulses), 'pulse')} between {100 * max(socs):.0f} and "
+        f"{100 * min(socs):.0f} % SOC, out of rests of {duration(rests_s[0])} to "
+        f"{duration(rests_s[-1])}: {joined(found)}."
+    )
+    yield (
+        "A pulse resistance is the change of voltage over the change of current since the last "
+        "sample at rest. It holds what the OCV moves with the charge of the pulse and, after a "
+        "short rest, what is left of an earlier relaxation, as in the standards."
+    )
+    latest_s = max(pulse.delay_s for pulse in pulses)
+    if latest_s > 0:
+        yield f'"At once" is the first sample under load, up to {latest_s:.2g} s after the step.'
+    limited = sum(pulse.is_limited for pulse in pulses)
+    if limited:
+        yield (
+            f"{counted(limited, 'pulse')} met a limit of the tester; only what came before counts."
+        )
+
+
+def _label(result: "Result", level: Sequence[Pulse]) -> str:
+    return f"{rate_label(level, result.cell_model.capacity_ah)}"
+
+
+def _level_table(result: "Result", level: Sequence[Pulse]) -> Table:
+    """The resistances of one direction and rate over SOC."""
+    heads = [head for place, head in enumerate(HEADS) if _has(level, place)]
+    places = [HEADS.index(head) for head in heads]
+    has_several = len({pulse.record for pulse in level}) > 1
+    record = {"record": lambda pulse: pulse.record} if has_several else {}
+    cells = {
+        **record,
+        "SOC [%]": lambda pulse: fixed(100 * pulse.soc, 1),
+        **{
+            f"{head} [mOhm]": lambda pulse, place=place: _milliohm(pulse.resistance_ohm[place])
+            for head, place in zip(heads, places, strict=True)
+        },
+    }
+    caption = f"Pulse resistances, {_label(result, level)}."
+    return make_table(caption, level, cells, ["record"])
+
+
+def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
+    """A line for each direction and rate: its resistances in the middle of SOC, in mOhm.
+
+    Between pulses linearly; a dash where no pulse is long enough or none is on either side.
+    """
+    return [
+        (_label(result, level), *(_milliohm(_at_middle(level, place)) for place in _used(result)))
+        for level in levels(result.pulses)
+    ]
+
+
+def middle_heads(result: "Result") -> tuple[str, ...]:
+    """The heads of `middle_pulses`."""
+    return (f"at {100 * MIDDLE_SOC:.0f} % SOC [mOhm]", *(HEADS[place] for place in _used(result)))
+
+
+def _used(result: "Result") -> list[int]:
+    return [place for place in range(len(STANDARD_S)) if _has(result.pulses, place)]
+
+
+def _has(pulses: Sequence[Pulse], place: int) -> bool:
+    return any(pulse.resistance_ohm[place] is not None for pulse in pulses)
+
+
+def _at_middle(level: Sequence[Pulse], place: int) -> float | None:
+    known = [
+        (pulse.soc, ohm) for pulse in level if (ohm := pulse.resistance_ohm[place]) is not None
+    ]
+    if not known:
+        return None
+    soc, ohm = np.array(sorted(known)).T
+    return float(np.interp(MIDDLE_SOC, soc, ohm)) if soc[0] <= MIDDLE_SOC <= soc[-1] else None
+
+
+def _milliohm(value_ohm: float | None) -> str:
+    return NOTHING if value_ohm is None else f"{1e3 * value_ohm:.3g}"
+
+
+def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
+    """Every pulse in a row, empty where a resistance is not known."""
+    head = ["record", "row", "SOC", "current [A]", "duration [s]", "rest before [s]"]
+    head += ["temperature [degC]", "met a limit", "first sample [s]"]
+    head += [f"R({time_s:g} s) [Ohm]" for time_s in STANDARD_S]
+    rows = [
+        [
+            *(each.record, each.row, each.soc, each.current_a, each.duration_s, each.rest_s),
+            *(each.temperature_degc, int(each.is_limited), each.delay_s, *each.resistance_ohm),
+        ]
+        for each in pulses
+    ]
+    return _csv(head, rows)
+
+
+def tables_csv(result: "Result") -> bytes:
+    """Every node of every table in a row, with its interval where one was computed."""
+    if result.tables is None:
+        raise ValueError("there are no tables over SOC in this result")
+    fit = result.tables.fit
+    intervals = {(each.name, each.soc): each for each in fit.intervals}
+    visited = fit.tables.visited or (True,) * len(fit.tables.nodes)
+    rows = []
+    for name, values in fit.tables.tables.items():
+        for soc, value, is_visited in zip(fit.tables.nodes, values, visited, strict=True):
+            each = intervals.get((name, soc))
+            ends = (None, None) if each is None else (each.low, each.high)
+            rows.append([name, soc, value, *ends, int(is_visited)])
+    for name, value in fit.tables.constants.items():
+        each = intervals.get((name, None))
+        ends = (None, None) if each is None else (each.low, each.high)
+        rows.append([name, None, value, *ends, 1])
+    return _csv(["table", "SOC", "value", "low", "high", "visited"], rows)
+
+
+def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return text.getvalue().encode()

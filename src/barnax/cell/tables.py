@@ -16,7 +16,7 @@ Table = tuple[float, ...]
 
 
 def hats(
-    soc: Float[np.ndarray, "samples"], nodes: Sequence[float]
+    soc: Float[np.ndarray, "samples"], nodes: Sequence[float] | Float[np.ndarray, "nodes"]
 ) -> Float[np.ndarray, "samples nodes"]:
     """Each node's share of a table's value at every SOC: linear between nodes, constant beyond.
 

@@ -157,7 +157,9 @@ class Reduced:
         limits = problem.coordinates
         largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
         responses = _Interpolated(np.asarray(short.pairs) / unit, short.in_tau, 1)
-        current_a = min(largest_a, _earlier_rms_a(problem.prepared_records))
+        prepared_records = problem.prepared_records
+        held_a = [prepared.held_a for prepared in prepared_records]
+        current_a = min(largest_a, earlier_rms(prepared_records, held_a))
         error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
         axes = []
         for pair in range(problem.bounds.pairs):
@@ -225,21 +227,23 @@ class _Interpolated:
         return (terms / np.sum(terms, axis=1, keepdims=True)) @ self.nodes.T
 
 
-def _earlier_rms_a(prepared_records: Sequence[PreparedRecord]) -> float:
-    """A bound on the RMS of the current that flowed some time before the scored samples.
+def earlier_rms(
+    prepared_records: Sequence[PreparedRecord], signals: Sequence[Float[np.ndarray, "samples"]]
+) -> float:
+    """A bound on the RMS of a signal, such as the current, some time before the scored samples.
 
-    An interval counts as often as samples can be that time after it: as many as any run of its
-    length holds.
+    Each record's signal is held from a sample to the next. An interval counts as often as samples
+    can be that time after it: as many as any run of its length holds.
     """
     squares, scored = 0.0, 0
-    for prepared in prepared_records:
+    for prepared, signal in zip(prepared_records, signals, strict=True):
         scored_s = prepared.time_s[prepared.scored]
         # Few distinct lengths, none of them shortened.
         length_s = np.exp2(np.ceil(8 * np.log2(np.diff(prepared.time_s))) / 8)
         for each in np.unique(length_s):
             after = np.searchsorted(scored_s, scored_s + each)
             most = np.max(after - np.arange(len(scored_s)))
-            squares += most * np.sum(prepared.held_a[:-1][length_s == each] ** 2)
+            squares += most * np.sum(signal[:-1][length_s == each] ** 2)
         scored += len(scored_s)
     return float(np.sqrt(squares / scored))
 

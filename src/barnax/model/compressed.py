@@ -7,7 +7,7 @@ the sum over all samples, without the samples.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial, reduce
 from typing import Any
@@ -103,14 +103,14 @@ def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compres
         in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
     # One thread each: what a library does with several would change the last bits.
     with one_blas_thread():
-        factor = reduce(_extend, [_factor(inputs, in_tau, in_rate) for inputs in all_inputs])
+        factor = reduce(extend, [_factor(inputs, in_tau, in_rate) for inputs in all_inputs])
         count = len(in_tau.skeleton)
         columns = [factor[:, :count] @ in_tau.from_skeleton]
         if in_rate is not None:
             columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
         columns.append(factor[:, -2:])
         scored = sum(float(inputs.scored) for inputs in all_inputs)
-        factor = _shorten(np.concatenate(columns, axis=1), NEGLIGIBLE_V * math.sqrt(scored))
+        factor = shorten(np.concatenate(columns, axis=1), NEGLIGIBLE_V * math.sqrt(scored))
     return Compressed(
         scored=jnp.asarray(scored),
         factor=jnp.asarray(factor),
@@ -129,23 +129,25 @@ def _factor(
             chain = number % CHAINS
             done = chains[chain]
             start = done.result() if done else np.zeros((block.shape[1],) * 2)
-            chains[chain] = pool.submit(_extend, start, block)
-        return reduce(_extend, [chain.result() for chain in chains if chain])
+            chains[chain] = pool.submit(extend, start, block)
+        return reduce(extend, [chain.result() for chain in chains if chain])
 
 
-def _extend(
-    factor: Float[np.ndarray, "columns columns"], rows: Float[np.ndarray, "rows columns"]
+def extend(
+    factor: Float[np.ndarray, "columns columns"],
+    rows: Float[np.ndarray, "rows columns"],
+    reflectors: int = REFLECTORS,
 ) -> Float[np.ndarray, "columns columns"]:
     """The triangular factor of a triangular factor and more rows."""
     tpqrt: Any = get_lapack_funcs("tpqrt", (factor,))
-    width = min(REFLECTORS, len(factor))
+    width = min(reflectors, len(factor))
     for first in range(0, len(rows), PANEL):
         panel = np.array(rows[first : first + PANEL], order="F")
         factor = tpqrt(0, width, factor, panel, overwrite_b=True)[0]
     return factor
 
 
-def _shorten(
+def shorten(
     factor: Float[np.ndarray, "rows columns"], negligible: float
 ) -> Float[np.ndarray, "fewer columns"]:
     """The same lengths of all combinations of columns with fewer rows, up to `negligible`."""
@@ -163,10 +165,10 @@ def _blocks(
     inputs: SimulationInput, in_tau: Span, in_rate: Span | None
 ) -> Iterator[Float[np.ndarray, "scored columns"]]:
     """The columns of the problem at the scored samples, block after block."""
-    pairs = _Answers(inputs.held_a, inputs.intervals, in_tau)
+    pairs = Answers(inputs.held_a, inputs.intervals, in_tau)
     moved, turns, amplitude_v = inputs.hysteresis, None, np.empty(0)
     if in_rate is not None and moved is not None:
-        turns = _Answers(moved.hysteresis_input, moved.intervals, in_rate)
+        turns = Answers(moved.hysteresis_input, moved.intervals, in_rate)
         amplitude_v = np.asarray(moved.amplitude_v)
     current_a, base_v = np.asarray(inputs.current_a), np.asarray(inputs.base_error_v)
     weight = None if inputs.weight is None else np.asarray(inputs.weight)
@@ -180,11 +182,20 @@ def _blocks(
         yield block if weight is None else block[weight[here] > 0]
 
 
-class _Answers:
-    """The skeleton's answers to a current, block after block."""
+class Answers:
+    """The skeleton's answers to a current, block after block.
 
-    def __init__(self, held: Float[Array, "samples"], intervals: Intervals, span: Span):
-        self._held = np.asarray(held)
+    `spread` shares each sample's current among channels, which are answered one by one.
+    """
+
+    def __init__(
+        self,
+        held: Float[Array, "samples"],
+        intervals: Intervals,
+        span: Span,
+        spread: Callable[[slice], Float[np.ndarray, "samples channels"]] | None = None,
+    ):
+        self._held, self._spread = np.asarray(held), spread
         self._node, self._offset_s = np.asarray(intervals.node), np.asarray(intervals.offset_s)
         # Padded, so that records with other clocks share one program.
         spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
@@ -193,12 +204,16 @@ class _Answers:
             lambda each: (each.node_s, each.node, each.offset_s), intervals, (node_s, None, None)
         )
         self._tau = jnp.asarray(span.skeleton_tau)
-        self._state = jnp.zeros_like(self._tau)
+        channels = () if spread is None else spread(slice(0)).shape[1:]
+        self._state = jnp.zeros((*self._tau.shape, *channels))
 
-    def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton"]:
+    def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton *channels"]:
+        given = self._held[here]
+        if self._spread is not None:
+            given = self._spread(here) * given[:, None]
         held, node, offset_s = (
-            jnp.asarray(np.pad(values[here], (0, max(0, BLOCK - len(values[here])))))
-            for values in (self._held, self._node, self._offset_s)
+            jnp.asarray(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
+            for each in (given, self._node[here], self._offset_s[here])
         )
         self._state, answers = _respond(
             self._tau, self._state, held, self._intervals, node, offset_s

@@ -217,8 +217,11 @@ def unit_response(
 
 
 def respond(
-    tau: Scalar, state: Scalar, held: Float[Array, "samples"], intervals: Intervals
-) -> tuple[Scalar, Float[Array, "samples"]]:
+    tau: Scalar,
+    state: Float[Array, "*channels"],
+    held: Float[Array, "samples *channels"],
+    intervals: Intervals,
+) -> tuple[Float[Array, "*channels"], Float[Array, "samples *channels"]]:
     """The same from any state on, and the state that a continuation starts from."""
     pair = Pair(jnp.ones_like(tau), tau, intervals)
 
@@ -368,8 +371,12 @@ class Pair:
         self._push = r * self._gain[0]
 
     def advance(
-        self, state_v: Scalar, held_a: Scalar, node: Int[Array, ""], offset_s: Scalar
-    ) -> Scalar:
+        self,
+        state_v: Float[Array, "*channels"],
+        held_a: Float[Array, "*channels"],
+        node: Int[Array, ""],
+        offset_s: Scalar,
+    ) -> Float[Array, "*channels"]:
         """The state at the next sample: it goes the share 1 - exp(-interval / tau) of its way."""
         if self._intervals.is_even and not self._intervals.has_offsets:
             return self._decay * state_v + self._push * held_a

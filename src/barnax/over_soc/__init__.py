@@ -1,8 +1,10 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
-from .fit import CrossValidation, FitWarning, NodeInterval, SocErrors, TableFit, fit_tables
+from .cross_validation import CrossValidation, SocErrors
+from .fit import FitWarning, TableFit, beyond_visited, errors_on, fit_tables
+from .intervals import NodeInterval
 from .settings import TableSettings
-from .simulate import evaluate_tables, simulate_tables
+from .simulate import evaluate_tables, simulate_tables, with_measured_gap
 
 __all__ = [
     "CrossValidation",
@@ -11,7 +13,10 @@ __all__ = [
     "SocErrors",
     "TableFit",
     "TableSettings",
+    "beyond_visited",
+    "errors_on",
     "evaluate_tables",
     "fit_tables",
     "simulate_tables",
+    "with_measured_gap",
 ]

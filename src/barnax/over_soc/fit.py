@@ -1,79 +1,42 @@
 """Tables identified from prepared records, and all that is said of them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ..cell import SocTables
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..cell import SocTables, get_circuit
+from ..cell.parameters import RATE
+from ..cell.tables import hats
+from ..errors import InputError
+from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
+from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
-from .settings import TableSettings
+from .certificate import certify
+from .cross_validation import CrossValidation, SocErrors, blocks_of, cross_validate
+from .intervals import NodeInterval, intervals_of
+from .objective import Objective, Solution
+from .reduced import layout_of, reduce_records, together
+from .search import find_best
+from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
+from .simulate import simulate_tables
 
-# What a table's error is stated above, beside that over the whole window: below, resistances rise
-# so steeply that an error in the capacity decides.
-ABOVE_SOC = 0.1
-# An extra is worth its parameters where it lowers both held-out errors by more than this share.
-WORTHWHILE = 0.1
-
-
-@dataclass(frozen=True)
-class SocErrors:
-    """RMSE over all samples that count, and over those above `ABOVE_SOC`; None without such."""
-
-    rmse_v: float
-    above_v: float | None
-
-    def is_worth(self, simpler: "SocErrors") -> bool:
-        """Whether it is lower than a simpler circuit's by more than `WORTHWHILE` in both."""
-
-        def falls(own_v: float | None, other_v: float | None) -> bool:
-            return own_v is None or other_v is None or own_v < (1 - WORTHWHILE) * other_v
-
-        return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
-
-
-@dataclass(frozen=True)
-class CrossValidation:
-    """Errors on blocks that were held out of the fit, of the tables and of the constant circuit.
-
-    Each of the `folds` holds every `folds`-th of `blocks` equal blocks of every record. Time
-    constants are searched in each fold anew.
-    """
-
-    folds: int
-    blocks: int
-    tables: SocErrors
-    constant: SocErrors
-
-
-@dataclass(frozen=True)
-class NodeInterval:
-    """One node's value of one table with its confidence interval; `soc` is None of a constant.
-
-    `standard_error` allows for the residuals' autocorrelation, `bias` is what smoothing may have
-    moved; the interval holds both. `is_biased` where the bias exceeds the standard error.
-    `low` and `high` are None where the data leave the value open.
-    """
-
-    name: str
-    soc: float | None
-    value: float
-    standard_error: float
-    bias: float
-    low: float | None
-    high: float | None
-
-    @property
-    def is_biased(self) -> bool:
-        return abs(self.bias) > self.standard_error
+# A constant is at a bound within this share of the logarithm of its range.
+AT_BOUND = 1e-3
+# A table of which more nodes than this were not visited is mostly extrapolated.
+MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
 class FitWarning:
     """What a user should know of a fit.
 
-    "tau at bound": the time constant `name` ended there, at `value` seconds; "mostly unvisited":
-    no sample is near the share `value` of the nodes.
+    "tau at bound": the constant `name` ended there, at `value`; "mostly unvisited": no sample is
+    near the share `value` of the nodes.
     """
 
     kind: Literal["tau at bound", "mostly unvisited"]
@@ -89,7 +52,7 @@ class TableFit:
     No tables with time constants in `tau_ranges_s` have a smaller sqrt(J) than `lower_bound_v`,
     which `cells` were needed to show; the status is "certified" where that is within the share
     asked for. `parameters` counts the values that samples visit and the searched constants.
-    `intervals` are those of visited nodes, then of time constants.
+    `intervals` are those of visited nodes, then of searched constants.
     """
 
     tables: SocTables
@@ -121,10 +84,121 @@ def fit_tables(
     """The tables that fit one or several records of one cell best, of the records' own circuit.
 
     Time constants are searched, and at every one of them all tables are the exact optimum of a
-    bounded least-squares problem. The ordinary source voltage is the records': the average OCV for
-    `so-rc`, with the switched hysteresis for `iso-rc`; `esc` has a dynamic one.
+    bounded least-squares problem. The source voltage is the records': the average OCV for `so-rc`,
+    with the switched hysteresis for `iso-rc`; `esc` has a dynamic one, of half the measured gap
+    unless its amplitude is fitted.
 
     Raises `InputError` where the box of time constants is empty or too wide, and where
     `half_hysteresis` is asked for without a dynamic hysteresis.
     """
-    raise NotImplementedError
+    settings = settings or TableSettings()
+    tau_ranges_s, gamma_range = _box(prepared_records, settings)
+    layout = layout_of(
+        settings.nodes,
+        (min(low for low, _ in tau_ranges_s), max(high for _, high in tau_ranges_s)),
+        gamma_range,
+        settings.ocv_correction,
+        settings.half_hysteresis,
+    )
+    groups, count = blocks_of(prepared_records, settings)
+    parts = reduce_records(prepared_records, layout, groups, count)
+    capacity_ah = prepared_records[0].capacity_ah
+    # One thread: what a library does with several would change the last bits.
+    with one_blas_thread():
+        objective = Objective(together(parts), settings, tau_ranges_s, gamma_range, capacity_ah)
+        best = find_best(objective)
+        proof = certify(objective, best, prepared_records)
+        best = proof.best
+        visited = visited_nodes(prepared_records, settings.nodes)
+        tables = objective.tables_at(best, visited.tolist())
+        intervals = intervals_of(objective, best, prepared_records, visited)
+        held_out = cross_validate(objective, best, parts) if settings.folds else None
+    at_bound = _at_bound(objective, best)
+    is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.root
+    return TableFit(
+        tables=tables,
+        objective_v=best.root,
+        errors=tuple(errors_on(each, tables) for each in prepared_records),
+        tau_ranges_s=tau_ranges_s,
+        lower_bound_v=proof.lower_bound_v,
+        status="certified" if is_close else "grid-verified",
+        cells=proof.cells,
+        at_bound=at_bound,
+        parameters=int(np.sum(visited)) * objective.tables
+        + sum(axis.high > axis.low for axis in objective.axes),
+        intervals=intervals,
+        cross_validation=held_out,
+        warnings=_warnings(tables, at_bound, visited),
+    )
+
+
+def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
+    """The errors of tables on a record, by scan."""
+    error_v = prepared.voltage_v - simulate_tables(prepared, tables)
+    return SocErrors.of(error_v[prepared.scored], prepared.soc[prepared.scored])
+
+
+def visited_nodes(
+    prepared_records: Sequence[PreparedRecord], nodes: Sequence[float]
+) -> Bool[np.ndarray, "nodes"]:
+    """Which nodes some scored sample is nearest to."""
+    nearest = [
+        np.max(hats(each.soc[each.scored], nodes), axis=0) >= 0.5 for each in prepared_records
+    ]
+    return np.any(nearest, axis=0)
+
+
+def beyond_visited(prepared: PreparedRecord, tables: SocTables) -> float:
+    """The share of a record's scored samples that lie between or beyond unvisited nodes only."""
+    share: Float[np.ndarray, "scored nodes"] = hats(prepared.soc[prepared.scored], tables.nodes)
+    return float(np.mean(share @ np.array(tables.visited, float) < 0.5))
+
+
+def _box(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> tuple[tuple[Range, ...], Range | None]:
+    """The ranges of every pair's time constant, and that of gamma where there is one."""
+    circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
+    interval_s = min(each.median_interval_s for each in prepared_records)
+    duration_s = max(each.scored_duration_s for each in prepared_records)
+    slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
+    fastest_s = min(FASTEST_TAU_S, 2 * interval_s, slowest_s)
+    names = [f"tau{pair + 1} [s]" for pair in range(circuit.pairs)]
+    tau_ranges_s = tuple(ranges.get(name, (fastest_s, slowest_s)) for name in names)
+    unknown = ranges.keys() - {*names, RATE, *(f"R{n} [Ohm]" for n in range(circuit.pairs + 1))}
+    if unknown or (RATE in ranges and not circuit.has_rate):
+        raise InputError(
+            f"the circuit {circuit.name} has no {', '.join(sorted(unknown)) or RATE} to bound or "
+            "to hold"
+        )
+    if settings.half_hysteresis and not circuit.has_rate:
+        raise InputError(
+            f"the circuit {circuit.name} has no dynamic hysteresis whose amplitude could be "
+            "fitted; choose the circuit esc"
+        )
+    if any(high < math.nextafter(low, 0) for low, high in tau_ranges_s):
+        raise InputError("the time constants have no range; widen their bounds")
+    return tau_ranges_s, ranges.get(RATE, RATE_RANGE) if circuit.has_rate else None
+
+
+def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
+    found = []
+    for name, axis, place in zip(objective.names, objective.axes, best.place, strict=True):
+        near = AT_BOUND * (axis.high - axis.low)
+        if near and place - axis.low <= near:
+            found.append(AtBound(name, "lower"))
+        elif near and axis.high - place <= near:
+            found.append(AtBound(name, "upper"))
+    return tuple(found)
+
+
+def _warnings(
+    tables: SocTables, at_bound: Sequence[AtBound], visited: Bool[np.ndarray, "nodes"]
+) -> tuple[FitWarning, ...]:
+    found = [
+        FitWarning("tau at bound", each.name, tables.constants[each.name]) for each in at_bound
+    ]
+    unvisited = 1 - float(np.mean(visited))
+    if unvisited > MOSTLY:
+        found.append(FitWarning("mostly unvisited", "nodes", unvisited))
+    return tuple(found)

@@ -19,12 +19,11 @@ NODES: Table = (
 # Validation moves by 0.2 mV over four decades of this: it only ties nodes that no sample visits.
 ROUGHNESS = 1e-4
 RESISTANCE_RIDGE, VOLTAGE_RIDGE = 1e-9, 1e-7
-TAU_RANGE_S = (2.0, 1000.0)
+FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
 # With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
 SLOWEST_SHARE = 0.1
-RATE_RANGE = (1.0, 1e3)
-# Blocks of a record, in turn to each fold, so that no fold lacks a whole range of SOC.
-FOLDS, BLOCKS = 5, 20
+# Blocks go to the folds in turn, so that no fold lacks a whole range of SOC.
+FOLDS, BLOCK_S = 5, 400.0
 
 
 @dataclass(frozen=True)
@@ -40,8 +39,8 @@ class TableSettings:
     hysteresis instead of taking half the measured gap. `bounds` and `fixed` are under PyBaMM's
     names: those of a resistance hold at every SOC, a time constant or gamma is one for all.
     A fit is certified where its sqrt(J) is proved to be within `proved_share` of the lowest, for
-    which at most `most_cells` cells are looked at; 0 asks for no proof. `folds` of `blocks` blocks
-    of every record are held out in turn; 0 holds nothing out.
+    which at most `most_cells` cells are looked at; 0 asks for no proof. Every `folds`-th block of
+    `block_s` seconds is held out in turn for cross-validation; with 0 `folds` none is.
 
     Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
     fixed values that are unknown, reversed, negative or both given.
@@ -56,20 +55,17 @@ class TableSettings:
     bounds: Mapping[str, Range] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
     proved_share: float = 0.01
-    most_cells: int = 2000
+    most_cells: int = 1000
     folds: int = FOLDS
-    blocks: int = BLOCKS
+    block_s: float = BLOCK_S
 
     def __post_init__(self) -> None:
         require_nodes(self.nodes)
-        for name in ("roughness", "resistance_ridge", "voltage_ridge"):
+        for name in ("roughness", "resistance_ridge", "voltage_ridge", "block_s"):
             if not 0 < getattr(self, name) < np.inf:
                 raise InputError(f"`{name}` {getattr(self, name):g} must be positive")
-        if self.folds and not 2 <= self.folds <= self.blocks:
-            raise InputError(
-                f"`folds` {self.folds} must be 0, or at least 2 and at most the {self.blocks} "
-                "`blocks`"
-            )
+        if self.folds < 0 or self.folds == 1:
+            raise InputError(f"`folds` {self.folds} must be 0 or at least 2")
         known = {*RESISTANCES, *(tau for tau, _ in PAIRS), RATE}
         for name in {*self.bounds, *self.fixed} - known:
             raise InputError(

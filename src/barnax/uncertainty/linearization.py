@@ -126,7 +126,7 @@ def linearize(
         free=free,
         names=tuple(box.names[index] for index in free),
         held=held,
-        time_s=_one_clock(problem.prepared_records),
+        time_s=one_clock(problem.prepared_records),
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
         slope_v=slope_v[:, list(free)],
@@ -146,7 +146,7 @@ def _errors_and_slopes(
     return residuals(point, objective), jax.jacfwd(residuals)(point, objective)
 
 
-def _one_clock(prepared_records: tuple[PreparedRecord, ...]) -> Float[np.ndarray, "scored"]:
+def one_clock(prepared_records: Sequence[PreparedRecord]) -> Float[np.ndarray, "scored"]:
     """Times of all scored samples, no lag within a record being one between records."""
     gap_s = max(
         prepared.scored_duration_s + 2 * prepared.median_interval_s for prepared in prepared_records

@@ -105,48 +105,97 @@ def fit_noise(
     `longest_s` is the duration of the longest of several records on one clock, further apart than
     that; without it all is one record.
     """
-    interval_s = float(np.median(np.diff(time_s)))
-    slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (MOST_SLOTS - 1))
-    slot = np.floor((time_s - time_s[0]) / slot_s + 0.5).astype(int)
-    slots = int(slot[-1]) + 1
-    padded = 1 << (2 * slots - 2).bit_length()
+    slots = Slots.of(time_s, longest_s)
+    return fit_gathered(
+        slots,
+        counts=slots.gathered(time_s, np.ones(len(time_s))),
+        error_v=slots.gathered(time_s, error_v),
+        columns=slots.gathered(time_s, columns),
+        products=columns.T @ columns,
+        squares_v2=float(error_v @ error_v),
+    )
 
-    def gathered(values):
-        return np.bincount(slot, values, minlength=slots)
 
-    counts = gathered(np.ones(len(slot)))
-    gathered_columns = np.zeros((slots, columns.shape[1]))
-    np.add.at(gathered_columns, slot, columns)
-    lag = np.arange(slots)
-    reach = slots if longest_s is None else min(math.floor(longest_s / slot_s + 0.5) + 1, slots)
+@dataclass(frozen=True)
+class Slots:
+    """Even slots of time that samples are gathered in; `reach` is how many the longest record has.
+
+    A finer clock than `most` slots is read in coarser ones.
+    """
+
+    start_s: float
+    slot_s: float
+    count: int
+    reach: int
+
+    @classmethod
+    def of(
+        cls,
+        time_s: Float[np.ndarray, "samples"],
+        longest_s: float | None = None,
+        most: int = MOST_SLOTS,
+    ) -> "Slots":
+        """Those of a clock."""
+        interval_s = float(np.median(np.diff(time_s)))
+        slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (most - 1))
+        count = int(np.floor((time_s[-1] - time_s[0]) / slot_s + 0.5)) + 1
+        reach = count if longest_s is None else min(math.floor(longest_s / slot_s + 0.5) + 1, count)
+        return cls(float(time_s[0]), float(slot_s), count, reach)
+
+    def gathered(
+        self, time_s: Float[np.ndarray, "samples"], values: Float[np.ndarray, "samples *columns"]
+    ) -> Float[np.ndarray, "slots *columns"]:
+        """The sums of some samples' values in every slot."""
+        slot = np.floor((time_s - self.start_s) / self.slot_s + 0.5).astype(int)
+        sums = np.zeros((self.count, *values.shape[1:]))
+        np.add.at(sums, slot, values)
+        return sums
+
+
+def fit_gathered(
+    slots: Slots,
+    *,
+    counts: Float[np.ndarray, "slots"],
+    error_v: Float[np.ndarray, "slots"],
+    columns: Float[np.ndarray, "slots columns"],
+    products: Float[np.ndarray, "columns columns"],
+    squares_v2: float,
+) -> Noise:
+    """The same from what was gathered in slots: how many samples, their errors' and columns' sums.
+
+    `products` are the scalar products of the columns, `squares_v2` that of the errors.
+    """
+    slot_s, reach, samples = slots.slot_s, slots.reach, float(counts.sum())
+    padded = 1 << (2 * slots.count - 2).bit_length()
+    lag = np.arange(slots.count)
     edges = _lag_edges(reach)
     count = max(1, math.ceil(TIMES_PER_DECADE * math.log10(max(reach * LONGEST_TIME, 2))))
     times = np.geomspace(1, max(reach * LONGEST_TIME, 2), count + 1)
     decays = [np.where(lag < reach, np.exp(-lag / time), 0.0) for time in times]
 
-    spectra = rfft(gathered_columns, padded, axis=0)
-    pairs = irfft(np.abs(rfft(counts, padded)) ** 2, padded)[:slots]
+    spectra = rfft(columns, padded, axis=0)
+    pairs = irfft(np.abs(rfft(counts, padded)) ** 2, padded)[: slots.count]
     own_power = np.sum(np.abs(spectra) ** 2, axis=1)
-    white = -irfft(own_power, padded)[:slots]
-    white[0] += len(time_s)
+    white = -irfft(own_power, padded)[: slots.count]
+    white[0] += samples
     expected = [_binned(white, edges)]
-    spread = [columns.T @ columns]
+    spread = [products]
     for decay in decays:
         smoothed = irfft(_mirrored_spectrum(decay, padded)[:, None] * spectra, padded, axis=0)
-        smoothed = smoothed[:slots]
-        inner = gathered_columns.T @ smoothed
+        smoothed = smoothed[: slots.count]
+        inner = columns.T @ smoothed
         crossed = np.sum(spectra.conj() * rfft(counts[:, None] * smoothed, padded, axis=0), axis=1)
-        both = np.einsum("fi,ij,fj->f", spectra.conj(), inner, spectra)
-        taken = irfft(both.real - 2 * crossed.real, padded)[:slots]
+        both = np.sum((spectra.conj() @ inner) * spectra, axis=1)
+        taken = irfft(both.real - 2 * crossed.real, padded)[: slots.count]
         expected.append(_binned(pairs * decay + taken, edges))
         spread.append(inner)
 
-    power = np.abs(rfft(gathered(error_v), padded)) ** 2
-    measured = _binned(irfft(power, padded)[:slots], edges)
+    power = np.abs(rfft(error_v, padded)) ** 2
+    measured = _binned(irfft(power, padded)[: slots.count], edges)
     # Every bin counts alike, as the mean over its pairs: lags that no two samples have do not.
     total_pairs = _binned(pairs, edges)
     weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, 0.5), 0.0)
-    unit_v2 = float(error_v @ error_v) / len(error_v)
+    unit_v2 = squares_v2 / samples
     design = np.stack(expected, axis=1) * weight[:, None]
     variance = np.zeros(len(spread))
     if unit_v2 > 0:

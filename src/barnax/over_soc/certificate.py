@@ -1,0 +1,332 @@
+"""A proof that no time constants of a box give tables that fit much better: branch and bound.
+
+In a cell of time constants around m the error is e = base + sum_p A_p(u_p) x_p with one u_p for
+all nodes of a table. Two relaxations make that convex. First each node may have a u of its own, so
+that its column is any mixture of the cell's. That alone lets sqrt(J) fall in proportion to the
+cell's width; so the nodes' freedom is taxed with multipliers mu: as (u_pj - u_p) x_pj is zero for
+every true circuit, J = J + sum mu_pj (u_pj - m_p) x_pj - sum mu_pj (u_p - m_p) x_pj. The least of
+that over the relaxed circuits is concave in (u_p - m_p), so the lowest of its values at the corners
+of the cell is a lower bound. With mu the slopes of J at the best circuit of m, nothing of first
+order is lost.
+
+At a corner, any vectors y, z give J >= 2 (y.e + z.P x) - |y|^2 - |z|^2, linear in x: a bound where
+no x has a negative coefficient, whatever the node's u. Along u that coefficient is the parabola
+through three places up to a remainder that the third derivative bounds. y and z come from a convex
+program with both ends' columns; a second one, tilted by what the first lacked, makes the
+coefficients positive. What is still negative is paid for with the largest x that any better circuit
+could have, which its penalty limits.
+"""
+
+import heapq
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..cell.tables import hats
+from ..global_optimum.certificate import (
+    ABSOLUTE_V,
+    LEBESGUE,
+    PARABOLA,
+    RELATIVE,
+    SMALLEST_RMSE_V,
+    THIRD_DERIVATIVE,
+)
+from ..global_optimum.reduced import earlier_rms
+from ..model.inputs import PreparedRecord
+from ..model.search_space import Range
+from .bounded import least_in_box
+from .objective import Axis, Objective, Solution
+from .reduced import Layout
+from .search import polish
+
+# Width of the first cells in the logarithm of a time constant: few wider ones have a bound.
+FIRST_WIDTH = 0.4
+# A circuit met on the way counts as better from this share of sqrt(J) on.
+BETTER = 1e-9
+# A little more tilt than was lacking, for the second program's own error is another one.
+TILT = 1.05
+# Of the squared length of a table's columns: makes mixtures of equal columns unique.
+RIDGE = 1e-12
+# Convex programs a corner, each tilted by what the last one lacked.
+PROGRAMS = 6
+
+Cell = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """No tables in the box have a sqrt(J) below `lower_bound_v`; `best` has the lowest met."""
+
+    lower_bound_v: float
+    cells: int
+    best: Solution
+
+
+def certify(
+    objective: Objective, best: Solution, prepared_records: Sequence[PreparedRecord]
+) -> Proof:
+    """How far below the best known tables any in the box could be.
+
+    It goes on until that is within `settings.proved_share`, or until `settings.most_cells` cells
+    have been looked at; nothing is proved where the first ones would be half of those.
+    """
+    settings = objective.settings
+    first = _first_cells(objective)
+    # More axes than a proof has the time for.
+    if len(first) > settings.most_cells / 2:
+        return Proof(0.0, 0, best)
+    relaxation = _Relaxation(objective, _remainders(objective, prepared_records))
+    waiting, cells, seen = [], [(0.0, cell) for cell in first], 0
+    while True:
+        slack_v = max(RELATIVE * best.root, ABSOLUTE_V)
+        wanted_v = best.root - settings.proved_share * max(best.root, SMALLEST_RMSE_V)
+        enough = max(wanted_v + slack_v, 0.0) ** 2
+        for parent, cell in cells:
+            squared, middle = relaxation.bound(cell, best.squared, enough)
+            # What holds for a cell holds for its parts.
+            heapq.heappush(waiting, (max(squared, parent), cell))
+            if middle.root < best.root * (1 - BETTER):
+                found = polish(objective, middle)
+                best = objective.solve(found.place, found.sides, exact=True)
+        seen += len(cells)
+        lowest, cell = waiting[0]
+        if lowest >= enough or wanted_v <= 0 or seen >= settings.most_cells:
+            return Proof(max(0.0, min(math.sqrt(lowest) - slack_v, best.root)), seen, best)
+        heapq.heappop(waiting)
+        cells = [(lowest, half) for half in _halves(cell, objective)]
+
+
+def _first_cells(objective: Objective) -> list[Cell]:
+    sides = []
+    for axis in objective.axes:
+        count = math.ceil((axis.high - axis.low) / FIRST_WIDTH)
+        edges = np.linspace(axis.low, axis.high, count + 1).tolist()
+        sides.append(
+            list(itertools.pairwise(edges)) if axis.high > axis.low else [(axis.low, axis.high)]
+        )
+    return [cell for cell in itertools.product(*sides) if _holds_one(cell, objective)]
+
+
+def _halves(cell: Cell, objective: Objective) -> list[Cell]:
+    """The cell halved along its widest side."""
+    widest = max(range(len(cell)), key=lambda index: cell[index][1] - cell[index][0])
+    low, high = cell[widest]
+    middle = (low + high) / 2
+    halves = [
+        (*cell[:widest], half, *cell[widest + 1 :]) for half in ((low, middle), (middle, high))
+    ]
+    return [half for half in halves if _holds_one(half, objective)]
+
+
+def _holds_one(cell: Cell, objective: Objective) -> bool:
+    """Whether the cell holds time constants that are in order, where all pairs have one box."""
+    if len(set(objective.tau_ranges_s)) > 1:
+        return True
+    taus = cell[: objective.pairs]
+    return all(first[0] < second[1] for first, second in itertools.pairwise(taus))
+
+
+def _remainders(
+    objective: Objective, prepared_records: Sequence[PreparedRecord]
+) -> list[Float[np.ndarray, "two columns"]]:
+    """Of each axis's columns: bounds on the RMS of their third derivative by the place, and on
+    that of their own error."""
+    layout, found = objective.reduced.layout, []
+    for axis in objective.axes:
+        rows = []
+        for node in range(axis.shape[1]):
+            if axis.direction > 0:
+                signals = [
+                    hats(each.soc, layout.nodes)[:, node] * each.held_a for each in prepared_records
+                ]
+                largest = max(float(np.max(np.abs(signal))) for signal in signals)
+                rms = min(largest, earlier_rms(prepared_records, signals))
+            else:
+                # What moves the hysteresis is at most 2, from one direction to the other.
+                signals = [_amplitude(each, axis, layout, node) for each in prepared_records]
+                largest = 2 * max(float(np.max(np.abs(signal))) for signal in signals)
+                rms = 2 * float(np.sqrt(np.mean(np.concatenate(signals) ** 2)))
+            rows.append((THIRD_DERIVATIVE * rms, axis.span.error * largest))
+        found.append(np.array(rows).T)
+    return found
+
+
+def _amplitude(
+    prepared: PreparedRecord, axis: Axis, layout: Layout, node: int
+) -> Float[np.ndarray, "scored"]:
+    if axis.table is None:
+        amplitude_v = prepared.hysteresis_amplitude_v
+        assert amplitude_v is not None
+        return amplitude_v[prepared.scored]
+    return hats(prepared.soc[prepared.scored], layout.nodes)[:, node]
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """One axis of a cell: its columns at the lower end, the middle and the upper end.
+
+    `tax` are the multipliers of each node's place, `remainder` bounds on the third derivative's
+    part of y.columns and on its error, for any unit y.
+    """
+
+    axis: Axis
+    half_width: float
+    three: Float[np.ndarray, "three rows width"]
+    tax: Float[np.ndarray, "width"]
+    remainder: Float[np.ndarray, "width"]
+
+    @classmethod
+    def of(cls, axis: Axis, ends: Range, middle: Solution, derivatives: np.ndarray, place: float):
+        half_width = (ends[1] - ends[0]) / 2
+        three = np.stack([axis.columns(each) for each in (ends[0], place, ends[1])])
+        third, error = derivatives
+        return cls(
+            axis,
+            half_width,
+            three,
+            -2 * (middle.error @ axis.slopes(place)),
+            PARABOLA * third * half_width**3 + LEBESGUE * error,
+        )
+
+    def least(
+        self,
+        error: Float[np.ndarray, "rows"],
+        tax: Float[np.ndarray, "width"],
+    ) -> Float[np.ndarray, "width"]:
+        """What 2 y.columns(u) + tax (u - middle) / half width is never below in the cell."""
+        below, middle, above = 2 * (error @ self.three) + np.array([[-1.0], [0.0], [1.0]]) * tax
+        slope, bend = (above - below) / 2, (above + below) / 2 - middle
+        lowest = np.where(
+            bend > np.abs(slope) / 2,
+            middle - slope**2 / np.maximum(4 * bend, np.finfo(float).tiny),
+            np.minimum(below, above),
+        )
+        return lowest - 2 * float(np.linalg.norm(error)) * self.remainder
+
+
+class _Relaxation:
+    """What J is never below in the cells of an objective."""
+
+    def __init__(self, objective: Objective, derivatives: Sequence[np.ndarray]):
+        self._objective, self._derivatives = objective, derivatives
+        self._blocks = [
+            slice(table * objective.nodes, (table + 1) * objective.nodes)
+            for table in range(objective.tables)
+        ]
+
+    def bound(self, cell: Cell, squared: float, enough: float) -> tuple[float, Solution]:
+        """A bound for tables with at most `squared`, and the best tables of the cell's middle.
+
+        No more is done for a bound than it takes to be `enough`; without a chance of that it is 0.
+        """
+        objective, blocks = self._objective, self._blocks
+        middle = objective.solve(tuple((low + high) / 2 for low, high in cell))
+        sides = [
+            _Side.of(axis, ends, middle, derivatives, place)
+            for axis, ends, derivatives, place in zip(
+                objective.axes, cell, self._derivatives, middle.place, strict=True
+            )
+        ]
+        fixed = objective.fixed_columns
+        # The first block of a table with an axis is for the cell's lower end, another one, after
+        # all tables, for the upper one. The penalty is on their sum.
+        lower, upper, upper_penalty, ends = dict(fixed), [], [], []
+        base, low, high = objective.base, *(limit.copy() for limit in objective.box)
+        for side in sides:
+            table = side.axis.table
+            if table is None:
+                base = base + side.three[0, :, 0]
+                if not side.half_width:
+                    continue
+                upper.append(side.three[2] - side.three[0])
+                upper_penalty.append(np.zeros((len(objective.penalty), 1)))
+                ends.append(1.0)
+            else:
+                lower[table] = fixed.get(table, 0.0) + side.three[0]
+                upper.append(fixed.get(table, 0.0) + side.three[2])
+                upper_penalty.append(objective.penalty[:, blocks[table]])
+                low[blocks[table]] = 0.0
+                ends += [math.inf] * objective.nodes
+        columns = np.concatenate([lower[table] for table in range(len(blocks))] + upper, axis=1)
+        penalty = np.concatenate([objective.penalty, *upper_penalty], axis=1)
+        low = np.append(low, np.zeros(len(ends)))
+        high = np.append(high, ends)
+        normal = columns.T @ columns + penalty.T @ penalty
+        normal[np.diag_indices_from(normal)] *= 1 + RIDGE
+        gradient = columns.T @ base
+        limits = self._limits(squared)
+
+        lowest, guess = math.inf, None
+        tabled = [number for number, side in enumerate(sides) if side.axis.table is not None]
+        blocks_of = {number: self._pair_of_blocks(sides, number) for number in tabled}
+        size = float(np.linalg.norm(middle.error))
+        is_open = [side.half_width > 0 and side.axis.table is not None for side in sides]
+        for signs in itertools.product(*((-1.0, 1.0) if each else (0.0,) for each in is_open)):
+            cost = np.zeros(len(gradient))
+            for number in tabled:
+                side, (first, second) = sides[number], blocks_of[number]
+                tilt, tax = 2 * size * side.remainder, side.tax * side.half_width
+                cost[first] = -tax * (1 + signs[number]) - tilt
+                cost[second] = tax * (1 - signs[number]) - tilt
+            best = 0.0
+            for _ in range(PROGRAMS):
+                x, guess = least_in_box(normal, gradient + cost / 2, low, high, guess)
+                value, lacking = self._dual(base + columns @ x, penalty @ x, sides, signs, limits)
+                best = max(best, value)
+                if best >= enough:
+                    break
+                for number in tabled:
+                    for block in blocks_of[number]:
+                        cost[block] -= TILT * lacking[number]
+            lowest = min(lowest, best)
+            if lowest < enough:
+                return 0.0, middle
+        return lowest, middle
+
+    def _pair_of_blocks(self, sides: Sequence[_Side], number: int) -> tuple[slice, slice]:
+        """The unknowns of an axis's table for the lower and for the upper end."""
+        table = sides[number].axis.table
+        assert table is not None
+        start = self._objective.tables * self._objective.nodes
+        # A place that is held has no mixture.
+        start += sum(
+            side.three.shape[2]
+            for side in sides[:number]
+            if side.axis.table is not None or side.half_width
+        )
+        return self._blocks[table], slice(start, start + self._objective.nodes)
+
+    def _dual(self, error, bent, sides: Sequence[_Side], signs, limits):
+        """The bound on J that an error and a penalty give, and what each axis's slopes lacked."""
+        objective = self._objective
+        slope = 2 * (bent @ objective.penalty)
+        value = float(2 * error @ objective.base - error @ error - bent @ bent)
+        for table, columns in objective.fixed_columns.items():
+            slope[self._blocks[table]] += 2 * (error @ columns)
+        lacking = {}
+        for number, (side, sign) in enumerate(zip(sides, signs, strict=True)):
+            if side.axis.table is None:
+                value += float(side.least(error, np.zeros(1))[0])
+            else:
+                tax = side.tax * side.half_width
+                own = slope[self._blocks[side.axis.table]]
+                own += side.least(error, tax) - sign * tax
+                lacking[number] = np.maximum(-own, 0.0)
+        low, high = limits
+        return value + float(np.sum(np.minimum(low * slope, high * slope))), lacking
+
+    def _limits(self, squared: float) -> tuple[np.ndarray, np.ndarray]:
+        """How far every unknown of tables with at most this J can be from zero."""
+        objective, settings = self._objective, self._objective.settings
+        furthest = np.empty(len(self._blocks) * objective.nodes)
+        for table, block in enumerate(self._blocks):
+            is_resistance = table <= objective.pairs
+            ridge = settings.resistance_ridge if is_resistance else settings.voltage_ridge
+            weight = objective.weight_a if is_resistance else 1.0
+            furthest[block] = math.sqrt(squared / (ridge * objective.share)) / weight
+        low, high = objective.box
+        return np.maximum(low, -furthest), np.minimum(high, furthest)

@@ -1,0 +1,119 @@
+"""Blocks held out of the fit in turn: what tables are worth on samples they have not seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..model.inputs import PreparedRecord
+from .bounded import least_in_box
+from .objective import Objective, Solution
+from .reduced import Reduced
+from .search import find_best
+from .settings import TableSettings
+
+# What a table's error is stated above, beside that over the whole window: below, resistances rise
+# so steeply that an error in the capacity decides.
+ABOVE_SOC = 0.1
+# An extra is worth its parameters where it lowers both held-out errors by more than this share.
+WORTHWHILE = 0.1
+
+
+@dataclass(frozen=True)
+class SocErrors:
+    """RMSE over all samples that count, and over those above `ABOVE_SOC`; None without such."""
+
+    rmse_v: float
+    above_v: float | None
+
+    @classmethod
+    def of(cls, error_v: Float[np.ndarray, "samples"], soc: Float[np.ndarray, "samples"]):
+        """Those of some errors at some states of charge."""
+        above = error_v[soc > ABOVE_SOC]
+        above_v = float(np.sqrt(np.mean(above**2))) if len(above) else None
+        return cls(float(np.sqrt(np.mean(error_v**2))), above_v)
+
+    def is_worth(self, simpler: "SocErrors") -> bool:
+        """Whether it is lower than a simpler circuit's by more than `WORTHWHILE` in both."""
+
+        def falls(own_v: float | None, other_v: float | None) -> bool:
+            return own_v is None or other_v is None or own_v < (1 - WORTHWHILE) * other_v
+
+        return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Errors on blocks that were held out of the fit, of the tables and of the constant circuit.
+
+    Each of the `folds` holds every `folds`-th block of `block_s` seconds of every record. Time
+    constants are those of all samples; what is linear is fitted in each fold anew. The constant
+    circuit is the same one with one value for every SOC and no OCV correction.
+    """
+
+    folds: int
+    block_s: float
+    tables: SocErrors
+    constant: SocErrors
+
+
+def blocks_of(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> tuple[list[Int[np.ndarray, "simulated"]], int]:
+    """Each sample's group, -1 where it is not scored, and how many groups there are.
+
+    Two groups a fold: the samples up to and above `ABOVE_SOC`.
+    """
+    if not settings.folds:
+        return [np.where(each.scored, 0, -1) for each in prepared_records], 1
+    groups = []
+    for each in prepared_records:
+        passed_s = each.time_s - each.time_s[each.scored][0]
+        fold = np.floor(passed_s / settings.block_s).astype(int) % settings.folds
+        groups.append(np.where(each.scored, 2 * fold + (each.soc > ABOVE_SOC), -1))
+    return groups, 2 * settings.folds
+
+
+def cross_validate(
+    objective: Objective, best: Solution, parts: Sequence[Reduced]
+) -> CrossValidation:
+    """The held-out errors of a circuit from the factors of the groups of `blocks_of`."""
+    settings = objective.settings
+    plain = replace(settings, nodes=(0.5,), ocv_correction=False)
+    whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
+    flat = [part.constant() for part in parts]
+    return CrossValidation(
+        settings.folds,
+        settings.block_s,
+        _held_out(objective, best, parts),
+        _held_out(whole, find_best(whole), flat),
+    )
+
+
+def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> SocErrors:
+    folds = objective.settings.folds
+    # Of every group's factor only the columns at one place are wanted.
+    columns, bases = zip(
+        *(replace(objective, reduced=part).columns(best.place) for part in parts), strict=True
+    )
+    scored = np.array([part.scored for part in parts])
+    squares = np.zeros(len(parts))
+    for fold in range(folds):
+        is_rest = np.arange(len(parts)) // 2 != fold
+        rest = np.flatnonzero(is_rest & (scored > 0))
+        if not len(rest):
+            continue
+        share = scored[rest] / scored[rest].sum()
+        normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
+        for each, at in zip(share, rest, strict=True):
+            normal += each * columns[at].T @ columns[at]
+            gradient += each * columns[at].T @ bases[at]
+        x, _ = least_in_box(normal, gradient, *objective.box, best.sides)
+        for at in np.flatnonzero(~is_rest):
+            squares[at] = scored[at] * np.sum((bases[at] + columns[at] @ x) ** 2)
+    above = scored[1::2].sum()
+    return SocErrors(
+        float(np.sqrt(squares.sum() / scored.sum())),
+        float(np.sqrt(squares[1::2].sum() / above)) if above else None,
+    )

@@ -1,0 +1,184 @@
+"""How well every node of every table is determined.
+
+A fit with the weights of the objective is smooth where the data say little, so its own standard
+errors are too small. They are taken of a fit with a hundredth of the weights, as the sandwich
+H^-1 J' G J H^-1 with G the covariance of the noise that `uncertainty.noise` fits to the residuals,
+time constants included; what the weights have moved is added to both sides.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import stdtrit
+
+from ..execution import in_float64
+from ..model.exponentials import Span
+from ..model.inputs import PreparedRecord
+from ..uncertainty.covariance import CONFIDENCE
+from ..uncertainty.linearization import one_clock
+from ..uncertainty.noise import Noise, Slots, fit_gathered
+from .objective import Objective, Solution
+from .reduced import blocks
+
+# Of the smoothing weights, those of the fit that standard errors are of.
+LIGHT = 0.01
+# Slots of time in which residuals are correlated: no array is longer, however long the record.
+MOST_SLOTS = 4096
+# Half the step in a logarithm of which slopes are differences.
+STEP = 1e-4
+# Directions that move the errors by less than this share of what the largest do are unseen.
+UNSEEN = 1e-9
+
+
+@dataclass(frozen=True)
+class NodeInterval:
+    """One node's value of one table with its confidence interval; `soc` is None of a constant.
+
+    `standard_error` allows for the residuals' autocorrelation, `bias` is what smoothing may have
+    moved; the interval holds both. `low` and `high` are None, and the errors zero, where a bound
+    decides the value.
+    """
+
+    name: str
+    soc: float | None
+    value: float
+    standard_error: float
+    bias: float
+    low: float | None
+    high: float | None
+
+    @property
+    def is_biased(self) -> bool:
+        """Whether smoothing may have moved the value further than its standard error."""
+        return abs(self.bias) > self.standard_error
+
+
+@in_float64
+def intervals_of(
+    objective: Objective,
+    best: Solution,
+    prepared_records: Sequence[PreparedRecord],
+    visited: Bool[np.ndarray, "nodes"],
+) -> tuple[NodeInterval, ...]:
+    """Those of visited nodes, table after table, then of the time constants and gamma."""
+    lighter = replace(objective, share=LIGHT * objective.share)
+    light = lighter.solve(best.place, best.sides, exact=True)
+    is_free = (light.sides == 0) & np.tile(visited, objective.tables)
+    is_open = [
+        axis.low < place < axis.high for axis, place in zip(objective.axes, best.place, strict=True)
+    ]
+    free = np.flatnonzero(np.append(is_free, is_open))
+    noise, to_noise, products = _noise_behind(lighter, light, prepared_records, free)
+    normal = products.copy()
+    tabled = free[free < len(is_free)]
+    normal[: len(tabled), : len(tabled)] += lighter.penalty_normal[np.ix_(tabled, tabled)]
+    # Columns of H^-1 J' / N by which the noise moves the free values.
+    moved = np.linalg.solve(normal, to_noise.T)
+    errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved), 0.0))
+    freedom = [max(1.0, min(noise.degrees_of_freedom(row), 1e6)) for row in moved]
+    factors = stdtrit(np.array(freedom), (1 + CONFIDENCE) / 2)
+    place_of = {int(each): index for index, each in enumerate(free)}
+
+    def interval(name: str, soc: float | None, number: int, value: float, bias: float):
+        if number not in place_of:
+            return NodeInterval(name, soc, value, 0.0, bias, None, None)
+        error = float(errors[place_of[number]])
+        reach = float(factors[place_of[number]]) * error + abs(bias)
+        return NodeInterval(name, soc, value, error, bias, value - reach, value + reach)
+
+    found = []
+    named = objective.tables_at(best, visited.tolist()).tables
+    for table, name in enumerate(named):
+        for node in np.flatnonzero(visited):
+            value = float(best.values[table, node])
+            number, soc = table * objective.nodes + int(node), objective.reduced.layout.nodes[node]
+            each = interval(name, soc, number, value, value - float(light.values[table, node]))
+            if name.startswith("R") and each.low is not None:
+                each = replace(each, low=max(each.low, 0.0))
+            found.append(each)
+    for axis, (name, place) in enumerate(zip(objective.names, best.place, strict=True)):
+        # Of the logarithm, so that the interval is positive.
+        each = interval(name, None, len(is_free) + axis, place, 0.0)
+        value = math.exp(place)
+        low, high = (None if end is None else math.exp(end) for end in (each.low, each.high))
+        found.append(NodeInterval(name, None, value, value * each.standard_error, 0.0, low, high))
+    return tuple(found)
+
+
+def _noise_behind(
+    objective: Objective, found: Solution, prepared_records: Sequence[PreparedRecord], free
+) -> tuple[Noise, Float[np.ndarray, "seen free"], Float[np.ndarray, "free free"]]:
+    """The noise in coordinates Q, the T / N with J = Q T, and J'J / N of the free values."""
+    time_s = one_clock(tuple(prepared_records))
+    longest_s = max(each.scored_duration_s for each in prepared_records)
+    slots = Slots.of(time_s, longest_s, MOST_SLOTS)
+    counts, errors = np.zeros(slots.count), np.zeros(slots.count)
+    sums = np.zeros((slots.count, len(free)))
+    products, squares_v2, first = np.zeros((len(free), len(free))), 0.0, 0
+    for columns, base in _linearized(objective, found, prepared_records):
+        error = base + columns[:, : found.values.size] @ found.values.ravel()
+        columns = columns[:, free]
+        here = time_s[first : first + len(error)]
+        first += len(error)
+        counts += slots.gathered(here, np.ones(len(error)))
+        errors += slots.gathered(here, error)
+        sums += slots.gathered(here, columns)
+        products += columns.T @ columns
+        squares_v2 += float(error @ error)
+    scale = np.sqrt(np.diag(products))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(products / np.outer(scale, scale))
+    seen = values > UNSEEN * values[-1]
+    # J = Q T with T the square root of J'J in the seen directions.
+    root = np.sqrt(values[seen])
+    to_noise = root[:, None] * vectors[:, seen].T * scale
+    columns = (sums / scale) @ vectors[:, seen] / root
+    noise = fit_gathered(
+        slots,
+        counts=counts,
+        error_v=errors,
+        columns=columns,
+        products=np.eye(len(root)),
+        squares_v2=squares_v2,
+    )
+    return noise, to_noise / len(time_s), products / len(time_s)
+
+
+def _linearized(objective: Objective, found: Solution, prepared_records):
+    """Columns of all unknowns and of all axes at the scored samples, and the base error."""
+    pairs, layout = objective.pairs, objective.reduced.layout
+    tau, rate = found.place[:pairs], found.place[pairs:]
+    layout = replace(layout, in_tau=_around(tau, 1), in_rate=_around(rate, -1) if rate else None)
+    part = replace(objective.reduced, layout=layout)
+    for prepared in prepared_records:
+        for here, block in blocks(prepared, layout):
+            scored = prepared.scored[here]
+            if not np.any(scored):
+                continue
+            rows = replace(part, scored=1, factor=block[scored])
+            taus, turns, standing, current, correction, base = (rows.part(n) for n in range(6))
+            amplitude = list(standing)
+            base = base[0][:, 0]
+            if rate and layout.has_amplitude:
+                amplitude = [standing[0] + turns[1]]
+            elif rate:
+                base = base + turns[1][:, 0]
+            tables = [*current, *taus[1::3], *correction, *amplitude]
+            moved = [
+                (taus[3 * pair + 2] - taus[3 * pair]) @ found.values[pair + 1] / (2 * STEP)
+                for pair in range(pairs)
+            ]
+            if rate:
+                counts = found.values[-1] if layout.has_amplitude else np.ones(1)
+                moved.append((turns[2] - turns[0]) @ counts / (2 * STEP))
+            yield np.concatenate([*tables, np.stack(moved, axis=1)], axis=1), base
+
+
+def _around(places: Sequence[float], direction: int) -> Span:
+    """A span whose skeleton is every place and what is one step beside it."""
+    nodes = np.array([direction * (place + step) for place in places for step in (-STEP, 0, STEP)])
+    eye = np.eye(len(nodes))
+    return Span(0.0, 1.0, nodes, eye[0], eye, np.arange(len(nodes)), eye, 0.0)

@@ -228,7 +228,7 @@ class _Interpolated:
 
 
 def earlier_rms(
-    prepared_records: Sequence[PreparedRecord], signals: Sequence[Float[np.ndarray, "samples"]]
+    prepared_records: Sequence[PreparedRecord], signals: Sequence[Float[np.ndarray, "_"]]
 ) -> float:
     """A bound on the RMS of a signal, such as the current, some time before the scored samples.
 

@@ -299,7 +299,7 @@ def last_state(tau: Scalar, held: Float[Array, "samples"], intervals: Intervals)
     return state
 
 
-def _clocked(held: Float[Array, "samples"], intervals: Intervals):
+def _clocked(held: Float[Array, "samples *channels"], intervals: Intervals):
     """What moves a pair, sample by sample."""
     return held, intervals.node, intervals.offset_s
 

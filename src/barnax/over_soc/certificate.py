@@ -132,7 +132,7 @@ def _holds_one(cell: Cell, objective: Objective) -> bool:
 
 def _remainders(
     objective: Objective, prepared_records: Sequence[PreparedRecord]
-) -> list[Float[np.ndarray, "two columns"]]:
+) -> list[Float[np.ndarray, "2 _"]]:
     """Of each axis's columns: bounds on the RMS of their third derivative by the place, and on
     that of their own error."""
     layout, found = objective.reduced.layout, []

@@ -60,7 +60,7 @@ class CrossValidation:
 
 def blocks_of(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> tuple[list[Int[np.ndarray, "simulated"]], int]:
+) -> tuple[list[Int[np.ndarray, "_"]], int]:
     """Each sample's group, -1 where it is not scored, and how many groups there are.
 
     Two groups a fold: the samples up to and above `ABOVE_SOC`.

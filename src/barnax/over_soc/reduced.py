@@ -89,7 +89,7 @@ class Reduced:
 def reduce_records(
     prepared_records: Sequence[PreparedRecord],
     layout: Layout,
-    groups: Sequence[Int[np.ndarray, "simulated"]],
+    groups: Sequence[Int[np.ndarray, "_"]],
     count: int,
 ) -> list[Reduced]:
     """The factor of each of `count` groups of samples; `groups` number those of every record, -1
@@ -126,7 +126,9 @@ def together(parts: Sequence[Reduced]) -> Reduced:
     return Reduced(parts[0].layout, scored, factor)
 
 
-def join(factor: Columns, rows: Columns) -> Columns:
+def join(
+    factor: Float[np.ndarray, "columns columns"], rows: Columns
+) -> Float[np.ndarray, "columns columns"]:
     """The triangular factor with more rows.
 
     Nodes that were not visited yet have empty columns, which are left out: half of all on a
@@ -139,7 +141,9 @@ def join(factor: Columns, rows: Columns) -> Columns:
     return joined
 
 
-def _joined(before: Future | None, rows: Columns, width: int) -> Columns:
+def _joined(
+    before: Future | None, rows: Columns, width: int
+) -> Float[np.ndarray, "columns columns"]:
     return join(np.zeros((width, width)) if before is None else before.result(), rows)
 
 

@@ -5,7 +5,18 @@ from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from .document import Bullets, Section, Table, make_table
-from .words import NOTHING, between, duration, figures, fixed, joined, millivolt, percent, with_unit
+from .words import (
+    NOTHING,
+    between,
+    duration,
+    figures,
+    fixed,
+    joined,
+    millivolt,
+    percent,
+    symbol,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     from ..comparison.tabulated import Tabulated
@@ -33,10 +44,11 @@ def pay_sentence(fit: "TableFit") -> str:
     if held is None:
         return ""
     pays = held.tables.is_worth(held.constant)
-    change = (
-        f"{_errors(held.constant)} to {_errors(held.tables)} mV (above 10 % SOC) on blocks held "
-        "out of the fit"
-    )
+    change = f"{fixed(1e3 * held.constant.rmse_v, 1)} to {fixed(1e3 * held.tables.rmse_v, 1)} mV"
+    if held.tables.above_v is not None and held.constant.above_v is not None:
+        above = (fixed(1e3 * each, 1) for each in (held.constant.above_v, held.tables.above_v))
+        change += f" ({' to '.join(above)} above 10 % SOC)"
+    change += " on blocks of the records held out of the fit"
     if pays:
         return f"tables pay here: {change}."
     return f"tables do not pay here: {change}; the constant circuit is the safer one."
@@ -161,7 +173,8 @@ def middle_rows(fit: "TableFit") -> Iterator[tuple[str, str, str, str]]:
         )
     for name, value in tables.constants.items():
         here = next((e for e in fit.intervals if e.name == name and e.soc is None), None)
-        yield name.partition(" [")[0], with_unit(name, value), _interval(here), ""
+        interval = "" if here is None else _between(name, here, 1.0)
+        yield symbol(name), with_unit(name, value), interval, ""
 
 
 def middle_heads(fit: "TableFit") -> tuple[str, str, str, str]:
@@ -179,11 +192,11 @@ def _middle(places: list[int], nodes: Sequence[float]) -> int:
 
 
 def _name(name: str) -> str:
-    return SHORT.get(name, name.partition(" [")[0])
+    return SHORT.get(name, symbol(name))
 
 
 def _range(unit: str, low: float, high: float) -> str:
-    return between(unit, low, high) if "Ohm" in unit else f"{low:.2g} to {high:.2g} mV"
+    return between(unit, low, high) if unit != "mV" else f"{low:.2g} to {high:.2g} mV"
 
 
 def _between(unit: str, each: "NodeInterval", scale: float) -> str:

@@ -176,8 +176,8 @@ class TableOptions:
         int | None,
         option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."),
     ] = None
-    blocks: Annotated[
-        int | None, option(TABLES, "N", "Blocks of a record that the folds share (default: 20).")
+    block_s: Annotated[
+        float | None, option(TABLES, "S", "Length of the blocks that are held out (default: 400).")
     ] = None
 
     def chosen(self) -> dict[str, Any]:

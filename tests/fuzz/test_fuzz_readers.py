@@ -73,7 +73,7 @@ def require_words(refusal):
 
 def require_record(record: Record):
     """What every record promises."""
-    assert record.samples >= 10
+    assert record.samples >= 5
     assert len(record.time_s) == len(record.current_a) == len(record.voltage_v) == record.samples
     for values in (record.current_a, record.voltage_v, record.discharged_ah):
         assert np.isfinite(values).all()

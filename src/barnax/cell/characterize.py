@@ -11,7 +11,8 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
 from ..records import Hold, Record, Source, read_record, read_source
-from ..records.columns import OCV_QUANTITIES, find_columns, is_ocv_table
+from ..records.columns import OCV_QUANTITIES, find_columns
+from ..records.dialects import is_ocv_table
 from ..records.findings import found_at
 from ..records.sign import Sign
 from ..records.table import Lines, take_lines

@@ -15,10 +15,6 @@ from .check_input import CheckInput
 # How many steps of either kind make a pattern, at an end of the record and within it, and how far
 # they must agree.
 _FEWEST, _FEWEST_WITHIN, _AGREEING = 3, 6, 0.9
-# Of signed currents hardly any step contradicts the others; of magnitudes some do.
-_MINORITY = 0.02
-# A current that is never negative, but for its noise.
-_NEVER_SHARE = 0.01
 
 Votes = Float[np.ndarray, "steps"]
 
@@ -72,25 +68,8 @@ def _most_contrary(votes: Votes) -> tuple[int, int]:
 
 
 def find_sign(given: CheckInput) -> Iterator[Finding]:
-    """A current without a sign, of doubtful sign, or of another than its column's name means."""
-    unsigned = list(_unsigned(given))
-    yield from unsigned or given.sign_doubts
-
-
-def _unsigned(given: CheckInput) -> Iterator[Finding]:
-    """An error where the current never changes its sign although the cell is charged too."""
-    current_a = given.samples.current_a
-    _, votes = step_votes(given.samples)
-    rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))
-    is_one_sided = min(-current_a.min(), current_a.max()) <= _NEVER_SHARE * given.peak_a
-    if is_one_sided and min(rising, falling) >= max(_FEWEST, _MINORITY * len(votes)):
-        never = "negative" if current_a.max() > 0 else "positive"
-        what = (
-            f"the current is never {never}, yet it lifts the voltage at {rising} of its steps and "
-            f"lowers it at {falling}: the column has no sign"
-        )
-        remedy = "export the signed current, or turn its sign in the steps that discharge"
-        yield given.at(int(np.argmax(np.abs(current_a))), "error", what, remedy)
+    """A current of doubtful sign, or of another than its column's name means."""
+    yield from given.sign_doubts
 
 
 _WIDTHS = (1, 2, 3)

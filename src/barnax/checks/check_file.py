@@ -1,7 +1,7 @@
 """Everything that is wrong with a file, and what it can serve as."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -147,7 +147,7 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
         raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
     if not isinstance(source, Source):
         source = read_source(source)
-    examined = examine(source.table, source.name, capacity_ah)
+    examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]
     given = None
     # Absurd values overflow on their way to being found absurd.
@@ -156,6 +156,9 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
             samples, found = find_turn(examined.mended)
             findings += named("sign", found)
             given = _check_input(source, samples, capacity_ah)
+            if any(finding.check == "sign" for finding in examined.findings):
+                # A current without any sign has been told of.
+                given = replace(given, sign_doubts=())
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
             findings += named("twin columns", find_twins(source.table, given))

@@ -41,7 +41,7 @@ def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
     """Further columns that can hold the quantity, by their names."""
     (quantity,) = [each for each in QUANTITIES if each.name == name]
     for index, header in enumerate(table.header[:_MOST_NAMES]):
-        found = find_columns([header])
+        found = find_columns([header], QUANTITIES)
         column = found.get(name) or (None if found else likely_column(quantity, [header]))
         if column is not None and index != own.index and header != own.header:
             yield replace(column, index=index)

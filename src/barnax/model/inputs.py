@@ -118,6 +118,11 @@ def prepare_record(
     warnings = start_warnings(record, cell, window, first, start, rest_a)
     warnings += _check_soc(record, cell, capacity_ah, soc, scored)
     _require_positive_voltage(record, scored)
+    if not np.any(record.current_a[scored]):
+        raise InputError(
+            f"{record.name}: every current that counts is zero, so nothing can be learned; give a "
+            "record under load, or widen the window"
+        )
 
     span = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
     if np.count_nonzero(scored) < FEWEST_SAMPLES or span.stop - first < FEWEST_SAMPLES:

@@ -23,7 +23,9 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
     Stamps out of line are dropped, rows out of order are sorted, and a clock that starts again is
     made to run on.
     """
-    findings = []
+    joined, findings = _join_steps(samples)
+    if joined is not None:
+        return joined, findings
     for find in (_single_strays, _stray_runs):
         strays = find(samples.time_s)
         if 0 < strays.sum() <= max(_SLIPS, _FEW * len(strays)):
@@ -44,6 +46,34 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
     what, remedy = _restart(samples, falls, is_midnight)
     findings.append(found_at(samples, at, "error", f"{drop}: {what}", remedy))
     return replace(samples, time_s=_running_on(time)), findings
+
+
+# So much of a clock's falls must lie where the step changes, and so low must they go.
+_AT_STEPS, _FROM_ZERO = 0.8, 0.1
+
+
+def _join_steps(samples: Samples) -> tuple[Samples | None, list[Finding]]:
+    """The samples on the clock of the test, where theirs begins anew with each step."""
+    time = samples.time_s
+    falls = np.diff(time) < 0
+    if not falls.any():
+        return None, []
+    starts, is_steps = falls, samples.columns["time"].quantity.name == "step time"
+    if samples.step is not None:
+        changes = np.diff(samples.step) != 0
+        is_low = time[1:] <= _FROM_ZERO * time[:-1]
+        is_steps |= bool(np.mean((changes & is_low)[falls]) > _AT_STEPS)
+        starts = falls | changes
+    if not is_steps:
+        return None, []
+    # A step begins where the one before it ended.
+    before = np.cumsum(np.where(starts, time[:-1], 0.0))
+    joined = replace(samples, time_s=time + np.concatenate([np.zeros(1), before]))
+    at = int(np.argmax(falls)) + 1
+    times = counted(int(falls.sum()), "time")
+    what = f"'{samples.header('time')}' starts again with each step ({times}); they are joined"
+    remedy = "export the test's own clock too, in case the test was paused"
+    return joined, [found_at(samples, at, "warning", what, remedy)]
 
 
 def _stray(samples: Samples, strays: Bool[np.ndarray, "samples"]) -> Finding:
@@ -104,9 +134,6 @@ def _restart(samples: Samples, falls: np.ndarray, is_midnight: bool) -> tuple[st
     if is_midnight:
         what = f"'{name}' is a time of day, past midnight {times}"
         return what, "give the time since the test began"
-    if samples.step is not None and np.mean(np.diff(samples.step)[falls] != 0) > 0.8:
-        what = f"'{name}' starts again with each step ({times})"
-        return what, "give the test's own clock, not the step's"
     remedy = "split joined tests into files of their own, or give the test's own clock"
     return f"the clock starts again ({times})", remedy
 
@@ -125,6 +152,30 @@ _SAME_VOLTAGE_V, _SAME_CURRENT_SHARE = 2e-3, 0.02
 _COARSE = 0.05
 # Both sides of a change of step are logged within some milliseconds.
 _CLOSE_S, _CLOSE_SHARE = 0.05, 0.1
+
+
+# How far apart the two sides of a change of step are put that share a time stamp: less than testers
+# resolve, and less than a part of the interval that follows.
+_APART_S, _APART_SHARE = 5e-4, 0.1
+
+
+def separate_steps(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples with both sides of a change of step that share a time stamp, a little apart."""
+    is_repeat = np.diff(samples.time_s) == 0
+    sides = is_repeat & (np.diff(samples.step) != 0) if samples.step is not None else ()
+    if not np.any(sides):
+        return samples, []
+    stamp = np.concatenate([[0], np.cumsum(~is_repeat)])
+    first = np.searchsorted(stamp, np.arange(stamp[-1] + 1))
+    has_sides = np.logical_or.reduceat(np.concatenate([[False], sides]), first)
+    place = np.where(has_sides[stamp], np.arange(len(stamp)) - first[stamp], 0)
+    room_s = np.append(np.diff(samples.time_s[first]), np.inf) * _APART_SHARE
+    apart_s = np.clip(room_s / np.diff(first, append=len(stamp)), 0, _APART_S)[stamp]
+    count = int(np.sum(sides))
+    what = f"{counted(count, 'change')} of step with both sides on one time stamp: both kept"
+    at = int(np.argmax(sides)) + 1
+    moved = replace(samples, time_s=samples.time_s + place * apart_s)
+    return moved, [found_at(samples, at, "note", what)]
 
 
 def merge_repeats(samples: Samples) -> Samples:

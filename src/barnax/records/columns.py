@@ -9,7 +9,6 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Quantity:
 # What no record can do without, by the quantities' names.
 NEEDED = frozenset({"time", "current", "voltage"})
 # Aliases that carry their unit in themselves.
-_SELF_EXPLAINING = {"seconds", "amps", "volts", "chgah", "disah"}
+_SELF_EXPLAINING = {"seconds", "amps", "mamps", "volts", "amp-hr", "mamp-hr", "chgah", "disah"}
 
 
 def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
@@ -79,7 +78,7 @@ _AMPERES = _units(
         Unit("uA", 1e-6): "ua|microamp|microamps|microampere|microamperes",
     }
 )
-_VOLTS = _units({Unit("V"): "v|volt|volts", Unit("mV", 1e-3): "mv|millivolt|millivolts"})
+_VOLTS = _units({Unit("V"): "v|volt|volts|v vs. ref.", Unit("mV", 1e-3): "mv|millivolt|millivolts"})
 _AMPERE_HOURS = _units(
     {
         Unit("Ah"): "ah|a.h|a h|ampere hour|amp hour|amp hours",
@@ -100,21 +99,25 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "time",
         _SECONDS,
-        "test time|total time|elapsed time|time|seconds|t",
+        "test time|total time|cumulative time|elapsed time|time|seconds|t",
         "Test Time / s|test_time_second",
         "zeit|temps|tiempo|tempo|时间",
     ),
+    # A clock that starts again with each step, and the time of day: where there is no test clock.
+    _quantity("step time", _SECONDS, "step time|relative time", "Step Time / s"),
+    _quantity("date", _SECONDS, "date time|datetime|unix time|time stamp|date", "Unix Time / s"),
     _quantity(
         "current",
         _AMPERES,
-        "current|amps|i",
+        "current|current measured|cur|amps|i",
         "Current / A|current_ampere",
         "strom|courant|corriente|corrente|电流",
     ),
+    _quantity("charge of the interval", _AMPERE_HOURS, "", ""),
     _quantity(
         "voltage",
         _VOLTS,
-        "terminal voltage|cell voltage|voltage|volts|ecell|u|v",
+        "terminal voltage|cell voltage|voltage|voltage measured|potential|volts|ecell|ewe|u|v",
         "Voltage / V|voltage_volt",
         "spannung|tension|voltaje|tensione|电压",
     ),
@@ -122,7 +125,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         "temperature",
         _DEGREES,
         "surface temperature|cell temperature|battery temperature|temperature|aux temperature|"
-        "aux temperature 1|temperature t1|temp|t|ambient temperature",
+        "aux temperature 1|aux1 temperature|temperature t1|temperature 1|temperature measured|temp|"
+        "t1|t|ambient temperature",
         "Surface Temperature / degC|Ambient Temperature / degC",
     ),
     _quantity(
@@ -166,14 +170,11 @@ OCV_QUANTITIES: tuple[Quantity, ...] = (
 )
 
 
-Dialect = Literal["Battery Data Format", "Arbin", "PyBaMM", "plain"]
-
 # A unit stands behind a slash, in brackets, or after a blank (machine names); Arbin numbers its
 # auxiliary channels behind the bracket.
 _UNIT = re.compile(r"^(?:\s*[/\[(]\s*|\s+(?:in\s+)?)(?P<unit>[^\])]*?)\s*(?:[\])]\s*\d*)?$")
-_ARBIN = {"test time(s)", "step index", "current(a)", "voltage(v)"}
-_BDF = {"test time / s", "current / a", "voltage / v"}
-_BDF_MACHINE = {"test time second", "current ampere", "voltage volt"}
+# "h:min:s.ms", "Hours in hh:mm:ss.xxx" and "ss.xxx" are forms of seconds.
+_CLOCK_FORM = re.compile(r".*\bh+:m.*|s+\.x+")
 
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000
@@ -193,9 +194,7 @@ class Column:
     is_unit_assumed: bool
 
 
-def find_columns(
-    header: Sequence[str], quantities: Sequence[Quantity] = QUANTITIES
-) -> dict[str, Column]:
+def find_columns(header: Sequence[str], quantities: Sequence[Quantity]) -> dict[str, Column]:
     """The column of each quantity that the header names, by the quantity's name.
 
     Where several columns could hold one quantity, the more specific alias wins, then the column
@@ -203,7 +202,7 @@ def find_columns(
     """
     found: dict[str, Column] = {}
     names = {name: index for index, name in reversed(list(enumerate(header)))}
-    normals = {name: _normal(name).replace("<", "").replace(">", "") for name in names}
+    normals = {name: normal(name).replace("<", "").replace(">", "") for name in names}
     for quantity in quantities:
         matches = (_match(index, name, normals[name], quantity) for name, index in names.items())
         candidates = [match for match in matches if match is not None]
@@ -214,49 +213,62 @@ def find_columns(
     return found
 
 
-def names_record(header: Sequence[str]) -> bool:
-    """Whether the header names time, current and voltage."""
-    return find_columns(header).keys() >= NEEDED
+def normal(name: str) -> str:
+    """The name in lower case, with blanks for underscores, and u for micro."""
+    plain = name.replace("µ", "u").replace("μ", "u").replace("℃", "°c").lstrip("~\ufeff")
+    return re.sub(r"[\s_]+", " ", plain).strip().lower()
 
 
-def is_ocv_table(header: Sequence[str]) -> bool:
-    """Whether the header names SOC and a voltage, but no record."""
-    ocv = find_columns(header, OCV_QUANTITIES).keys()
-    return "SOC" in ocv and len(ocv) > 1 and not names_record(header)
+def unit_of(quantity: Quantity, text: str) -> Unit | None:
+    """The unit of the quantity that the text spells, if it does."""
+    spelled = normal(text).replace("^", "")
+    if quantity.base_unit.symbol == "s" and _CLOCK_FORM.fullmatch(spelled):
+        return quantity.base_unit
+    # A lost degree sign is still one of Celsius.
+    return quantity.units.get(re.sub("[?\ufffdº]", "°", spelled))
 
 
-def has_arbin_header(header: Sequence[str]) -> bool:
-    """Whether the names are those of an Arbin channel sheet."""
-    return {_normal(name).replace(" (", "(") for name in header} >= _ARBIN
+def named_column(header: Sequence[str], quantity: Quantity, given: str) -> Column | None:
+    """The column that the user names, as "NAME" or "NAME:unit"; None where the header lacks it.
+
+    Without a unit, the one at the end of the name holds, or the quantity's own.
+    """
+    name, _, spelled = given.rpartition(":")
+    unit = unit_of(quantity, spelled) if name else None
+    places = {normal(each): index for index, each in reversed(list(enumerate(header)))}
+    if unit is None or normal(given) in places:
+        name, unit = given, None
+    if normal(name) not in places:
+        return None
+    index = places[normal(name)]
+    if unit is not None:
+        return Column(index, header[index], quantity, unit, is_unit_assumed=False)
+    return _with_its_unit(index, header[index], quantity)
 
 
-def dialect_of(header: Sequence[str]) -> Dialect:
-    """Whose column names these are; some promise a sign, and Arbin's a hold."""
-    names = {_normal(name) for name in header}
-    if has_arbin_header(header):
-        return "Arbin"
-    if names >= _BDF or names >= _BDF_MACHINE:
-        return "Battery Data Format"
-    if "current [a]" in names:
-        return "PyBaMM"
-    return "plain"
+def _with_its_unit(index: int, name: str, quantity: Quantity) -> Column:
+    """The column with the unit in brackets or behind a slash at its name's end, if any."""
+    stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", normal(name))
+    unit = unit_of(quantity, stated[1]) if stated else None
+    return Column(index, name, quantity, unit or quantity.base_unit, unit is None)
 
 
-def _normal(name: str) -> str:
-    return re.sub(r"[\s_]+", " ", name.replace("µ", "u").replace("μ", "u")).strip().lower()
+def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, Column] | None:
+    """Rank of the alias that the name is (0 is the most specific), and the column it names.
 
-
-def _match(index: int, name: str, normal: str, quantity: Quantity) -> tuple[int, Column] | None:
-    """Rank of the alias that the name is (0 is the most specific), and the column it names."""
-    for rank, alias in enumerate(quantity.aliases):
-        if normal == alias:
+    An alias such as "programmdauer=ms" has that unit where the name states none.
+    """
+    for rank, spelling in enumerate(quantity.aliases):
+        alias, _, stated = spelling.partition("=")
+        if plain == alias:
             # A bare T is a temperature to some and a time to others; a bare t is a time.
-            if alias == "t" and (name.strip() != "t" or quantity.name != "time"):
+            if alias == "t" and not stated and (name.strip() != "t" or quantity.name != "time"):
                 continue
-            is_unit_assumed = "1" not in quantity.units and alias not in _SELF_EXPLAINING
-            return rank, Column(index, name, quantity, quantity.base_unit, is_unit_assumed)
-        if normal.startswith(alias) and (rest := _UNIT.match(normal[len(alias) :])):
-            unit = quantity.units.get(rest["unit"].replace("^", ""))
+            unit = quantity.units[stated.lower()] if stated else quantity.base_unit
+            is_plain = "1" in quantity.units or alias in _SELF_EXPLAINING
+            return rank, Column(index, name, quantity, unit, is_unit_assumed=not is_plain)
+        if plain.startswith(alias) and (rest := _UNIT.match(plain[len(alias) :])):
+            unit = unit_of(quantity, rest["unit"])
             if unit is not None:
                 return rank, Column(index, name, quantity, unit, is_unit_assumed=False)
     return None
@@ -267,12 +279,12 @@ def likely_names(quantity: Quantity, header: Sequence[str]) -> list[str]:
 
     They contain an alias, are spelled nearly like one, or mean it in another language.
     """
-    long = [alias for alias in quantity.aliases if len(alias) > 2]
+    long = [alias for alias in quantity.aliases if len(alias) > 2 and "=" not in alias]
     likely = []
     for name in header[:_COMPARED_NAMES]:
-        normal = _normal(name)
-        words = re.split(r"[\[(/]", normal)[0].strip()
-        is_inside = any(word in normal for word in (*long, *quantity.foreign))
+        plain = normal(name)
+        words = re.split(r"[\[(/]", plain)[0].strip()
+        is_inside = any(word in plain for word in (*long, *quantity.foreign))
         if is_inside or difflib.get_close_matches(words, long, 1, 0.7):
             likely.append(name)
     return likely
@@ -283,9 +295,4 @@ def likely_column(quantity: Quantity, header: Sequence[str]) -> Column | None:
     names = likely_names(quantity, header)
     if len(names) != 1:
         return None
-    (name,) = names
-    # The last word in brackets or behind a slash.
-    stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", _normal(name))
-    unit = quantity.units.get(stated[1]) if stated else None
-    index = list(header).index(name)
-    return Column(index, name, quantity, unit or quantity.base_unit, unit is None)
+    return _with_its_unit(list(header).index(names[0]), names[0], quantity)

@@ -48,8 +48,9 @@ def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
         return Decision(given, "given", reason)
     if proof is not None:
         return proof
-    if samples.dialect == "Arbin":
-        return Decision("backward", "weak", "Arbin testers log a sample at its interval's end")
+    if samples.dialect.logs_at_end:
+        words = f"{samples.dialect.name} testers log a sample at its interval's end"
+        return Decision("backward", "weak", words)
     reason = (
         "no counters prove otherwise; `current_hold='backward'` is for testers that log a sample "
         "at the end of its interval"

@@ -6,8 +6,9 @@ hide another.
 
 import hashlib
 import os
+import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any, Literal
 
@@ -15,20 +16,28 @@ import numpy as np
 import polars as pl
 
 from ..errors import LONGEST_NAME, InputError, cut, printable
-from .clock import examine_clock, examine_repeats, merge_repeats
+from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
+from .column_rules import examine_columns, read_columns
 from .columns import NEEDED
+from .dialects import CHARGE, DISCHARGE, NOTHING, Sign
 from .findings import Finding, named, raise_first_error, warnings_of
 from .hold import decide_hold
 from .readers import read_table
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
-from .sign import CHARGE, DISCHARGE, Sign, decide_sign
-from .table import Table, examine_cells, examine_columns, table_sha256, take_lines
-from .units import examine_current_unit, examine_time_unit, examine_voltage
+from .sign import decide_sign, examine_direction
+from .table import LARGEST_FILE, Table, examine_cells, table_sha256, take_lines
+from .units import (
+    examine_current_unit,
+    examine_time_unit,
+    examine_voltage_range,
+    examine_voltage_unit,
+)
 
-_FEWEST_SAMPLES = 10
+_FEWEST_SAMPLES = 5
 _SHORTEST_S = 1e-6
 
+_STDIN = Path("-")
 _CONTENT = {
     b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm")),
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
@@ -49,14 +58,14 @@ class Examined:
     findings: tuple[Finding, ...]
 
 
-def examine(table: Table, file: str, capacity_ah: float | None = None) -> Examined:
-    """The samples of a table, and what is wrong with them; `capacity_ah` lets charge be judged.
+def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
+    """The samples of a source, and what is wrong with them; `capacity_ah` lets charge be judged.
 
     Raises InputError where no column is like any of a record.
     """
-    columns, found = examine_columns(table, file)
+    columns, found = examine_columns(source.table, source.name, source.columns)
     findings = named("columns", found)
-    lines, found = examine_cells(take_lines(table, columns))
+    lines, found = examine_cells(take_lines(source.table, columns))
     findings += named("cells", found)
     if not columns.keys() >= NEEDED:
         return Examined(None, None, tuple(findings))
@@ -69,7 +78,17 @@ def examine(table: Table, file: str, capacity_ah: float | None = None) -> Examin
     with np.errstate(all="ignore"):
         for check, rule in (
             ("clock", examine_clock),
-            ("voltage unit", examine_voltage),
+            ("repeats", separate_steps),
+            ("sign", examine_direction),
+            ("voltage unit", examine_voltage_unit),
+        ):
+            samples, found = rule(samples)
+            findings += named(check, found)
+            if short := _too_short(samples):
+                return Examined(None, None, (*findings, short))
+        mended = samples
+        for check, rule in (
+            ("voltage unit", examine_voltage_range),
             ("repeats", examine_repeats),
             ("time unit", examine_time_unit),
             ("current unit", lambda given: examine_current_unit(given, capacity_ah)),
@@ -112,33 +131,39 @@ def examine_suffix(file: str, content: bytes) -> tuple[Finding, ...]:
     return (Finding("note", what, remedy, check="format"),)
 
 
-_LARGEST_FILE = 2_000_000_000
-
-
 @dataclass(frozen=True, eq=False)
 class Source:
     """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
 
     `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
-    frame's names and values.
+    frame's names and values. `columns` are the user's own names of columns, by quantity.
     """
 
     name: str
     table: Table
     sha256: str
     findings: tuple[Finding, ...] = ()
+    columns: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_source(path: str | Path) -> Source:
-    """The table in a file, told by its content. Raises InputError where it cannot be read."""
+def read_source(path: str | Path, *, columns: Mapping[str, str] | str = NOTHING) -> Source:
+    """The table in a file, told by its content; "-" is the standard input.
+
+    `columns` are names of columns where barnax does not know them, as `read_record` takes them.
+    Raises InputError where the file cannot be read.
+    """
+    given = read_columns(columns)
     path = Path(path)
-    name = printable(path.name)
+    name = "standard input" if path == _STDIN else printable(path.name)
     content = _read_content(path)
     sha256 = hashlib.sha256(content).hexdigest()
-    return _clean(Source(name, read_table(content, name), sha256, examine_suffix(name, content)))
+    table = read_table(content, name, given)
+    return _clean(Source(name, table, sha256, examine_suffix(name, content), given))
 
 
-def source_from_frame(frame: Any, name: str) -> Source:
+def source_from_frame(
+    frame: Any, name: str, *, columns: Mapping[str, str] | str = NOTHING
+) -> Source:
     """The table in a data frame of pandas, Polars or another library that narwhals reads.
 
     A mapping of names to columns will do too. Rows count as in a file whose first row holds the
@@ -154,10 +179,11 @@ def source_from_frame(frame: Any, name: str) -> Source:
         kind = type(frame).__name__
         raise InputError(f"{name}: is no data frame, but of type {kind}.") from error
     whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
-    columns = tuple(_series(column) for column in whole.iter_columns())
+    series = tuple(_series(column) for column in whole.iter_columns())
     header = tuple(str(column) for column in whole.columns)
-    made = Table(header, columns, np.arange(2, len(whole) + 2))
-    return _clean(Source(printable(name), made, table_sha256(made)))
+    made = Table(header, series, np.arange(2, len(whole) + 2))
+    given = read_columns(columns)
+    return _clean(Source(printable(name), made, table_sha256(made), columns=given))
 
 
 def _series(column: Any) -> pl.Series:
@@ -188,11 +214,14 @@ def read_record(
     *,
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
+    columns: Mapping[str, str] | str = NOTHING,
 ) -> Record:
     """The record in a cycler's file, with discharge current positive.
 
     `current_sign` is the file's own ("charge-positive" or "discharge-positive"), `current_hold`
     says whether a sample's current flowed "forward" or "backward" in time; "auto" finds both.
+    `columns` names columns that barnax does not know, with their units where the names lack them:
+    `{"time": "Zeit:min", "current": "I2:mA"}`, or the same as text, "time=Zeit:min,current=I2:mA".
 
     Raises InputError when the file cannot be read or its content cannot be one cell's record,
     and when the given sign contradicts strong evidence.
@@ -209,8 +238,10 @@ def read_record(
     _check_option("current_sign", current_sign, ("auto", CHARGE, DISCHARGE))
     _check_option("current_hold", current_hold, ("auto", "forward", "backward"))
     if not isinstance(source, Source):
-        source = read_source(source)
-    examined = examine(source.table, source.name)
+        source = read_source(source, columns=columns)
+    elif columns:
+        source = replace(source, columns=read_columns(columns))
+    examined = examine(source)
     raise_first_error(examined.findings, source.name)
     samples = examined.samples
     assert samples is not None  # Where there are none, that was an error.
@@ -225,6 +256,7 @@ def record_from_frame(
     name: str = "data frame",
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
+    columns: Mapping[str, str] | str = NOTHING,
 ) -> Record:
     """The record in a data frame of pandas, Polars or another library that narwhals reads.
 
@@ -241,7 +273,7 @@ def record_from_frame(
     >>> record.samples, record.sign.value
     (20, 'discharge-positive')
     """
-    source = source_from_frame(frame, name)
+    source = source_from_frame(frame, name, columns=columns)
     return read_record(source, current_sign=current_sign, current_hold=current_hold)
 
 
@@ -275,10 +307,10 @@ def _read_content(path: Path) -> bytes:
     """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
     shown = printable(str(path))
     try:
-        with path.open("rb") as file:
+        with sys.stdin.buffer if path == _STDIN else path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             # A pipe or a device has no size, and the latter no end.
-            content = b"" if size > _LARGEST_FILE else file.read(size or _LARGEST_FILE + 1)
+            content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
     except IsADirectoryError:
         raise InputError(f"{shown}: is a directory; give one file of measured samples.") from None
     except FileNotFoundError:
@@ -287,9 +319,9 @@ def _read_content(path: Path) -> bytes:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{shown}: cannot be read ({reason}).") from error
-    if max(size, len(content)) > _LARGEST_FILE:
+    if max(size, len(content)) > LARGEST_FILE:
         raise InputError(
-            f"{shown}: is larger than the {_LARGEST_FILE / 1e9:g} GB that are read; give a part "
+            f"{shown}: is larger than the {LARGEST_FILE / 1e9:g} GB that are read; give a part "
             "of the record."
         )
     return content

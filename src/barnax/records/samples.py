@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .columns import Column, Dialect, dialect_of
+from .columns import Column
 from .counters import Counters
+from .dialects import dialect_of
+from .dialects.dialect import Dialect
 from .table import Lines
 
 # A current step changes by more than this share of the largest current; a current that stands
@@ -90,9 +92,15 @@ def samples_of(lines: Lines) -> Samples:
         name: values[name].astype(int) if name in values else None
         for name in ("step", "cycle", "state")
     }
+    time_s, current_a = values["time"], values["current"]
+    if lines.columns["time"].quantity.name == "date":
+        time_s = time_s - time_s[:1]
+    if lines.columns["current"].quantity.name == "charge of the interval":
+        interval_h = np.diff(time_s, prepend=time_s[:1]) / 3600
+        current_a = current_a / np.where(interval_h > 0, interval_h, np.inf)
     return Samples(
-        time_s=values["time"],
-        current_a=values["current"],
+        time_s=time_s,
+        current_a=current_a,
         voltage_v=values["voltage"],
         temperature_degc=values.get("temperature"),
         **whole,

@@ -4,27 +4,17 @@ Column names promise a sign and break the promise (A123 files with Battery Data 
 discharge-positive), so they count only where the data say nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import InputError, counted
-from .columns import Dialect
+from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
 from .findings import Finding, found_at
 from .record import Decision, runs
 from .samples import Samples, voltage_noise_v
-
-CHARGE, DISCHARGE = "charge-positive", "discharge-positive"
-Sign = Literal["charge-positive", "discharge-positive"]
-
-PROMISED: dict[Dialect, Sign] = {
-    "Battery Data Format": CHARGE,
-    "Arbin": CHARGE,
-    "PyBaMM": DISCHARGE,
-    "plain": CHARGE,
-}
 
 
 @dataclass(frozen=True)
@@ -49,8 +39,10 @@ def decide_sign(
     """
     found = _from_data(samples)
     if given == "auto":
-        value = PROMISED[samples.dialect]
-        names = f"the data do not tell, and {samples.dialect} column names usually mean {value}"
+        value = samples.dialect.sign
+        names = (
+            f"the data do not tell, and {samples.dialect.name} column names usually mean {value}"
+        )
         decision = found or Decision(value, "assumed", names)
         return decision, _doubts(samples, decision)
     if found is None:
@@ -73,7 +65,12 @@ def _from_data(samples: Samples) -> Decision | None:
     Where the looks weigh the same on either side, the first decides: the voltage is physics, the
     counters are names.
     """
-    looks = (_at_current_steps(samples), _under_sustained_current(samples), _of_counters(samples))
+    looks = (
+        _at_current_steps(samples),
+        _under_sustained_current(samples),
+        _of_counters(samples),
+        _of_states(samples),
+    )
     evidence = [look for look in looks if look is not None]
     if not evidence:
         return None
@@ -91,23 +88,60 @@ def _doubts(samples: Samples, sign: Decision) -> list[Finding]:
     """A sign that is doubtful, or another than the columns' names mean."""
     at, _ = step_votes(samples)
     start = int(at[0]) + 1 if len(at) else 0
-    promised = PROMISED[samples.dialect]
+    promised = samples.dialect.sign
     if sign.strength in ("weak", "assumed"):
         strength = "weak" if sign.strength == "weak" else "no"
         what = f"the current is taken as {sign.value} on {strength} evidence: {sign.reason}"
         remedy = f"say so: `current_sign='{sign.value}'`"
-    elif samples.dialect != "plain" and sign.value != promised:
-        names = f"but {samples.dialect} names mean {promised}"
+    elif samples.dialect != PLAIN and sign.value != promised:
+        names = f"but {samples.dialect.name} names mean {promised}"
         what = f"the current is {sign.value}, {names}: {sign.reason}"
         remedy = (
             f"barnax turns it, other programs may not: say `current_sign='{sign.value}'`, or turn "
             "its sign in the file"
         )
-    elif sign.value == DISCHARGE and samples.dialect == "plain":
+    elif sign.value == DISCHARGE and samples.dialect == PLAIN:
         return [found_at(samples, start, "note", f"the current is {sign.value}: {sign.reason}")]
     else:
         return []
     return [found_at(samples, start, "warning", what, remedy)]
+
+
+# A current of one sign, but for its noise. Of signed currents hardly any step contradicts the
+# others; of magnitudes some do.
+_NEVER_SHARE, _FEWEST_DENIALS, _DENIED_SHARE = 0.01, 3, 0.02
+
+
+def examine_direction(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples with a current that has a sign, and what gave it one.
+
+    A tester may print the current without its sign, and the direction beside it. Without that, an
+    error where the cell is both charged and discharged by its voltage.
+    """
+    current_a, state = samples.current_a, samples.state
+    peak_a = samples.peak_a
+    if min(-current_a.min(), current_a.max()) > _NEVER_SHARE * peak_a or peak_a == 0:
+        return samples, []
+    name = samples.header("current")
+    if state is not None and np.any(np.abs(state[current_a != 0]) == 1):
+        # Of other states the one before tells.
+        told = np.maximum.accumulate(np.where(np.abs(state) == 1, np.arange(len(state)), -1))
+        direction = np.where(told >= 0, -state[told], 1)
+        what = f"'{name}' has no sign; '{samples.header('state')}' tells what discharges"
+        signed = replace(samples, current_a=np.abs(current_a) * direction)
+        return signed, [Finding("note", what, is_told=True)]
+    _, votes = step_votes(samples)
+    rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))
+    if min(rising, falling) < max(_FEWEST_DENIALS, _DENIED_SHARE * len(votes)):
+        return samples, []
+    never = "negative" if current_a.max() > 0 else "positive"
+    what = (
+        f"the current is never {never}, yet it lifts the voltage at {rising} of its steps and "
+        f"lowers it at {falling}: the column has no sign"
+    )
+    remedy = "export the signed current, or turn its sign in the steps that discharge"
+    at = int(np.argmax(np.abs(current_a)))
+    return samples, [found_at(samples, at, "error", what, remedy)]
 
 
 def step_votes(
@@ -198,3 +232,18 @@ def _of_counters(samples: Samples) -> Evidence | None:
         abs(cosine) > 0.7,
         f"the tester's charge and discharge counters {words}",
     )
+
+
+def _of_states(samples: Samples) -> Evidence | None:
+    """The file's own words for what a step does."""
+    if samples.state is None:
+        return None
+    is_told = (np.abs(samples.state) == 1) & (samples.current_a != 0)
+    if not is_told.any():
+        return None
+    mean = float(np.mean(-samples.state[is_told] * np.sign(samples.current_a[is_told])))
+    if abs(mean) < 0.8:
+        return None
+    how = "is positive where" if mean > 0 else "is negative where"
+    words = f"the current {how} '{samples.header('state')}' says that the cell is charged"
+    return Evidence(1 if mean > 0 else -1, True, words)

@@ -18,15 +18,15 @@ _KILOVOLT_V = 0.01
 _NOMINAL_V = 3.6
 
 
-def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
-    """The samples with a voltage that can be one cell's, and what was wrong with it."""
+def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples with a voltage in volts, and what was wrong with it."""
     name = samples.header("voltage")
     middle_v = float(np.median(samples.voltage_v))
     findings = []
 
-    def mended(what: str, remedy: str, factor: float) -> Samples:
+    def mended(what: str, remedy: str, factor: float, severity: Severity = "error") -> Samples:
         what = f"the median voltage in '{name}' is {what}"
-        findings.append(found_at(samples, 0, "error", what, remedy))
+        findings.append(found_at(samples, 0, severity, what, remedy))
         return replace(samples, voltage_v=samples.voltage_v * factor)
 
     if middle_v < 0:
@@ -34,8 +34,13 @@ def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
         samples = mended(f"negative, {middle_v:.6g} V", remedy, -1.0)
         middle_v = -middle_v
     if middle_v > _MILLIVOLT_V:
+        # Beside a current in milliamperes, that is how the tester was set.
+        is_milli = samples.columns["current"].unit.symbol == "mA" and middle_v < 1e3 * _MODULE_V
         remedy = "rename the column to 'Voltage / mV'"
-        samples = mended(f"{middle_v:.6g}: millivolts, not volts", remedy, 1e-3)
+        what = f"{middle_v:.6g}: millivolts, not volts"
+        if is_milli:
+            what += f", as '{samples.header('current')}' is in mA; converted"
+        samples = mended(what, remedy, 1e-3, "warning" if is_milli else "error")
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         what = f"{middle_v:.6g} V, too much for one cell: about {cells} in series"
@@ -43,12 +48,23 @@ def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
     elif 0 < middle_v < _KILOVOLT_V:
         remedy = "multiply it by 1000, or name the unit that its values have"
         samples = mended(f"{middle_v:.4g} V: kilovolts, not volts", remedy, 1e3)
-    voltage_v, (low_v, high_v) = samples.voltage_v, _CELL_RANGE_V
+    return samples, findings
+
+
+def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples whose voltage one cell can have, and what the others are."""
+    name, (low_v, high_v) = samples.header("voltage"), _CELL_RANGE_V
+    voltage_v = samples.voltage_v
     outside = (voltage_v < low_v) | (voltage_v > high_v)
     if not outside.any():
-        return samples, findings
+        return samples, []
     impossible = np.abs(voltage_v) > _MILLIVOLT_V
     first = int(np.argmax(impossible if impossible.any() else outside))
+    beside = np.abs(np.diff(voltage_v, prepend=voltage_v[:1]))
+    if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside[outside].max() < low_v / 2:
+        # A cell that loses its contact jumps there.
+        what = f"the voltage in '{name}' goes down to {voltage_v.min():.4g} V: is it a half cell?"
+        return samples, [found_at(samples, int(np.argmin(voltage_v)), "note", what)]
     what = (
         f"{voltage_v[first]:.6g} V in '{name}' is no cell's voltage "
         f"({counted(int(outside.sum()), 'sample')} outside {low_v} to {high_v} V)"
@@ -57,9 +73,9 @@ def examine_voltage(samples: Samples) -> tuple[Samples, list[Finding]]:
     remedy = "correct or delete these rows; `score_from` and `score_to` leave out an end"
     if outside.mean() > 0.5:
         remedy = "give the column of the cell's voltage, in volts"
-    findings.append(found_at(samples, first, severity, what, remedy))
+    finding = found_at(samples, first, severity, what, remedy)
     # Where nearly all is outside, the rest shows nothing either.
-    return (samples if outside.mean() > 0.5 else samples.keep(~outside)), findings
+    return (samples if outside.mean() > 0.5 else samples.keep(~outside)), [finding]
 
 
 # A unit, its seconds, and the bulk time that would be too short for any cell if they were seconds.
@@ -73,6 +89,12 @@ _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 _SECONDS, _PATTERN, _SHORT_S = (1.0, 2.0, 5.0, 10.0, 30.0), 0.03, 0.2
 _LONG_S = 500.0
 _RATIO = 0.15
+# What numbers are that are too large for seconds, the first where nothing tells which.
+_SHORTER = (
+    ("milliseconds", "ms", 1e-3),
+    ("hours, converted to seconds twice", "", 1 / 3600),
+    ("minutes, converted to seconds twice", "", 1 / 60),
+)
 
 
 def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
@@ -83,6 +105,8 @@ def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     words, symbol, factor, severity, reason = suspicion
     what = f"'{samples.header('time')}' looks like {words}: {reason}"
     remedy = f"rename the column to 'Test Time / {symbol}'"
+    if not symbol:
+        remedy = f"divide it by {1 / factor:.0f}"
     mended = replace(samples, time_s=samples.time_s * factor)
     return mended, [found_at(samples, 0, severity, what, remedy)]
 
@@ -101,9 +125,7 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
                 reason = f"the current integrates to 1/{1 / ratio:.4g} of the tester's Ah"
                 return words, symbol, factor, "error", reason
             continue
-        is_pattern = interval_s < _SHORT_S and any(
-            abs(interval_s * factor / second - 1) < _PATTERN for second in _SECONDS
-        )
+        is_pattern = interval_s < _SHORT_S and _is_whole(interval_s * factor)
         is_fast = 0 < bulk_s < shortest_s and travel_v >= _TRAVEL_V
         pattern = f"samples lie {interval_s:.5g} apart, {interval_s * factor:.3g} s if in {words}"
         if is_fast and (is_pattern or symbol == "h"):
@@ -116,22 +138,36 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
 
 
 def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
-    """`stated_s` is how long a unit of time is by the column's name."""
-    words, symbol, factor = ("milliseconds", "ms", 1e-3)
-    if stated_s != 1:
-        words, symbol, factor = ("seconds", "s", 1 / stated_s)
+    """`stated_s` is how long a unit of time is by the column's name.
+
+    Which unit it is instead is told by the sampling or by the tester's counters, where they do.
+    """
     interval_s = float(np.median(np.diff(samples.time_s)))
     bulk_s, travel_v = bulk_time_s(samples)
     ratio = _throughput_ratio(samples)
-    if ratio is not None and abs(ratio * factor - 1) >= _RATIO:
-        return None
+    units = _SHORTER if stated_s == 1 else (("seconds", "s", 1 / stated_s),)
+    if ratio is not None:
+        units = [each for each in units if abs(ratio * each[2] - 1) < _RATIO]
+        if not units:
+            return None
+    fitting = [each for each in units if _is_whole(interval_s * each[2])]
+    words, symbol, factor = (fitting or units)[0]
     reason = f"samples lie {interval_s:.5g} s apart"
+    if len(fitting) == 1:
+        reason += f", {interval_s * factor:.3g} s if so"
+    elif len(units) > 1:
+        words += " or a longer unit converted twice"
     # A thousandfold charge alone may be milliamperes, which leave the bulk time as it is.
     if bulk_s > _SLOW_S and travel_v >= _TRAVEL_V and interval_s >= _LONG_S / 10:
         return words, symbol, factor, "error", f"{reason}; {_bulk(bulk_s)}"
     if bulk_s == 0 and interval_s >= _LONG_S:
         return words, symbol, factor, "warning", reason
     return None
+
+
+def _is_whole(interval_s: float) -> bool:
+    """Whether it is an interval that testers are set to."""
+    return any(abs(interval_s / second - 1) < _PATTERN for second in _SECONDS)
 
 
 def _bulk(bulk_s: float) -> str:
@@ -160,7 +196,7 @@ def examine_current_unit(
     if peak_a < _LEAST_A:
         what = f"every current in '{name}' is zero: nothing can be learned from the record"
         remedy = "give the column that holds the measured current"
-        return samples, [found_at(samples, 0, "error", what, remedy)]
+        return samples, [found_at(samples, 0, "warning", what, remedy)]
     for symbol, words, factor, reason in (
         ("mA", "milliamperes, not amperes", 1e-3, _milliamperes_reason(samples, capacity_ah)),
         ("A", "amperes, not milliamperes", 1e3, _amperes_reason(samples, capacity_ah)),

@@ -4,13 +4,19 @@ A new format is one module with a `Reader` and one line here. Order matters: the
 comes last because almost anything without a signature could be text.
 """
 
+import gzip
 import io
+import zlib
+from collections.abc import Mapping
 
 import numpy as np
 import polars as pl
 
 from ...errors import InputError, reason_of
-from ..table import Reader, Table
+from ..dialects import NOTHING
+from ..table import LARGEST_FILE, Reader, Table
+from .neware import NEWARE
+from .optional import ARBIN_RES, BIOLOGIC_MPR
 from .text import TEXT
 from .workbook import WORKBOOK
 
@@ -19,7 +25,8 @@ def _recognizes(content: bytes) -> bool:
     return content.startswith(b"PAR1")
 
 
-def _read(content: bytes, file: str) -> Table:
+def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+    del given
     damaged = f"{file}: the Parquet file is damaged or cut short"
     try:
         frame = pl.read_parquet(io.BytesIO(content))
@@ -38,20 +45,40 @@ def _read(content: bytes, file: str) -> Table:
 PARQUET = Reader("Parquet table", _recognizes, _read)
 
 
-READERS: tuple[Reader, ...] = (PARQUET, WORKBOOK, TEXT)
+READERS: tuple[Reader, ...] = (PARQUET, NEWARE, BIOLOGIC_MPR, ARBIN_RES, WORKBOOK, TEXT)
 
 
-def read_table(content: bytes, file: str) -> Table:
+def _unzipped(content: bytes, file: str) -> bytes:
+    """The content, decompressed where it is gzipped."""
+    if not content.startswith(b"\x1f\x8b"):
+        return content
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+            plain = packed.read(LARGEST_FILE + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(
+            f"{file}: the gzipped file is damaged or cut short; copy it again."
+        ) from error
+    if len(plain) > LARGEST_FILE:
+        raise InputError(f"{file}: holds more than {LARGEST_FILE / 1e9:g} GB; give a part of it.")
+    return plain
+
+
+def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) -> Table:
     """The table inside a file's bytes; `file` is the name that messages use.
+
+    `given` holds the user's own names of columns, by quantity. Of what is gzipped, the content is
+    read.
 
     Raises InputError when the file is empty, when no reader knows its content, or when the
     reader that knows it finds it damaged.
     """
+    content = _unzipped(content, file)
     if not content.strip():
         raise InputError(f"{file}: the file is empty; give a file that holds measured samples.")
     for reader in READERS:
         if reader.recognizes(content):
-            return reader.read(content, file)
+            return reader.read(content, file, given)
     known = ", ".join(reader.name for reader in READERS)
     raise InputError(
         f"{file}: the content is binary and of no known format, whatever the file's suffix says. "

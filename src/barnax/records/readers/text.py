@@ -1,42 +1,37 @@
-"""Delimited text: comma, semicolon, tab or bar between the cells, point or comma in numbers."""
+"""Delimited text: comma, semicolon, tab or bar between the cells, point or comma in numbers.
+
+The lines above the names are skipped, units below them are joined to them, and rows of another
+layer, as Neware's reports have for cycles and steps, are left out. Polars reads the cells.
+"""
 
 import codecs
 import csv
 import io
-import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 
-from ...errors import InputError, reason_of
-from ..columns import is_ocv_table, names_record
+from ...errors import InputError, counted
+from ..columns import NEEDED, QUANTITIES, unit_of
+from ..dialects import columns_of, is_ocv_table, names_record, other_table
 from ..table import Reader, Table
 
 _DELIMITERS = ",;\t|"
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# The longest preambles known have some 80 lines, the widest headers some 3,000 characters.
-_PREAMBLE_LINES, _PREAMBLE_LETTERS, _LONGEST_HEADER = 200, 200_000, 20_000
-_DECIMAL_COMMA = re.compile(r"^\s*-?\d+,\d+(?:[eE][+-]?\d+)?\s*$")
+# The longest preambles known are a protocol of some hundred lines, or in one line of 13,000
+# letters; the widest headers have some 3,000 characters.
+_PREAMBLE_LINES, _PREAMBLE_BYTES, _LONGEST_HEADER = 2000, 400_000, 20_000
+# What Polars guesses the types of columns from.
+_GUESSED_LINES = 1000
+# So many zero bytes may stand in text.
+_STRAY_ZEROS = 4
 
 
 def _recognizes(content: bytes) -> bool:
-    """Text has no zero byte, but for UTF-16, which says so in its first two."""
-    return content.startswith(_UTF16) or b"\0" not in content[:65536]
-
-
-def _decoded(content: bytes, file: str) -> str:
-    """The text; testers write UTF-8, UTF-16 or, for their degree signs, Latin-1."""
-    if content.startswith(_UTF16):
-        try:
-            return content.decode("utf-16")
-        except UnicodeDecodeError as error:
-            raise InputError(
-                f"{file}: starts as UTF-16 text but does not go on so; save it as UTF-8."
-            ) from error
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
+    """Text has no zero bytes but a stray one, and but for UTF-16, which says so at its start."""
+    return content.startswith(_UTF16) or content[:65536].count(0) <= _STRAY_ZEROS
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -47,76 +42,261 @@ def _cells(line: str, delimiter: str) -> list[str]:
         return []
 
 
-def _read(content: bytes, file: str) -> Table:
-    text = _decoded(content, file).replace("\r\n", "\n").replace("\r", "\n")
-    # The row in the file is kept, so blank lines above the header count.
-    lead = len(text) - len(text.lstrip("\n"))
-    head = text[lead:].partition("\n")[0]
-    if not head.replace("\t", "").isprintable():
+@dataclass(frozen=True)
+class _Layout:
+    """Where the names stand, as a number of lines above them, and how the cells are delimited."""
+
+    above: int
+    header: tuple[str, ...]
+    delimiter: str
+
+
+def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+    content = _as_utf8(content, file)
+    # The row in the file is kept, so blank lines above the names count.
+    lines = _head_lines(content)
+    layout = _layout(lines, file, given)
+    lead = layout.above + 1
+    body, breaks = _without_repeats(content, layout.above)
+    below = lines[lead : lead + 1]
+    header, has_units = _with_units(layout, below[0] if below else "")
+    _refuse_split_numbers(lines[lead:], layout, file)
+    if has_units:
+        body, lead = body[_offset(body, 1) :], lead + 1
+    columns = _columns(body, header, layout.delimiter, file)
+    row = np.arange(lead + 1, lead + 1 + len(columns[0]))
+    for place, dropped in reversed(breaks):
+        row[row >= place] += dropped
+    table = Table(header, tuple(columns), row, notes=_notes(layout, breaks))
+    return _records_of_layers(table)
+
+
+def _as_utf8(content: bytes, file: str) -> bytes:
+    """The text in UTF-8 with a plain newline; testers write UTF-8, UTF-16 or Latin-1."""
+    if content.startswith(_UTF16):
+        try:
+            content = content.decode("utf-16").encode()
+        except UnicodeDecodeError as error:
+            raise InputError(
+                f"{file}: starts as UTF-16 text but does not go on so; save it as UTF-8."
+            ) from error
+    content = content.removeprefix(codecs.BOM_UTF8)
+    if b"\0" in content:
+        content = content.replace(b"\0", b"")
+    if b"\n" not in content[:_PREAMBLE_BYTES]:
+        content = content.replace(b"\r", b"\n")
+    return content
+
+
+def _head_lines(content: bytes) -> list[str]:
+    """The first lines."""
+    head = content[:_PREAMBLE_BYTES]
+    try:
+        text = head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        # The last letter may be cut.
+        text = head[: error.start].decode() if error.start > len(head) - 4 else ""
+        text = text or head.decode("latin-1")
+    return [line.removesuffix("\r") for line in text.split("\n", _PREAMBLE_LINES)]
+
+
+def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
+    """The first line that names a record or an OCV table, else the first that is not blank.
+
+    Some testers write what was tested, by whom and when above their table.
+    """
+    fallback, most = None, 1
+    for above, line in enumerate(lines):
+        if len(line) > _LONGEST_HEADER or not line.strip():
+            continue
+        delimiter = max(_DELIMITERS, key=line.count)
+        header = tuple(_cells(line, delimiter))
+        found = _Layout(above, header, delimiter)
+        if names_record(header, given) or is_ocv_table(header) or other_table(header):
+            return found
+        named = len(columns_of(header, given).keys() & NEEDED)
+        if fallback is None or named > most:
+            fallback, most = found, max(named, most)
+    first = next((line for line in lines if line.strip()), "")
+    if not first.replace("\t", "").isprintable():
         raise InputError(
             f"{file}: the first line is not text, so this is no table of samples, whatever the "
             "file's suffix says; export the record as CSV, Parquet or a workbook."
         )
-    above = _lines_above_names(text[lead:])
-    head, _, body = text[lead:].split("\n", above)[-1].partition("\n")
-    delimiter = max(_DELIMITERS, key=head.count)
-    header = _cells(head, delimiter)
-    if not header:
+    if fallback is None or not fallback.header:
         raise InputError(
-            f"{file}: a cell of the first line has {len(head)} letters, so this is no table of "
+            f"{file}: a cell of the first line has {len(first)} letters, so this is no table of "
             "samples; export the record as plain CSV."
         )
-    columns = _string_columns(body, len(header), delimiter, file)
-    first_line = _cells(body.partition("\n")[0], delimiter)
-    if delimiter != "," and any(_DECIMAL_COMMA.match(cell) for cell in first_line):
-        columns = [column.str.replace_all(",", ".", literal=True) for column in columns]
-    rows = len(columns[0])
-    first = lead + above + 2
-    note = f"ignored the rows above the column names in row {first - 1}"
+    return fallback
+
+
+def _offset(content: bytes, lines: int) -> int:
+    """Where the line after so many begins."""
+    at = 0
+    for _ in range(lines):
+        at = content.find(b"\n", at) + 1
+        if at == 0:
+            return len(content)
+    return at
+
+
+def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int, int]]]:
+    """What stands below the names, without what joined files repeat: their names and all above.
+
+    With that, each row from which on lines are left out, and how many.
+    """
+    start, end = _offset(content, above), _offset(content, above + 1)
+    names, first = content[start:end], content[: _offset(content, 1)]
+    body, breaks, at = content[end:], [], 0
+    while len(names) > 20 and (at := body.find(b"\n" + names, at)) >= 0:
+        begins = body.rfind(b"\n" + first, 0, at) if first.strip() else -1
+        begins = begins if begins >= 0 else at
+        ends = at + len(names)
+        row = above + 3 + body.count(b"\n", 0, begins)
+        breaks.append((row, body.count(b"\n", begins, ends)))
+        body = body[:begins] + body[ends:]
+        at = begins
+    return body, breaks
+
+
+def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
+    """Raise InputError where commas between cells cut numbers with decimal commas in two."""
+    rows = [_cells(line, layout.delimiter) for line in lines[:20] if line.strip(", ")]
+    if layout.delimiter != "," or not rows:
+        return
+    is_wider = all(any(row[len(layout.header) + 1 :]) for row in rows)
+    if is_wider and not any("." in cell for row in rows for cell in row):
+        raise InputError(
+            f"{file}: the rows have more cells than names and no decimal point: commas stand both "
+            "between the cells and in the numbers; export it with semicolons, or with points."
+        )
+
+
+def _with_units(layout: _Layout, below: str) -> tuple[tuple[str, ...], bool]:
+    """The names with the units that stand in the line below them, and whether they do."""
+    cells = _cells(below, layout.delimiter)
+    cells += [""] * (len(layout.header) - len(cells))
+    units = [cell.strip("[]()") for cell in cells]
+    found = columns_of(layout.header)
+    own = {each.index: each for each in found.values()}
+    spelled = {
+        k: unit_of(own[k].quantity, units[k])
+        for k in own
+        if units[k] and own[k].quantity.is_required
+    }
+    if not spelled or not all(
+        unit and (own[k].is_unit_assumed or unit == own[k].unit) for k, unit in spelled.items()
+    ):
+        return layout.header, False
+    return tuple(
+        name
+        if (k in own and not own[k].is_unit_assumed) or not _is_unit(units[k])
+        else f"{name} [{units[k]}]"
+        for k, name in enumerate(layout.header)
+    ), True
+
+
+def _is_unit(text: str) -> bool:
+    return any(unit_of(quantity, text) for quantity in QUANTITIES)
+
+
+def _columns(body: bytes, header: Sequence[str], delimiter: str, file: str) -> list[pl.Series]:
+    """The cells below the names: numbers where a column holds nothing else, else text."""
+    if not body.strip():
+        return [pl.Series(str(k), [], dtype=pl.String) for k in range(len(header))]
+    # The first line tells Polars the width, and testers end the names or the cells with one more
+    # delimiter: a line of our own is as wide as the header.
+    wide = delimiter * (len(header) - 1) if len(header) > 1 else '""'
+    content = f"{wide}\n".encode() + body
+    names = [str(k) for k in range(len(header))]
+
+    def parsed(schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
+        return pl.read_csv(
+            io.BytesIO(content),
+            has_header=False,
+            schema=dict(schema),
+            separator=delimiter,
+            truncate_ragged_lines=True,
+            encoding="utf8" if content.isascii() else "utf8-lossy",
+            quote_char='"',
+        )[1:]
+
+    try:
+        frame = parsed(_guessed(content, names, delimiter))
+    except pl.exceptions.PolarsError:
+        # A word among the numbers, or a quote within a cell: as text, a message can quote it.
+        frame = _parsed_as_text(parsed, names, delimiter, file)
+    return frame.get_columns()
+
+
+def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type[pl.DataType]]:
+    """Which columns hold numbers, by the first lines; whole numbers may go on with a fraction."""
+    end = _offset(content[: 100 * _PREAMBLE_BYTES], _GUESSED_LINES)
+    frame = pl.read_csv(
+        io.BytesIO(content[:end]),
+        has_header=False,
+        new_columns=names,
+        separator=delimiter,
+        truncate_ragged_lines=True,
+        encoding="utf8-lossy",
+        infer_schema_length=None,
+    )
+    return {
+        name: pl.Float64 if dtype.is_numeric() else pl.String
+        for name, dtype in frame.schema.items()
+    }
+
+
+def _parsed_as_text(
+    parsed: Callable[[Mapping[str, type[pl.DataType]]], pl.DataFrame],
+    names: list[str],
+    delimiter: str,
+    file: str,
+) -> pl.DataFrame:
+    try:
+        frame = parsed(dict.fromkeys(names, pl.String))
+    except pl.exceptions.PolarsError as error:
+        raise InputError(
+            f"{file}: cannot be split into columns at {delimiter!r}; export it as plain CSV without"
+            " quotes inside cells."
+        ) from error
+    return frame.select(pl.all().str.strip_chars().replace("", None))
+
+
+def _records_of_layers(table: Table) -> Table:
+    """The table without the rows that have something in front, where the first columns are blank.
+
+    Neware's reports write cycles, steps and records below one another, each indented further.
+    """
+    blank = next((k for k, name in enumerate(table.header) if name), 0)
+    if not blank or not names_record(table.header):
+        return table
+    front = np.any([column.is_not_null().to_numpy() for column in table.columns[:blank]], axis=0)
+    if not front.any():
+        return replace(table, header=table.header[blank:], columns=table.columns[blank:])
+    kept = pl.Series(~front)
+    note = f"left out {counted(int(front.sum()), 'row')} of cycles and steps between the records"
+    header, columns = table.header[blank:], table.columns[blank:]
+    if "step" not in columns_of(header):
+        # Every other row begins a step; that of a cycle stands on one line with its first.
+        header, columns = (*header, "Step Count"), (*columns, pl.Series(np.cumsum(front)))
     return Table(
-        header=tuple(header),
-        columns=tuple(columns),
-        row=np.arange(first, first + rows),
-        notes=(note,) if above else (),
+        header,
+        tuple(column.filter(kept) for column in columns),
+        table.row[~front],
+        notes=(*table.notes, note),
     )
 
 
-def _lines_above_names(text: str) -> int:
-    """How many lines stand above the one that names the columns; 0 where none does.
-
-    Some testers write what was tested, by whom and when above their table.
-    """
-    start = text[:_PREAMBLE_LETTERS]
-    for number, line in enumerate(start.split("\n", _PREAMBLE_LINES)[:_PREAMBLE_LINES]):
-        if len(line) > _LONGEST_HEADER:
-            continue
-        cells = _cells(line, max(_DELIMITERS, key=line.count))
-        if names_record(cells) or is_ocv_table(cells):
-            return number
-    return 0
-
-
-def _string_columns(body: str, width: int, delimiter: str, file: str) -> list[pl.Series]:
-    """The cells below the header as text, so that a message can quote what stands there."""
-    if not body.strip():
-        return [pl.Series(str(k), [], dtype=pl.String) for k in range(width)]
-    # The first line tells Polars the width, and testers end the names or the cells with one more
-    # delimiter: a line of our own is as wide as the header.
-    wide = delimiter * (width - 1) if width > 1 else '""'
-    try:
-        frame = pl.read_csv(
-            io.BytesIO(f"{wide}\n{body}".encode()),
-            has_header=False,
-            schema={str(k): pl.String for k in range(width)},
-            separator=delimiter,
-            truncate_ragged_lines=True,
-        )
-    except pl.exceptions.PolarsError as error:
-        raise InputError(
-            f"{file}: cannot be split into columns at {delimiter!r} ({reason_of(error)});"
-            " export it as plain CSV without quotes inside cells."
-        ) from error
-    return [column[1:].str.strip_chars().replace("", None) for column in frame.get_columns()]
+def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[str, ...]:
+    notes = []
+    if layout.above:
+        notes.append(f"ignored the rows above the column names in row {layout.above + 1}")
+    if breaks:
+        rows = ", ".join(str(place + dropped) for place, dropped in breaks[:5])
+        notes.append(f"the names stand again above row {rows}: several files in one")
+    return tuple(notes)
 
 
 TEXT = Reader("delimited text", _recognizes, _read)

@@ -1,22 +1,42 @@
-"""Spreadsheet workbooks, above all the ones Arbin testers write.
+"""Spreadsheet workbooks of Arbin, Neware, Landt and other testers.
 
 An Arbin workbook holds `Info`, `Channel_<chassis>-<channel>` and, past the old sheet limit of
-65,536 rows, `Channel_<chassis>-<channel>_2` and so on; users add sheets of their own. CALCE
-publishes OOXML workbooks under the suffix `.xls`, so the suffix says nothing.
+65,536 rows, `Channel_<chassis>-<channel>_2` and so on; Neware's `Detail_` sheets go on likewise.
+Users add sheets of their own. CALCE publishes OOXML workbooks under the suffix `.xls`, so the
+suffix says nothing.
 """
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import fastexcel
 import numpy as np
 import polars as pl
 
 from ...errors import InputError, cut, listed
-from ..columns import NEEDED, find_columns, has_arbin_header, is_ocv_table, names_record
+from ..cells import numbers
+from ..columns import NEEDED
+from ..dialects import columns_of, is_ocv_table, names_record
 from ..table import Reader, Table
+from .libraries import quieted
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-_CHANNEL = re.compile(r"^channel[ _]*(?P<channel>\d+(?:-\d+)?)?", re.IGNORECASE)
+# Sheets of one channel: "Channel_1-001", "Channel_1-001_2"; "Detail_14_1_3"; "record", "record_2".
+_CHANNEL = re.compile(
+    r"^(?:channel[ _]*(\d+(?:-\d+)?)?|detail[a-z]*_(\d+_\d+_\d+)|record(?:[ _(]*\d+\)?)?$)",
+    re.IGNORECASE,
+)
+# The names stand in one of so many rows.
+_ABOVE = 100
+
+
+@dataclass(frozen=True)
+class _Names:
+    """A sheet's row of names, and how many rows stand above it."""
+
+    above: int
+    header: tuple[str, ...]
 
 
 def _recognizes(content: bytes) -> bool:
@@ -24,12 +44,14 @@ def _recognizes(content: bytes) -> bool:
     return content.startswith(_OLE) or (content.startswith(b"PK") and b"xl/" in content)
 
 
-def _read(content: bytes, file: str) -> Table:
+def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     try:
-        workbook = fastexcel.read_excel(content)
-        headers = {name: _header(workbook, name) for name in workbook.sheet_names}
-        chosen = _chosen_sheets(headers, file)
-        bodies = {name: _body(workbook, name) for name in chosen}
+        with quieted("fastexcel"):
+            workbook = fastexcel.read_excel(content)
+            sheets = {name: _names(workbook, name, given) for name in workbook.sheet_names}
+            headers = {name: sheet.header for name, sheet in sheets.items()}
+            chosen = _chosen_sheets(headers, file, given)
+            bodies = {name: _body(workbook, name, sheets[name].above + 1) for name in chosen}
     except InputError:
         raise
     except BaseException as error:
@@ -39,47 +61,51 @@ def _read(content: bytes, file: str) -> Table:
         raise InputError(
             f"{file}: the workbook is damaged or cut short; copy or export it again."
         ) from error
-    header = headers[chosen[0]]
+    names = sheets[chosen[0]]
     for name in chosen:
-        if headers[name] != header:
+        if sheets[name] != names:
             raise InputError(
                 f"{file}: sheets {listed([chosen[0]])} and {listed([name])} have different columns "
                 "and cannot be joined; give them the same first row."
             )
-    return _joined(bodies, header, ignored=[name for name in headers if name not in chosen])
+    return _joined(bodies, names, ignored=[name for name in sheets if name not in chosen])
 
 
-def _header(workbook: fastexcel.ExcelReader, name: str) -> tuple[str, ...]:
-    """A sheet's first row."""
-    first = workbook.load_sheet(name, header_row=None, n_rows=1, dtypes="string").to_polars()
-    return tuple(str(cell) for cell in first.row(0)) if first.height else ()
+def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str]) -> _Names:
+    """The first row that names a record or an OCV table, else the sheet's first."""
+    rows = workbook.load_sheet(name, header_row=None, n_rows=_ABOVE, dtypes="string").to_polars()
+    headers = [tuple("" if cell is None else cell for cell in row) for row in rows.rows()]
+    for above, header in enumerate(headers):
+        if names_record(header, given) or is_ocv_table(header):
+            return _Names(above, header)
+    return _Names(0, headers[0] if headers else ())
 
 
-def _body(workbook: fastexcel.ExcelReader, name: str) -> pl.DataFrame:
-    """The rows below a sheet's first."""
-    if workbook.load_sheet(name, header_row=None).height < 2:
+def _body(workbook: fastexcel.ExcelReader, name: str, above: int) -> pl.DataFrame:
+    """The rows of a sheet below its names."""
+    if workbook.load_sheet(name, header_row=None).height <= above:
         return pl.DataFrame()
-    sheet = workbook.load_sheet(name, header_row=None, skip_rows=1, schema_sample_rows=None)
+    sheet = workbook.load_sheet(name, header_row=None, skip_rows=above, schema_sample_rows=None)
     return sheet.to_polars()
 
 
-def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
-    """The sheets that hold the record: Arbin's channel, else the only one with the columns.
+def _chosen_sheets(
+    headers: dict[str, tuple[str, ...]], file: str, given: Mapping[str, str]
+) -> list[str]:
+    """The sheets that hold the record: a channel's, else the only one with the columns.
 
     Failing that, the only one with some of them.
     """
-    arbin = [
-        name for name, cells in headers.items() if _CHANNEL.match(name) and has_arbin_header(cells)
-    ]
-    channels = {match["channel"] for name in arbin if (match := _CHANNEL.match(name))}
-    if len(channels) > 1:
+    whole = [name for name, cells in headers.items() if names_record(cells, given)]
+    ours = {name: match.groups() for name in whole if (match := _CHANNEL.match(name))}
+    if len(set(ours.values())) > 1:
         raise InputError(
-            f"{file}: the workbook holds {len(channels)} channels (sheets {listed(arbin)}), "
-            "and a record is of one cell; save each channel as a workbook of its own."
+            f"{file}: the workbook holds {len(set(ours.values()))} channels (sheets "
+            f"{listed(ours)}), and a record is of one cell; save each channel as a workbook of its "
+            "own."
         )
-    if arbin:
-        return arbin
-    whole = [name for name, cells in headers.items() if names_record(cells)]
+    if ours:
+        return list(ours)
     whole = whole or [name for name, cells in headers.items() if is_ocv_table(cells)]
     if len(whole) == 1:
         return whole
@@ -87,7 +113,7 @@ def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
         raise InputError(
             f"{file}: several sheets could be the record ({listed(whole)}); keep one of them."
         )
-    partial = [name for name, cells in headers.items() if find_columns(cells).keys() & NEEDED]
+    partial = [name for name, cells in headers.items() if columns_of(cells).keys() & NEEDED]
     if len(partial) == 1:
         # Which of its columns is missing is for the reader of columns to say.
         return partial
@@ -99,32 +125,36 @@ def _chosen_sheets(headers: dict[str, tuple[str, ...]], file: str) -> list[str]:
     )
 
 
-def _joined(bodies: dict[str, pl.DataFrame], header: tuple[str, ...], ignored: list[str]) -> Table:
+def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) -> Table:
     """The sheets one after another, in the order of their first lines' clock.
 
     Workbooks do not promise the order of their sheets; the clock does.
     """
+    header, first = names.header, names.above + 2
     filled = {name: body for name, body in bodies.items() if body.height}
-    names = list(filled)
-    if len(names) > 1:
-        clock = find_columns(header)["time"].index
-        names.sort(key=lambda name: _first_number(filled[name].to_series(clock)))
+    order = list(filled)
+    found = columns_of(header)
+    clock = found.get("time") or found.get("date")
+    if len(order) > 1 and clock is not None:
+        starts = {
+            name: float(numbers(filled[name].to_series(clock.index).head(1), clock)[0])
+            for name in order
+        }
+        order.sort(key=lambda name: starts[name])
     word = "sheets" if len(ignored) > 1 else "sheet"
-    notes = (f"ignored the {word} {listed(ignored)}",) if ignored else ()
+    notes = [f"ignored the {word} {listed(ignored)}"] if ignored else []
+    if names.above:
+        notes.append(f"ignored the rows above the column names in row {names.above + 1}")
+    rows = (np.arange(filled[name].height) + first for name in order)
     return Table(
         header=header,
         columns=tuple(
-            _stacked([filled[name].to_series(k) for name in names]) for k in range(len(header))
+            _stacked([filled[name].to_series(k) for name in order]) for k in range(len(header))
         ),
-        row=np.concatenate([np.arange(0), *(np.arange(filled[name].height) + 2 for name in names)]),
-        sheets=tuple((name, filled[name].height) for name in names),
-        notes=notes,
+        row=np.concatenate([np.arange(0), *rows]),
+        sheets=tuple((name, filled[name].height) for name in order),
+        notes=tuple(notes),
     )
-
-
-def _first_number(column: pl.Series) -> float:
-    number = column.head(1).cast(pl.Float64, strict=False).item()
-    return float("inf") if number is None else number
 
 
 def _stacked(parts: list[pl.Series]) -> pl.Series:

@@ -1,0 +1,158 @@
+"""What stands in cells, as numbers: decimal commas, clocks, dates, and words for steps."""
+
+import re
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from .columns import Column
+from .record import OTHER_STATE
+
+Numbers = Float[np.ndarray, "lines"]
+
+CLOCKS = frozenset({"time", "step time", "date"})
+
+
+# 1899-12-31, which spreadsheets show for a time of day; and what no test clock comes to.
+_DAY_ZERO_S, _DATED_S = -2_209_075_200.0, 5e8
+
+
+def numbers(cells: pl.Series, column: Column) -> Numbers:
+    """The cells in the base unit of the column's quantity, NaN where one is no number.
+
+    Clock times ("1d 02:03:04.5", "144:02:18") are in seconds whatever the unit; dates in seconds
+    since 1970.
+    """
+    if isinstance(cells.dtype, pl.Categorical | pl.Enum):
+        cells = cells.cast(pl.String)
+    quantity, unit = column.quantity.name, column.unit
+    if quantity == "state":
+        return _states(cells)
+    if quantity in CLOCKS and not cells.dtype.is_numeric():
+        seconds = _seconds(cells)
+        if np.isfinite(seconds).any():
+            return seconds if quantity == "date" else _from_zero(seconds)
+    if cells.dtype == pl.String:
+        cells = _plain(cells)
+    elif not cells.dtype.is_numeric():
+        # A date or a truth value is no number of the stated unit.
+        return np.full(len(cells), np.nan)
+    values = cells.cast(pl.Float64).to_numpy()
+    if quantity == "date":
+        return values * _date_unit_s(values)
+    if unit.factor == 1 and unit.offset == 0:
+        return values
+    return values * unit.factor + unit.offset
+
+
+def _from_zero(seconds: Numbers) -> Numbers:
+    """Clock times as they are; dates from the first, or from day zero of spreadsheets."""
+    first = seconds[np.isfinite(seconds)][0]
+    if first < _DAY_ZERO_S + 100 * 86400.0:
+        return seconds - _DAY_ZERO_S if first < 0 else seconds
+    return seconds if first < _DATED_S else seconds - first
+
+
+def _plain(text: pl.Series) -> pl.Series:
+    """The numbers that a column of text spells, null where there is none."""
+    plain = text.cast(pl.Float64, strict=False)
+    if plain.null_count() == text.null_count():
+        return plain
+    text = text.str.strip_chars()
+    plain = text.cast(pl.Float64, strict=False)
+    with_comma = text.filter(plain.is_null() & text.str.contains(",", literal=True))
+    if not len(with_comma):
+        return plain
+    if with_comma.str.contains(r"\d\.\d{3}[.,]").any():
+        text = text.str.replace_all(".", "", literal=True)
+    elif with_comma.str.contains(r"\d,\d{3}[.,]").any() or _groups_thousands(with_comma, plain):
+        text = text.str.replace_all(",", "", literal=True)
+    return text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+
+
+def _groups_thousands(with_comma: pl.Series, plain: pl.Series) -> bool:
+    """Whether "1,005" is a thousand: what stands without a comma then goes up to 999."""
+    are_groups = with_comma.str.contains(r"^[+-]?[1-9]\d{0,2},\d{3}$").all()
+    return bool(are_groups) and (plain.abs().max() or 0) >= 100  # type: ignore[operator]
+
+
+_CLOCK = r"^\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):(\d+):(\d+(?:[.,]\d*)?)\s*$"
+
+
+def _seconds(cells: pl.Series) -> Numbers:
+    """Clock times, durations and dates in seconds."""
+    if cells.dtype == pl.Time:
+        cells = cells.cast(pl.Duration("us"))
+    if cells.dtype == pl.Duration:
+        return cells.dt.total_microseconds().cast(pl.Float64).to_numpy() / 1e6
+    if cells.dtype == pl.String and not _looks_dated(cells):
+        parts = cells.str.extract_groups(_CLOCK).struct.unnest()
+        days, hours, minutes, seconds = (
+            column.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+            for column in parts.get_columns()
+        )
+        return (((days.fill_null(0) * 24 + hours) * 60 + minutes) * 60 + seconds).to_numpy()
+    if cells.dtype == pl.String:
+        cells = _dates(cells)
+    if not cells.dtype.is_temporal():
+        return np.full(len(cells), np.nan)
+    return cells.cast(pl.Datetime("us")).dt.epoch("us").cast(pl.Float64).to_numpy() / 1e6
+
+
+def is_clock(cells: pl.Series) -> bool:
+    """Whether the cells are clock times or dates rather than numbers of some unit."""
+    if cells.dtype != pl.String:
+        return cells.dtype.is_temporal()
+    return ":" in "".join(cells.drop_nulls().head(1).to_list())
+
+
+def _looks_dated(text: pl.Series) -> bool:
+    first = text.drop_nulls().head(1).to_list()
+    return bool(first) and bool(re.match(r"\s*\d+[-/.]([A-Za-z]+|\d+)[-/.]\d+", first[0]))
+
+
+_DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%m/%d/%Y", "%d/%m/%Y", "%d.%m.%Y", "%d-%m-%Y", "%d-%b-%y")
+_TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M")
+
+
+def _dates(text: pl.Series) -> pl.Series:
+    """The dates that a column of text spells: day or month first as the shorter time tells."""
+    plain = text.str.strip_chars().str.replace(r"(?:Z|[+-]\d\d:?\d\d)$", "")
+    plain = plain.str.replace("T", " ", literal=True)
+    first = plain.drop_nulls().head(1)
+    read = []
+    for form in (f"{day} {time}" for day in _DAYS for time in _TIMES):
+        if first.str.to_datetime(form, strict=False).null_count():
+            continue
+        dates = plain.str.to_datetime(form, time_unit="us", strict=False)
+        falls = (dates.diff().dt.total_microseconds() < 0).sum()
+        read.append(((dates.null_count(), falls, dates.max() - dates.min()), dates))  # type: ignore[operator]
+    return min(read, key=lambda each: each[0])[1] if read else text
+
+
+def _date_unit_s(values: Numbers) -> float:
+    """Seconds in the unit of numbers that are dates: spreadsheet or Matlab days, or Unix time."""
+    middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
+    if middle < 1e6:
+        return 86400.0
+    return 1.0 if middle < 1e11 else 1e-3
+
+
+# How testers call what a step does; what is neither is another state.
+_STATES = (
+    (1, r"^(d|dis|dch|dch?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entladen|.*放电)$"),
+    (-1, r"^(c|chg?|cha|ratec|.*chg|.*charg(e|ing)|.*laden|.*充电)$"),
+    (0, r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|静置|搁置)$"),
+)
+
+
+def _states(cells: pl.Series) -> Numbers:
+    """The codes of `Record.state` for a column of words, of which there are few."""
+    if cells.dtype != pl.String:
+        return np.full(len(cells), np.nan)
+    codes = {}
+    for word in cells.unique().drop_nulls():
+        plain = re.sub(r"[\s_]+", " ", word).strip().lower()
+        codes[word] = next((code for code, words in _STATES if re.match(words, plain)), OTHER_STATE)
+    return cells.replace_strict(codes, default=OTHER_STATE, return_dtype=pl.Float64).to_numpy()

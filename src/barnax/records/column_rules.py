@@ -1,0 +1,241 @@
+"""Which columns of a table are read, and what is to be said of them."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError, counted, listed
+from .cells import CLOCKS, is_clock, numbers
+from .columns import QUANTITIES, Column, Quantity, Unit, likely_column, likely_names, named_column
+from .dialects import NOTHING, columns_of, is_ocv_table, other_table
+from .findings import Finding
+from .table import Table
+
+Columns = Mapping[str, Column]
+
+REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.is_required)
+QUANTITY_OF = {quantity.name: quantity for quantity in QUANTITIES}
+# What `columns` may name.
+NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of the interval"))
+# Dates that stand still in a larger share of the intervals are printed too coarsely to be a clock.
+_COARSE_DATES = 0.05
+# So many dates are compared with the clock, over intervals that whole seconds resolve.
+_DATES, _LEAST_DATED_S = 50, 100.0
+
+
+def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
+    """The user's names by quantity, from a mapping or from text such as "current=I[mA]:mA,...".
+
+    A name may hold commas and equality signs, for only a quantity begins the next. Raises
+    InputError for what is no quantity of a record.
+
+    >>> read_columns("time=Zeit:min,current=Strom, gemessen:mA")
+    {'time': 'Zeit:min', 'current': 'Strom, gemessen:mA'}
+    """
+    if isinstance(given, str):
+        known = "|".join(map(re.escape, NAMES))
+        parts = re.split(rf"(?:^|,)\s*({known})\s*=", given)
+        unknown = parts[0].strip() or ("" if len(parts) > 1 else "nothing")
+        given = dict(zip(parts[1::2], map(str.strip, parts[2::2]), strict=True))
+    else:
+        unknown = next((name for name in given if name not in NAMES), "")
+    if unknown or not all(given.values()):
+        words = f"{unknown!r} is no quantity" if unknown else "a quantity has no name"
+        raise InputError(
+            f"`columns`: {words}; write them as 'time=NAME:s,current=NAME:mA,voltage=NAME', with "
+            f"units behind colons where the names lack them; there are {', '.join(NAMES)}."
+        )
+    return dict(given)
+
+
+def examine_columns(
+    table: Table, file: str, given: Mapping[str, str] = NOTHING
+) -> tuple[dict[str, Column], list[Finding]]:
+    """The columns to go on with, and what is to be said of them.
+
+    `given` are the user's own names. Where a required column has no accepted name but one likely
+    one, that is taken, so that its values are looked at too. A column still missing is in the
+    findings alone. Raises InputError where no name is like any that a record has.
+    """
+    if what := other_table(table.header):
+        remedy = "give the file of samples over time"
+        raise InputError(f"{file}: is {what}, no record of time, current and voltage; {remedy}.")
+    found = columns_of(table.header, given)
+    is_nameless = any(map(_is_number, table.header[:1]))
+    is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
+    if not is_like and not is_nameless:
+        raise InputError(_no_record(table, file))
+    findings = [Finding("note", note, is_told=True) for note in table.notes]
+    findings.extend(_not_there(table, found, given))
+    for name in found.keys() & CLOCKS:
+        if found[name].is_unit_assumed and is_clock(table.columns[found[name].index]):
+            found[name] = replace(found[name], is_unit_assumed=False)
+    findings.extend(_other_clock(table, found))
+    findings.extend(_by_the_dates(table, found))
+    if "current" not in found and "charge of the interval" in found:
+        found["current"] = found["charge of the interval"]
+        what = f"the current is that of the charge in '{found['current'].header}' over its interval"
+        findings.append(Finding("note", what, is_told=True))
+    for unused in ("step time", "date", "charge of the interval"):
+        found.pop(unused, None)
+    findings.extend(_repeated_names(table, found))
+    findings.extend(_units(found))
+    for quantity in REQUIRED:
+        if quantity.name in found:
+            continue
+        # What another quantity has taken is no candidate.
+        free = ["" if name in _headers(found) else name for name in table.header]
+        guess = likely_column(quantity, free)
+        if guess is not None:
+            found[quantity.name] = guess
+        what, remedy = _missing(quantity, guess, free, table)
+        if is_nameless:
+            what += "; the first row holds numbers, not names"
+        findings.append(Finding("error", what, remedy, row=table.names_row))
+    return found, findings
+
+
+def _not_there(table: Table, found: Columns, given: Mapping[str, str]) -> Iterator[Finding]:
+    """Warnings of given names that the table does not have."""
+    for name, wanted in given.items():
+        column = named_column(table.header, QUANTITY_OF[name], wanted)
+        if column is None:
+            what = f"no column is called '{wanted}', which `columns` gives for the {name}"
+            taken = f"; '{found[name].header}' is taken" if name in found else ""
+            remedy = "leave it out for this file"
+            yield Finding("warning", what + taken, remedy, row=table.names_row)
+
+
+def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
+    """Take the dates, or the clock of the steps, where there is no clock of the test."""
+    if "time" in found or not found.keys() & {"date", "step time"}:
+        return
+    clock = "date" if "date" in found else "step time"
+    if {"date", "step time"} <= found.keys():
+        dates = found["date"]
+        stands = np.diff(numbers(table.columns[dates.index], dates)) == 0
+        clock = "step time" if np.mean(stands) > _COARSE_DATES else "date"
+    found["time"] = found[clock]
+    which = "date" if clock == "date" else "clock of the steps, joined"
+    what = f"no clock of the test; the time is by the {which}, '{found[clock].header}'"
+    yield Finding("note", what, is_told=True)
+
+
+def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
+    """Correct the unit of the time where it is none, or a wrong one, by the dates beside it.
+
+    By the median of many intervals, for a test may have paused.
+    """
+    time, date = found.get("time"), found.get("date")
+    if time is None or date is None or time.quantity.name != "time" or len(table.row) < 3:
+        return
+    places = np.unique(np.linspace(0, len(table.row) - 1, _DATES).astype(int))
+    dates_s, times_s = (
+        np.diff(numbers(table.columns[each.index].gather(places), each)) for each in (date, time)
+    )
+    moved = (times_s > 0) & (dates_s > _LEAST_DATED_S)
+    if moved.sum() < 2:
+        return
+    ratios = dates_s[moved] / times_s[moved]
+    unit = next((u for u in set(time.quantity.units.values()) if _is_off_by(ratios, u, time)), None)
+    if unit is None or unit == time.unit:
+        return
+    what = f"by the dates in '{date.header}', '{time.header}' is in {unit.symbol}"
+    if time.is_unit_assumed:
+        found["time"] = replace(time, unit=unit, is_unit_assumed=False)
+        yield Finding("warning", f"{what}: taken so", f"name it 'Test Time / {unit.symbol}'")
+    else:
+        what += f", not in {time.unit.symbol}: {1 / np.median(ratios):.4g} times too long"
+        remedy = f"divide it by {1 / np.median(ratios):.4g}, or name it 'Test Time / {unit.symbol}'"
+        yield Finding("error", what, remedy, row=table.names_row)
+
+
+def _is_off_by(ratios: np.ndarray, unit: Unit, column: Column) -> bool:
+    """Whether most intervals by the dates are those by the clock, were that in the unit."""
+    return bool(np.mean(np.abs(ratios * column.unit.factor / unit.factor - 1) < 0.01) > 0.5)
+
+
+def _no_record(table: Table, file: str) -> str:
+    names = listed(name for name in table.header if name) or "none"
+    message = f"{file}: no column for time, current, voltage; columns found: {names}. "
+    if is_ocv_table(table.header):
+        return f"{message}It is a table of OCV over SOC; give it as the OCV test."
+    accepted = "; ".join(
+        f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
+        for quantity in REQUIRED
+    )
+    return f"{message}Accepted names: {accepted}. Rename the columns so, in the file's first row."
+
+
+def _missing(
+    quantity: Quantity, guess: Column | None, free: list[str], table: Table
+) -> tuple[str, str]:
+    """What is missing, and what to do about it."""
+    what = f"no column for the {quantity.name}"
+    names = f"{_examples(quantity)}, with its unit ({_symbols(quantity)})"
+    if guess is not None:
+        what += f"; '{guess.header}' is likely it"
+        return what, f"rename '{guess.header}' to {names}"
+    likely = likely_names(quantity, free)
+    if likely:
+        return f"{what}; likely: {_quoted(likely)}", f"rename the right one to {names}"
+    return f"{what} among {_quoted(list(table.header))}", f"export it, or name it {names}"
+
+
+def _examples(quantity: Quantity) -> str:
+    return " or ".join(f"'{name}'" for name in quantity.examples[:2])
+
+
+def _symbols(quantity: Quantity) -> str:
+    return ", ".join(dict.fromkeys(unit.symbol for unit in quantity.units.values()))
+
+
+def _quoted(names: list[str]) -> str:
+    shown = [f"'{name[:40]}'" for name in names if name][:8]
+    return ", ".join(shown) + (" ..." if len(names) > 8 else "") if shown else "no names"
+
+
+def _headers(found: Columns) -> set[str]:
+    return {column.header for column in found.values()}
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _repeated_names(table: Table, found: Columns) -> Iterator[Finding]:
+    row = table.names_row
+    for name, times in Counter(table.header).items():
+        what = f"{times} columns are called '{name}'"
+        if not name:
+            yield Finding("note", f"{counted(times, 'column')} without a name; not used", "", row)
+        elif times > 1 and name in _headers(found):
+            remedy = f"rename or delete the other{'s' if times > 2 else ''}"
+            yield Finding("warning", f"{what}; the first of them is taken", remedy, row)
+        elif times > 1:
+            yield Finding("note", f"{what}; none is used", "", row)
+
+
+def _units(found: Columns) -> Iterator[Finding]:
+    """Notes of the units that were assumed, and of those that were converted."""
+    bare = [column for column in found.values() if column.is_unit_assumed]
+    if bare:
+        units = [f"{column.unit.symbol} for '{column.header.strip()}'" for column in bare]
+        needed = [column for column in bare if column.quantity.is_required] or bare
+        names = ", ".join(f"'{column.quantity.examples[0]}'" for column in needed)
+        what = f"no units in the names; assumed {', '.join(units)}"
+        yield Finding("note", what, f"name the columns {names} to be sure", is_told=True)
+    converted = [
+        f"'{column.header}' from {column.unit.symbol} to {column.quantity.base_unit.symbol}"
+        for column in found.values()
+        if not column.is_unit_assumed and column.unit != column.quantity.base_unit
+    ]
+    if converted:
+        yield Finding("note", f"converted {', '.join(converted)}", is_told=True)

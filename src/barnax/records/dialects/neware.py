@@ -1,0 +1,36 @@
+"""Neware: BTS 5 to 8, as CSV, workbooks, and the binary files that fastnda reads.
+
+Names as in exports of BTSDA in English and Chinese. `Time` and `Relative Time` start again with
+each step; older exports have no test clock. The capacity counts from zero in each step.
+"""
+
+from .dialect import Dialect
+
+NEWARE = Dialect(
+    "Neware",
+    marks=(
+        "datapoint & voltage & current",
+        "chg. cap. & dchg. cap.",
+        "record id & realtime",
+        "relative time & absolute time",
+        "total time & cycle index & step index & date",
+        "total time s & unix time s & step type",
+        "record number & relative time",
+        "数据序号 & 电流",
+        "记录序号 & 电流",
+    ),
+    names={
+        "time": "total time|cumulative time|test time|总时间|累计时间",
+        "step time": "step time|time|relative time|时间|相对时间",
+        "date": "unix time|date|absolute time|realtime|date time|系统时间|绝对时间",
+        "current": "current|cur|电流",
+        "voltage": "voltage|volt|电压",
+        "temperature": "temperature|t1|aux1 temperature|温度",
+        "step": "step count|step index|step number|step|steps|step id|工步号|工步序号",
+        "cycle": "cycle count|cycle index|cycle|cycle id|循环号|循环序号",
+        "state": "step type|status|state|step name|工步类型|状态",
+        "charging capacity": "chg. cap.|charge capacity|chg capacity|cap chg|充电容量",
+        "discharging capacity": "dchg. cap.|discharge capacity|dchg capacity|cap dchg|放电容量",
+        "net capacity": "capacity|容量",
+    },
+)

@@ -1,0 +1,174 @@
+"""State of charge by filters on measured cells, and their times: `python -m benchmarks.filters`.
+
+The argument is the folder of measured cells. A Samsung cell is identified on DST and replayed on
+US06. Writes benchmarks/results/filters.md.
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import barnax
+from barnax.execution import in_float64
+from barnax.filters import Drive, model_of, run_filter
+from barnax.model.inputs import prepare_record
+from benchmarks.pages import provenance, save_page
+
+RESULTS = Path(__file__).parent / "results" / "filters.md"
+CELL = "calce-inr18650-20r"
+WINDOW = barnax.Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
+MODELS = ("so-rc", "iso-rc", "esc")
+SAMPLES, CELLS, REPEATS = 20_000, 1000, 5
+TIMED = """\
+#include <stdio.h>
+#include <time.h>
+#include "barnax_filter.h"
+static double in[20000][4];
+int main(void)
+{
+    int n = 0, k, turn;
+    double best = 1e9;
+    barnax_filter f;
+    while (n < 20000 && fread(in[n], sizeof(double), 4, stdin) == 4)
+        n++;
+    for (turn = 0; turn < 20; turn++) {
+        const clock_t begun = clock();
+        double spent;
+        barnax_filter_start(&f, (barnax_real)0.9, (barnax_real)0.1);
+        for (k = 0; k < n; k++)
+            barnax_filter_step(&f, (barnax_real)in[k][0], (barnax_real)in[k][1],
+                               (barnax_real)in[k][2], (barnax_real)in[k][3]);
+        spent = (double)(clock() - begun) / CLOCKS_PER_SEC / n;
+        best = spent < best ? spent : best;
+    }
+    printf("%.9f", 1e6 * best);
+    return 0;
+}
+"""
+
+
+def identified(folder: Path, model: str) -> barnax.Result:
+    """The circuit and its tables over SOC on DST at 25 degC."""
+    return barnax.identify(
+        folder / "dst_25degC_80soc_SP20-2.parquet",
+        ocv=folder / "ocv-incremental_25degC_SP20-3.parquet",
+        window=WINDOW, capacity=2.0, ocv_fit="interpolated",
+        model=model, seeds=4, iterations=50, over="soc", folds=0, proved_share=0.0,
+    )  # fmt: skip
+
+
+def soc_rows(folder: Path, model: str, result: barnax.Result) -> Iterator[str]:
+    """A row for every filter and scenario."""
+    chosen = [("ekf", "joint", True), ("ekf", "joint", False), ("ukf", "joint", False)]
+    chosen += [("ekf", "dual", False), ("ukf", "dual", False)]
+    for kind, form, tables in chosen:
+        settings = barnax.FilterSettings(kind, form, tables=tables)
+        record = folder / "us06_25degC_80soc_SP20-2.parquet"
+        replay = barnax.replay_soc(result, record, settings=settings)
+        for each in replay.scenarios:
+            head = f"| {model}{', tables' if tables else ''} | {kind}, {form} | {each.name} | "
+            if each.converged_s is None:
+                yield head + ("diverged" if each.diverged_s is not None else "never") + 5 * " | –"
+                continue
+            errors = (each.rms, each.rms_above_10_soc, each.max, each.in_band, each.counter_rms)
+            shown = " | ".join(f"{100 * (value or 0.0):.2f}" for value in errors)
+            yield f"{head}{each.converged_s:.0f} | {shown} |"
+
+
+@in_float64
+def times(folder: Path, result: barnax.Result) -> Iterator[str]:
+    """Warm times of one cell and of many, and of a sample in C."""
+    record = barnax.read_record(folder / "us06_25degC_80soc_SP20-2.parquet")
+    prepared = prepare_record(record, result.cell_model, result.model, WINDOW)
+    repeated = jax.tree.map(lambda each: jnp.tile(each, 2)[:SAMPLES], Drive.of(prepared))
+    model = model_of(result, ("offset", "capacity"))
+    start = model.start(0.9, 0.1, 1.0, 0.0)
+    for kind in ("ekf", "ukf"):
+        single = jax.jit(lambda each, start, drive, kind=kind: run_filter(each, start, drive, kind))
+        alone_s = best_s(single, model, start, repeated)
+        yield f"| {kind}, one cell, {SAMPLES:,} samples | {1e3 * alone_s:.1f} ms |"
+        if kind == "ekf":
+            # Every cell has its own model, start and current.
+            many = jax.tree.map(lambda each: jnp.repeat(each[None], CELLS, 0), (model, start))
+            short = jax.tree.map(lambda each: each[: SAMPLES // 10], repeated)
+            drives = jax.tree.map(lambda each: jnp.repeat(each[None], CELLS, 0), short)
+            together_s = best_s(jax.jit(jax.vmap(run_filter)), *many, drives)
+            alone_s = best_s(single, model, start, short)
+            ratio = together_s / alone_s / (CELLS / 100)
+            yield (
+                f"| {CELLS:,} cells in one call, {SAMPLES // 10:,} samples, per 100 cells, over "
+                f"one cell's | {ratio:.1f} |"
+            )
+    for precision in ("double", "float"):
+        yield f"| C, {precision}, a sample | {c_time_us(result, repeated, precision):.2f} us |"
+
+
+def best_s(function, *arguments) -> float:
+    """The shortest of some warm runs."""
+    jax.block_until_ready(function(*arguments))
+    spent = []
+    for _ in range(REPEATS):
+        begun = time.perf_counter()
+        jax.block_until_ready(function(*arguments))
+        spent.append(time.perf_counter() - begun)
+    return min(spent)
+
+
+def c_time_us(result: barnax.Result, drive: Drive, precision: str) -> float:
+    """What the exported filter takes for a sample."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        exporter = barnax.export.get_exporter("c-filter")
+        (folder / "barnax_filter.h").write_bytes(exporter.write(result).content)
+        (folder / "main.c").write_text(TIMED)
+        command = ["cc", "-std=c99", "-O2", f"-DBARNAX_REAL={precision}"]
+        subprocess.run([*command, folder / "main.c", "-o", folder / "run", "-lm"], check=True)
+        parts = (drive.interval_s, drive.held_a, drive.current_a, drive.voltage_v)
+        rows = np.stack([np.asarray(each) for each in parts], axis=1)
+        ran = subprocess.run(
+            [folder / "run"], input=rows.tobytes(), capture_output=True, check=True
+        )
+        return float(ran.stdout)
+
+
+def main() -> None:
+    """Measure, print the page and write it."""
+    folder = Path(sys.argv[1]) / CELL
+    results = {model: identified(folder, model) for model in MODELS}
+    origin = provenance("python -m benchmarks.filters FOLDER", 0)
+    lines = [
+        "# State of charge by filters",
+        "",
+        f"Printed by {origin['command']}, {origin['date']}, {origin['versions']}, "
+        f"{origin['machine']}.",
+        "",
+        "Samsung INR18650-20R at 25 degC, identified on DST (scored from 80 % SOC down), replayed "
+        "on US06 from full to empty. Offset of the current and capacity are estimated. Errors "
+        "against the counter, in % of the capacity, from where they stay within 3 % for ten "
+        "minutes.",
+        "",
+        "| circuit | filter | scenario | within 3 % [s] | RMS | RMS above 10 % SOC | max "
+        "| in 95 % band [%] | counting RMS |",
+        "|---|---|---|---|---|---|---|---|---|",
+        *(row for model in MODELS for row in soc_rows(folder, model, results[model])),
+        "",
+        "Warm times, the shortest of several.",
+        "",
+        "| what | time or ratio |",
+        "|---|---|",
+        *times(folder, results["so-rc"].model_copy(update={"tables": None})),
+    ]
+    page = "\n".join([*lines, ""])
+    save_page(RESULTS, page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main()

@@ -92,7 +92,7 @@ def fit_tables(
     `half_hysteresis` is asked for without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
-    objective, parts = _reduced(prepared_records, settings)
+    objective, parts = objective_of(prepared_records, settings)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         best = find_best(objective)
@@ -138,13 +138,13 @@ def expected_rmse_v(
         for name, value in constants.items()
         if name in ranges
     }
-    objective, _ = _reduced(prepared_records, TableSettings(fixed=fixed, folds=0))
+    objective, _ = objective_of(prepared_records, TableSettings(fixed=fixed, folds=0))
     with one_blas_thread():
         found = objective.solve(tuple(axis.low for axis in objective.axes))
     return float(np.sqrt(found.error @ found.error))
 
 
-def _reduced(
+def objective_of(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> tuple[Objective, list[Reduced]]:
     """The objective over all records, and the factors of the groups of `blocks_of`."""

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import venv
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[1]
@@ -53,23 +54,36 @@ def run_in_environment() -> None:
 
 
 def results() -> Iterator:
-    """Every circuit identified on the bundled cell."""
-    import jax
-
+    """Every circuit identified on the bundled cell, one of them with tables over SOC too."""
     import barnax
 
     tests = [
         barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
     ]
-    cell = barnax.characterize(tests, ocv_fit="interpolated")
     record = barnax.read_record(barnax.bundled_file("identification"))
-    for circuit in CIRCUITS:
-        problem = barnax.make_problem(record, cell, circuit, coordinates="log")
-        optimizer = barnax.make_optimizer("ibmo-centered", 30, ITERATIONS)
-        found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
-        refinement = barnax.refine(found)
-        evaluation = barnax.evaluate(problem.prepared, refinement.parameters)
-        yield barnax.make_result(refinement, [evaluation], ocv=tests)
+    for circuit, over in (*((circuit, None) for circuit in CIRCUITS), ("so-rc", "soc")):
+        yield barnax.identify(
+            record,
+            ocv=tests,
+            ocv_fit="interpolated",
+            model=circuit,
+            over=over,
+            method="ibmo-centered",
+            iterations=ITERATIONS,
+            seeds=SEEDS,
+            key=KEY,
+            coordinates="log",
+            trust="none",
+        )
+
+
+def starting_at(result, soc: float):
+    """The same result with another state of charge at the start."""
+    first, *others = result.inputs
+    start = replace(first.start, soc=soc)
+    return result.model_copy(
+        update={"inputs": (first.model_copy(update={"start": start}), *others)}
+    )
 
 
 def trips():
@@ -86,7 +100,7 @@ def cases(result) -> Iterator[tuple]:
     from barnax.export import pulse_profile
 
     yield "pulses", result, pulse_profile(result)
-    yield "trips", result.model_copy(update={"initial_soc": TRIPS_FROM_SOC}), trips()
+    yield "trips", starting_at(result, TRIPS_FROM_SOC), trips()
 
 
 def rows(result) -> Iterator[str]:
@@ -98,10 +112,14 @@ def rows(result) -> Iterator[str]:
             exporter = get_exporter(package)
             found = verify(start, exporter, exporter.write(start).content, profile)
             yield (
-                f"| {result.model} | {package} | {name} | {found.samples} | {found.rms_v:.2e} "
+                f"| {name_of(result)} | {package} | {name} | {found.samples} | {found.rms_v:.2e} "
                 f"| {found.largest_v:.2e} | {found.without_turns_v:.2e} "
                 f"| {found.without_hysteresis_v:.2e} |"
             )
+
+
+def name_of(result) -> str:
+    return f"{result.model}, tables" if result.tables else result.model
 
 
 def thevenin_loop_difference_v(result, profile) -> float:
@@ -140,7 +158,7 @@ def ramp_difference_v(result) -> float:
     from barnax.export import get_exporter
 
     exporter, profile = get_exporter("pybamm"), trips()
-    content = exporter.write(result.model_copy(update={"initial_soc": TRIPS_FROM_SOC})).content
+    content = exporter.write(starting_at(result, TRIPS_FROM_SOC)).content
     module: dict = {}
     exec(content, module)
     values = module["get_parameter_values"]()
@@ -165,7 +183,7 @@ def write_page() -> None:
         if result.model in ("iso-rc", "esc"):
             for _, start, profile in cases(result):
                 loop_v = max(loop_v, thevenin_loop_difference_v(start, profile))
-        if result.model == "so-rc":
+        if name_of(result) == "so-rc":
             ramp_v = ramp_difference_v(result)
     page = "\n".join(
         [

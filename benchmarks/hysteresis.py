@@ -14,7 +14,7 @@ import jax
 
 import barnax
 from barnax.reporting.comparison_sentences import conclusion
-from benchmarks.pages import save_page
+from benchmarks.pages import bounds_named, save_page
 
 RESULTS = Path(__file__).parent / "results" / "hysteresis.md"
 KEY, SEEDS, ITERATIONS = 0, 8, 200
@@ -74,14 +74,14 @@ def errors_mv(case: Cell, ocv_fit: str, circuit: str) -> tuple[float, float | No
     record = barnax.read_record(case.record)
     problem = barnax.make_problem(record, cell, circuit, window=case.window, coordinates="log")
     optimizer = barnax.make_optimizer("ibmo-centered", 30, ITERATIONS)
-    found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
+    found = barnax.search_seeds(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
     refinement = barnax.refine(found)
     validated = None
     if case.validation is not None:
         other = barnax.read_record(case.validation)
         evaluation = barnax.validate(other, cell, circuit, refinement.parameters, case.window)
         validated = 1e3 * evaluation.metrics.rmse_v
-    return 1e3 * refinement.rmse_v, validated, ", ".join(refinement.at_bound) or "-"
+    return 1e3 * refinement.rmse_v, validated, bounds_named(refinement.at_bound)
 
 
 def report(case: Cell) -> list[str]:

@@ -35,7 +35,7 @@ def main() -> None:
             )
             iterations = (EVALUATIONS - POPULATION) // cost
             optimizer = barnax.make_optimizer(name, POPULATION, iterations)
-            found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
+            found = barnax.search_seeds(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
             searched[scale, name] = np.array([seed.rmse_v for seed in found.seeds])
             if name == "ibmo-centered":
                 refined.append(barnax.refine(found).rmse_v)

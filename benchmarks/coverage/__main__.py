@@ -75,7 +75,7 @@ def simulated_page() -> list[str]:
 def cell_page(name: str, problem: Problem) -> list[str]:
     """Intervals of one cell: plain, trusted, and the block bootstrap's."""
     optimizer = barnax.make_optimizer("ibmo-centered", 30, 200)
-    found = barnax.identify(problem, optimizer, key=jax.random.key(KEY), seeds=8)
+    found = barnax.search_seeds(problem, optimizer, key=jax.random.key(KEY), seeds=8)
     refinement = barnax.refine(found)
     assessment = assess(problem, refinement.parameters)
     key, covariance = jax.random.key(KEY), assessment.covariance

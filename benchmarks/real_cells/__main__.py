@@ -7,6 +7,7 @@ import sys
 from datetime import date
 from pathlib import Path
 
+from barnax.reporting.sentences import optimum_sentence
 from benchmarks.pages import save_page
 
 from .cases import BUDGET, EXACT, Ran, cases, data_folder, run
@@ -61,7 +62,8 @@ def page(runs: list[Ran]) -> str:
     for ran in runs:
         lines += [f"## {ran.name}", "", *verdict_sentences(ran), "", *rows_table(ran), ""]
         lines += [
-            f"- {model}: {optimum.verdict}" for model, optimum in ran.comparison.optima.items()
+            f"- {model}: {optimum_sentence(optimum)}"
+            for model, optimum in ran.comparison.optima.items()
         ]
         lines.append("")
     return "\n".join(lines)

@@ -6,6 +6,7 @@ import numpy as np
 
 from barnax.comparison.statistics import Resampled, compare_over_time
 from barnax.search.evaluate import Evaluation
+from benchmarks.pages import bounds_named
 
 from .cases import EXACT, MODELS, Ran
 
@@ -109,7 +110,7 @@ def rows_table(ran: Ran) -> Iterator[str]:
             *_millivolts(*(band.rmse_v for band in row.bands[0])),
             *_millivolts(row.evaluations[0].metrics.max_v),
             *_millivolts(ran.validation[row.name].metrics.rmse_v if ran.validation else None),
-            "; ".join([*row.at_bound, *row.notes]) or "-",
+            bounds_named(row.at_bound, row.notes),
         ]
         yield f"| {' | '.join(cells)} |"
 
@@ -138,7 +139,7 @@ def _turning(ran: Ran) -> str:
     condition, exact = ran.condition("identification"), ran.exact("esc")
     turn = 1 / (exact.median.parameters.gamma or np.nan)
     between = condition.soc_between_switches
-    if any("gamma" in text for text in exact.at_bound):
+    if any(each.name == "gamma" for each in exact.at_bound):
         relation = "and that is the box's end: these data do not want the hysteresis to turn"
     elif turn > 2 * between:
         relation = "so Sig, which turns at once, is ahead of the cell most of the time"

@@ -121,7 +121,7 @@ def _one_cell_s(record: barnax.Record, sizes: Sizes) -> float:
 
 
 def _problem(record: barnax.Record) -> barnax.Problem:
-    window = barnax.Window(initial_soc=_course().initial_soc)
+    window = barnax.Window(initial_soc=_course().start.soc)
     return barnax.make_problem(
         record, bundled_cell(), window=window, bounds=BOUNDS, objective="compressed"
     )

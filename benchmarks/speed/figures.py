@@ -34,9 +34,11 @@ def growth_figure(
     )
     of_length.set(xlabel="record length [samples]", ylabel="time [s]")
     of_length.legend(frameon=False, fontsize=8)
-    _line(of_seeds, *zip(*seeds, strict=True), "", BLUE, "o")
+    x, y = zip(*seeds, strict=True)
+    _line(of_seeds, x, y, "", BLUE, "o")
     of_seeds.set(xlabel="seeds, one cell", ylabel="time [s], after the reduction")
-    _line(of_cells, *zip(*cells, strict=True), "", BLUE, "o")
+    x, y = zip(*cells, strict=True)
+    _line(of_cells, x, y, "", BLUE, "o")
     of_cells.set(xlabel=f"cells, {seeds_a_cell} seeds each", ylabel="time [s], reductions included")
     return figure
 

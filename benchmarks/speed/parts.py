@@ -11,7 +11,7 @@ import numpy as np
 import optimistix as optx
 
 from barnax.execution import one_blas_thread
-from barnax.model.compressed import CHAINS, TOLERANCE, _blocks, _extend
+from barnax.model.compressed import CHAINS, TOLERANCE, _blocks, extend
 from barnax.model.exponentials import span_of
 from barnax.model.simulate import BLOCK as TURN
 
@@ -81,7 +81,7 @@ def _factor_chains(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The factors of several matrices at a time, which a reduction then joins."""
     with one_blas_thread(), ThreadPoolExecutor(len(parts)) as pool:
         columns = parts[0].shape[1]
-        return list(pool.map(lambda rows: _extend(np.zeros((columns, columns)), rows), parts))
+        return list(pool.map(lambda rows: extend(np.zeros((columns, columns)), rows), parts))
 
 
 @eqx.filter_jit

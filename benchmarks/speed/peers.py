@@ -71,7 +71,7 @@ def _write_case(path: Path) -> None:
         simulated_v=evaluate(prepared, CIRCUIT).simulated_v,
         soc=soc,
         ocv_v=bundled_cell().average_ocv_v(soc),
-        initial_soc=min(prepared.initial_soc, 1 - 1e-6),
+        initial_soc=min(prepared.start.soc, 1 - 1e-6),
         capacity_ah=bundled_cell().capacity_ah,
         circuit=circuit,
         start=START * circuit,

@@ -47,7 +47,7 @@ def one_search(objective: Objective, sizes: Sizes) -> Callable[[], object]:
 
 def identify(problem: barnax.Problem, sizes: Sizes, seeds: int) -> barnax.Search:
     """Many seeds, as a user asks for them."""
-    return barnax.identify(problem, optimizer_of(sizes), key=jr.key(KEY), seeds=seeds)
+    return barnax.search_seeds(problem, optimizer_of(sizes), key=jr.key(KEY), seeds=seeds)
 
 
 def reduce_record(problem: barnax.Problem) -> Compressed:

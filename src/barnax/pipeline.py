@@ -5,7 +5,7 @@ optimum is looked for beside them, and the best circuit known is assessed and va
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -16,6 +16,7 @@ import numpy as np
 from .cell import OcvTable
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
+from .cell.parameters import RATE
 from .errors import InputError
 from .gather import (
     Given,
@@ -35,7 +36,7 @@ from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
-from .over_soc import TableFit, TableSettings, evaluate_tables, fit_tables
+from .over_soc import TableFit, TableSettings, evaluate_tables, expected_rmse_v, fit_tables
 from .records import Record
 from .results import Answer, Result, best_answer
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -75,6 +76,7 @@ class Run:
     assessment: Assessment | None
     examination: Examination | None
     tables: TableRun | None = None
+    expected_tables_v: float | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
 
@@ -202,10 +204,10 @@ def _search_and_assess(
     watch: Watch,
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
-    tabulated = None
-    with ThreadPoolExecutor(max_workers=2) as beside:
+    with ThreadPoolExecutor(max_workers=3) as beside:
         compiling = beside.submit(Descent, problem)
         looking = beside.submit(_optimum_or_none, problem)
+        fitting = beside.submit(_tables_beside, problem, tables, looking)
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Searching", settings.seeds) as advance:
             search = search_seeds(
@@ -221,9 +223,8 @@ def _search_and_assess(
             optimum = looking.result()
             if linearizing is not None:
                 linearizing.result()
-        if tables is not None:
-            with watch("Fitting tables over SOC", 0):
-                tabulated = fit_tables(problem.prepared_records, tables)
+        with watch("Waiting for tables over SOC", 0):
+            fit, expected_v = fitting.result()
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     with watch("Evaluating", 0):
@@ -232,12 +233,12 @@ def _search_and_assess(
             evaluate_from_either(each, problem.cell, answer.parameters) for each in validation
         ]
         table_run = None
-        if tables is not None and tabulated is not None:
+        if tables is not None and fit is not None:
             own, others = (
-                [evaluate_tables(each.prepared, tabulated.tables) for each in evaluations]
+                [evaluate_tables(each.prepared, fit.tables) for each in evaluations]
                 for evaluations in (identified, validated)
             )
-            table_run = TableRun(tables, tabulated, own, others)
+            table_run = TableRun(tables, fit, own, others)
     assessment = examination = None
     with watch("Assessing", 0):
         if trust != "none":
@@ -249,7 +250,7 @@ def _search_and_assess(
             )
     return Run(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
-        examination, table_run, warnings=tuple(warnings),
+        examination, table_run, expected_v, warnings=tuple(warnings),
     )  # fmt: skip
 
 
@@ -259,6 +260,25 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
         return find_global_optimum(problem)
     except InputError:
         return None
+
+
+def _tables_beside(
+    problem: Problem, settings: TableSettings | None, looking: "Future[GlobalOptimum | None]"
+) -> tuple[TableFit | None, float | None]:
+    """The tables that were asked for; where none were, the RMSE that they would leave."""
+    if settings is not None:
+        return fit_tables(problem.prepared_records, settings), None
+    optimum = looking.result()
+    if optimum is None:
+        return None, None
+    found = optimum.parameters
+    constants = {f"tau{pair} [s]": tau_s for pair, tau_s in enumerate(found.tau_s, 1)}
+    if found.gamma is not None:
+        constants[RATE] = found.gamma
+    try:
+        return None, expected_rmse_v(problem.prepared_records, constants)
+    except InputError:
+        return None, None
 
 
 def _attempt(
@@ -287,8 +307,9 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
             )
     for each in run.validation:
         texts += [*each.prepared.record.warnings, *each.prepared.warnings]
+    whose = "" if run.tables is None else "the constant circuit's "
     texts += [
-        f"{each.name} is at its {each.side} bound: the bounds, not the data, set it"
+        f"{whose}{each.name} is at its {each.side} bound: the bounds, not the data, set it"
         for each in run.answer.at_bound
     ]
     if run.tables is not None:

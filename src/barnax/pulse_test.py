@@ -11,14 +11,15 @@ from .bundled import BUNDLED
 from .cell import CellModel, OcvPoint, characterize
 from .errors import InputError
 from .gather import Given, Reading, Watch, file_names, listed, source_of, unwatched
+from .model.inputs import OCV_MARGIN, soc_along
 from .model.window import Window
 from .pipeline import identify
 from .pulses import Pulse, first_pulse
 from .records import Record, Source, read_record
 from .results import Result
 
-# Of tests at several temperatures the one nearest to this tells the OCV.
-USUAL_DEGC = 25.0
+# Tests whose temperatures differ by more than this are not of one set of tables.
+SAME_DEGC = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +46,13 @@ def hppc(
 
     As `identify` with tables over SOC, which see for all other options. Pulses and rests are found
     in the records. Without `ocv` the rests of the test are the OCV, interpolated, and of several
-    tests those of the one nearest to 25 degC; the charge between its ends is the capacity, where
+    tests those of the first; the charge between its ends is the capacity, where
     none is given. A simulation starts at the end of the rest before the first pulse, unless
     `window` says otherwise. Without any record the bundled cell's test at 25 degC is identified and
     validated on its trips.
 
-    Raises `InputError` where a record has no pulses, and where `identify` does.
+    Raises `InputError` where a record has no pulses, where tests are of several temperatures, and
+    where `identify` does.
     """
     reading = reading or Reading()
     own = {name: options.pop(name) for name in list(options) if hasattr(reading, name)}
@@ -63,7 +65,7 @@ def hppc(
         chosen = {"": window or Window()} if isinstance(window, Window | None) else dict(window)
         ocv_tests, cell = listed(ocv), None
         if not ocv_tests:
-            base = min(tests, key=lambda each: _distance_degc(each.record))
+            base = tests[0]
             given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
             # A polynomial would swing between ten points.
             options["ocv_fit"] = "interpolated"
@@ -85,7 +87,7 @@ def hppc(
 
 
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
-    """Every test once. Raises `InputError` for a record without pulses."""
+    """Every test once. Raises `InputError` where one has no pulses or another temperature."""
     names = file_names([each for each in given if isinstance(each, str | Path)])
     sign: Any = reading.current_sign
     hold: Any = reading.current_hold
@@ -104,13 +106,23 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
                 "identify it as a dynamic record"
             )
         tests.append(_Test(source, record, pulse))
+    _require_one_temperature(tests)
     return tests
 
 
-def _distance_degc(record: Record) -> float:
-    """How far the test's temperature is from the usual one; nothing where it is not known."""
-    degc = record.temperature_degc
-    return 0.0 if degc is None else abs(float(np.median(degc)) - USUAL_DEGC)
+def _require_one_temperature(tests: Sequence[_Test]) -> None:
+    """Raise `InputError` where tests were made at temperatures too far apart."""
+    medians = {
+        each.record.name: float(np.median(degc))
+        for each in tests
+        if (degc := each.record.temperature_degc) is not None
+    }
+    if medians and max(medians.values()) - min(medians.values()) > SAME_DEGC:
+        listed_degc = ", ".join(f"{name} at {degc:.0f} degC" for name, degc in medians.items())
+        raise InputError(
+            f"{listed_degc}: resistances change with temperature; identify each temperature by "
+            "itself"
+        )
 
 
 def _windows(
@@ -136,10 +148,25 @@ def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
     record = test.record
     branches = () if cell is None else (*cell.charge_points, *cell.discharge_points)
     points = [point for point in branches if point.source == record.name]
-    if points:
+    if cell is not None and points:
         first: OcvPoint = min(points, key=lambda point: point.row)
         at = int(np.searchsorted(record.row, first.row))
         soc = min(max(first.soc, 0.0), 1.0) if window.initial_soc is None else window.initial_soc
-        return replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
+        window = replace(window, start_time_s=float(record.time_s[at]), initial_soc=soc)
+        return _within_ocv(window, record, cell, at)
     at = int(np.searchsorted(record.row, test.pulse.row)) - 1
     return replace(window, start_time_s=float(record.time_s[at]))
+
+
+def _within_ocv(window: Window, record: Record, cell: CellModel, first: int) -> Window:
+    """The window without the samples too far beyond the OCV points.
+
+    A test that ends at its cut-off without a rest has no point there.
+    """
+    low, high = cell.soc_range
+    soc = soc_along(
+        record, window.capacity_ah or cell.capacity_ah, first, window.initial_soc or 1.0
+    )
+    reach = (low - OCV_MARGIN, high + OCV_MARGIN)
+    is_inside = reach[0] <= soc[first:].min() and soc[first:].max() <= reach[1]
+    return window if is_inside or window.score_soc else replace(window, score_soc=reach)

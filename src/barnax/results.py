@@ -172,9 +172,10 @@ class Result(Document):
     intervals, figures and exports are of it; `search` and `refined` tell what the seeds did.
     `global_optimum` is None where the box is too wide to look for it, `assessment` where it was
     not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
-    asked for: then exports, figures of errors and validation are of it. `pulses` are those of the
-    records identified on that are pulse tests. A result that was just computed has the objects
-    behind it in `run`.
+    asked for: then exports, figures of errors and validation are of it. Where they were not,
+    `expected_tables_v` is the RMSE that they would leave with this circuit's time constants.
+    `pulses` are those of the records identified on that are pulse tests. A result that was just
+    computed has the objects behind it in `run`.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -190,6 +191,7 @@ class Result(Document):
     global_optimum: GlobalPart | None = None
     assessment: AssessmentPart | None = None
     tables: TablesPart | None = None
+    expected_tables_v: Volts | None = None
     pulses: tuple[Pulse, ...] = ()
     search: SearchPart
     refined: RefinedPart

@@ -67,6 +67,7 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
             by_soc=_soc_bands(run.tables.identification),
         ),
         pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
+        expected_tables_v=run.expected_tables_v,
         search=search_part(run.search),
         refined=RefinedPart(
             rmse_v=run.refinement.rmse_v,

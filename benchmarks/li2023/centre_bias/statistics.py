@@ -76,10 +76,13 @@ def duels(results: Losses, condition: str, method: str, others: list[str]) -> li
             theirs = results[condition, function, other]
             # Signs and ranks of the differences of logarithms weigh all magnitudes alike.
             difference = np.log10(ours + 1e-300) - np.log10(theirs + 1e-300)
-            p = 1.0 if (difference == 0).all() else float(scipy.stats.wilcoxon(difference).pvalue)
+            p = 1.0 if (difference == 0).all() else float(scipy.stats.wilcoxon(difference)[1])
             found.append((function, other, float(np.median(difference)), p))
     adjusted = holm(np.array([duel[-1] for duel in found]))
-    return [Duel(*duel, float(p)) for duel, p in zip(found, adjusted, strict=True)]
+    return [
+        Duel(function, other, ratio, raw, float(p))
+        for (function, other, ratio, raw), p in zip(found, adjusted, strict=True)
+    ]
 
 
 def holm(p_values: NDArray) -> NDArray:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
-from benchmarks.pages import save_page
+from barnax.reporting.sentences import optimum_sentence
+from benchmarks.pages import bounds_named, save_page
 
 from .printed import CLAIMS, TABLE_3, TABLE_4, TABLE_5, Errors
 
@@ -154,7 +155,7 @@ def settings_table(settings: Mapping[str, Comparison]) -> Iterator[str]:
                 if row.optimality_gap is None
                 else f"{100 * row.optimality_gap if abs(row.optimality_gap) > 1e-9 else 0:.2g}",
                 f"{1e3 * row.evaluations[1].metrics.rmse_v:.3f}",
-                "; ".join(row.at_bound) or "; ".join(row.notes) or "-",
+                bounds_named(row.at_bound, row.notes),
             ]
             yield f"| {' | '.join(cells)} |"
             name = ""
@@ -251,7 +252,7 @@ def main() -> None:
         *settings_table(settings),
         "",
         *(
-            f"- {name}: {model} - {optimum.verdict}"
+            f"- {name}: {model} - {optimum_sentence(optimum)}"
             for name, comparison in settings.items()
             for model, optimum in comparison.optima.items()
         ),

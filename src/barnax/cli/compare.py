@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
 
 # What of the report stands in the terminal unless everything is asked for.
-SHOWN = {"Verdict", "Parameters", "Search", "Identification", "Validation", "Without an answer"}
+SHOWN = {
+    *("Verdict", "Parameters", "Search", "Tables over SOC"),
+    *("Identification", "Validation", "Without an answer"),
+}
+# After a model's name: with tables over SOC too.
+TABULATED = ":soc"
 
 
 @grouped
@@ -57,14 +62,17 @@ def compare(
         from ..comparison import PAPER_ROWS
         from ..comparison.from_files import compare_files
 
-    rows = chosen_rows(wanted.models, wanted.methods, PAPER_ROWS)
+    models, tabulated = split_models(wanted.models)
+    rows = chosen_rows(models, wanted.methods, PAPER_ROWS)
     for model, method in rows:
         require_choice("models", model, CIRCUITS)
         require_choice("methods", method, METHODS)
     options = run_options(files, of_records, search, [record] if record else [])
     total = sum(1 if METHODS[method].is_deterministic else search.seeds for _, method in rows)
     with session.watch("Comparing", total) as advance:
-        comparison, result = compare_files(**options, rows=rows, watch=_row_watch(session, advance))
+        comparison, result = compare_files(
+            **options, rows=rows, tabulated=tabulated, watch=_row_watch(session, advance)
+        )
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
     written: set[str] = set()
     if folder is not None:
@@ -124,6 +132,20 @@ def chosen_rows(
     chosen_models = usual_models if models is None else _names(models)
     chosen_methods = usual_methods if methods is None else _names(methods)
     return list(itertools.product(chosen_models, chosen_methods))
+
+
+def split_models(models: str | None) -> tuple[str | None, list[str]]:
+    """The models without their tables, and those that are wanted with tables over SOC too.
+
+    >>> split_models("so-rc,esc:soc")
+    ('so-rc,esc', ['esc'])
+    """
+    names = [name.strip() for name in (models or "").split(",")]
+    plain = dict.fromkeys(name.removesuffix(TABULATED) for name in names)
+    tabulated = dict.fromkeys(
+        name.removesuffix(TABULATED) for name in names if name.endswith(TABULATED)
+    )
+    return models and ",".join(plain), list(tabulated)
 
 
 def _names(text: str) -> dict[str, None]:

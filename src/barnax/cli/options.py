@@ -202,7 +202,8 @@ class Rows:
         option(
             SEARCH,
             "NAME,NAME",
-            "Circuits, each with every method (default: the paper's five rows).",
+            "Circuits, each with every method (default: the paper's five rows); one as so-rc:soc "
+            "with tables over SOC too.",
         ),
     ] = None
     methods: Annotated[

@@ -21,6 +21,7 @@ from ..model.search_space import Range
 from ..model.window import Window
 from .result import ComparisonResult, make_comparison_result
 from .run import PAPER_ROWS, Comparison, compare
+from .tabulated import tabulate
 
 
 def compare_files(
@@ -29,6 +30,7 @@ def compare_files(
     ocv: Given | Sequence[Given] = (),
     validate: Given | Sequence[Given] = (),
     rows: Sequence[tuple[str, str]] = PAPER_ROWS,
+    tabulated: Sequence[str] = (),
     settings: Settings | None = None,
     window: Window | Mapping[str, Window] | None = None,
     capacity: float | None = None,
@@ -42,6 +44,8 @@ def compare_files(
     watch: Watch = unwatched,
 ) -> tuple[Comparison, ComparisonResult]:
     """Models and methods (`rows`) side by side on one record; the rest is as in `identify`.
+
+    Circuits in `tabulated`, which rows must have too, are also fitted with tables over SOC.
 
     Raises `InputError` where an input cannot be used, or more than one record is given.
     """
@@ -74,7 +78,9 @@ def compare_files(
         source=source,
         watch=watch,
     )
+    with watch("Tables over SOC", 0):
+        tables = tabulate(comparison, tabulated)
     result = make_comparison_result(
-        comparison, ocv=inputs.ocv, command=command, warnings=inputs.warnings
+        comparison, tables, ocv=inputs.ocv, command=command, warnings=inputs.warnings
     )
     return comparison, result

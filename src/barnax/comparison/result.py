@@ -19,6 +19,7 @@ from ..search.refine import AtBound
 from ..storing import all_versions, input_part, metrics_part, record_part
 from .run import Comparison, Difference, Row
 from .statistics import BandError, Resampled, SeedPairs
+from .tabulated import Tabulated
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -145,6 +146,7 @@ class ComparisonResult(Document, ComparisonPart):
     schema_version: Literal[2] = SCHEMA_VERSION
     rows: tuple[RowPart, ...]
     differences: tuple[Difference, ...]
+    tabulated: tuple[Tabulated, ...] = ()
     models: dict[str, ModelPart]
     budget: BudgetPart
     cell: CellModel
@@ -163,6 +165,7 @@ class ComparisonResult(Document, ComparisonPart):
 
 def make_comparison_result(
     comparison: Comparison,
+    tabulated: Sequence[Tabulated] = (),
     *,
     ocv: Sequence[Record | OcvTable] = (),
     command: Sequence[str] = (),
@@ -185,6 +188,7 @@ def make_comparison_result(
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
         differences=comparison.differences,
+        tabulated=tuple(tabulated),
         models={
             model: _model_part(problem, comparison.optima.get(model))
             for model, problem in problems.items()

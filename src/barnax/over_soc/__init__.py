@@ -1,7 +1,7 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
 from .cross_validation import CrossValidation, SocErrors
-from .fit import FitWarning, TableFit, beyond_visited, errors_on, fit_tables
+from .fit import FitWarning, TableFit, beyond_visited, errors_on, expected_rmse_v, fit_tables
 from .intervals import NodeInterval
 from .settings import TableSettings
 from .simulate import evaluate_tables, simulate_tables, with_measured_gap
@@ -16,6 +16,7 @@ __all__ = [
     "beyond_visited",
     "errors_on",
     "evaluate_tables",
+    "expected_rmse_v",
     "fit_tables",
     "simulate_tables",
     "with_measured_gap",

@@ -1,7 +1,7 @@
 """Tables identified from prepared records, and all that is said of them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +20,7 @@ from .certificate import certify
 from .cross_validation import CrossValidation, SocErrors, blocks_of, cross_validate
 from .intervals import NodeInterval, intervals_of
 from .objective import Objective, Solution
-from .reduced import layout_of, reduce_records, together
+from .reduced import Reduced, layout_of, reduce_records, together
 from .search import find_best
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 from .simulate import simulate_tables
@@ -92,20 +92,9 @@ def fit_tables(
     `half_hysteresis` is asked for without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
-    tau_ranges_s, gamma_range = _box(prepared_records, settings)
-    layout = layout_of(
-        settings.nodes,
-        (min(low for low, _ in tau_ranges_s), max(high for _, high in tau_ranges_s)),
-        gamma_range,
-        settings.ocv_correction,
-        settings.half_hysteresis,
-    )
-    groups, count = blocks_of(prepared_records, settings)
-    parts = reduce_records(prepared_records, layout, groups, count)
-    capacity_ah = prepared_records[0].capacity_ah
+    objective, parts = _reduced(prepared_records, settings)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        objective = Objective(together(parts), settings, tau_ranges_s, gamma_range, capacity_ah)
         best = find_best(objective)
         proof = certify(objective, best, prepared_records)
         best = proof.best
@@ -119,7 +108,7 @@ def fit_tables(
         tables=tables,
         objective_v=best.root,
         errors=tuple(errors_on(each, tables) for each in prepared_records),
-        tau_ranges_s=tau_ranges_s,
+        tau_ranges_s=objective.tau_ranges_s,
         lower_bound_v=proof.lower_bound_v,
         status="certified" if is_close else "grid-verified",
         cells=proof.cells,
@@ -130,6 +119,49 @@ def fit_tables(
         cross_validation=held_out,
         warnings=_warnings(tables, at_bound, visited),
     )
+
+
+def expected_rmse_v(
+    prepared_records: Sequence[PreparedRecord], constants: Mapping[str, float]
+) -> float:
+    """The RMSE in V that tables would leave with a constant circuit's tau and gamma, by name.
+
+    One exact solution, without search, proof or intervals: what tables are worth before they are
+    asked for. Time constants outside the tables' box are taken at its ends.
+    """
+    tau_ranges_s, gamma_range = _box(prepared_records, TableSettings())
+    ranges = {f"tau{pair} [s]": limits for pair, limits in enumerate(tau_ranges_s, 1)}
+    if gamma_range is not None:
+        ranges[RATE] = gamma_range
+    fixed = {
+        name: float(np.clip(value, *ranges[name]))
+        for name, value in constants.items()
+        if name in ranges
+    }
+    objective, _ = _reduced(prepared_records, TableSettings(fixed=fixed, folds=0))
+    with one_blas_thread():
+        found = objective.solve(tuple(axis.low for axis in objective.axes))
+    return float(np.sqrt(found.error @ found.error))
+
+
+def _reduced(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> tuple[Objective, list[Reduced]]:
+    """The objective over all records, and the factors of the groups of `blocks_of`."""
+    tau_ranges_s, gamma_range = _box(prepared_records, settings)
+    layout = layout_of(
+        settings.nodes,
+        (min(low for low, _ in tau_ranges_s), max(high for _, high in tau_ranges_s)),
+        gamma_range,
+        settings.ocv_correction,
+        settings.half_hysteresis,
+    )
+    groups, count = blocks_of(prepared_records, settings)
+    parts = reduce_records(prepared_records, layout, groups, count)
+    capacity_ah = prepared_records[0].capacity_ah
+    with one_blas_thread():
+        whole = together(parts)
+    return Objective(whole, settings, tau_ranges_s, gamma_range, capacity_ah), parts
 
 
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:

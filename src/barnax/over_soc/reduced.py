@@ -104,9 +104,10 @@ def reduce_records(
                 for group in np.unique(numbers[here][numbers[here] >= 0]).tolist():
                     # One group alone has two chains, so that two cores share it.
                     chain = group, turn % CHAINS if count == 1 else 0
-                    before = chains.get(chain)
-                    rows = block[numbers[here] == group]
-                    chains[chain] = pool.submit(_joined, before, rows, width)
+                    # Waiting here keeps no more blocks than there are chains.
+                    done = chains.get(chain)
+                    before = done.result() if done else np.zeros((width, width))
+                    chains[chain] = pool.submit(join, before, block[numbers[here] == group])
         factors = [
             [done.result() for (own, _), done in chains.items() if own == group]
             for group in range(count)
@@ -139,12 +140,6 @@ def join(
     rows = rows[np.any(rows, axis=1)]
     joined[np.ix_(used, used)] = extend(factor[np.ix_(used, used)], rows[:, used], REFLECTORS)
     return joined
-
-
-def _joined(
-    before: Future | None, rows: Columns, width: int
-) -> Float[np.ndarray, "columns columns"]:
-    return join(np.zeros((width, width)) if before is None else before.result(), rows)
 
 
 def layout_of(

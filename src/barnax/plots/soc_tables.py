@@ -119,7 +119,8 @@ def _limit(
     axes.set_ylim(0.0 if is_resistance else bottom - margin, top + margin)
     outside = int(np.count_nonzero((values > top + margin) | (values < bottom - margin)))
     if outside:
-        axes.set_title(f"{outside} nodes beyond the scale", loc="right", fontsize=8)
+        nodes = "1 node" if outside == 1 else f"{outside} nodes"
+        axes.set_title(f"{nodes} beyond the scale", loc="right", fontsize=8)
 
 
 SOC_EDGES: Final = np.linspace(0.0, 1.0, 21)

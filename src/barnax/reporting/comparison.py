@@ -27,6 +27,7 @@ from .decisions import (
     warnings_section,
 )
 from .document import Bullets, Document, Paragraph, Pictures, Section, Table
+from .soc_tables import compared_tables
 from .tables import (
     bands_table,
     differences_table,
@@ -62,6 +63,7 @@ def comparison_document(
     ]
     if answered(result):
         sections += _results(result, pictures, seconds)
+    sections += compared_tables(result.tabulated, records(result))
     if any(row.failure for row in result.rows):
         sections.append(Section("Without an answer", (failures_table(result),)))
     sections.append(reproduction_section(result))

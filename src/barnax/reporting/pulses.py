@@ -30,7 +30,7 @@ def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Sectio
 
 def _sentences(result: "Result") -> Iterator[str]:
     pulses = result.pulses
-    found = [counted(len(each), _label(result, each)) for each in levels(pulses)]
+    found = [f"{len(each)} in {_label(result, each)}" for each in levels(pulses)]
     socs = [pulse.soc for pulse in pulses]
     rests_s = sorted({round(pulse.rest_s, -1) for pulse in pulses})
     yield (
@@ -54,20 +54,21 @@ def _sentences(result: "Result") -> Iterator[str]:
 
 
 def _label(result: "Result", level: Sequence[Pulse]) -> str:
-    return f"{rate_label(level, result.cell_model.capacity_ah)}"
+    return rate_label(level, result.cell_model.capacity_ah)
 
 
 def _level_table(result: "Result", level: Sequence[Pulse]) -> Table:
     """The resistances of one direction and rate over SOC."""
     heads = [head for place, head in enumerate(HEADS) if _has(level, place)]
     places = [HEADS.index(head) for head in heads]
+    unit = _unit(result)
     has_several = len({pulse.record for pulse in level}) > 1
     record = {"record": lambda pulse: pulse.record} if has_several else {}
     cells = {
         **record,
         "SOC [%]": lambda pulse: fixed(100 * pulse.soc, 1),
         **{
-            f"{head} [mOhm]": lambda pulse, place=place: _milliohm(pulse.resistance_ohm[place])
+            f"{head} [{unit}]": lambda pulse, place=place: _shown(pulse.resistance_ohm[place], unit)
             for head, place in zip(heads, places, strict=True)
         },
     }
@@ -76,19 +77,23 @@ def _level_table(result: "Result", level: Sequence[Pulse]) -> Table:
 
 
 def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
-    """A line for each direction and rate: its resistances in the middle of SOC, in mOhm.
+    """A line for each direction and rate: its resistances in the middle of SOC.
 
     Between pulses linearly; a dash where no pulse is long enough or none is on either side.
     """
+    unit, used = _unit(result), _used(result)
     return [
-        (_label(result, level), *(_milliohm(_at_middle(level, place)) for place in _used(result)))
+        (_label(result, level), *(_shown(_at_middle(level, place), unit) for place in used))
         for level in levels(result.pulses)
     ]
 
 
 def middle_heads(result: "Result") -> tuple[str, ...]:
     """The heads of `middle_pulses`."""
-    return (f"at {100 * MIDDLE_SOC:.0f} % SOC [mOhm]", *(HEADS[place] for place in _used(result)))
+    return (
+        f"at {100 * MIDDLE_SOC:.0f} % SOC [{_unit(result)}]",
+        *(HEADS[place] for place in _used(result)),
+    )
 
 
 def _used(result: "Result") -> list[int]:
@@ -109,8 +114,17 @@ def _at_middle(level: Sequence[Pulse], place: int) -> float | None:
     return float(np.interp(MIDDLE_SOC, soc, ohm)) if soc[0] <= MIDDLE_SOC <= soc[-1] else None
 
 
-def _milliohm(value_ohm: float | None) -> str:
-    return NOTHING if value_ohm is None else f"{1e3 * value_ohm:.3g}"
+def _unit(result: "Result") -> str:
+    """Milliohm, but of a small cell ohm."""
+    known = [ohm for pulse in result.pulses for ohm in pulse.resistance_ohm if ohm is not None]
+    return "Ohm" if known and np.median(known) >= 1 else "mOhm"
+
+
+def _shown(value_ohm: float | None, unit: str) -> str:
+    """Three figures, zeros too, so that a column lines up."""
+    if value_ohm is None:
+        return NOTHING
+    return f"{value_ohm if unit == 'Ohm' else 1e3 * value_ohm:#.3g}".rstrip(".")
 
 
 def pulses_csv(pulses: Sequence[Pulse]) -> bytes:

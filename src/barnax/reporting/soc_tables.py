@@ -5,9 +5,21 @@ from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from .document import Bullets, Section, Table, make_table
-from .words import NOTHING, between, duration, figures, fixed, joined, millivolt, percent, with_unit
+from .words import (
+    NOTHING,
+    between,
+    duration,
+    figures,
+    fixed,
+    joined,
+    millivolt,
+    percent,
+    symbol,
+    with_unit,
+)
 
 if TYPE_CHECKING:
+    from ..comparison.tabulated import Tabulated
     from ..over_soc import NodeInterval, SocErrors, TableFit
     from ..results import Result, TablesPart
 
@@ -32,7 +44,11 @@ def pay_sentence(fit: "TableFit") -> str:
     if held is None:
         return ""
     pays = held.tables.is_worth(held.constant)
-    change = f"{_errors(held.constant)} to {_errors(held.tables)} on blocks held out of the fit"
+    change = f"{fixed(1e3 * held.constant.rmse_v, 1)} to {fixed(1e3 * held.tables.rmse_v, 1)} mV"
+    if held.tables.above_v is not None and held.constant.above_v is not None:
+        above = (fixed(1e3 * each, 1) for each in (held.constant.above_v, held.tables.above_v))
+        change += f" ({' to '.join(above)} above 10 % SOC)"
+    change += " on blocks of the records held out of the fit"
     if pays:
         return f"tables pay here: {change}."
     return f"tables do not pay here: {change}; the constant circuit is the safer one."
@@ -67,6 +83,36 @@ def tables_section(result: "Result", pictures: tuple) -> list[Section]:
     told = tuple(tables_sentences(result.tables, result.metrics.identification.rmse_v))
     blocks = (Bullets(told), constants_table(result.tables.fit), nodes_table(result.tables.fit))
     return [Section("Tables over SOC", (*blocks, *pictures))]
+
+
+def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[Section]:
+    """Constant circuits and the same with tables over SOC, side by side."""
+    if not found:
+        return []
+    rows = []
+    for each in found:
+        held = each.fit.cross_validation
+        rows.append(
+            (each.model, each.constant_parameters, held and held.constant, each.constant_errors)
+        )
+        rows.append((f"{each.model}:soc", each.fit.parameters, held and held.tables, each.errors))
+    cells = {
+        "circuit": lambda row: row[0],
+        "values": lambda row: str(row[1]),
+        "held out [mV]": lambda row: NOTHING if row[2] is None else _errors(row[2]),
+    }
+    for place, name in enumerate(names):
+        role = "identified on" if place == 0 else "validation"
+        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: _errors(row[3][place])
+    table = make_table(
+        "RMSE in mV, in brackets above 10 % SOC: on blocks held out of the fit, and on each "
+        "record. The constant circuit is the best one known, fitted anew for the held-out blocks.",
+        rows,
+        cells,
+        list(cells),
+    )
+    told = [f"{each.model}: {pay_sentence(each.fit)}" for each in found]
+    return [Section("Tables over SOC", (Bullets(tuple(told)), table))]
 
 
 def nodes_table(fit: "TableFit") -> Table:
@@ -127,7 +173,8 @@ def middle_rows(fit: "TableFit") -> Iterator[tuple[str, str, str, str]]:
         )
     for name, value in tables.constants.items():
         here = next((e for e in fit.intervals if e.name == name and e.soc is None), None)
-        yield name.partition(" [")[0], with_unit(name, value), _interval(here), ""
+        interval = "" if here is None else _between(name, here, 1.0)
+        yield symbol(name), with_unit(name, value), interval, ""
 
 
 def middle_heads(fit: "TableFit") -> tuple[str, str, str, str]:
@@ -145,11 +192,11 @@ def _middle(places: list[int], nodes: Sequence[float]) -> int:
 
 
 def _name(name: str) -> str:
-    return SHORT.get(name, name.partition(" [")[0])
+    return SHORT.get(name, symbol(name))
 
 
 def _range(unit: str, low: float, high: float) -> str:
-    return between(unit, low, high) if "Ohm" in unit else f"{low:.2g} to {high:.2g} mV"
+    return between(unit, low, high) if unit != "mV" else f"{low:.2g} to {high:.2g} mV"
 
 
 def _between(unit: str, each: "NodeInterval", scale: float) -> str:
@@ -167,5 +214,5 @@ def _interval(each: "NodeInterval | None", scale: float = 1.0) -> str:
 
 
 def _errors(errors: "SocErrors") -> str:
-    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)} above 10 % SOC)"
-    return f"{fixed(1e3 * errors.rmse_v, 1)} mV{above}"
+    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
+    return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"

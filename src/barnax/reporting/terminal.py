@@ -54,7 +54,7 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
         yield Text()
     lines = [("Best possible", best_possible(result))]
     if result.tables is not None and (pays := pay_sentence(result.tables.fit)):
-        lines.append(("On held-out", pays[0].upper() + pays[1:]))
+        lines.append(("Held out", pays[0].upper() + pays[1:]))
     weakest = weakest_point(result)
     if weakest:
         lines.append(("Weakest point", weakest))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ..over_soc.cross_validation import WORTHWHILE
 from ..pipeline import FITTING_AGAIN
 from .sentences import (
     WORTH_TELLING,
@@ -79,10 +80,21 @@ def weakest_point(result: "Result") -> str:
     return notable[0] if notable else ""
 
 
+def tables_would_pay(result: "Result") -> bool:
+    """Whether tables over SOC, which were not asked for, would lower the error by much."""
+    expected_v, own_v = result.expected_tables_v, result.metrics.identification.rmse_v
+    return expected_v is not None and expected_v < (1 - WORTHWHILE) * own_v
+
+
 def next_step(result: "Result") -> tuple[dict[str, str], str]:
     """Options to run again with, and why; no options where it takes something else."""
     if not result.metrics.validation:
         return {}, "validate on another record of the cell, with `validate`"
+    if result.tables is not None:
+        return {}, "take the tables elsewhere with barnax export"
+    if tables_would_pay(result):
+        what = f"for about {millivolt(result.expected_tables_v or 0.0)} with tables over SOC"
+        return {"over": "soc"}, what
     found = result.assessment
     if found is None:
         return {"trust": "basic"}, "for intervals of the parameters"

@@ -1,0 +1,142 @@
+"""Reduced records against every sample's columns, solved by SciPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from barnax.errors import InputError
+from barnax.execution import in_float64
+from barnax.over_soc import TableSettings, fit_tables, simulate_tables
+from barnax.over_soc.cross_validation import blocks_of
+from barnax.over_soc.intervals import _linearized
+from barnax.over_soc.objective import Objective
+from barnax.over_soc.reduced import layout_of, reduce_records, together
+from barnax.over_soc.search import find_best, polish
+
+from .conftest import BOX, NODES, SMALL
+
+TAUS = tuple(BOX.values())
+
+
+def objective_of(prepared, settings=SMALL, gamma_range=None):
+    layout = layout_of(
+        settings.nodes, (5.0, 200.0), gamma_range, settings.ocv_correction, settings.half_hysteresis
+    )
+    groups, count = blocks_of([prepared], settings)
+    reduced = together(reduce_records([prepared], layout, groups, count))
+    return Objective(reduced, settings, TAUS, gamma_range, prepared.capacity_ah)
+
+
+@in_float64
+def whole(objective, place, prepared):
+    """Every sample's columns and the penalty's rows, and the target, for SciPy."""
+    found = objective.solve(place)
+    columns, base = map(
+        np.concatenate, zip(*_linearized(objective, found, [prepared]), strict=True)
+    )
+    unknowns = found.values.size
+    matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.penalty])
+    return matrix, np.append(base / np.sqrt(len(base)), np.zeros(len(objective.penalty)))
+
+
+@pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])
+@pytest.mark.parametrize("amplitude", [False, True])
+def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
+    prepared = request.getfixturevalue(name)
+    has_rate = name == "with_hysteresis"
+    if amplitude and not has_rate:
+        pytest.skip("no hysteresis")
+    settings = replace(SMALL, half_hysteresis=amplitude)
+    objective = objective_of(prepared, settings, (5.0, 500.0) if has_rate else None)
+    place = (np.log(10.0), np.log(100.0), *([np.log(40.0)] * has_rate))
+    found = objective.solve(place, exact=True)
+    matrix, target = whole(objective, place, prepared)
+    other = lsq_linear(matrix, -target, objective.box, method="bvls", tol=1e-14)
+    assert found.root == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
+    assert found.values.ravel() == pytest.approx(other.x, rel=1e-6, abs=1e-8)
+    # The scan of these tables has the error that the factor says.
+    tables = objective.tables_at(found, (True,) * len(NODES))
+    error_v = (prepared.voltage_v - simulate_tables(prepared, tables))[prepared.scored]
+    assert np.sqrt(np.mean(error_v**2)) == pytest.approx(np.linalg.norm(found.error), rel=1e-9)
+
+
+def test_the_normal_equations_are_accurate_enough_to_search_with(prepared):
+    objective = objective_of(prepared)
+    for taus in ((6.0, 50.0), (15.0, 180.0)):
+        place = tuple(np.log(taus))
+        rough, exact = objective.solve(place), objective.solve(place, exact=True)
+        assert rough.root == pytest.approx(exact.root, rel=1e-11)
+
+
+def test_the_slope_is_that_of_the_least_objective(prepared):
+    objective, step = objective_of(prepared), 1e-5
+    place = (np.log(9.0), np.log(120.0))
+    slope = objective.slope(objective.solve(place, exact=True))
+    for axis in range(2):
+        ends = [
+            objective.solve(
+                tuple(value + sign * step * (axis == index) for index, value in enumerate(place)),
+                exact=True,
+            ).squared
+            for sign in (-1, 1)
+        ]
+        assert slope[axis] == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-4)
+
+
+def test_descents_from_all_over_the_box_find_nothing_better(prepared):
+    objective = objective_of(prepared)
+    best = find_best(objective)
+    for taus in ((5.5, 45.0), (19.0, 50.0), (6.0, 190.0), (18.0, 180.0)):
+        end = polish(objective, objective.solve(tuple(np.log(taus))))
+        assert best.squared <= end.squared * (1 + 1e-9)
+
+
+def test_folds_together_are_the_record(prepared):
+    settings = replace(SMALL, folds=3, block_s=300.0)
+    split, one = objective_of(prepared, settings), objective_of(prepared)
+    place = (np.log(10.0), np.log(100.0))
+    assert split.solve(place).root == pytest.approx(one.solve(place).root, rel=1e-10)
+
+
+def test_bounds_and_held_values_are_kept(prepared):
+    settings = TableSettings(
+        **{**vars(SMALL), "bounds": {"R0 [Ohm]": (0.05, 0.055)}},
+    )
+    settings = replace(settings, fixed={"tau1 [s]": 10.0, "tau2 [s]": 80.0, "R1 [Ohm]": 0.01})
+    fit = fit_tables([prepared], settings)
+    assert min(fit.tables.r0_ohm) >= 0.05
+    assert max(fit.tables.r0_ohm) <= 0.055
+    assert set(fit.tables.r_ohm[0]) == {0.01}
+    assert fit.tables.tau_s == pytest.approx((10.0, 80.0))
+    assert fit.at_bound == ()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"fixed": {"gamma": 10.0}}, "gamma"),
+        ({"bounds": {"tau3 [s]": (1.0, 2.0)}}, "tau3"),
+        ({"half_hysteresis": True}, "esc"),
+    ],
+)
+def test_what_the_circuit_does_not_have_is_refused(prepared, settings, words):
+    with pytest.raises(InputError, match=words):
+        fit_tables([prepared], TableSettings(**settings))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"nodes": (0.5, 0.4)},
+        {"roughness": 0.0},
+        {"folds": 1},
+        {"bounds": {"C1 [F]": (1.0, 2.0)}},
+        {"bounds": {"tau1 [s]": (2.0, 1.0)}},
+        {"bounds": {"tau1 [s]": (1.0, 2.0)}, "fixed": {"tau1 [s]": 1.0}},
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings):
+    with pytest.raises(InputError):
+        TableSettings(**settings)

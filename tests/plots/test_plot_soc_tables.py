@@ -1,0 +1,75 @@
+"""The figures of tables over SOC: nodes, bands, the circuit behind, and errors by cell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.plots import plot_error_map, plot_tables
+from helpers.results import CIRCUIT, NODES, TABLE_OHM, make_evaluation, make_fit, make_record
+
+
+def line(axes, label):
+    (found,) = [each for each in axes.get_lines() if each.get_label() == label]
+    return found
+
+
+def test_there_is_a_panel_for_every_table_with_its_unit():
+    figure = plot_tables(make_fit())
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["R0 [mOhm]", "R1 [mOhm]", "R2 [mOhm]", "OCV correction [mV]"]
+    assert figure.axes[1].get_title(loc="left") == "tau1 = 9 s"
+
+
+def test_visited_nodes_are_filled_and_the_others_hollow():
+    axes = plot_tables(make_fit()).axes[0]
+    visited, others = line(axes, "node"), line(axes, "node near no sample")
+    np.testing.assert_allclose(visited.get_xdata(), NODES[2:])
+    np.testing.assert_allclose(visited.get_ydata(), 1e3 * np.array(TABLE_OHM[0][2:]))
+    np.testing.assert_allclose(others.get_xdata(), NODES[:2])
+    assert others.get_markerfacecolor() == "white"
+    assert visited.get_markerfacecolor() != "white"
+
+
+def test_the_band_is_the_interval_of_visited_nodes_only():
+    axes = plot_tables(make_fit()).axes[0]
+    (band,) = [each for each in axes.collections if each.get_label() == "95 % interval"]
+    points = band.get_paths()[0].vertices
+    assert points[:, 0].min() == pytest.approx(NODES[2])
+    assert points[:, 1].max() == pytest.approx(1e3 * (max(TABLE_OHM[0][2:]) + 2e-3))
+
+
+def test_the_constant_circuit_stands_behind():
+    axes = plot_tables(make_fit(), CIRCUIT).axes
+    heights = [line(each, "constant circuit").get_ydata()[0] for each in axes[:3]]
+    assert heights == pytest.approx([50.0, 10.0, 20.0])
+
+
+def test_resistances_are_drawn_from_zero_and_what_is_beyond_is_said():
+    fit = make_fit()
+    steep = replace(fit.tables, r0_ohm=(0.9, 0.5, *TABLE_OHM[0][2:]))
+    axes = plot_tables(replace(fit, tables=steep)).axes[0]
+    assert axes.get_ylim()[0] == 0.0
+    assert axes.get_ylim()[1] < 80
+    assert axes.get_title(loc="right") == "2 nodes beyond the scale"
+
+
+def test_a_cell_of_the_map_is_the_rmse_of_its_samples():
+    record = make_record(400)
+    error_v = np.where(record.current_a > 0, 3e-3, -1e-3)
+    figure = plot_error_map({"made": [make_evaluation(record, error_v=error_v)]})
+    (mesh,) = [each for each in figure.axes[0].collections if each.get_array() is not None]
+    # Rows of cells rise with the current: charge lies at the bottom, discharge at the top.
+    cells = np.ma.masked_invalid(mesh.get_array()).reshape(16, 20)
+    np.testing.assert_allclose(cells[0].compressed(), 1.0)
+    np.testing.assert_allclose(cells[-1].compressed(), 3.0)
+    assert cells[1:-1].count() == 0
+
+
+def test_circuits_share_one_scale():
+    record = make_record(400)
+    small, large = (make_evaluation(record, error_v=np.full(400, v)) for v in (1e-3, 9e-3))
+    figure = plot_error_map({"small": [small], "large": [large]})
+    meshes = [axes.collections[0] for axes in figure.axes[:2]]
+    assert meshes[0].norm is meshes[1].norm
+    assert [axes.get_title(loc="left") for axes in figure.axes[:2]] == ["small", "large"]

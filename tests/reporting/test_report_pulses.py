@@ -1,0 +1,85 @@
+"""The pulses of a test in words, tables and CSV."""
+
+import csv
+from types import SimpleNamespace
+
+from barnax.pulses import Pulse
+from barnax.reporting.pulses import (
+    middle_heads,
+    middle_pulses,
+    pulses_csv,
+    pulses_section,
+    tables_csv,
+)
+from helpers.results import NODES, TABLE_OHM, make_cell, make_table_result
+
+
+def pulse(soc, current_a, resistance_ohm, **given):
+    values = {
+        "record": "hppc.csv", "row": 7, "duration_s": 10.0, "rest_s": 3600.0, "is_limited": False,
+        "temperature_degc": 25.0, "delay_s": 0.1,
+    }  # fmt: skip
+    return Pulse(**(values | given), soc=soc, current_a=current_a, resistance_ohm=resistance_ohm)
+
+
+PULSES = (
+    pulse(0.8, 2.0, (0.05, 0.06, 0.07, None, None)),
+    pulse(0.4, 2.0, (0.07, 0.08, 0.09, None, None)),
+    pulse(0.79, -1.5, (0.04, 0.05, None, None, None), is_limited=True, rest_s=40.0),
+)
+RESULT = SimpleNamespace(pulses=PULSES, cell_model=make_cell())
+
+
+def test_the_first_screen_has_each_rate_in_the_middle_of_soc():
+    assert middle_heads(RESULT) == ("at 50 % SOC [mOhm]", "at once", "2 s", "10 s")
+    assert middle_pulses(RESULT) == [
+        ("discharge at 1C (2 A)", "65.0", "75.0", "85.0"),
+        # No charge pulse lies below 50 %.
+        ("charge at 0.75C (1.5 A)", "–", "–", "–"),
+    ]
+
+
+def test_the_section_says_what_was_found_and_what_a_resistance_is():
+    (section,) = pulses_section(RESULT, ())
+    bullets, first, second = section.blocks
+    text = " ".join(bullets.items)
+    assert "3 pulses between 80 and 40 % SOC, out of rests of 40 s to 60 min" in text
+    assert "2 in discharge at 1C (2 A) and 1 in charge at 0.75C (1.5 A)." in text
+    assert "change of voltage over the change of current" in text
+    assert "1 pulse met a limit" in text
+    assert first.rows == (("80.0", "50.0", "60.0", "70.0"), ("40.0", "70.0", "80.0", "90.0"))
+    assert [column.head for column in second.columns][1:] == ["at once [mOhm]", "2 s [mOhm]"]
+
+
+def test_a_small_cells_resistances_are_told_in_ohm():
+    small = SimpleNamespace(
+        pulses=(
+            pulse(0.6, 0.05, (3.7, 4.2, 5.1, None, None)),
+            pulse(0.4, 0.05, 3 * (4.0,) + 2 * (None,)),
+        ),
+        cell_model=make_cell(),
+    )
+    assert middle_heads(small)[0] == "at 50 % SOC [Ohm]"
+    assert middle_pulses(small)[0][1:] == ("3.85", "4.10", "4.55")
+
+
+def test_a_result_without_pulses_has_no_section():
+    assert pulses_section(SimpleNamespace(pulses=()), ()) == []
+
+
+def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():
+    rows = list(csv.DictReader(pulses_csv(PULSES).decode().splitlines()))
+    assert [float(row["SOC"]) for row in rows] == [0.8, 0.4, 0.79]
+    assert rows[0]["R(10 s) [Ohm]"] == "0.07"
+    assert rows[0]["R(30 s) [Ohm]"] == ""
+    assert [row["met a limit"] for row in rows] == ["0", "0", "1"]
+
+
+def test_the_csv_of_tables_has_every_node_with_its_interval():
+    rows = list(csv.DictReader(tables_csv(make_table_result()).decode().splitlines()))
+    own = [row for row in rows if row["table"] == "R0 [Ohm]"]
+    assert [float(row["SOC"]) for row in own] == list(NODES)
+    assert [float(row["value"]) for row in own] == list(TABLE_OHM[0])
+    assert (own[0]["low"], own[0]["visited"]) == ("", "0")
+    assert float(own[3]["low"]) < TABLE_OHM[0][3] < float(own[3]["high"])
+    assert rows[-1]["table"] == "tau2 [s]"

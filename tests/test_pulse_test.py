@@ -1,0 +1,87 @@
+"""From files to an identified pulse test: what it starts from, and what it refuses."""
+
+import polars as pl
+import pytest
+
+from barnax import Window, bundled_file, pulse_test, read_record
+from barnax.errors import InputError
+from barnax.pulse_test import hppc
+
+HPPC = bundled_file("hppc_25degC")
+OCV = bundled_file("ocv_discharge")
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What identify would be asked for."""
+    given = {}
+
+    def identify(records, **options):
+        given.update(options, records=records)
+
+    monkeypatch.setattr(pulse_test, "identify", identify)
+    return given
+
+
+def test_a_test_starts_at_its_first_long_rest_and_is_its_own_ocv_test(asked):
+    hppc(HPPC, capacity=2.0)
+    window = asked["window"]["hppc_25degC.parquet"]
+    # The end of the rest of 3 h before the first pulse, from full.
+    assert window.start_time_s == pytest.approx(10800, abs=1e-3)
+    assert window.initial_soc == pytest.approx(1.0, abs=0.01)
+    assert asked["ocv"] == asked["records"]
+    assert (asked["ocv_fit"], asked["over"], asked["capacity"]) == ("interpolated", "soc", 2.0)
+
+
+def test_with_another_ocv_the_rested_voltage_tells_the_soc(asked):
+    hppc(HPPC, ocv=OCV)
+    window = asked["window"]["hppc_25degC.parquet"]
+    assert window.start_time_s == pytest.approx(10800, abs=1e-3)
+    assert window.initial_soc is None
+    assert asked["ocv"] == [OCV]
+    assert "ocv_fit" not in asked
+
+
+def test_a_window_that_is_given_stays(asked):
+    own = Window(start_time_s=16000.0, initial_soc=0.9)
+    hppc(HPPC, window={"hppc_25degC.parquet": own})
+    assert asked["window"]["hppc_25degC.parquet"] == own
+
+
+def test_of_several_tests_the_first_is_the_ocv_test(asked, tmp_path):
+    again = tmp_path / "again.parquet"
+    pl.read_parquet(HPPC)[:-1].write_parquet(again)
+    hppc([again, HPPC])
+    assert [source.name for source in asked["records"]] == ["again.parquet", HPPC.name]
+    assert [source.name for source in asked["ocv"]] == ["again.parquet"]
+
+
+def test_tests_at_several_temperatures_are_refused():
+    with pytest.raises(InputError, match=r"hppc_10degC\.parquet at 10 degC, .* at 40 degC"):
+        hppc([bundled_file("hppc_10degC"), bundled_file("hppc_40degC")])
+
+
+def test_what_lies_beyond_the_own_ocv_is_not_scored(asked):
+    record = read_record(HPPC)
+    # Cut in the discharge to the last level: the rest before that is the lowest OCV point.
+    kept = record.discharged_ah < 1.88
+    cut = type(record)(
+        **{
+            name: values[kept] if getattr(values, "shape", ()) == kept.shape else values
+            for name, values in vars(record).items()
+        }
+    )
+    hppc(cut)
+    low, _ = asked["window"][cut.name].score_soc
+    assert low == pytest.approx(1 - 1.677 / 1.88 - 0.05, abs=0.01)
+
+
+def test_without_any_record_it_is_the_bundled_test_validated_on_the_trips(asked):
+    hppc()
+    assert [source.name for source in asked["records"]] == ["hppc_25degC.parquet"]
+    assert asked["validate"] == bundled_file("validation")
+
+
+def test_a_record_without_pulses_is_refused():
+    with pytest.raises(InputError, match=r"identification\.parquet: shows no pulses"):
+        hppc(bundled_file("identification"))

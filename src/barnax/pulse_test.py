@@ -93,7 +93,7 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     hold: Any = reading.current_hold
     tests = []
     for each in given:
-        source = each if isinstance(each, Record) else source_of(each, names)
+        source = each if isinstance(each, Record) else source_of(each, names, reading.columns)
         record = (
             source
             if isinstance(source, Record)

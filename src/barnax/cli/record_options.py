@@ -38,6 +38,16 @@ Hold = Annotated[
     ),
 ]
 
+Columns = Annotated[
+    str,
+    option(
+        INPUT,
+        "NAMES",
+        "Columns that are not found by themselves: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME, "
+        "with units where the names lack them.",
+    ),
+]
+
 
 @dataclass(frozen=True)
 class Files:
@@ -76,6 +86,7 @@ class Files:
         SignOf, option(INPUT, "SIGN", "Sign of current in the validation records.")
     ] = "auto"
     current_hold: Hold = "auto"
+    columns: Columns = ""
 
 
 @dataclass(frozen=True)

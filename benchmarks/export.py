@@ -54,20 +54,20 @@ def run_in_environment() -> None:
 
 
 def results() -> Iterator:
-    """Every circuit identified on the bundled cell."""
-
+    """Every circuit identified on the bundled cell, one of them with tables over SOC too."""
     import barnax
 
     tests = [
         barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
     ]
     record = barnax.read_record(barnax.bundled_file("identification"))
-    for circuit in CIRCUITS:
+    for circuit, over in (*((circuit, None) for circuit in CIRCUITS), ("so-rc", "soc")):
         yield barnax.identify(
             record,
             ocv=tests,
             ocv_fit="interpolated",
             model=circuit,
+            over=over,
             method="ibmo-centered",
             iterations=ITERATIONS,
             seeds=SEEDS,
@@ -112,10 +112,14 @@ def rows(result) -> Iterator[str]:
             exporter = get_exporter(package)
             found = verify(start, exporter, exporter.write(start).content, profile)
             yield (
-                f"| {result.model} | {package} | {name} | {found.samples} | {found.rms_v:.2e} "
+                f"| {name_of(result)} | {package} | {name} | {found.samples} | {found.rms_v:.2e} "
                 f"| {found.largest_v:.2e} | {found.without_turns_v:.2e} "
                 f"| {found.without_hysteresis_v:.2e} |"
             )
+
+
+def name_of(result) -> str:
+    return f"{result.model}, tables" if result.tables else result.model
 
 
 def thevenin_loop_difference_v(result, profile) -> float:
@@ -179,7 +183,7 @@ def write_page() -> None:
         if result.model in ("iso-rc", "esc"):
             for _, start, profile in cases(result):
                 loop_v = max(loop_v, thevenin_loop_difference_v(start, profile))
-        if result.model == "so-rc":
+        if name_of(result) == "so-rc":
             ramp_v = ramp_difference_v(result)
     page = "\n".join(
         [

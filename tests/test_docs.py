@@ -32,15 +32,20 @@ def test_a_python_block_runs(block, tmp_path, monkeypatch):
     exec(compile(block, "docs", "exec"), {"__name__": "docs"})
 
 
+def spelled(parameter):
+    """How an option can be written, to switch on and off."""
+    return [*parameter.opts, *parameter.secondary_opts]
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_a_page_names_only_commands_and_options_that_exist(name):
     commands = get_command(app).commands
     blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", PAGES[name], re.M | re.S))
     for command, words in re.findall(r"^barnax (\w+) ?((?:.*\\\n)*.*)$", blocks, re.M):
-        options = {option for each in commands[command].params for option in each.opts}
+        options = {option for each in commands[command].params for option in spelled(each)}
         assert set(re.findall(r"(?<!\S)--[a-z-]+", words)) <= options
     everywhere = {
-        option for command in commands.values() for p in command.params for option in p.opts
+        option for command in commands.values() for p in command.params for option in spelled(p)
     }
     assert set(re.findall(r"`(--[a-z-]+)", PAGES[name])) <= everywhere
 

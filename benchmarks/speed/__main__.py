@@ -24,6 +24,7 @@ from .parts import profile
 from .peers import run_peers
 from .sizes import KEY, QUICK, Sizes
 from .startup import time_starts
+from .tables import time_tables
 from .work import time_generations, time_searches
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -59,6 +60,7 @@ def measure(sizes: Sizes, page: Page) -> tuple[list[dict], object]:
     rows = time_generations(name, kernel, sizes)
     searches, found = time_searches(name, kernel, sizes)
     rows += searches
+    rows += time_tables(sizes)
     page.begin(f"{sizes.cells} cells")
     cells = time_cells(sizes)
     rows.append(row_of(cells, sizes))

@@ -40,8 +40,9 @@ class Pulse:
     `current_a` its level (discharge positive), `rest_s` how long the cell had rested. `is_limited`
     says that the tester met a limit and let the current go. `resistance_ohm` is the change of
     voltage over the change of current after each of `STANDARD_S`, None where the pulse was over or
-    not sampled; the first is that of the first sample under load, `delay_s` after the step. As the
-    standards have it, it contains what the OCV moves with the charge of the pulse.
+    not sampled; the first is that of the first sample under load, `delay_s` after the step, and a
+    pulse's last sample stands for up to 0.5 s after it. As the standards have it, it contains what
+    the OCV moves with the charge of the pulse.
     """
 
     record: str

@@ -1,0 +1,119 @@
+"""A pulse test of a made cell gives the cell back, and what the command writes of it."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from barnax import Result
+from barnax.cli.app import app
+from barnax.export import EXPORTERS
+from barnax.pulse_test import hppc
+from barnax.records import Decision, Record
+
+CAPACITY_AH = 2.0
+TAU_S = (4.0, 60.0)
+R1_OHM, R2_OHM = 0.01, 0.02
+GIVEN = Decision("forward", "given", "made so")
+FEW = {"seeds": 2, "iterations": 5, "population": 8}
+
+
+def r0_ohm(soc):
+    """Falls from 60 mOhm empty to 50 mOhm full, and bends at 50 % SOC."""
+    return np.interp(soc, (0.0, 0.5, 1.0), (0.06, 0.05, 0.052))
+
+
+def made_record(interval_s=0.5) -> Record:
+    """Eleven levels of pulses at 1C and of C/2 in between, with a linear OCV and no noise."""
+    level = [(10, 2.0), (40, 0.0), (10, -1.5), (600, 0.0)]
+    loads = [(1900, 0.0)]
+    for _ in range(10):
+        loads += [*level, (712, 1.0), (1900, 0.0)]
+    time_s, current_a = [0.0], []
+    for seconds, amps in loads:
+        # Dense in pulses, coarse in rests.
+        step_s = interval_s if seconds <= 40 else 10.0
+        count = round(seconds / step_s)
+        current_a += [amps] * count
+        time_s += (time_s[-1] + step_s * np.arange(1, count + 1)).tolist()
+    time_s = np.array(time_s[:-1])
+    current_a = np.array(current_a)
+    dt = np.diff(time_s, append=time_s[-1] + 1)
+    soc = 1 - np.concatenate([[0], np.cumsum(current_a * dt)[:-1]]) / 3600 / CAPACITY_AH
+    voltage_v = 3.2 + 0.9 * soc - r0_ohm(soc) * current_a
+    for r, tau_s in zip((R1_OHM, R2_OHM), TAU_S, strict=True):
+        u, course = 0.0, []
+        for amps, gap_s in zip(current_a, dt, strict=True):
+            course.append(u)
+            u = np.exp(-gap_s / tau_s) * u + (1 - np.exp(-gap_s / tau_s)) * r * amps
+        voltage_v = voltage_v - np.array(course)
+    return Record(
+        name="made",
+        time_s=time_s,
+        current_a=current_a,
+        voltage_v=voltage_v,
+        temperature_degc=None,
+        step=None,
+        row=np.arange(len(time_s)) + 2,
+        sign=GIVEN,
+        hold=GIVEN,
+        sha256="",
+    )
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    nodes = (0.0, 0.25, 0.5, 0.75, 1.0)
+    return hppc(made_record(), capacity=CAPACITY_AH, nodes=nodes, folds=0, trust="none", **FEW)
+
+
+def test_resistances_and_time_constants_are_those_of_the_cell(result):
+    tables = result.tables.fit.tables
+    assert tables.tau_s == pytest.approx(TAU_S, rel=0.02)
+    for soc in (0.25, 0.5, 0.75):
+        at = np.array([soc])
+        assert tables.at("R0 [Ohm]", at)[0] == pytest.approx(r0_ohm(soc), rel=0.01)
+        assert tables.at("R1 [Ohm]", at)[0] == pytest.approx(R1_OHM, rel=0.05)
+        assert tables.at("R2 [Ohm]", at)[0] == pytest.approx(R2_OHM, rel=0.05)
+    assert result.tables.metrics.identification.rmse_v < 2e-4
+
+
+def test_pulse_resistances_are_those_of_the_closed_form(result):
+    first = result.pulses[0]
+    # Held forward at 0.5 s, the last sample of a pulse of 10 s shows it after 9.5 s.
+    expected = r0_ohm(1.0) + sum(
+        r * (1 - np.exp(-9.5 / tau_s)) for r, tau_s in zip((R1_OHM, R2_OHM), TAU_S, strict=True)
+    )
+    # The charge of the pulse moves the OCV by 0.9 V over the whole of SOC, and R0 hardly.
+    expected += 0.9 * 9.5 / 3600 / CAPACITY_AH
+    assert first.resistance_ohm[0] == pytest.approx(r0_ohm(1.0), rel=1e-6)
+    assert first.resistance_ohm[2] == pytest.approx(expected, rel=5e-4)
+
+
+def test_pulses_and_tables_are_stored_and_read_back(result, tmp_path):
+    place = tmp_path / "result.json"
+    place.write_text(result.to_json())
+    again = Result.from_json(place)
+    assert again.pulses == result.pulses
+    assert again.tables.fit.tables == result.tables.fit.tables
+
+
+@pytest.mark.slow
+def test_the_command_writes_tables_pulses_and_figures_and_exports_take_them(tmp_path):
+    folder = tmp_path / "out"
+    words = [f"--{name}={value}" for name, value in FEW.items()]
+    runner = CliRunner()
+    ran = runner.invoke(app, ["hppc", *words, "--trust", "none", "--out", str(folder)])
+    assert ran.exit_code == 0, ran.output
+    assert "discharge at 1C (2 A)" in ran.output
+    figures = {path.stem for path in (folder / "figures").iterdir()}
+    assert {"tables", "tables-map", "identification-pulses"} <= figures
+    rows = list(csv.DictReader((folder / "pulses.csv").read_text().splitlines()))
+    assert len(rows) == len(json.loads((folder / "result.json").read_text())["pulses"]) == 37
+    for name, exporter in EXPORTERS.items():
+        place = tmp_path / exporter.file_name
+        ran = runner.invoke(app, ["export", str(folder), "--to", name, "--out", str(place)])
+        assert ran.exit_code == 0, ran.output
+        assert place.stat().st_size > 500

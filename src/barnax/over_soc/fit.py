@@ -116,7 +116,7 @@ def fit_of(
         visited = visited_nodes(prepared_records, settings.nodes)
         tables = objective.tables_at(best, visited.tolist())
         intervals = intervals_of(objective, best, prepared_records, visited)
-        held_out = cross_validate(objective, best, parts) if settings.folds else None
+        held_out = cross_validate(objective, best, parts)
     at_bound = _at_bound(objective, best)
     is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.root
     return TableFit(

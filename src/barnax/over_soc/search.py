@@ -98,8 +98,8 @@ def _minima(objective: Searchable[Found]) -> list[Found]:
     found: dict[tuple[int, ...], Found] = {}
     sides = None
     for point in itertools.product(*(range(len(axis)) for axis in places)):
-        # Two pairs with one time constant are one pair.
-        if is_alike and any(a >= b for a, b in itertools.pairwise(point[:pairs])):
+        # Two pairs with one time constant are one pair, and searched only where there is no other.
+        if is_alike and len(places[0]) > 1 and list(point[:pairs]) != sorted(set(point[:pairs])):
             continue
         place = tuple(axis[index] for axis, index in zip(places, point, strict=True))
         found[point] = solution = objective.solve(place, sides)

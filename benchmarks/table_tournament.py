@@ -18,7 +18,7 @@ import barnax
 from barnax.model.exponentials import Lagrange
 from barnax.model.inputs import prepare_record
 from barnax.optimizers import evaluations_per_iteration
-from barnax.over_soc.fit import objective_of
+from barnax.over_soc.fit import box_of, reduced_objective
 from barnax.over_soc.objective import Objective
 from barnax.over_soc.search import find_best
 from benchmarks.pages import as_markdown, provenance, save_page
@@ -40,7 +40,8 @@ def bundled_objective() -> Objective:
     cell = barnax.characterize(tests, ocv_fit="interpolated")
     record = barnax.read_record(barnax.bundled_file("identification"))
     prepared = prepare_record(record, cell, "so-rc")
-    return objective_of([prepared], barnax.TableSettings(folds=0))[0]
+    settings = barnax.TableSettings(folds=0)
+    return reduced_objective([prepared], settings, box_of([prepared], settings))[0]
 
 
 def loss_of_all(objective: Objective) -> tuple[Loss, np.ndarray, np.ndarray]:

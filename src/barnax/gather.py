@@ -40,12 +40,16 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True)
 class Reading:
-    """How files are read: the signs of current in them, and their hold; "auto" finds out."""
+    """How files are read: the signs of current in them, and their hold; "auto" finds out.
+
+    `columns` names columns that barnax does not know, as `read_record` takes them.
+    """
 
     current_sign: str = "auto"
     ocv_current_sign: str = "auto"
     validate_current_sign: str = "auto"
     current_hold: str = "auto"
+    columns: Mapping[str, str] | str = ""
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ def read_inputs(
         """What a file or frame holds, read once, and remembered to be checked."""
         if isinstance(each, Record | OcvTable):
             return each
-        source = source_of(each, names)
+        source = source_of(each, names, reading.columns)
         looked_at.append((role, source, read(source)))
         return looked_at[-1][2]
 
@@ -190,20 +194,22 @@ def read_validation(
     """A record to validate a cell's circuit on, and what the checks have against it."""
     if isinstance(given, Record):
         return given, []
-    source = source_of(given, {})
+    source = source_of(given, {}, reading.columns)
     sign: Any = reading.validate_current_sign
     hold: Any = reading.current_hold
     record = read_record(source, current_sign=sign, current_hold=hold)
     return record, _checked([("validation", source, record)], cell, None, window)
 
 
-def source_of(given: Given, names: Mapping[Path, str]) -> Source:
+def source_of(
+    given: Given, names: Mapping[Path, str], columns: Mapping[str, str] | str = ""
+) -> Source:
     """A file or a data frame, read once, under the name that results call it."""
     if isinstance(given, Source):
         return given
     if not isinstance(given, str | Path):
-        return source_from_frame(given, "data frame")
-    source = read_source(given)
+        return source_from_frame(given, "data frame", columns=columns)
+    source = read_source(given, columns=columns)
     return replace(source, name=names.get(Path(given), source.name))
 
 

@@ -364,9 +364,12 @@ def validate_stored(
     *,
     current_sign: Any = "auto",
     current_hold: Any = "auto",
+    columns: Mapping[str, str] | str = "",
 ) -> tuple[Evaluation, list[str]]:
     """A stored circuit on another record, and warnings about that record and its window."""
-    reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
+    reading = Reading(
+        validate_current_sign=current_sign, current_hold=current_hold, columns=columns
+    )
     window = window or common_window(stored)
     cell = stored.cell_model
     measured, warnings = read_validation(record, reading, window, cell)

@@ -13,13 +13,11 @@ from .errors import InputError
 from .gather import Given, Reading, Watch, file_names, listed, source_of, unwatched
 from .model.inputs import OCV_MARGIN, soc_along
 from .model.window import Window
+from .over_soc.temperature import SAME_DEGC
 from .pipeline import identify
 from .pulses import Pulse, first_pulse
 from .records import Record, Source, read_record
 from .results import Result
-
-# Tests whose temperatures differ by more than this are not of one set of tables.
-SAME_DEGC = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +91,7 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     hold: Any = reading.current_hold
     tests = []
     for each in given:
-        source = each if isinstance(each, Record) else source_of(each, names)
+        source = each if isinstance(each, Record) else source_of(each, names, reading.columns)
         record = (
             source
             if isinstance(source, Record)

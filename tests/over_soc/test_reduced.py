@@ -8,6 +8,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.errors import InputError
 from barnax.execution import in_float64
+from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, simulate_tables
 from barnax.over_soc.cross_validation import blocks_of
 from barnax.over_soc.intervals import _linearized
@@ -140,3 +141,25 @@ def test_what_the_circuit_does_not_have_is_refused(prepared, settings, words):
 def test_settings_that_cannot_be_are_refused(settings):
     with pytest.raises(InputError):
         TableSettings(**settings)
+
+
+def test_a_record_of_seconds_has_tables_and_nothing_held_out(bundled_record, bundled_cell):
+    window = Window(score_to_s=20.5)
+    short = prepare_record(bundled_record, bundled_cell, "so-rc", window)
+    fit = fit_tables([short])
+    assert fit.cross_validation is None
+    assert fit.tables.tau_s == pytest.approx((2.0, 2.0))
+    assert [each.kind for each in fit.warnings] == ["mostly unvisited"]
+
+
+def test_intervals_are_of_visited_nodes_and_hold_their_values(prepared):
+    fit = fit_tables([prepared], SMALL)
+    nodes = [node for node, visited in zip(NODES, fit.tables.visited, strict=True) if visited]
+    assert 0 < len(nodes) < len(NODES)
+    for name, table in fit.tables.tables.items():
+        assert [each.soc for each in fit.of_table(name)] == nodes
+        for each in fit.of_table(name):
+            assert each.value == table[NODES.index(each.soc)]
+            assert each.low is None or each.low <= each.value <= each.high
+    assert [each.name for each in fit.intervals[-2:]] == ["tau1 [s]", "tau2 [s]"]
+    assert fit.parameters == 4 * len(nodes) + 2

@@ -8,6 +8,7 @@ from .model import CellModel, FitError
 from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
 from .tables import SocTables
+from .temperature import TemperatureTables
 
 __all__ = [
     "CIRCUITS",
@@ -24,6 +25,7 @@ __all__ = [
     "PolynomialCurve",
     "SegmentedHysteresis",
     "SocTables",
+    "TemperatureTables",
     "characterize",
     "get_circuit",
     "parameter_names",

@@ -130,13 +130,19 @@ def _facts(given: CheckInput) -> Facts:
     )
 
 
-def check_file(source: str | Path | Source, *, capacity_ah: float | None = None) -> FileCheck:
+def check_file(
+    source: str | Path | Source,
+    *,
+    capacity_ah: float | None = None,
+    columns: Mapping[str, str] | str = "",
+) -> FileCheck:
     """Everything that is wrong with a cycler's file, and what it can serve as.
 
     The rules are those of `read_record`, which raises the first error, and more that look at the
     record as a whole. Each fault is mended as far as it can be before the next is looked for, so
-    that one does not hide another. `capacity_ah` lets the charge be judged. Raises InputError
-    where there is no table to look at, or the capacity is not positive.
+    that one does not hide another. `capacity_ah` lets the charge be judged, and `columns` names
+    columns as for `read_record`. Raises InputError where there is no table to look at, or the
+    capacity is not positive.
 
     >>> from barnax.bundled import bundled_file
     >>> checked = check_file(bundled_file("identification"))
@@ -146,7 +152,7 @@ def check_file(source: str | Path | Source, *, capacity_ah: float | None = None)
     if capacity_ah is not None and not capacity_ah > 0:
         raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
     if not isinstance(source, Source):
-        source = read_source(source)
+        source = read_source(source, columns=columns)
     examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]
     given = None

@@ -7,7 +7,6 @@ from typing import Literal
 import numpy as np
 
 from ..cell.soc_axis import Sweep
-from ..records.samples import bulk_time_s
 from .check_input import CheckInput
 
 Kind = Literal[
@@ -105,7 +104,7 @@ def traits_of(given: CheckInput) -> Traits:
         reach_ah = float(np.ptp(np.quantile(discharged_ah[fine], _REACH)))
         reach_s = float(record.time_s[fine[-1] + 1] - record.time_s[fine[0]])
     loaded_s = record.interval_s[~given.is_rested[1:]]
-    bulk_s, travel_v = bulk_time_s(given.samples)
+    bulk_s, travel_v = given.samples.bulk_time
     # The deepest point below the highest one before it: charge taken out without going back up.
     out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
     return Traits(

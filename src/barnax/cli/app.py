@@ -7,6 +7,7 @@ import typer
 from .. import __version__
 from .check import check
 from .compare import compare, optimizers
+from .convert import convert
 from .identify import hppc, identify
 from .results import export, rerun, show, validate
 from .soc import soc
@@ -19,7 +20,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (identify, hppc, show, validate, soc, compare, rerun, export, check, optimizers):
+COMMANDS = (identify, hppc, show, validate, soc, compare, rerun, export, check, convert, optimizers)
+for command in COMMANDS:
     app.command()(command)
 
 

@@ -8,6 +8,7 @@ import typer
 
 from ..errors import InputError, printable
 from .groups import INPUT, OUTPUT
+from .record_options import Columns
 from .session import Session, as_flags
 
 FINDINGS = 1
@@ -15,7 +16,10 @@ SCHEMA_VERSION = 1
 
 
 def check(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Files from a cycler.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE", help="Files from a cycler; - is the standard input."),
+    ],
     capacity: Annotated[
         float | None,
         typer.Option(
@@ -24,6 +28,7 @@ def check(
             rich_help_panel=INPUT,
         ),
     ] = None,
+    columns: Columns = "",
     as_json: Annotated[
         bool,
         typer.Option("--json", help="Print the findings as JSON.", rich_help_panel=OUTPUT),
@@ -55,7 +60,7 @@ def check(
     for file in files:
         try:
             with session.watch(f"Looking at {file.name}"):
-                each = check_file(file, capacity_ah=capacity)
+                each = check_file(file, capacity_ah=capacity, columns=columns)
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})

@@ -328,6 +328,7 @@ def run_options(
             files.ocv_current_sign,
             files.validate_current_sign,
             files.current_hold,
+            files.columns,
         ),
         "settings": Settings(
             objective=search.objective,

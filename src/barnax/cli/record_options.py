@@ -38,6 +38,16 @@ Hold = Annotated[
     ),
 ]
 
+Columns = Annotated[
+    str,
+    option(
+        INPUT,
+        "NAMES",
+        "Columns that are not found by themselves: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME, "
+        "with units where the names lack them.",
+    ),
+]
+
 
 @dataclass(frozen=True)
 class Files:
@@ -76,6 +86,7 @@ class Files:
         SignOf, option(INPUT, "SIGN", "Sign of current in the validation records.")
     ] = "auto"
     current_hold: Hold = "auto"
+    columns: Columns = ""
 
 
 @dataclass(frozen=True)
@@ -87,6 +98,10 @@ class RecordOptions:
         _of_a_record(
             "AH", "Capacity of the cell when the record was measured (default: the OCV test's)."
         ),
+    ] = None
+    temperature: Annotated[
+        PerRecord,
+        _of_a_record("DEGC", "Temperature (default: the median of the record's own column)."),
     ] = None
     start_time: Annotated[
         PerRecord, _of_a_record("S", "Time at which the simulation starts, on the file's clock.")
@@ -168,6 +183,7 @@ def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) ->
 
 
 _EXAMPLES = {
+    "temperature": "25",
     "initial_soc": "0.9",
     "initial_direction": "-1",
     "score_steps": "7,8",
@@ -175,6 +191,7 @@ _EXAMPLES = {
 }
 _WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "capacity": ("capacity_ah", float),
+    "temperature": ("temperature_degc", float),
     "start_time": ("start_time_s", float),
     "start_after_step": ("start_after_step", int),
     "initial_soc": ("initial_soc", float),

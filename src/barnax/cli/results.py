@@ -19,7 +19,7 @@ from ..errors import InputError
 from .groups import OUTPUT, WINDOW, grouped
 from .options import ExportChoices, Quiet, StoredResult
 from .output import require_free_file, write_file
-from .record_options import Hold, RecordOptions, Sign
+from .record_options import Columns, Hold, RecordOptions, Sign
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def validate(
     of_records: RecordOptions,
     current_sign: Sign = "auto",
     current_hold: Hold = "auto",
+    columns: Columns = "",
     whole_record: Annotated[
         bool,
         typer.Option(
@@ -89,8 +90,9 @@ def validate(
     window = stored_window(stored, record, of_records, whole_record)
     with session.watch("Simulating"):
         evaluation, warnings = validate_stored(
-            stored, record, window, current_sign=current_sign, current_hold=current_hold
-        )
+            stored, record, window,
+            current_sign=current_sign, current_hold=current_hold, columns=columns,
+        )  # fmt: skip
     metrics = metrics_part(evaluation)
     if as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))

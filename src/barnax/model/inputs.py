@@ -68,6 +68,15 @@ class PreparedRecord:
     def median_interval_s(self) -> float:
         return float(np.median(np.diff(self.time_s)))
 
+    @property
+    def temperature_degc(self) -> float | None:
+        """The given temperature, else the median of those measured at scored samples."""
+        if self.window.temperature_degc is not None or self.record.temperature_degc is None:
+            return self.window.temperature_degc
+        measured = self.record.temperature_degc[self.span][self.scored]
+        known = measured[np.isfinite(measured)]
+        return float(np.median(known)) if len(known) else None
+
     def simulation_input(
         self, shortest_tau_s: float, highest_gamma: float | None = None
     ) -> SimulationInput:

@@ -20,7 +20,8 @@ class Window:
     `score_soc`; by default at all of them. `rest_current_a` overrides the current below which the
     cell counts as resting; `initial_direction` is the last current before the record, +1 charging,
     -1 discharging; `capacity_ah` is the cell's when the record was measured, by default that of the
-    cell model. Raises `InputError` where these contradict each other.
+    cell model, and `temperature_degc` its temperature, by default the median of the record's.
+    Raises `InputError` where these contradict each other.
     """
 
     start_time_s: float | None = None
@@ -33,6 +34,7 @@ class Window:
     rest_current_a: float | None = None
     initial_direction: Literal[-1, 1] | None = None
     capacity_ah: float | None = None
+    temperature_degc: float | None = None
 
     def __post_init__(self):
         if self.start_time_s is not None and self.start_after_step is not None:
@@ -51,6 +53,10 @@ class Window:
             value = getattr(self, f"{name}_a" if name == "rest_current" else f"{name}_ah")
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"`{name}` {value} must be positive")
+        if self.temperature_degc is not None and not -100 < self.temperature_degc < 200:
+            raise InputError(
+                f"`temperature` {self.temperature_degc:g} must be that of a cell, in degC"
+            )
         if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
             raise InputError(
                 f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "
@@ -72,6 +78,7 @@ class Window:
             rest_current_a=self.rest_current_a,
             initial_direction=self.initial_direction,
             capacity_ah=self.capacity_ah,
+            temperature_degc=self.temperature_degc,
         )
 
 

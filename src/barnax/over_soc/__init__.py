@@ -5,19 +5,37 @@ from .fit import FitWarning, TableFit, beyond_visited, errors_on, expected_rmse_
 from .intervals import NodeInterval
 from .settings import TableSettings
 from .simulate import evaluate_tables, simulate_tables, with_measured_gap
+from .temperature import (
+    LeftOut,
+    Reversal,
+    TemperatureFit,
+    fit_temperatures,
+    group_by_temperature,
+    measured_near,
+    require_temperature,
+    tables_near,
+)
 
 __all__ = [
     "CrossValidation",
     "FitWarning",
+    "LeftOut",
     "NodeInterval",
+    "Reversal",
     "SocErrors",
     "TableFit",
     "TableSettings",
+    "TemperatureFit",
     "beyond_visited",
     "errors_on",
     "evaluate_tables",
     "expected_rmse_v",
     "fit_tables",
+    "fit_temperatures",
+    "group_by_temperature",
+    "measured_near",
+    "require_temperature",
     "simulate_tables",
+    "tables_near",
     "with_measured_gap",
 ]

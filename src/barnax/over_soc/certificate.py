@@ -127,7 +127,9 @@ def _holds_one(cell: Cell, objective: Objective) -> bool:
     if len(set(objective.tau_ranges_s)) > 1:
         return True
     taus = cell[: objective.pairs]
-    return all(first[0] < second[1] for first, second in itertools.pairwise(taus))
+    return all(
+        first[0] < second[1] or first == second for first, second in itertools.pairwise(taus)
+    )
 
 
 def _remainders(

@@ -77,9 +77,20 @@ def blocks_of(
 
 def cross_validate(
     objective: Objective, best: Solution, parts: Sequence[Reduced]
-) -> CrossValidation:
-    """The held-out errors of a circuit from the factors of the groups of `blocks_of`."""
+) -> CrossValidation | None:
+    """The held-out errors of a circuit from the factors of the groups of `blocks_of`.
+
+    None where nothing is held out, or where all samples lie in one fold.
+    """
     settings = objective.settings
+    if (
+        sum(
+            below.scored + above.scored > 0
+            for below, above in zip(parts[::2], parts[1::2], strict=False)
+        )
+        < 2
+    ):
+        return None
     plain = replace(settings, nodes=(0.5,), ocv_correction=False)
     whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
     flat = [part.constant() for part in parts]
@@ -102,8 +113,6 @@ def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) ->
     for fold in range(folds):
         is_rest = np.arange(len(parts)) // 2 != fold
         rest = np.flatnonzero(is_rest & (scored > 0))
-        if not len(rest):
-            continue
         share = scored[rest] / scored[rest].sum()
         normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
         for each, at in zip(share, rest, strict=True):

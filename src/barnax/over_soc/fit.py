@@ -16,7 +16,7 @@ from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
-from .certificate import certify
+from .certificate import Proof, certify
 from .cross_validation import CrossValidation, SocErrors, blocks_of, cross_validate
 from .intervals import NodeInterval, intervals_of
 from .objective import Objective, Solution
@@ -29,6 +29,9 @@ from .simulate import simulate_tables
 AT_BOUND = 1e-3
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
+
+# The ranges of every pair's time constant in s, and that of gamma where there is one.
+Box = tuple[tuple[Range, ...], Range | None]
 
 
 @dataclass(frozen=True)
@@ -92,16 +95,28 @@ def fit_tables(
     `half_hysteresis` is asked for without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
-    objective, parts = _reduced(prepared_records, settings)
+    box = box_of(prepared_records, settings)
+    objective, parts = reduced_objective(prepared_records, settings, box)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         best = find_best(objective)
         proof = certify(objective, best, prepared_records)
-        best = proof.best
+    return fit_of(objective, proof, parts, prepared_records)
+
+
+def fit_of(
+    objective: Objective,
+    proof: Proof,
+    parts: Sequence[Reduced],
+    prepared_records: Sequence[PreparedRecord],
+) -> TableFit:
+    """All that is known of the tables of a proof; `parts` are the groups of `blocks_of`."""
+    settings, best = objective.settings, proof.best
+    with one_blas_thread():
         visited = visited_nodes(prepared_records, settings.nodes)
         tables = objective.tables_at(best, visited.tolist())
         intervals = intervals_of(objective, best, prepared_records, visited)
-        held_out = cross_validate(objective, best, parts) if settings.folds else None
+        held_out = cross_validate(objective, best, parts)
     at_bound = _at_bound(objective, best)
     is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.root
     return TableFit(
@@ -129,7 +144,7 @@ def expected_rmse_v(
     One exact solution, without search, proof or intervals: what tables are worth before they are
     asked for. Time constants outside the tables' box are taken at its ends.
     """
-    tau_ranges_s, gamma_range = _box(prepared_records, TableSettings())
+    tau_ranges_s, gamma_range = box_of(prepared_records, TableSettings())
     ranges = {f"tau{pair} [s]": limits for pair, limits in enumerate(tau_ranges_s, 1)}
     if gamma_range is not None:
         ranges[RATE] = gamma_range
@@ -138,17 +153,18 @@ def expected_rmse_v(
         for name, value in constants.items()
         if name in ranges
     }
-    objective, _ = _reduced(prepared_records, TableSettings(fixed=fixed, folds=0))
+    settings = TableSettings(fixed=fixed, folds=0)
+    objective, _ = reduced_objective(prepared_records, settings, box_of(prepared_records, settings))
     with one_blas_thread():
         found = objective.solve(tuple(axis.low for axis in objective.axes))
     return float(np.sqrt(found.error @ found.error))
 
 
-def _reduced(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+def reduced_objective(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings, box: Box
 ) -> tuple[Objective, list[Reduced]]:
-    """The objective over all records, and the factors of the groups of `blocks_of`."""
-    tau_ranges_s, gamma_range = _box(prepared_records, settings)
+    """The objective over all records in a box, and the factors of the groups of `blocks_of`."""
+    tau_ranges_s, gamma_range = box
     layout = layout_of(
         settings.nodes,
         (min(low for low, _ in tau_ranges_s), max(high for _, high in tau_ranges_s)),
@@ -186,9 +202,7 @@ def beyond_visited(prepared: PreparedRecord, tables: SocTables) -> float:
     return float(np.mean(share @ np.array(tables.visited, float) < 0.5))
 
 
-def _box(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> tuple[tuple[Range, ...], Range | None]:
+def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> Box:
     """The ranges of every pair's time constant, and that of gamma where there is one."""
     circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
     interval_s = min(each.median_interval_s for each in prepared_records)

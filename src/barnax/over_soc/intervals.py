@@ -38,8 +38,8 @@ class NodeInterval:
     """One node's value of one table with its confidence interval; `soc` is None of a constant.
 
     `standard_error` allows for the residuals' autocorrelation, `bias` is what smoothing may have
-    moved; the interval holds both. `low` and `high` are None, and the errors zero, where a bound
-    decides the value.
+    moved; the interval holds both. `low` and `high` are None, and the error zero, where a bound
+    decides the value or no sample depends on it.
     """
 
     name: str
@@ -76,11 +76,13 @@ def intervals_of(
     tabled = free[free < len(is_free)]
     normal[: len(tabled), : len(tabled)] += lighter.penalty_normal[np.ix_(tabled, tabled)]
     # Columns of H^-1 J' / N by which the noise moves the free values.
-    moved = np.linalg.solve(normal, to_noise.T)
+    # By least squares, for a short record leaves some of them undetermined.
+    moved = np.linalg.lstsq(normal, to_noise.T)[0]
     errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved), 0.0))
     freedom = [max(1.0, min(noise.degrees_of_freedom(row), 1e6)) for row in moved]
     factors = stdtrit(np.array(freedom), (1 + CONFIDENCE) / 2)
-    place_of = {int(each): index for index, each in enumerate(free)}
+    is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
+    place_of = {int(each): index for index, each in enumerate(free) if is_seen[index]}
 
     def interval(name: str, soc: float | None, number: int, value: float, bias: float):
         if number not in place_of:

@@ -1,13 +1,15 @@
 """The search over the time constants, every table being the best one at each of them."""
 
 import itertools
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import minimum_filter
 from scipy.optimize import minimize
 
-from .objective import Objective, Place, Solution
+from ..model.search_space import Range
+from .objective import Place
 
 # Grid points of a time constant by the number of pairs, alone and beside gamma, and of gamma.
 TAUS = {1: 64, 2: 20, 3: 10, 4: 8}
@@ -18,14 +20,39 @@ MOST_MINIMA = 4
 ROUNDS = 200
 
 
-def find_best(objective: Objective) -> Solution:
+class Solved(Protocol):
+    """The best tables at a place, and the bounds that they are at, where another solve starts."""
+
+    @property
+    def place(self) -> Place: ...
+    @property
+    def sides(self) -> Any: ...
+    @property
+    def squared(self) -> float: ...
+
+
+Found = TypeVar("Found", bound=Solved)
+
+
+class Searchable(Protocol[Found]):
+    """What can be searched: an `Objective`, or several with the same time constants."""
+
+    @property
+    def tau_ranges_s(self) -> tuple[Range, ...]: ...
+    @property
+    def axes(self) -> Any: ...
+    def solve(self, place: Place, sides: Any = None, exact: bool = False) -> Found: ...
+    def slope(self, found: Found) -> Float[np.ndarray, "axes"]: ...
+
+
+def find_best(objective: Searchable[Found]) -> Found:
     """The best tables and time constants that a grid and descents from its minima find."""
     ends = [polish(objective, each) for each in _minima(objective)]
     best = min(ends, key=lambda end: end.squared)
     return objective.solve(best.place, best.sides, exact=True)
 
 
-def polish(objective: Objective, start: Solution) -> Solution:
+def polish(objective: Searchable[Found], start: Found) -> Found:
     """Where a descent from a solution ends (L-BFGS-B), with its pairs from fast to slow."""
     best = start
 
@@ -49,17 +76,17 @@ def polish(objective: Objective, start: Solution) -> Solution:
     return best if place == best.place else objective.solve(place)
 
 
-def in_order(objective: Objective, place: Place) -> Place:
+def in_order(objective: Searchable, place: Place) -> Place:
     """The same place with its pairs from fast to slow, where all have one box."""
-    pairs = objective.pairs
+    pairs = len(objective.tau_ranges_s)
     if len(set(objective.tau_ranges_s)) > 1:
         return place
     return (*sorted(place[:pairs]), *place[pairs:])
 
 
-def _minima(objective: Objective) -> list[Solution]:
+def _minima(objective: Searchable[Found]) -> list[Found]:
     """The lowest of the grid points that no neighbor is below."""
-    pairs = objective.pairs
+    pairs = len(objective.tau_ranges_s)
     has_rate = len(objective.axes) > pairs
     sizes = [(TAUS_BESIDE_GAMMA if has_rate else TAUS)[pairs]] * pairs + [GAMMAS] * has_rate
     places = [
@@ -68,11 +95,11 @@ def _minima(objective: Objective) -> list[Solution]:
     ]
     is_alike = len(set(objective.tau_ranges_s)) == 1
     squared = np.full([len(axis) for axis in places], np.inf)
-    found: dict[tuple[int, ...], Solution] = {}
+    found: dict[tuple[int, ...], Found] = {}
     sides = None
     for point in itertools.product(*(range(len(axis)) for axis in places)):
-        # Two pairs with one time constant are one pair.
-        if is_alike and any(a >= b for a, b in itertools.pairwise(point[:pairs])):
+        # Two pairs with one time constant are one pair, and searched only where there is no other.
+        if is_alike and len(places[0]) > 1 and list(point[:pairs]) != sorted(set(point[:pairs])):
             continue
         place = tuple(axis[index] for axis, index in zip(places, point, strict=True))
         found[point] = solution = objective.solve(place, sides)

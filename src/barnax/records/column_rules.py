@@ -35,6 +35,8 @@ def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
     >>> read_columns("time=Zeit:min,current=Strom, gemessen:mA")
     {'time': 'Zeit:min', 'current': 'Strom, gemessen:mA'}
     """
+    if not given:
+        return {}
     if isinstance(given, str):
         known = "|".join(map(re.escape, NAMES))
         parts = re.split(rf"(?:^|,)\s*({known})\s*=", given)
@@ -72,7 +74,8 @@ def examine_columns(
     findings.extend(_not_there(table, found, given))
     for name in found.keys() & CLOCKS:
         if found[name].is_unit_assumed and is_clock(table.columns[found[name].index]):
-            found[name] = replace(found[name], is_unit_assumed=False)
+            seconds = QUANTITY_OF[name].base_unit
+            found[name] = replace(found[name], unit=seconds, is_unit_assumed=False)
     findings.extend(_other_clock(table, found))
     findings.extend(_by_the_dates(table, found))
     if "current" not in found and "charge of the interval" in found:

@@ -9,7 +9,7 @@ Charge = Float[np.ndarray, "samples"]
 Increments = Float[np.ndarray, "intervals"]
 
 # A smaller fall of a counter is rounding; a larger one begins it anew.
-_ROUNDING = 1e-3
+_ROUNDING, _LOW = 1e-3, 0.5
 # Counted and integrated charge are compared over blocks of intervals, for inside a drive cycle the
 # current switches between samples. They agree within this share and so many quanta; so many must.
 _BLOCKS, _NEAR, _QUANTA, _AGREEING = 200, 0.1, 2.0, 0.5
@@ -60,6 +60,15 @@ class Counters:
             parts.append(np.diff(self.net_ah))
         return np.sum(parts, axis=0) if parts else None
 
+    def magnitudes_ah(self) -> Increments | None:
+        """Ah counted in each interval by a lone counter without a sign that begins anew."""
+        if self.net_ah is None or len(self.written) > 1 or self.net_ah.min() < 0:
+            return None
+        gained_ah = np.diff(self.net_ah)
+        falls = gained_ah < -_ROUNDING * self.net_ah.max()
+        is_anew = self.net_ah[1:] < _LOW * self.net_ah[:-1]
+        return _joined(self.net_ah) if falls.any() and is_anew[falls].mean() > 0.5 else None
+
     def charge_ah(self, integrated_ah: Increments) -> Charge | None:
         """The net charge by the counters since the first sample, signed as `integrated_ah` is.
 
@@ -67,6 +76,8 @@ class Counters:
         a cycle are joined; one that counts without a sign takes the current's. None where the file
         has none, or one that does not count.
         """
+        if not self.written:
+            return None
         starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
         summed_ah = np.add.reduceat(integrated_ah, starts)
         flowed_ah = np.add.reduceat(np.abs(integrated_ah), starts)
@@ -90,7 +101,9 @@ class Counters:
         steps_ah = np.diff(self.net_ah)
         shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
         from_zero_ah = np.where(shrinks, self.net_ah[1:], steps_ah)
-        return [steps_ah, from_zero_ah, _joined(np.abs(self.net_ah)) * direction]
+        # What a new step counts is of its own direction, whatever the hold says of the interval.
+        own = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
+        return [steps_ah, from_zero_ah, _joined(np.abs(self.net_ah)) * own]
 
 
 def _joined(counter_ah: Charge) -> Increments:

@@ -118,7 +118,11 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Bool[np.ndarray, "intervals"]]:
     interval_h = np.diff(samples.time_s) / 3600
     backward_ah = samples.current_a[1:] * interval_h
     forward_ah = samples.current_a[:-1] * interval_h
-    counted_ah = samples.counters.increments_ah(with_net=True)
+    counted_ah = samples.counters.magnitudes_ah()
+    if counted_ah is None:
+        counted_ah = samples.counters.increments_ah(with_net=True)
+    else:
+        backward_ah, forward_ah = np.abs(backward_ah), np.abs(forward_ah)
     if counted_ah is None or not counted_ah.any():
         nowhere = np.zeros(len(interval_h), bool)
         return _Ledger(np.zeros_like(interval_h), backward_ah, forward_ah), nowhere

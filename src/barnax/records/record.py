@@ -52,7 +52,8 @@ class Record:
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():
-            if isinstance(values, np.ndarray):
+            is_own = isinstance(values, np.ndarray) and values.flags.owndata
+            if isinstance(values, np.ndarray) and not (is_own and not values.flags.writeable):
                 # A copy, for the caller may go on writing to what was given.
                 own = values.copy()
                 own.flags.writeable = False

@@ -1,7 +1,8 @@
 """A file's samples in s, A and V and the tester's ampere-hours, before the sign is known."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,6 +17,8 @@ from .table import Lines
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
 _FEWEST_STEPS, _AGREEING = 3, 0.5
+# Medians of so many values are as good as of all.
+_ENOUGH = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,41 +51,60 @@ class Samples:
 
     def keep(self, chosen: Bool[np.ndarray, "samples"] | Int[np.ndarray, "kept"]) -> "Samples":
         """The samples where `chosen` holds, or those at its places, in its order."""
+        if chosen.dtype == bool and chosen.all():
+            return self
         arrays = {
-            name: values[chosen]
-            for name, values in vars(self).items()
-            if isinstance(values, np.ndarray)
+            each.name: values[chosen]
+            for each in fields(self)
+            if isinstance(values := getattr(self, each.name), np.ndarray)
         }
         counters = {name: values[chosen] for name, values in self.counters.written.items()}
         return replace(self, counters=Counters(**counters), **arrays)
 
-    @property
+    @cached_property
     def step_a(self) -> Float[np.ndarray, "intervals"]:
         return np.diff(self.current_a)
 
-    @property
+    @cached_property
     def step_v(self) -> Float[np.ndarray, "intervals"]:
         return np.diff(self.voltage_v)
 
-    @property
+    @cached_property
     def peak_a(self) -> float:
         return float(np.abs(self.current_a).max())
 
-    @property
+    @cached_property
     def is_step(self) -> Bool[np.ndarray, "intervals"]:
         """Where the current steps."""
         return np.abs(self.step_a) > STEP_SHARE * self.peak_a
 
-    @property
+    @cached_property
     def span_ah(self) -> float:
         """The charge between the fullest and emptiest moments."""
         passed = np.cumsum(self.current_a[1:] * np.diff(self.time_s))
         return float(np.ptp(passed)) / 3600
 
-    @property
+    @cached_property
     def noise_v(self) -> float:
         """The noise of a voltage step while the current stands still."""
         return voltage_noise_v(self.step_v, np.abs(self.step_a) < STEADY_SHARE * self.peak_a)
+
+    @cached_property
+    def bulk_time(self) -> tuple[float, float]:
+        """R dQ/dV over the record, in s, and the travel of its voltage without R I, in V.
+
+        The time is zero where the current's steps do not tell R.
+        """
+        is_step = self.is_step & (self.step_v != 0)
+        step_a, step_v = self.step_a[is_step], self.step_v[is_step]
+        resistance_ohm = step_resistance_ohm(step_a, step_v)
+        rising = np.sign(np.sum(step_a * step_v))
+        source_v = self.voltage_v - rising * resistance_ohm * self.current_a
+        low_v, high_v = np.quantile(source_v[:: 1 + len(source_v) // _ENOUGH], [0.02, 0.98])
+        travel_v = float(high_v - low_v)
+        if not resistance_ohm or travel_v <= 0:
+            return 0.0, travel_v
+        return resistance_ohm * 3600 * self.span_ah / travel_v, travel_v
 
 
 def samples_of(lines: Lines) -> Samples:
@@ -125,6 +147,8 @@ def voltage_noise_v(
     Never under half of the tester's resolution, which is the smallest such step.
     """
     steps = step_v[quiet]
+    # Of more steps a share tells the same.
+    steps = steps[:: 1 + len(steps) // _ENOUGH]
     moved = np.abs(steps[steps != 0])
     if not len(moved):
         return 0.0
@@ -146,20 +170,3 @@ def step_resistance_ohm(
         return 0.0
     is_large = np.abs(step_a) >= np.median(np.abs(step_a))
     return abs(float(np.median(step_v[is_large] / step_a[is_large])))
-
-
-def bulk_time_s(samples: Samples) -> tuple[float, float]:
-    """R dQ/dV over the record, in s, and the travel of its voltage without R I, in V.
-
-    The time is zero where the current's steps do not tell R.
-    """
-    is_step = samples.is_step & (samples.step_v != 0)
-    step_a, step_v = samples.step_a[is_step], samples.step_v[is_step]
-    resistance_ohm = step_resistance_ohm(step_a, step_v)
-    rising = np.sign(np.sum(step_a * step_v))
-    source_v = samples.voltage_v - rising * resistance_ohm * samples.current_a
-    low_v, high_v = np.quantile(source_v, [0.02, 0.98])
-    travel_v = float(high_v - low_v)
-    if not resistance_ohm or travel_v <= 0:
-        return 0.0, travel_v
-    return resistance_ohm * 3600 * samples.span_ah / travel_v, travel_v

@@ -91,6 +91,8 @@ class Lines:
 
     def keep(self, mask: Bool[np.ndarray, "lines"]) -> "Lines":
         """The lines where `mask` holds."""
+        if mask.all():
+            return self
         values = {name: numbers[mask] for name, numbers in self.values.items()}
         return replace(
             self, values=values, at=self.at[mask], row=self.row[mask], sheet=self.sheet[mask]
@@ -107,9 +109,9 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     """The lines of a table under the given columns, blank ones left out."""
     is_blank = np.all([column.is_null().to_numpy() for column in table.columns], axis=0)
     at = np.flatnonzero(~is_blank)
-    values = {
-        name: numbers(table.columns[found.index], found)[at] for name, found in columns.items()
-    }
+    values = {name: numbers(table.columns[found.index], found) for name, found in columns.items()}
+    if is_blank.any():
+        values = {name: own[at] for name, own in values.items()}
     return Lines(table, columns, values, at, table.row[at], table.sheet_of_line[at])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import counted
 from .counters import gain_ah
 from .findings import Finding, Severity, found_at
-from .samples import Samples, bulk_time_s, step_resistance_ohm
+from .samples import Samples, step_resistance_ohm
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 _CELL_RANGE_V = (0.5, 6.0)
@@ -116,7 +116,7 @@ _Suspicion = tuple[str, str, float, Severity, str]
 
 def _too_fast(samples: Samples) -> _Suspicion | None:
     interval_s = float(np.median(np.diff(samples.time_s)))
-    bulk_s, travel_v = bulk_time_s(samples)
+    bulk_s, travel_v = samples.bulk_time
     ratio = _throughput_ratio(samples)
     is_steep = float(np.median(samples.voltage_v)) < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
     for words, symbol, factor, shortest_s in _LONGER:
@@ -143,7 +143,7 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
     Which unit it is instead is told by the sampling or by the tester's counters, where they do.
     """
     interval_s = float(np.median(np.diff(samples.time_s)))
-    bulk_s, travel_v = bulk_time_s(samples)
+    bulk_s, travel_v = samples.bulk_time
     ratio = _throughput_ratio(samples)
     units = _SHORTER if stated_s == 1 else (("seconds", "s", 1 / stated_s),)
     if ratio is not None:
@@ -218,7 +218,7 @@ def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
     if ratio is not None:
         is_small = 1 / 5000 < ratio < 1 / 200
         return f"it integrates to 1/{1 / ratio:.4g} of the tester's Ah" if is_small else ""
-    _, travel_v = bulk_time_s(samples)
+    _, travel_v = samples.bulk_time
     charge_ah = samples.span_ah
     if capacity_ah is None or charge_ah > _TOO_LITTLE * capacity_ah or travel_v < _MOVED_V:
         return ""

@@ -170,6 +170,8 @@ def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[
         yield f"{where}: the cell rests below {1e3 * window.rest_current_a:.3g} mA, as given."
     if window.capacity_ah is not None:
         yield f"{where}: the cell has {window.capacity_ah:.4g} Ah, as given."
+    if window.temperature_degc is not None:
+        yield f"{where}: measured at {window.temperature_degc:g} degC, as given."
 
 
 def _gathered(decisions: Iterable[tuple[Any, str]]) -> Iterator[tuple[Any, list[str]]]:

@@ -167,7 +167,7 @@ def middle_rows(fit: "TableFit") -> Iterator[tuple[str, str, str, str]]:
         value = scale * values[middle]
         yield (
             _name(name),
-            with_unit(name, value) if "Ohm" in name else f"{value:+.2g} mV",
+            with_unit(name, value) if "Ohm" in name else f"{figures(value, 2)} mV",
             "" if here is None else _between(unit, here, scale),
             _range(unit, min(seen), max(seen)),
         )
@@ -196,7 +196,9 @@ def _name(name: str) -> str:
 
 
 def _range(unit: str, low: float, high: float) -> str:
-    return between(unit, low, high) if unit != "mV" else f"{low:.2g} to {high:.2g} mV"
+    return (
+        between(unit, low, high) if unit != "mV" else f"{figures(low, 2)} to {figures(high, 2)} mV"
+    )
 
 
 def _between(unit: str, each: "NodeInterval", scale: float) -> str:

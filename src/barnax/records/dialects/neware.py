@@ -29,8 +29,8 @@ NEWARE = Dialect(
         "step": "step count|step index|step number|step|steps|step id|工步号|工步序号",
         "cycle": "cycle count|cycle index|cycle|cycle id|循环号|循环序号",
         "state": "step type|status|state|step name|工步类型|状态",
-        "charging capacity": "chg. cap.|charge capacity|chg capacity|cap chg|充电容量",
-        "discharging capacity": "dchg. cap.|discharge capacity|dchg capacity|cap dchg|放电容量",
+        "charging capacity": "chg. cap.|charge capacity|cap chg|capacitance chg|充电容量",
+        "discharging capacity": "dchg. cap.|discharge capacity|cap dchg|capacitance dchg|放电容量",
         "net capacity": "capacity|容量",
     },
 )

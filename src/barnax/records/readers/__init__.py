@@ -74,7 +74,7 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     reader that knows it finds it damaged.
     """
     content = _unzipped(content, file)
-    if not content.strip():
+    if content.isspace() or not content:
         raise InputError(f"{file}: the file is empty; give a file that holds measured samples.")
     for reader in READERS:
         if reader.recognizes(content):

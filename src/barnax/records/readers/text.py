@@ -6,7 +6,6 @@ layer, as Neware's reports have for cycles and steps, are left out. Polars reads
 
 import codecs
 import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -203,7 +202,7 @@ def _is_unit(text: str) -> bool:
 
 def _columns(body: bytes, header: Sequence[str], delimiter: str, file: str) -> list[pl.Series]:
     """The cells below the names: numbers where a column holds nothing else, else text."""
-    if not body.strip():
+    if body.isspace() or not body:
         return [pl.Series(str(k), [], dtype=pl.String) for k in range(len(header))]
     # The first line tells Polars the width, and testers end the names or the cells with one more
     # delimiter: a line of our own is as wide as the header.
@@ -213,7 +212,7 @@ def _columns(body: bytes, header: Sequence[str], delimiter: str, file: str) -> l
 
     def parsed(schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
         return pl.read_csv(
-            io.BytesIO(content),
+            content,
             has_header=False,
             schema=dict(schema),
             separator=delimiter,
@@ -234,7 +233,7 @@ def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type
     """Which columns hold numbers, by the first lines; whole numbers may go on with a fraction."""
     end = _offset(content[: 100 * _PREAMBLE_BYTES], _GUESSED_LINES)
     frame = pl.read_csv(
-        io.BytesIO(content[:end]),
+        content[:end],
         has_header=False,
         new_columns=names,
         separator=delimiter,

@@ -1,0 +1,271 @@
+"""Tables over SOC at several temperatures, with the same time constants: fitted together.
+
+Time constants and gamma are searched once for all temperatures; at every one of them the tables of
+each temperature are the exact optimum of its own bounded least-squares problem.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from ..cell import SocTables, TemperatureTables
+from ..errors import InputError
+from ..execution import one_blas_thread
+from ..model.inputs import PreparedRecord
+from .certificate import Proof, certify
+from .cross_validation import SocErrors
+from .fit import TableFit, box_of, fit_of, reduced_objective, visited_nodes
+from .objective import Axis, Objective, Place, Solution
+from .search import find_best, polish
+from .settings import TableSettings
+from .simulate import simulate_tables
+
+# Records whose temperatures are within this share one set of tables.
+SAME_DEGC = 5.0
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How well the tables of the other temperatures predict one that was left out of the fit.
+
+    `errors` are of the prediction, `own` of the tables identified there. `is_between` says whether
+    the temperature lies between others: else the nearest one's tables are taken as they are.
+    """
+
+    temperature_degc: float
+    is_between: bool
+    errors: SocErrors
+    own: SocErrors
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """A node at which a resistance surely falls from one temperature to the next, and surely rises
+    elsewhere; `values_ohm` are those at every temperature, from cold to warm."""
+
+    name: str
+    soc: float
+    values_ohm: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class TemperatureFit:
+    """Tables over SOC at each temperature, from cold to warm, and what is known of them.
+
+    J is the mean of each temperature's own, by its scored samples; `objective_v` is sqrt(J).
+    `separate_v` is what time constants of its own for each temperature would leave, and
+    `lower_bound_v` what neither could fall below. Each of `fits` has the shared time constants;
+    what is proved of it is against time constants of its own.
+    """
+
+    temperatures_degc: tuple[float, ...]
+    fits: tuple[TableFit, ...]
+    objective_v: float
+    separate_v: float
+    lower_bound_v: float
+    left_out: tuple[LeftOut, ...]
+    reversals: tuple[Reversal, ...]
+
+    @cached_property
+    def tables(self) -> TemperatureTables:
+        return TemperatureTables(self.temperatures_degc, tuple(each.tables for each in self.fits))
+
+
+@dataclass(frozen=True, eq=False)
+class _JointSolution:
+    """The best tables of every temperature at a place."""
+
+    place: Place
+    parts: tuple[Solution, ...]
+    squared: float
+
+    @property
+    def sides(self) -> tuple:
+        return tuple(each.sides for each in self.parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """The mean of some objectives in one box."""
+
+    objectives: tuple[Objective, ...]
+
+    @cached_property
+    def weights(self) -> Float[np.ndarray, "temperatures"]:
+        scored = np.array([each.reduced.scored for each in self.objectives], float)
+        return scored / scored.sum()
+
+    @property
+    def tau_ranges_s(self):
+        return self.objectives[0].tau_ranges_s
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        return self.objectives[0].axes
+
+    def solve(self, place: Place, sides=None, exact: bool = False) -> _JointSolution:
+        sides = sides or [None] * len(self.objectives)
+        parts = tuple(
+            each.solve(place, own, exact) for each, own in zip(self.objectives, sides, strict=True)
+        )
+        return _JointSolution(place, parts, float(self.weights @ [each.squared for each in parts]))
+
+    def slope(self, found: _JointSolution) -> Float[np.ndarray, "axes"]:
+        pairs = zip(self.objectives, found.parts, strict=True)
+        return self.weights @ [each.slope(part) for each, part in pairs]
+
+    def root(self, squares: Sequence[float]) -> float:
+        """The root of what the temperatures' mean squares come to."""
+        return math.sqrt(float(self.weights @ squares))
+
+
+def fit_temperatures(
+    by_degc: Mapping[float, Sequence[PreparedRecord]], settings: TableSettings | None = None
+) -> TemperatureFit:
+    """The tables over SOC that fit the records of each temperature best, with time constants (and
+    gamma) that are the same at all of them. `by_degc` are the records by temperature in degC.
+
+    Raises `InputError` for fewer than two temperatures, and as `fit_tables` does.
+    """
+    settings = settings or TableSettings()
+    if len(by_degc) < 2:
+        raise InputError(
+            "tables over temperature need records of at least two temperatures, more than "
+            f"{SAME_DEGC:g} degC apart; tell them with `temperature`, or ask for `over` 'soc'"
+        )
+    degc = tuple(sorted(by_degc))
+    records = [by_degc[each] for each in degc]
+    box = box_of([each for own in records for each in own], settings)
+    objectives, parts = zip(
+        *(reduced_objective(own, settings, box) for own in records), strict=True
+    )
+    joint = _Joint(objectives)
+    with one_blas_thread():
+        best = find_best(joint)
+        proofs = [
+            certify(each, polish(each, part), own)
+            for each, part, own in zip(objectives, best.parts, records, strict=True)
+        ]
+        left_out = _left_out(joint, best, degc, records, settings)
+    bounds_v = [
+        min(proof.lower_bound_v, part.root) for proof, part in zip(proofs, best.parts, strict=True)
+    ]
+    fits = tuple(
+        fit_of(objective, Proof(bound_v, proof.cells, part), own_parts, own)
+        for objective, proof, bound_v, part, own_parts, own in zip(
+            objectives, proofs, bounds_v, best.parts, parts, records, strict=True
+        )
+    )
+    return TemperatureFit(
+        temperatures_degc=degc,
+        fits=fits,
+        objective_v=math.sqrt(best.squared),
+        separate_v=joint.root([proof.best.squared for proof in proofs]),
+        lower_bound_v=joint.root([each**2 for each in bounds_v]),
+        left_out=left_out,
+        reversals=_reversals(fits),
+    )
+
+
+def group_by_temperature(
+    prepared_records: Sequence[PreparedRecord],
+) -> dict[float, list[PreparedRecord]]:
+    """Records by temperature in degC, those within `SAME_DEGC` of each other together, at the mean
+    of theirs. Raises `InputError` where a record's temperature is not known."""
+    known = sorted(
+        ((require_temperature(each), each) for each in prepared_records), key=lambda each: each[0]
+    )
+    groups: list[list[tuple[float, PreparedRecord]]] = []
+    for degc, each in known:
+        if not groups or degc - groups[-1][0][0] > SAME_DEGC:
+            groups.append([])
+        groups[-1].append((degc, each))
+    return {
+        float(np.mean([degc for degc, _ in group])): [each for _, each in group] for group in groups
+    }
+
+
+def require_temperature(prepared: PreparedRecord) -> float:
+    """A record's temperature in degC. Raises `InputError` where it is not known."""
+    if prepared.temperature_degc is None:
+        raise InputError(
+            f"{prepared.record.name}: has no column of temperatures, and none is given; say it "
+            "with `temperature`"
+        )
+    return prepared.temperature_degc
+
+
+def tables_near(tables: TemperatureTables, temperature_degc: float) -> SocTables:
+    """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies between."""
+    return tables.at(measured_near(tables, temperature_degc) or temperature_degc)
+
+
+def measured_near(tables: TemperatureTables, temperature_degc: float) -> float | None:
+    """The measured temperature within `SAME_DEGC` of one, None without such."""
+    nearest = min(tables.temperatures_degc, key=lambda each: abs(each - temperature_degc))
+    return nearest if abs(nearest - temperature_degc) <= SAME_DEGC else None
+
+
+def _left_out(
+    joint: _Joint,
+    best: _JointSolution,
+    degc: Sequence[float],
+    records: Sequence[Sequence[PreparedRecord]],
+    settings: TableSettings,
+) -> tuple[LeftOut, ...]:
+    """Every temperature predicted by the others, whose time constants are searched anew."""
+    visited = [visited_nodes(own, settings.nodes).tolist() for own in records]
+    found = []
+    for left, own in enumerate(records):
+        rest = [place for place in range(len(degc)) if place != left]
+        others = _Joint(tuple(joint.objectives[place] for place in rest))
+        anew = polish(others, others.solve(best.place))
+        tables = TemperatureTables(
+            tuple(degc[place] for place in rest),
+            tuple(
+                objective.tables_at(part, visited[place])
+                for objective, part, place in zip(others.objectives, anew.parts, rest, strict=True)
+            ),
+        )
+        at_home = joint.objectives[left].tables_at(best.parts[left], visited[left])
+        found.append(
+            LeftOut(
+                temperature_degc=degc[left],
+                is_between=0 < left < len(degc) - 1,
+                errors=_pooled_errors(own, tables.at(degc[left])),
+                own=_pooled_errors(own, at_home),
+            )
+        )
+    return tuple(found)
+
+
+def _pooled_errors(prepared_records: Sequence[PreparedRecord], tables: SocTables) -> SocErrors:
+    scored = [each.scored for each in prepared_records]
+    errors_v = [
+        (each.voltage_v - simulate_tables(each, tables))[here]
+        for each, here in zip(prepared_records, scored, strict=True)
+    ]
+    soc = [each.soc[here] for each, here in zip(prepared_records, scored, strict=True)]
+    return SocErrors.of(np.concatenate(errors_v), np.concatenate(soc))
+
+
+def _reversals(fits: Sequence[TableFit]) -> tuple[Reversal, ...]:
+    """The nodes at which intervals of neighboring temperatures lie apart in both directions."""
+    found = []
+    for name in (each for each in fits[0].tables.tables if each.endswith("[Ohm]")):
+        for soc in fits[0].tables.nodes:
+            nodes = [
+                each for fit in fits for each in fit.of_table(name)
+                if each.soc == soc and each.low is not None and each.high is not None
+            ]  # fmt: skip
+            steps = list(itertools.pairwise(nodes))
+            falls = any((two.high or 0.0) < (one.low or 0.0) for one, two in steps)
+            rises = any((two.low or 0.0) > (one.high or 0.0) for one, two in steps)
+            if falls and rises:
+                found.append(Reversal(name, soc, tuple(each.value for each in nodes)))
+    return tuple(found)

@@ -1,0 +1,53 @@
+"""A cycler's file leaves as a clean table, with where it comes from."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.records import read_record
+from helpers.dialects import maccor_text, pulse_table
+
+
+@pytest.fixture
+def cycler_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "cell.062"
+    path.write_bytes(maccor_text(pulse_table()))
+    return path
+
+
+def test_a_file_is_written_as_parquet_with_its_provenance(run, cycler_file, tmp_path):
+    assert run("convert", cycler_file, "--to", "bdf").status == 0
+    written = tmp_path / "cell.bdf.parquet"
+    before, after = read_record(cycler_file), read_record(written)
+    for name in ("time_s", "current_a", "voltage_v", "step", "cycle"):
+        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+    np.testing.assert_allclose(after.charge_ah, before.charge_ah, atol=1e-12)
+    assert after.hold.value == before.hold.value
+    origin = json.loads(pl.read_parquet_metadata(written)["provenance"])
+    assert origin["source sha256"] == before.sha256
+    assert "'State' tells what discharges" in " ".join(origin["warnings"])
+
+
+def test_csv_has_its_provenance_beside_it(run, cycler_file, tmp_path):
+    assert run("convert", cycler_file, "--out", tmp_path / "out.csv", "-q").status == 0
+    before, after = read_record(cycler_file), read_record(tmp_path / "out.csv")
+    np.testing.assert_array_equal(after.current_a, before.current_a)
+    assert json.loads((tmp_path / "out.json").read_text())["source"] == "cell.062"
+
+
+def test_what_is_there_is_not_overwritten(run, refuse, cycler_file, tmp_path):
+    (tmp_path / "cell.bdf.parquet").write_text("mine")
+    assert "--force" in refuse("convert", cycler_file)
+    assert run("convert", cycler_file, "--force").status == 0
+
+
+def test_columns_reach_check_and_convert(run, tmp_path):
+    table = pulse_table()
+    table.columns = ["Zeit", "Strom", "Klemme"]
+    table.write_csv(tmp_path / "own.csv")
+    names = ("--columns", "time=Zeit:s,current=Strom:A,voltage=Klemme:V")
+    assert "300 samples" in run("check", tmp_path / "own.csv", *names).out
+    assert run("convert", tmp_path / "own.csv", *names, "--out", tmp_path / "o.csv").status == 0

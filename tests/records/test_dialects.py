@@ -1,0 +1,184 @@
+"""Every make's dialect gives the record that was written, from small files of our own."""
+
+import gzip
+import os
+import threading
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.checks import check_file
+from barnax.errors import InputError
+from barnax.records import read_record, record_from_frame
+from barnax.records.column_rules import read_columns
+from barnax.records.dialects import DIALECTS, dialect_of
+from barnax.records.readers import read_table
+from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
+from helpers.records import CURRENT, TIME, VOLTAGE
+
+TABLE = pulse_table()
+# Minutes and hours are divided, and multiplied again.
+PRINTED = {"rtol": 1e-12, "atol": 1e-9}
+
+
+def read(folder, content, name="cell.txt", **options):
+    (folder / name).write_bytes(content)
+    return read_record(folder / name, **options)
+
+
+def require_the_record(record):
+    np.testing.assert_allclose(record.time_s, TABLE[TIME].to_numpy(), **PRINTED)
+    np.testing.assert_allclose(record.current_a, -TABLE[CURRENT].to_numpy(), **PRINTED)
+    np.testing.assert_allclose(record.voltage_v, TABLE[VOLTAGE].to_numpy(), **PRINTED)
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_a_dialect_gives_the_record_that_was_written(tmp_path, write):
+    require_the_record(read(tmp_path, write(TABLE)))
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_no_fault_is_found_in_a_good_file(tmp_path, write):
+    (tmp_path / "cell").write_bytes(write(TABLE))
+    checked = check_file(tmp_path / "cell")
+    about_the_file = [each for each in checked.findings if each.severity == "error"]
+    assert not about_the_file
+
+
+@pytest.mark.parametrize("dialect", DIALECTS, ids=lambda dialect: dialect.name)
+def test_a_mark_is_first_of_its_own_make(dialect):
+    for mark in dialect.marks:
+        assert dialect_of(mark.split(" & ")) is dialect
+
+
+def test_windows_line_ends_and_gzip_change_nothing(tmp_path):
+    content = maccor_text(TABLE)
+    require_the_record(read(tmp_path, content.replace(b"\n", b"\r\n")))
+    require_the_record(read(tmp_path, gzip.compress(content), "cell.txt.gz"))
+
+
+def test_two_files_joined_are_told_by_their_names(tmp_path):
+    content = novonix_csv(TABLE)
+    with pytest.raises(InputError, match=r"row 319: .*clock starts again .*split joined tests"):
+        read(tmp_path, content + content)
+    table = read_table(content + content, "cell")
+    assert table.row[299:301].tolist() == [309, 309 + 10]
+    assert "several files in one" in " ".join(table.notes)
+
+
+def test_states_and_counters_of_a_step_are_read(tmp_path):
+    record = read(tmp_path, maccor_text(TABLE))
+    np.testing.assert_array_equal(record.state, np.sign(record.current_a))
+    flowed_ah = np.concatenate([[0], np.cumsum(record.current_a[1:])]) / 3600
+    np.testing.assert_allclose(record.charge_ah, flowed_ah, atol=1e-12)
+
+
+def test_a_clock_of_the_steps_is_joined_with_a_warning(tmp_path):
+    table = TABLE.with_columns(pl.Series("Step Index / 1", np.arange(300) // 50))
+    steps = np.arange(300) % 50 + (np.arange(300) >= 50)
+    record = record_from_frame(table.with_columns(pl.Series(TIME, steps)))
+    require_the_record(record)
+    assert "starts again with each step (5 times)" in " ".join(record.warnings)
+
+
+def test_both_sides_of_a_step_are_kept_under_one_stamp():
+    step = np.arange(300) // 50
+    time = np.arange(300.0) - step
+    table = TABLE.with_columns(pl.Series(TIME, time), pl.Series("Step Index / 1", step))
+    record = record_from_frame(table)
+    assert record.samples == 300
+    np.testing.assert_allclose(record.time_s, time, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(record.current_a, -TABLE[CURRENT].to_numpy())
+
+
+@pytest.mark.parametrize("symbol", ["min", "h", "ms"])
+def test_dates_beside_a_clock_name_its_unit(symbol):
+    factor = {"min": 60, "h": 3600, "ms": 1e-3}[symbol]
+    time = np.arange(300) * 30.0
+    dates = pl.Series(time).cast(pl.Int64) * 1000
+    table = {
+        "Time": time / factor,
+        CURRENT: TABLE[CURRENT],
+        VOLTAGE: TABLE[VOLTAGE],
+        "Date Time": dates.cast(pl.Datetime("ms")).dt.strftime("%m/%d/%Y %H:%M:%S"),
+    }
+    record = record_from_frame(table)
+    np.testing.assert_allclose(record.time_s, time)
+    assert f"is in {symbol}: taken so" in " ".join(record.warnings)
+    with pytest.raises(InputError, match=f"'Time / s' is in {symbol}, not in s"):
+        record_from_frame({**table, "Time / s": table.pop("Time")})
+
+
+GIVEN = {"time": "Zeit:min", "current": "I2, gemessen:mA", "voltage": "Klemme [V]"}
+AS_TEXT = "time=Zeit:min,current=I2, gemessen:mA,voltage=Klemme [V]"
+
+
+@pytest.mark.parametrize("given", [AS_TEXT, GIVEN], ids=["text", "mapping"])
+def test_columns_are_the_way_out_for_what_nobody_knows(tmp_path, given):
+    table = pl.DataFrame(
+        {
+            "Zeit": TABLE[TIME] / 60,
+            "I2, gemessen": 1e3 * TABLE[CURRENT],
+            "Klemme [V]": TABLE[VOLTAGE],
+        }
+    )
+    above = b"Pruefstand 7\n\n"
+    require_the_record(read(tmp_path, above + table.write_csv().encode(), columns=given))
+    require_the_record(record_from_frame(table, columns=given))
+    assert check_file(tmp_path / "cell.txt", columns=given).facts.samples == 300
+
+
+def test_columns_that_a_file_lacks_are_warned_of():
+    record = record_from_frame(TABLE, columns={"current": "Strom"})
+    assert "no column is called 'Strom'" in " ".join(record.warnings)
+    require_the_record(record)
+
+
+@pytest.mark.parametrize("given", ["strom=I", "nonsense", "time=", {"colour": "red"}])
+def test_columns_of_no_quantity_are_refused(given):
+    with pytest.raises(InputError, match=r"^`columns`: .* write them as"):
+        read_columns(given)
+
+
+def test_durations_of_a_workbook_and_dates_are_times():
+    seconds = pl.Series(np.arange(300)).cast(pl.Int64)
+    durations = (1000 * seconds).cast(pl.Duration("ms"))
+    for times in (durations, (seconds * 1000).cast(pl.Datetime("ms"))):
+        require_the_record(record_from_frame(TABLE.with_columns(times.alias(TIME))))
+
+
+def test_numbers_cut_by_their_own_commas_are_refused(tmp_path):
+    text = "Zeit [s],Strom [A],Spannung [V],Time / s,Current / A,Voltage / V\n"
+    rows = "".join(f"{k},0,1,5,3,7,0,1,5,3,7,1\n" for k in range(30))
+    with pytest.raises(InputError, match="commas stand both between the cells and in the numbers"):
+        read(tmp_path, (text + rows).encode())
+
+
+def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):
+    for name in ("/dev/fd/{}", "-"):
+        reading, writing = os.pipe()
+
+        def write(writing=writing):
+            with os.fdopen(writing, "wb") as pipe:
+                pipe.write(neware_csv(TABLE))
+
+        threading.Thread(target=write).start()
+        with os.fdopen(reading) as stream:
+            monkeypatch.setattr("sys.stdin", stream)
+            require_the_record(read_record(name.format(reading)))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"NEWARE\0\0\0\0\0" + bytes(500), "\\.nda file is damaged"),
+        (b"BIO-LOGIC MODULAR FILE\x1a" + bytes(500), "BioLogic \\.mpr"),
+        (b"\0\1\0\0Standard Jet DB\0" + bytes(500), "Arbin \\.res"),
+        (gzip.compress(b"Time,Current\n" * 999)[:-30], "gzipped file is damaged"),
+    ],
+    ids=["nda", "mpr", "res", "gz"],
+)
+def test_a_binary_file_that_cannot_be_read_says_what_to_export(tmp_path, content, words):
+    with pytest.raises(InputError, match=f"{words}.*(export|copy)"):
+        read(tmp_path, content)

@@ -16,7 +16,7 @@ import pytest
 from typer.main import get_command
 
 import barnax
-from barnax.bundled import BUNDLED_NAMES
+from barnax.bundled import BUNDLED_NAMES, HPPC_NAMES, LFP_NAMES
 from barnax.cli.app import app
 
 REPOSITORY = Path(__file__).parents[1]
@@ -178,7 +178,8 @@ def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_
     )
     (wheel,) = tmp_path.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
-    assert {f"barnax/data/virtual_cell/{name}.parquet" for name in BUNDLED_NAMES} <= names
+    shipped = [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES]
+    assert {f"barnax/data/virtual_cell/{name}.parquet" for name in shipped} <= names
     assert {"barnax/py.typed", "barnax/cli/app.py"} <= names
     templates = ("report.html", "report.css", "report.md")
     assert {f"barnax/reporting/templates/{name}" for name in templates} <= names

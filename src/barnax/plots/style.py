@@ -93,6 +93,13 @@ def make_figure(width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN) -> Fig
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
+def space_columns(figure: Figure) -> None:
+    """Room between columns of panels, so that no label stands nearer to the panel left of it."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.set(wspace=0.08)
+
+
 def finish(figure: Figure, *panels: Axes, columns: int = 3) -> Figure:
     """The figure with its axes finished and one legend of them all above."""
     finish_axes(*panels)

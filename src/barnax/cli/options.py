@@ -211,8 +211,8 @@ class Rows:
         option(
             SEARCH,
             "NAME,NAME",
-            "Methods, each with every circuit: ls, rls, varpro, lm, pso-lm, de, or any that "
-            "[bold]barnax optimizers[/bold] lists.",
+            "Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf, n4sid, "
+            "varpro, lm, pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.",
         ),
     ] = None
 

@@ -157,7 +157,7 @@ def compare(
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):
-    ValueError: no method is called 'guess'; there are ls, rls, varpro, ...
+    ValueError: no method is called 'guess'; there are ls, rls, wrls, ...
     """
     for _, method in rows:
         if method not in METHODS:

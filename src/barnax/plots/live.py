@@ -133,7 +133,7 @@ def live_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
             columns.append(np.full(len(nodes), value))
         scale = scale_of(values, visited, low, high, is_resistance)
         panels.append(
-            {"label": label, "height": 240, "lines": lines, "band": [2, 1, BAND], "range": scale}
+            {"label": label, "height": 230, "lines": lines, "band": [2, 1, BAND], "range": scale}
         )
     return {
         "kind": "soc",

@@ -3,7 +3,10 @@
 // without it, and a figure that fails stays still.
 const INK = "#1b1f24", GRID = { stroke: "#d9d9d9", width: 0.5 };
 const shown = (value) => (value == null ? "–" : String(Number(value.toPrecision(5))));
-const axis = (label, size) => ({ label, stroke: INK, grid: GRID, ticks: GRID, ...(size && { size }) });
+const FONT = "12px system-ui, sans-serif";
+const axis = (label, size) => ({
+  label, size, stroke: INK, grid: GRID, ticks: GRID, font: FONT, labelFont: FONT, labelSize: 18, labelGap: 0,
+});
 
 function make(parent, tag, properties) {
   const element = Object.assign(document.createElement(tag), properties);
@@ -32,11 +35,12 @@ function seriesOf({ label, color, width, marks, step }) {
   return { label, width, stroke: color, points, value: (_, v) => shown(v), ...(paths && { paths }) };
 }
 
-const clipped = (paint) => (u) => {
+// What is painted stays inside the axes, but for a margin in which marks at their edge stand whole.
+const clipped = (paint, margin = 0) => (u) => {
   const { left, top, width, height } = u.bbox;
   u.ctx.save();
   u.ctx.beginPath();
-  u.ctx.rect(left, top, width, height);
+  u.ctx.rect(left - margin, top - margin, width + 2 * margin, height + 2 * margin);
   u.ctx.clip();
   paint(u, u.ctx, u.bbox);
   u.ctx.restore();
@@ -53,10 +57,9 @@ function drawPanel(box, live, columns, panel, isLast, key) {
     for (let x = 0; x < width; x += 12) ctx.fillRect(left + x, u.valToPos(value, "y", true), 7, 1.5);
   });
   return new uPlot({
-    width: box.clientWidth,
-    height: panel.height + (isLast ? 25 : 0),
+    width: box.clientWidth, height: panel.height + (isLast ? 18 : 0),
     scales: { x: { time: false }, y: panel.range ? { range: () => panel.range } : {} },
-    axes: [axis(isLast ? live.label : undefined, isLast ? 0 : 30), axis(panel.label, 62)],
+    axes: [axis(isLast ? live.label : undefined, 28), axis(panel.label, 52)],
     series: [{ label: live.label, value: (_, v) => shown(v) }, ...panel.lines.map(seriesOf)],
     bands: panel.band && [{ series: panel.band.slice(0, 2), fill: panel.band[2] }],
     cursor: { sync: { key, scales: ["x", null] }, drag: { x: true, y: false } },
@@ -80,12 +83,13 @@ function drawMap(box, live) {
       ctx.fillRect(xs[i], ys[j + 1], xs[i + 1] - xs[i] + 1, ys[j] - ys[j + 1] + 1);
     }));
   };
-  const symbols = (u) => marks.forEach(({ shape, color, points }) => points.forEach((point) => {
+  const symbols = (u, ctx) => marks.forEach(({ shape, color, points }) => points.forEach((point) => {
     const place = [u.valToPos(point[0], "x", true), u.valToPos(point[1], "y", true)];
-    Object.assign(u.ctx, { font: `${18 * devicePixelRatio}px sans-serif`, textAlign: "center" });
-    Object.assign(u.ctx, { textBaseline: "middle", lineWidth: 4, strokeStyle: "#000", fillStyle: color });
-    u.ctx.strokeText(shape, ...place);
-    u.ctx.fillText(shape, ...place);
+    const font = `${18 * devicePixelRatio}px sans-serif`;
+    Object.assign(ctx, { font, textAlign: "center", textBaseline: "middle" });
+    Object.assign(ctx, { lineWidth: 4, strokeStyle: "#000", fillStyle: color });
+    ctx.strokeText(shape, ...place);
+    ctx.fillText(shape, ...place);
   }));
   const readout = make(box, "p", { className: "key", textContent: "\u00a0" });
   const nearest = (each, tau) => each.reduce((best, one, k) =>
@@ -99,25 +103,23 @@ function drawMap(box, live) {
   };
   const scale = { time: false, distr: 3, range: (_, low, high) => [low, high] };
   const chart = new uPlot({
-    width: box.clientWidth,
-    height: Math.min(560, 80 + box.clientWidth),
-    padding: [12, 14, 0, 0],
-    legend: { show: false },
+    width: box.clientWidth, height: Math.min(560, 80 + box.clientWidth),
+    padding: [12, 14, 0, 0], legend: { show: false },
     scales: { x: scale, y: scale },
-    axes: [axis(labels[0]), axis(labels[1], 70)],
+    axes: [axis(labels[0], 28), axis(labels[1], 60)],
     series: [{}, { paths: () => null, points: { show: false } }],
     cursor: { drag: { x: true, y: true, uni: 30 }, points: { show: false } },
-    hooks: { drawClear: [clipped(cells)], draw: [symbols], setCursor: [tell] },
+    hooks: { drawClear: [clipped(cells)], draw: [clipped(symbols, 12 * devicePixelRatio)], setCursor: [tell] },
   }, ends, box);
   const explain = (text, entries) => {
     const key = make(box, "p", { className: "key", textContent: text });
     for (const [background, meaning] of entries) {
-      make(key, "span", { className: "swatch" }).style.background = background;
+      if (background) make(key, "span", { className: "swatch" }).style.background = background;
       key.append(`${meaning} `);
     }
   };
   explain(`${labels[3]}: `, colors.map((color, k) => [color, steps[k]]));
-  explain("", marks.map(({ color, shape, label }) => [color, `${shape} ${label}`]));
+  explain("", marks.map((mark) => [mark.color !== "#ffffff" && mark.color, `${mark.shape} ${mark.label}`]));
   return chart;
 }
 

@@ -31,6 +31,7 @@ from .sampling import (
     find_gaps,
     find_rebuilt_clock,
     find_resolution,
+    find_skipped,
     find_temperature,
 )
 from .twins import find_twins
@@ -39,6 +40,7 @@ from .twins import find_twins
 CHECKS: Mapping[str, Check] = {
     "sign": find_sign,
     "gaps": find_gaps,
+    "skipped": find_skipped,
     "coarse intervals": find_coarse_intervals,
     "rebuilt clock": find_rebuilt_clock,
     "rests": find_rests,

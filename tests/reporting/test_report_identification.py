@@ -97,10 +97,14 @@ def test_every_other_verdict_is_the_golden_one(stored):
     told += ["too wide:", best_possible(wide), *seeds_sentences(wide)]
     seeds = stored.model_copy(update={"answer_source": "seeds", "metrics": better})
     told += ["seeds better:", best_possible(seeds), weakest_point(seeds)]
+    # The polynomial of this cell misses its points, which comes before all else.
+    met = stored.model_copy(update={"cell": replace(stored.cell, errors={})})
+    alone = stored.metrics.model_copy(update={"validation": ()})
     for result in (
         stored,
-        stored.model_copy(update={"assessment": None}),
-        stored.model_copy(update={"metrics": stored.metrics.model_copy(update={"validation": ()})}),
+        met,
+        met.model_copy(update={"assessment": None}),
+        met.model_copy(update={"metrics": alone}),
     ):
         told.append(f"next: {next_step(result)}")
     require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")

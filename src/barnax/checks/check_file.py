@@ -27,6 +27,7 @@ from .check_input import Check, CheckInput
 from .kinds import Traits, traits_of
 from .roles import Role, find_roles
 from .sampling import (
+    find_breaks,
     find_coarse_intervals,
     find_gaps,
     find_rebuilt_clock,
@@ -41,6 +42,7 @@ CHECKS: Mapping[str, Check] = {
     "sign": find_sign,
     "gaps": find_gaps,
     "skipped": find_skipped,
+    "breaks": find_breaks,
     "coarse intervals": find_coarse_intervals,
     "rebuilt clock": find_rebuilt_clock,
     "rests": find_rests,

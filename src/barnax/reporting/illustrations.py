@@ -153,7 +153,7 @@ class Figures:
         """The tables over SOC and where they err, beside the constant circuit."""
         if run.tables is None:
             return
-        draw = partial(plot_tables, run.tables.fit, run.answer.parameters)
+        draw = partial(plot_tables, run.tables.found.reference, run.answer.parameters)
         self.add("tables", "tables", "", draw)
         own = {"constant circuit": run.identification, "tables": run.tables.identification}
         self.add("map", "tables-map", "identified on", partial(plot_error_map, own))

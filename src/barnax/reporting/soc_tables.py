@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
-from .document import Bullets, Section, Table, make_table
+from .document import Block, Bullets, Section, Table, make_table
 from .words import (
     NOTHING,
     between,
@@ -21,7 +21,7 @@ from .words import (
 if TYPE_CHECKING:
     from ..comparison.tabulated import Tabulated
     from ..over_soc import NodeInterval, SocErrors, TableFit
-    from ..results import Result, TablesPart
+    from ..results import TablesPart
 
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
@@ -76,13 +76,10 @@ def tables_sentences(part: "TablesPart", constant_v: float) -> Iterator[str]:
         )
 
 
-def tables_section(result: "Result", pictures: tuple) -> list[Section]:
-    """Tables over SOC in the report, where there are any."""
-    if result.tables is None:
-        return []
-    told = tuple(tables_sentences(result.tables, result.metrics.identification.rmse_v))
-    blocks = (Bullets(told), constants_table(result.tables.fit), nodes_table(result.tables.fit))
-    return [Section("Tables over SOC", (*blocks, *pictures))]
+def tables_blocks(part: "TablesPart", constant_v: float) -> tuple[Block, ...]:
+    """Tables over SOC as the report has them."""
+    told = tuple(tables_sentences(part, constant_v))
+    return Bullets(told), constants_table(part.fit), nodes_table(part.fit)
 
 
 def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[Section]:
@@ -99,11 +96,11 @@ def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[
     cells = {
         "circuit": lambda row: row[0],
         "values": lambda row: str(row[1]),
-        "held out [mV]": lambda row: NOTHING if row[2] is None else _errors(row[2]),
+        "held out [mV]": lambda row: NOTHING if row[2] is None else errors_words(row[2]),
     }
     for place, name in enumerate(names):
         role = "identified on" if place == 0 else "validation"
-        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: _errors(row[3][place])
+        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: errors_words(row[3][place])
     table = make_table(
         "RMSE in mV, in brackets above 10 % SOC: on blocks held out of the fit, and on each "
         "record. The constant circuit is the best one known, fitted anew for the held-out blocks.",
@@ -115,7 +112,7 @@ def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[
     return [Section("Tables over SOC", (Bullets(tuple(told)), table))]
 
 
-def nodes_table(fit: "TableFit") -> Table:
+def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
     rows = _visited(fit)
     cells = {"SOC [%]": lambda place: f"{100 * fit.tables.nodes[place]:g}"}
@@ -132,18 +129,19 @@ def nodes_table(fit: "TableFit") -> Table:
         cells[f"{_name(name)}, 95 %"] = interval
     heads = [head for head in cells if head.endswith(", 95 %")]
     return make_table(
-        "The tables at the nodes that samples visit; linear between nodes, constant beyond.",
+        f"The tables{where} at the nodes that samples visit; linear between nodes, constant beyond "
+        "them.",
         rows,
         cells,
         heads,
     )
 
 
-def constants_table(fit: "TableFit") -> Table:
+def constants_table(fit: "TableFit", where: str = "") -> Table:
     """What is the same at every SOC: time constants and, if any, gamma."""
     known = {each.name: each for each in fit.intervals if each.soc is None}
     return make_table(
-        "What is one value at every SOC.",
+        f"What is one value at every SOC{where and ' and '}{where}.",
         list(fit.tables.constants),
         {
             "parameter": str,
@@ -215,6 +213,7 @@ def _interval(each: "NodeInterval | None", scale: float = 1.0) -> str:
     return f"{figures(scale * each.low)} to {figures(scale * each.high)}"
 
 
-def _errors(errors: "SocErrors") -> str:
+def errors_words(errors: "SocErrors") -> str:
+    """An RMSE in mV, in brackets that above 10 % SOC."""
     above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
     return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"

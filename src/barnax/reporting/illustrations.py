@@ -63,7 +63,7 @@ WORDS = {
     ),
     "voltage": (
         "Measured and simulated voltage on {}, and the current. At the right the framed stretch, "
-        "chosen by the current alone.",
+        "the one with the largest error.",
         "Measured and simulated voltage over time, above the current",
     ),
     "error": (
@@ -91,12 +91,12 @@ WORDS = {
     ),
     "convergence": (
         "How the best RMSE of every seed fell during the search, and how far each stayed above "
-        "the refined answer.",
+        "the lowest RMSE known.",
         "Best RMSE of every seed over evaluations",
     ),
     "voltages": (
-        "Measured and simulated voltage on {}. Below, the framed stretch, chosen by the current "
-        "alone.",
+        "Measured and simulated voltage on {}. Below, the framed stretch, the one where the row "
+        "with the lowest RMSE errs most.",
         "Measured voltage and the simulations of the rows over time, with a magnified stretch",
     ),
     "errors": (
@@ -142,7 +142,8 @@ class Figures:
 
     def add_cell(self, cell: "CellModel") -> None:
         self.add("ocv", "ocv", "", partial(plot_ocv, cell))
-        self.add("hysteresis", "hysteresis", "", partial(plot_hysteresis, cell))
+        if cell.hysteresis.points:
+            self.add("hysteresis", "hysteresis", "", partial(plot_hysteresis, cell))
 
     def add_condition(self, role: str, evaluation: "Evaluation") -> None:
         prepared = evaluation.prepared
@@ -229,7 +230,8 @@ def _identification_figures(run: "Run") -> Figures:
         figures.add("error", f"{role}-error", record, partial(plot_error, each))
     figures.add_tables(run)
     figures.add_pulses(roles, answered.identification)
-    draw = partial(plot_convergence, run.search, run.refinement)
+    optimum_v = None if run.optimum is None else run.optimum.rmse_v
+    draw = partial(plot_convergence, run.search, run.refinement, optimum_v)
     figures.add("convergence", "convergence", "", draw)
     if run.optimum is not None:
         method, _ = describe(run.search.optimizer)

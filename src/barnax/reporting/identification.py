@@ -227,7 +227,7 @@ def _tables_section(result: "Result", pictures: Pictures) -> list[Section]:
     over, constant_v = part.over_temperature, result.metrics.identification.rmse_v
     drawn = pictures.starting("tables")
     if over is None:
-        return [Section("Tables over SOC", (*tables_blocks(part, constant_v), *drawn))]
+        return [Section("Tables over SOC", (*tables_blocks(part, result), *drawn))]
     blocks = temperature_blocks(part, over, constant_v)
     return [Section("Tables over SOC and temperature", (*blocks, *drawn))]
 

@@ -22,6 +22,7 @@ from ..plots import (
     plot_pulse_resistances,
     plot_pulses,
     plot_tables,
+    plot_trajectories,
     plot_voltage,
 )
 from ..plots.landscape import has_landscape
@@ -104,6 +105,11 @@ WORDS = {
         "scale. Dashed: plus and minus the RMSE; steps: the RMSE in each twentieth of the state "
         "of charge.",
         "Errors of the rows over time and over the state of charge",
+    ),
+    "trajectories": (
+        "What the online methods took the circuit for: medians in each percent of the state of "
+        "charge. Dashes at the right: what they answer.",
+        "Resistances and time constants of online methods over the state of charge",
     ),
     "convergence of rows": (
         "How the best RMSE of each row fell: the median of its seeds, and a band from the tenth "
@@ -264,6 +270,9 @@ def comparison_illustrations(
                 "voltages", f"{role}-voltages", record, partial(plot_compared_voltages, rows)
             )
             figures.add("errors", f"{role}-errors", record, partial(plot_compared_errors, rows))
+        online = {row.name: row for row in comparison.answered}
+        if any(row.median.trajectory is not None for row in online.values()):
+            figures.add("trajectories", "trajectories", "", partial(plot_trajectories, online))
     if any(row.seeds for row in result.rows):
         draw = partial(plot_compared_convergence, result)
         figures.add("convergence of rows", "convergence", "", draw)

@@ -14,7 +14,7 @@ from ..errors import printable
 from .document import Bullets, Document, Listing, Paragraph, Table
 from .pulses import middle_heads as middle_heads_of_pulses
 from .pulses import middle_pulses
-from .soc_tables import middle_heads, middle_rows, pay_sentence
+from .soc_tables import middle_heads, middle_rows, pay_sentence, unseen_errors
 from .temperature import (
     degrees,
     expectation,
@@ -78,8 +78,8 @@ def _table_lines(result: "Result") -> Iterator[tuple[str, str]]:
         yield "Temperatures", f"where none was measured, {expectation(over)}"
         for told in prediction_sentences(result):
             yield "", told
-    elif pays := pay_sentence(result.tables.fit):
-        yield "Held out", pays[0].upper() + pays[1:]
+    elif pays := pay_sentence(result.tables.fit, unseen_errors(result)):
+        yield "Worth it", pays[0].upper() + pays[1:]
 
 
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:

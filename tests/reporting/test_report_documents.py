@@ -47,9 +47,9 @@ def test_a_comparison_s_report_has_every_part(comparison):
     assert titles(comparison_document(comparison)) == [
         "Verdict",
         "Warnings",
+        "Parameters",
         "What was measured",
         "What was decided",
-        "Parameters",
         "Search",
         f"Identification: {DRIVE}",
         f"Validation: {CITY}",

@@ -92,7 +92,8 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
     """Options to run again with, and why; no options where it takes something else."""
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
-        what = f"for an OCV curve through its points, which this one misses by {millivolt(missed_v)}"
+        missed = millivolt(missed_v)
+        what = f"for an OCV curve through its points, which this one misses by {missed}"
         return {"ocv_fit": "interpolated"}, what
     if not result.metrics.validation:
         return {}, "validate on another record of the cell, with `validate`"

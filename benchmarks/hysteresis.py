@@ -1,7 +1,8 @@
 """Does the hysteresis voltage pay? `python -m benchmarks.hysteresis [FOLDER OF MEASURED CELLS]`.
 
-Identifies so-rc and the circuits with hysteresis (iso-rc, esc, takacs) with both OCV fits on the bundled cell and, where the folder is given,
-on measured cells that cannot be shipped. Writes benchmarks/results/hysteresis.md.
+Identifies so-rc and the circuits with hysteresis (iso-rc, esc, takacs) with both OCV fits on the
+bundled cell and, where the folder is given, on measured cells that cannot be shipped. Writes
+benchmarks/results/hysteresis.md.
 """
 
 import sys

@@ -65,8 +65,9 @@ def section(folder: Path | None, facts: str) -> list[str]:
         HEADING,
         "",
         f"Printed by `python -m benchmarks.li2023.paper --section-5-5 FOLDER`, {facts}. The "
-        "paper takes He's, Ling's and Peng's figures from their papers, of other cells and "
-        "circuits, and runs Yang's on its own data, all beside the 0.38 % and 43.1 mV of its own. "
+        "paper takes He's and Peng's figures from their papers, of other cells and circuits, and "
+        "runs Yang's and, as it reads, Ling's on its own data, all beside the 0.38 % and 43.1 mV "
+        "of its own. "
         f"Here every figure is of a run on one record: so-rc, but iso-rc for IBMO; {BUDGET.seeds} "
         "seeds, the median's, unrefined. An error band is read as the largest error over the "
         "measured voltage. apso, aga and dual-ukf are in the manner of their papers, not their "

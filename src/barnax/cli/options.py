@@ -127,18 +127,28 @@ class Choices:
             rich_help_panel=OUTPUT,
         ),
     ] = False
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper",
+            help="Also write figures/paper: every figure as PDF and SVG, as wide as a column of a "
+            "journal (89 mm, 7 pt).",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
 
 
 @dataclass(frozen=True)
 class TableOptions:
-    """Tables over SOC: whether, and how."""
+    """Tables over SOC, and temperature: whether, and how."""
 
     over: Annotated[
         str | None,
         option(
             TABLES,
-            "soc",
-            "Also fit the circuit with its resistances and an OCV correction as tables over SOC.",
+            "soc|soc,temperature",
+            "Also fit the circuit with its resistances and an OCV correction as tables over SOC, "
+            "or for each temperature of the records with shared time constants.",
         ),
     ] = None
     ocv_correction: Annotated[

@@ -36,7 +36,14 @@ from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
-from .over_soc import TableFit, TableSettings, evaluate_tables, expected_rmse_v, fit_tables
+from .over_soc import (
+    HELD_GAMMA,
+    TableFit,
+    TableSettings,
+    evaluate_tables,
+    expected_rmse_v,
+    fit_tables,
+)
 from .records import Record
 from .results import Answer, Result, best_answer
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -141,7 +148,7 @@ def identify(
         problem = _problem(inputs, windows, settings, bounds, fix)
         # A validation record that does not fit its window is refused before the search, not after.
         validation = [
-            prepare_record(record, inputs.cell, settings.model, windows[record.name])
+            prepare_record(record, inputs.cell, problem.circuit, windows[record.name])
             for record in inputs.validation
         ]
         problem = with_better_directions(problem)
@@ -175,7 +182,7 @@ def _problem(
         return make_problem(
             inputs.records,
             inputs.cell,
-            settings.model,
+            settings.circuit(inputs.cell),
             window=[windows[record.name] for record in inputs.records],
             bounds=ranges,
             fixed=fix,
@@ -207,7 +214,8 @@ def _search_and_assess(
     with ThreadPoolExecutor(max_workers=3) as beside:
         compiling = beside.submit(Descent, problem)
         looking = beside.submit(_optimum_or_none, problem)
-        fitting = beside.submit(_tables_beside, problem, tables, looking)
+        tabulated = settings.circuit(problem.cell, "soc")
+        fitting = beside.submit(_tables_beside, problem, tables, tabulated, looking)
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Searching", settings.seeds) as advance:
             search = search_seeds(
@@ -263,9 +271,13 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
 
 
 def _tables_beside(
-    problem: Problem, settings: TableSettings | None, looking: "Future[GlobalOptimum | None]"
+    problem: Problem,
+    settings: TableSettings | None,
+    circuit: str,
+    looking: "Future[GlobalOptimum | None]",
 ) -> tuple[TableFit | None, float | None]:
-    """The tables that were asked for; where none were, the RMSE that they would leave."""
+    """The tables that were asked for; where none were, the RMSE that those of `circuit`, the one
+    they would be of, would leave."""
     if settings is not None:
         return fit_tables(problem.prepared_records, settings), None
     optimum = looking.result()
@@ -276,7 +288,11 @@ def _tables_beside(
     if found.gamma is not None:
         constants[RATE] = found.gamma
     try:
-        return None, expected_rmse_v(problem.prepared_records, constants)
+        records = [
+            prepare_record(each.record, problem.cell, circuit, each.window)
+            for each in problem.prepared_records
+        ]
+        return None, expected_rmse_v(records, constants)
     except InputError:
         return None, None
 
@@ -320,16 +336,34 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
 def _table_warnings(run: TableRun) -> Iterator[str]:
     """What a user should know of tables over SOC."""
     for each in run.fit.warnings:
-        if each.kind == "tau at bound":
+        if each.kind == "at bound":
+            unit = " s" if each.name.startswith("tau") else ""
+            advice = (
+                "with an OCV correction a slow pair imitates a wrong capacity, so check "
+                "`capacity`, or give `bounds` for it"
+            )
             yield (
-                f"tables over SOC: {each.name} ended at its bound of {each.value:.4g} s; with an "
-                "OCV correction a slow pair imitates a wrong capacity, so check `capacity`, or "
-                "give `bounds` for it"
+                f"tables over SOC: {each.name} ended at its bound of {each.value:.4g}{unit}; "
+                + (advice if unit else "the bounds, not the data, set it")
+            )
+        elif each.kind == "one direction":
+            yield (
+                "tables over SOC: the amplitude of the hysteresis was fitted, but the records go "
+                f"only {100 * each.value:.0f} % SOC in one of both directions; such a table spoils "
+                "what was not fitted, so leave `half_hysteresis` out, or add a record of the other "
+                "direction"
+            )
+        elif each.kind == "gamma held":
+            yield (
+                f"tables over SOC: the records go only {100 * each.value:.0f} % SOC in one of both "
+                "directions, which tells nothing of how fast hysteresis turns, so gamma is held at "
+                f"{HELD_GAMMA:g} and half the measured gap is its amplitude; add a record of the "
+                "other direction, or give gamma with `fix` or `bounds`"
             )
         else:
             yield (
-                f"tables over SOC: {100 * each.value:.0f} % of the nodes of {each.name} are near "
-                "no sample; their values follow from their neighbors"
+                f"tables over SOC: {100 * each.value:.0f} % of their nodes are near no sample; "
+                "what stands there follows from their neighbors, and says nothing of the cell"
             )
     low, high = (
         bound([bound(each.prepared.soc[each.prepared.scored]) for each in run.identification])

@@ -37,6 +37,11 @@ def best_tables(fit: "TableFit") -> str:
     gap = f"{where} {percent(fit.proved_gap)} better"
     if fit.status == "certified":
         return f"proved, {gap}."
+    if not fit.lower_bound_v:
+        return (
+            "the lowest of a grid of time constants and of descents from it; not proved, as for "
+            "more than two pairs and a free gamma."
+        )
     return f"verified on a grid of time constants; the proof got to: {gap}."
 
 

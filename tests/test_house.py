@@ -24,7 +24,7 @@ LAYERS = (
     ("over_soc",),
     ("results",),
     ("storing",),
-    ("comparison", "export"),
+    ("comparison", "export", "plan"),
     ("pipeline", "plots"),
     ("pulse_test", "replay"),
     ("reporting",),
@@ -36,7 +36,7 @@ GENERAL = {"optimizers": {"errors"}, "metrics": set(), "errors": set(), "executi
 # In a notebook a result shows itself: the one import to the right, made when it is asked to.
 SHOWN = {("results", "reporting")}
 # Where what users give is read, beside the command line.
-READING = {"records/read.py", "schema.py", "model/search_space.py"}
+READING = {"records/read.py", "schema.py", "model/search_space.py", "plan/text.py"}
 # These say where names live and where the command starts; they are no layer.
 DOORS = {"__init__", "__main__"}
 SHORTEST = 20

@@ -44,6 +44,7 @@ from .over_soc import (
     expected_rmse_v,
     fit_tables,
 )
+from .plan import plans_first
 from .records import Record
 from .results import Answer, Result, best_answer
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -88,6 +89,7 @@ class Run:
     warnings: tuple[str, ...] = ()
 
 
+@plans_first
 def identify(
     records: Given | Sequence[Given] = (),
     *,
@@ -101,7 +103,7 @@ def identify(
     bounds: Mapping[str, Range] | str | Path | None = None,
     fix: Mapping[str, float] | None = None,
     reading: Reading | None = None,
-    ocv_fit: OcvFit = "polynomial",
+    ocv_fit: OcvFit | None = None,
     hysteresis_fit: HysteresisFit = "continuous",
     trust: Literal["none", "basic", "full"] = "basic",
     command: Sequence[str] = (),
@@ -111,7 +113,8 @@ def identify(
     """The circuit of a cell, identified, proved, assessed and validated.
 
     `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each;
-    without any record the bundled cell's are taken. `window` is one for all records, or a mapping
+    without any record the bundled cell's are taken. Of a folder, a plan or files without `ocv`
+    roles and windows are found (`barnax.plan`). `window` is one for all records, or a mapping
     from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
     records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
     `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
@@ -140,7 +143,7 @@ def identify(
     inputs = read_inputs(
         records, ocv, validate, reading,
         capacity=capacity, ocv_capacity=ocv_capacity,
-        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
+        ocv_fit=ocv_fit or "polynomial", hysteresis_fit=hysteresis_fit,
         window=window, watch=watch,
     )  # fmt: skip
     with watch("Setting up the problem", 0):

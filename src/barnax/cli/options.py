@@ -322,7 +322,7 @@ def run_options(
         "ocv_capacity": files.ocv_capacity,
         "bounds": search.bounds,
         "fix": search.fixed,
-        "ocv_fit": files.ocv_fit,
+        **({"ocv_fit": files.ocv_fit} if files.ocv_fit else {}),
         "hysteresis_fit": files.hysteresis_fit,
         "reading": Reading(
             files.current_sign,

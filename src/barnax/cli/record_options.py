@@ -69,9 +69,14 @@ class Files:
         option(INPUT, "AH", "Capacity in the OCV test, where it does not span full to empty."),
     ] = None
     ocv_fit: Annotated[
-        Literal["polynomial", "interpolated"],
-        option(INPUT, "FIT", "OCV curves: polynomial of degree 7, or interpolated (PCHIP)."),
-    ] = "polynomial"
+        Literal["polynomial", "interpolated"] | None,
+        option(
+            INPUT,
+            "FIT",
+            "OCV curves: polynomial of degree 7, or interpolated (PCHIP) (default: polynomial, in "
+            "a plan interpolated).",
+        ),
+    ] = None
     hysteresis_fit: Annotated[
         Literal["continuous", "independent"],
         option(
@@ -139,7 +144,7 @@ class RecordOptions:
     def chosen(self) -> dict[str, dict[str, Any]]:
         """Fields of a `Window` by the name of the record they are for, "" for all."""
         found: dict[str, dict[str, Any]] = {}
-        for asked, (name, parse) in _WINDOW_FIELDS.items():
+        for asked, (name, parse) in WINDOW_FIELDS.items():
             for text in getattr(self, asked) or []:
                 record, _, value = text.rpartition("=")
                 try:
@@ -189,7 +194,7 @@ _EXAMPLES = {
     "score_steps": "7,8",
     "score_soc": "0.1,1",
 }
-_WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
+WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "capacity": ("capacity_ah", float),
     "temperature": ("temperature_degc", float),
     "start_time": ("start_time_s", float),

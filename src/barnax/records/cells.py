@@ -59,7 +59,8 @@ def _plain(text: pl.Series) -> pl.Series:
     plain = text.cast(pl.Float64, strict=False)
     if plain.null_count() == text.null_count():
         return plain
-    text = text.str.strip_chars()
+    text = text.str.strip_chars().str.replace("\u2212", "-", literal=True)
+    text = text.str.replace_all(_GROUPS, "$1$2")
     plain = text.cast(pl.Float64, strict=False)
     with_comma = text.filter(plain.is_null() & text.str.contains(",", literal=True))
     if not len(with_comma):
@@ -71,13 +72,17 @@ def _plain(text: pl.Series) -> pl.Series:
     return text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
 
 
+# Blanks and apostrophes between thousands.
+_GROUPS = "(\\d)[ \u00a0\u202f'\u2019](\\d{3})"
+
+
 def _groups_thousands(with_comma: pl.Series, plain: pl.Series) -> bool:
     """Whether "1,005" is a thousand: what stands without a comma then goes up to 999."""
     are_groups = with_comma.str.contains(r"^[+-]?[1-9]\d{0,2},\d{3}$").all()
     return bool(are_groups) and (plain.abs().max() or 0) >= 100  # type: ignore[operator]
 
 
-_CLOCK = r"^\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):(\d+):(\d+(?:[.,]\d*)?)\s*$"
+_CLOCK = r"^\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):(\d+):(\d+(?:[.,:]\d*)?)\s*$"
 
 
 def _seconds(cells: pl.Series) -> Numbers:
@@ -89,7 +94,7 @@ def _seconds(cells: pl.Series) -> Numbers:
     if cells.dtype == pl.String and not _looks_dated(cells):
         parts = cells.str.extract_groups(_CLOCK).struct.unnest()
         days, hours, minutes, seconds = (
-            column.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+            column.str.replace("[,:]", ".").cast(pl.Float64, strict=False)
             for column in parts.get_columns()
         )
         return (((days.fill_null(0) * 24 + hours) * 60 + minutes) * 60 + seconds).to_numpy()

@@ -105,7 +105,12 @@ QUANTITIES: tuple[Quantity, ...] = (
     ),
     # A clock that starts again with each step, and the time of day: where there is no test clock.
     _quantity("step time", _SECONDS, "step time|relative time", "Step Time / s"),
-    _quantity("date", _SECONDS, "date time|datetime|unix time|time stamp|date", "Unix Time / s"),
+    _quantity(
+        "date",
+        _SECONDS,
+        "date time|datetime|unix time|time stamp|timestamp|date and time|date",
+        "Unix Time / s",
+    ),
     _quantity(
         "current",
         _AMPERES,
@@ -215,7 +220,7 @@ def find_columns(header: Sequence[str], quantities: Sequence[Quantity]) -> dict[
 
 def normal(name: str) -> str:
     """The name in lower case, with blanks for underscores, and u for micro."""
-    plain = name.replace("µ", "u").replace("μ", "u").replace("℃", "°c").lstrip("~\ufeff")
+    plain = name.replace("µ", "u").replace("μ", "u").replace("℃", "°c").lstrip("~# \ufeff")
     return re.sub(r"[\s_]+", " ", plain).strip().lower()
 
 

@@ -13,6 +13,8 @@ _ROUNDING, _LOW = 1e-3, 0.5
 # Counted and integrated charge are compared over blocks of intervals, for inside a drive cycle the
 # current switches between samples. They agree within this share and so many quanta; so many must.
 _BLOCKS, _NEAR, _QUANTA, _AGREEING = 200, 0.1, 2.0, 0.5
+# What proportional block sums correlate by.
+_PROPORTIONAL = 0.995
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,22 @@ class Counters:
             if len(agrees) and agrees.mean() > most:
                 best_ah, most = turned_ah, float(agrees.mean())
         return None if best_ah is None else np.concatenate([np.zeros(1), np.cumsum(best_ah)])
+
+    def net_ratio(self, integrated_ah: Increments) -> float | None:
+        """How many times what a lone net counter counted the integral is, in every part alike.
+
+        None where there is no such counter, or where they are not proportional.
+        """
+        if self.both or self.net_ah is None:
+            return None
+        starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
+        summed_ah = np.add.reduceat(integrated_ah, starts)
+        for counted_ah in self._candidates(np.sign(integrated_ah)):
+            blocks_ah = np.add.reduceat(counted_ah, starts)
+            size = float(np.sqrt(np.sum(blocks_ah**2) * np.sum(summed_ah**2)))
+            if size and abs(float(np.sum(blocks_ah * summed_ah))) > _PROPORTIONAL * size:
+                return float(np.sqrt(np.sum(summed_ah**2) / np.sum(blocks_ah**2)))
+        return None
 
     def _candidates(self, direction: Increments) -> list[Increments]:
         """What the counters may mean, the plainest first."""

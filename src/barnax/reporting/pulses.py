@@ -79,13 +79,16 @@ def _level_table(result: "Result", level: Sequence[Pulse]) -> Table:
 def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
     """A line for each direction and rate: its resistances in the middle of SOC.
 
-    Between pulses linearly; a dash where no pulse is long enough or none is on either side.
+    Between pulses linearly; a dash where no pulse is long enough or none is on either side. Those
+    with dashes only, such as of a drive cycle's last pulses, are left out.
     """
     unit, used = _unit(result), _used(result)
-    return [
-        (_label(result, level), *(_shown(_at_middle(level, place), unit) for place in used))
-        for level in levels(result.pulses)
-    ]
+    lines = []
+    for level in levels(result.pulses):
+        ohms = [_at_middle(level, place) for place in used]
+        if any(ohm is not None for ohm in ohms):
+            lines.append((_label(result, level), *(_shown(ohm, unit) for ohm in ohms)))
+    return lines
 
 
 def middle_heads(result: "Result") -> tuple[str, ...]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
-SHORT = {OCV_CORRECTION: "OCV", HALF_HYSTERESIS: "hysteresis"}
+SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "hysteresis"}
 
 
 def best_tables(fit: "TableFit") -> str:

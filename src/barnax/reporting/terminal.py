@@ -49,7 +49,7 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     yield Text()
     yield indented(_parameters_table(result))
     yield Text()
-    if result.pulses:
+    if middle_pulses(result):
         yield indented(_pulses_table(result))
         yield Text()
     lines = [("Best possible", best_possible(result))]

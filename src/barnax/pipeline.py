@@ -4,7 +4,7 @@ Records are read once and checked, the cell is characterized, thirty seeds searc
 optimum is looked for beside them, and the best circuit known is assessed and validated.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -36,14 +36,7 @@ from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
-from .over_soc import (
-    HELD_GAMMA,
-    TableFit,
-    TableSettings,
-    evaluate_tables,
-    expected_rmse_v,
-    fit_tables,
-)
+from .over_soc import TableFit, TableSettings, evaluate_tables, expected_rmse_v, fit_tables
 from .plan import plans_first
 from .records import Record
 from .results import Answer, Result, best_answer
@@ -51,13 +44,12 @@ from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .search.refine import Descent, Refinement, refine
 from .search.seeds import Search, search_seeds
 from .storing import make_result
+from .table_warnings import table_warnings
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")
 # What a warning says first where the full examination failed.
 FITTING_AGAIN = "fitting again"
-# Validation may leave the SOC that tables were identified on by this much without a word.
-OUTSIDE_SOC = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,55 +324,12 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
         for each in run.answer.at_bound
     ]
     if run.tables is not None:
-        texts += _table_warnings(run.tables)
+        own, others = (
+            [each.prepared for each in evaluations]
+            for evaluations in (run.identification, run.validation)
+        )
+        texts += table_warnings(run.tables.fit, own, others)
     return tuple(dict.fromkeys([*texts, *run.warnings]))
-
-
-def _table_warnings(run: TableRun) -> Iterator[str]:
-    """What a user should know of tables over SOC."""
-    for each in run.fit.warnings:
-        if each.kind == "at bound":
-            unit = " s" if each.name.startswith("tau") else ""
-            advice = (
-                "with an OCV correction a slow pair imitates a wrong capacity, so check "
-                "`capacity`, or give `bounds` for it"
-            )
-            yield (
-                f"tables over SOC: {each.name} ended at its bound of {each.value:.4g}{unit}; "
-                + (advice if unit else "the bounds, not the data, set it")
-            )
-        elif each.kind == "one direction":
-            yield (
-                "tables over SOC: the amplitude of the hysteresis was fitted, but the records go "
-                f"only {100 * each.value:.0f} % SOC in one of both directions; such a table spoils "
-                "what was not fitted, so leave `half_hysteresis` out, or add a record of the other "
-                "direction"
-            )
-        elif each.kind == "gamma held":
-            yield (
-                f"tables over SOC: the records go only {100 * each.value:.0f} % SOC in one of both "
-                "directions, which tells nothing of how fast hysteresis turns, so gamma is held at "
-                f"{HELD_GAMMA:g} and half the measured gap is its amplitude; add a record of the "
-                "other direction, or give gamma with `fix` or `bounds`"
-            )
-        else:
-            yield (
-                f"tables over SOC: {100 * each.value:.0f} % of their nodes are near no sample; "
-                "what stands there follows from their neighbors, and says nothing of the cell"
-            )
-    low, high = (
-        bound([bound(each.prepared.soc[each.prepared.scored]) for each in run.identification])
-        for bound in (min, max)
-    )
-    for each in run.validation:
-        soc = each.prepared.soc[each.prepared.scored]
-        outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
-        if outside:
-            yield (
-                f"{each.prepared.record.name}: {outside} of {len(soc)} scored samples lie outside "
-                f"the SOC that the tables were identified on ({100 * low:.0f} to "
-                f"{100 * high:.0f} %), where they are held constant"
-            )
 
 
 def common_window(stored: Result) -> Window:

@@ -11,6 +11,7 @@ from ..over_soc import SocErrors, TableFit, TableSettings, errors_on, fit_tables
 from ..over_soc.by_method import SEARCHES, capped, search_by
 from ..over_soc.fit import box_of, reduced_objective
 from ..search.evaluate import Evaluation, evaluate
+from ..table_warnings import table_warnings
 from .run import Comparison, names_of
 
 
@@ -49,6 +50,7 @@ class Tabulated:
     constant_errors: tuple[SocErrors, ...]
     constant_parameters: int
     searches: tuple[TableSearch, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def tabulate(
@@ -92,6 +94,7 @@ def tabulate(
                 constant_errors=tuple(_errors(evaluate(each, parameters)) for each in prepared),
                 constant_parameters=len(parameters.to_dict()),
                 searches=_searches(methods, fit, wanted, prepared, comparison.budget),
+                warnings=tuple(table_warnings(fit, prepared[:1], prepared[1:])),
             )
         )
     return tuple(found)

@@ -19,6 +19,7 @@ from .cell.hysteresis import HysteresisFit
 from .cell.parameters import RATE
 from .errors import InputError
 from .gather import (
+    OVER_TEMPERATURE,
     Given,
     Inputs,
     Reading,
@@ -36,7 +37,15 @@ from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
-from .over_soc import TableFit, TableSettings, evaluate_tables, expected_rmse_v, fit_tables
+from .over_soc import (
+    TableFits,
+    TableSettings,
+    evaluate_tables,
+    expected_rmse_v,
+    group_by_temperature,
+    require_temperature,
+    require_temperatures,
+)
 from .plan import plans_first
 from .records import Record
 from .results import Answer, Result, best_answer
@@ -44,22 +53,12 @@ from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .search.refine import Descent, Refinement, refine
 from .search.seeds import Search, search_seeds
 from .storing import make_result
-from .table_warnings import table_warnings
+from .table_run import TableRun, fit_over, table_warnings
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")
 # What a warning says first where the full examination failed.
 FITTING_AGAIN = "fitting again"
-
-
-@dataclass(frozen=True, eq=False)
-class TableRun:
-    """Tables over SOC fitted to the records of a run, and their evaluations."""
-
-    settings: TableSettings
-    fit: TableFit
-    identification: list[Evaluation]
-    validation: list[Evaluation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +110,8 @@ def identify(
     records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
     `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
     says how far the answer is looked into: "full" fits again. With `over="soc"` the same circuit is
-    also fitted with tables over SOC, by `tables`. Fields of `Settings`, `Reading` and
+    also fitted with tables over SOC, by `tables`; with `over="soc,temperature"` with tables for
+    each temperature of the records. Fields of `Settings`, `Reading` and
     `TableSettings` may be given by name, such as `model="esc"`. `watch` is asked for a context for
     every stage.
 
@@ -151,6 +151,10 @@ def identify(
         if settings.over is not None:
             ranges = {**(ranges_of(bounds)[1] or {}), **tables.bounds}
             wanted = replace(tables, bounds=ranges, fixed={**(fix or {}), **tables.fixed})
+        if settings.over == OVER_TEMPERATURE:
+            require_temperatures(group_by_temperature(problem.prepared_records))
+            for each in validation:
+                require_temperature(each)
     run = _search_and_assess(problem, optimizer, settings, validation, trust, wanted, watch)
     run = replace(run, ocv=inputs.ocv, warnings=_all_warnings(inputs, run))
     return make_result(run, command)
@@ -210,7 +214,7 @@ def _search_and_assess(
         compiling = beside.submit(Descent, problem)
         looking = beside.submit(_optimum_or_none, problem)
         tabulated = settings.circuit(problem.cell, "soc")
-        fitting = beside.submit(_tables_beside, problem, tables, tabulated, looking)
+        fitting = beside.submit(_tables_beside, problem, settings.over, tables, tabulated, looking)
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Searching", settings.seeds) as advance:
             search = search_seeds(
@@ -227,7 +231,7 @@ def _search_and_assess(
             if linearizing is not None:
                 linearizing.result()
         with watch("Waiting for tables over SOC", 0):
-            fit, expected_v = fitting.result()
+            found, expected_v = fitting.result()
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     with watch("Evaluating", 0):
@@ -236,12 +240,11 @@ def _search_and_assess(
             evaluate_from_either(each, problem.cell, answer.parameters) for each in validation
         ]
         table_run = None
-        if tables is not None and fit is not None:
+        if tables is not None and found is not None:
             own, others = (
-                [evaluate_tables(each.prepared, fit.tables) for each in evaluations]
-                for evaluations in (identified, validated)
+                [each.prepared for each in evaluations] for evaluations in (identified, validated)
             )
-            table_run = TableRun(tables, fit, own, others)
+            table_run = TableRun.of(tables, found, own, others)
     assessment = examination = None
     with watch("Assessing", 0):
         if trust != "none":
@@ -267,14 +270,15 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
 
 def _tables_beside(
     problem: Problem,
+    over: str | None,
     settings: TableSettings | None,
     circuit: str,
     looking: "Future[GlobalOptimum | None]",
-) -> tuple[TableFit | None, float | None]:
+) -> tuple[TableFits | None, float | None]:
     """The tables that were asked for; where none were, the RMSE that those of `circuit`, the one
     they would be of, would leave."""
-    if settings is not None:
-        return fit_tables(problem.prepared_records, settings), None
+    if over is not None and settings is not None:
+        return fit_over(over, problem.prepared_records, settings), None
     optimum = looking.result()
     if optimum is None:
         return None, None
@@ -324,11 +328,7 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
         for each in run.answer.at_bound
     ]
     if run.tables is not None:
-        own, others = (
-            [each.prepared for each in evaluations]
-            for evaluations in (run.identification, run.validation)
-        )
-        texts += table_warnings(run.tables.fit, own, others)
+        texts += table_warnings(run.tables)
     return tuple(dict.fromkeys([*texts, *run.warnings]))
 
 
@@ -368,5 +368,7 @@ def validate_stored(
     prepared = prepare_record(measured, cell, stored.model, window)
     evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)
     if stored.tables is not None:
-        evaluation = evaluate_tables(evaluation.prepared, stored.tables.fit.tables)
+        evaluation = evaluate_tables(
+            evaluation.prepared, stored.tables.found.of(evaluation.prepared)
+        )
     return evaluation, [*warnings, *measured.warnings, *prepared.warnings]

@@ -32,6 +32,7 @@ from .sampling import (
     find_gaps,
     find_rebuilt_clock,
     find_resolution,
+    find_skipped,
     find_temperature,
 )
 from .twins import find_twins
@@ -40,6 +41,7 @@ from .twins import find_twins
 CHECKS: Mapping[str, Check] = {
     "sign": find_sign,
     "gaps": find_gaps,
+    "skipped": find_skipped,
     "breaks": find_breaks,
     "coarse intervals": find_coarse_intervals,
     "rebuilt clock": find_rebuilt_clock,

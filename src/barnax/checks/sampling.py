@@ -33,7 +33,14 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     # of one voltage.
     beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
     doubt_a = np.ptp(record.current_a[beside], axis=1)
-    doubt_a[given.is_rested[gaps] & given.is_rested[gaps + 1] & (jump_v <= _HIDDEN_V)] = 0
+    is_counted = record.charge_ah is not None
+    is_between_rests = given.is_rested[gaps] & given.is_rested[gaps + 1]
+    # Between rests of two voltages a load was left out, and nothing tells how much of it.
+    is_lost = bool(np.any(is_between_rests & (jump_v > _HIDDEN_V)))
+    doubt_a[is_between_rests & (jump_v <= _HIDDEN_V)] = 0
+    if is_counted:
+        # The tester counted on: what the samples do not show is in its counters.
+        doubt_a[:] = 0
     doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     worst = gaps[int(np.argmax(interval_s[gaps]))]
     where = f"a gap of {interval_s[worst]:.4g} s"
@@ -43,13 +50,29 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     first = int(gaps[0]) + 1
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
         lost = f"up to {doubt_ah:.2g} Ah are in doubt"
-        if doubt_ah < _HIDDEN_SHARE * given.scale_ah:
+        if is_counted:
+            lost = "the tester's counters tell the charge"
+        elif is_lost or doubt_ah < _HIDDEN_SHARE * given.scale_ah:
             lost = "what passed meanwhile was not logged"
         what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
         remedy = "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)"
         yield given.at(first, "warning", what, remedy)
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")
+
+
+def find_skipped(given: CheckInput) -> Iterator[Finding]:
+    """Loads that the logger left out, and the tester counted."""
+    skipped_ah = given.record.skipped_ah
+    if skipped_ah is None:
+        return
+    places = np.flatnonzero(skipped_ah)
+    total_ah = float(np.abs(skipped_ah).sum())
+    what = (
+        f"the tester counted {total_ah:.4g} Ah in {counted(len(places), 'interval')} of which the "
+        "samples show nothing: its counters tell the charge there, and the circuit rests"
+    )
+    yield given.at(int(places[0]) + 1, "warning", what, "give the file with every sample, if any")
 
 
 # A voltage that moves so far from one sample to the next, steady on either side, stays there; and

@@ -14,6 +14,7 @@ Numbers = Float[np.ndarray, "lines"]
 CLOCKS = frozenset({"time", "step time", "date"})
 
 
+_ABSENT_DEGC = -300.0
 # 1899-12-31, which spreadsheets show for a time of day; and what no test clock comes to.
 _DAY_ZERO_S, _DATED_S = -2_209_075_200.0, 5e8
 
@@ -41,6 +42,9 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
     values = cells.cast(pl.Float64).to_numpy()
     if quantity == "date":
         return values * _date_unit_s(values)
+    if quantity == "temperature":
+        # A sensor that is not there is some large negative number.
+        values = np.where(values < _ABSENT_DEGC, np.nan, values)
     if unit.factor == 1 and unit.offset == 0:
         return values
     return values * unit.factor + unit.offset
@@ -146,8 +150,11 @@ def _date_unit_s(values: Numbers) -> float:
 
 # How testers call what a step does; what is neither is another state.
 _STATES = (
-    (1, r"^(d|dis|dch|dch?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entladen|.*放电)$"),
-    (-1, r"^(c|chg?|cha|ratec|.*chg|.*charg(e|ing)|.*laden|.*充电)$"),
+    (
+        1,
+        r"^(d|d (cc|cv)|dis|dch|dch?r?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entladen|.*放电)$",
+    ),
+    (-1, r"^(c|c (cc|cv)|chr?g?|cha|ratec|.*chg|.*charg(e|ing)|.*laden|.*充电)$"),
     (0, r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|静置|搁置)$"),
 )
 

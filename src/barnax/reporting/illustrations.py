@@ -196,7 +196,7 @@ class Figures:
         """The tables over SOC and where they err, beside the constant circuit."""
         if run.tables is None:
             return
-        shown = (run.tables.fit, run.answer.parameters)
+        shown = (run.tables.found.reference, run.answer.parameters)
         draw, live = partial(plot_tables, *shown), partial(live_tables, *shown)
         self.add("tables", "tables", "", draw, live)
         own = {"constant circuit": run.identification, "tables": run.tables.identification}

@@ -14,6 +14,7 @@ from .sentences import (
     option,
 )
 from .soc_tables import best_tables
+from .temperature import best_over_temperature
 from .words import counted, joined, millivolt, percent
 
 if TYPE_CHECKING:
@@ -29,6 +30,9 @@ def best_possible(result: "Result") -> str:
     """Whether a better circuit exists in the bounds, and how many seeds found this one."""
     optimum, seeds = result.global_optimum, len(result.search.seeds)
     if result.tables is not None:
+        over = result.tables.over_temperature
+        if over is not None:
+            return best_over_temperature(result.tables, over)
         return best_tables(result.tables.fit)
     if optimum is None:
         reached = result.refined.optima[0].seeds

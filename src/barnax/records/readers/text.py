@@ -22,6 +22,8 @@ from ..table import Reader, Table
 _DELIMITERS = ",;\t|"
 # Cells in columns of blanks, as printed for the eye.
 _BLANK = " "
+# Names that tell a text in the encoding of Chinese computers: voltage, current.
+_CHINESE = ("电压", "电流")
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # The longest preambles known are a protocol of some hundred lines, or in one line of 13,000
 # letters; the widest headers have some 3,000 characters.
@@ -140,6 +142,8 @@ def _as_utf8(content: bytes, file: str) -> bytes:
                 f"{file}: starts as UTF-16 text but does not go on so; save it as UTF-8."
             ) from error
     content = content.removeprefix(codecs.BOM_UTF8).rstrip(b"\0")
+    if any(name.encode("gb18030") in content[:_PREAMBLE_BYTES] for name in _CHINESE):
+        content = content.decode("gb18030", "replace").encode()
     if b"\0" in content:
         content = content.replace(b"\0", b"")
     if b"\n" not in content[:_PREAMBLE_BYTES]:

@@ -128,6 +128,15 @@ class Choices:
             rich_help_panel=OUTPUT,
         ),
     ] = False
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper",
+            help="Also write figures/paper: every figure as PDF and SVG, as wide as a column of a "
+            "journal (89 mm, 7 pt).",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
 
 
 @dataclass(frozen=True)

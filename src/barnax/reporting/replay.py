@@ -57,7 +57,7 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         low, high = (f"{100 * share:.0f}" for share in (min(held), max(held)))
         shares = f"{low} %" if low == high else f"{low} to {high} %"
         yield (
-            "Not to be trusted",
+            "Overconfident",
             f"the filter's own 95 % band holds the counter {shares} of the time: its errors are "
             "larger than it believes",
         )

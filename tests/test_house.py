@@ -26,7 +26,7 @@ LAYERS = (
     ("storing",),
     ("comparison", "export"),
     ("pipeline", "plots"),
-    ("pulse_test", "replay"),
+    ("pulse_test", "replay", "fleet"),
     ("reporting",),
     ("cli",),
 )

@@ -5,12 +5,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import CircuitParameters
-from ..model.compressed import TOLERANCE, Compressed
+from ..model.compressed import TOLERANCE
 from ..model.exponentials import Lagrange, span_of
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
@@ -153,12 +152,13 @@ class Reduced:
     @classmethod
     def of(cls, problem: Problem) -> "Reduced":
         """The columns. Raises `InputError` where the box is too wide to compress."""
-        short: Compressed = jax.tree.map(np.asarray, problem.compressed)
-        box = ResistanceBounds(problem.bounds)
-        unit = np.sqrt(float(short.scored))
+        short, box = problem.compressed, ResistanceBounds(problem.bounds)
+        # In NumPy: JAX would compile a program for every slice of every shape.
+        factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
+        count = len(short.in_tau.nodes)
         limits = problem.coordinates
         largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
-        responses = _Interpolated(short.pairs / unit, short.in_tau, 1)
+        responses = _Interpolated(factor[:, :count], short.in_tau, 1)
         prepared_records = problem.prepared_records
         held_a = [prepared.held_a for prepared in prepared_records]
         current_a = min(largest_a, earlier_rms(prepared_records, held_a))
@@ -168,9 +168,9 @@ class Reduced:
             low, high = box.tau_range_s(pair)
             ends = math.log(low), math.log(high)
             axes.append(Axis(*ends, responses, current_a, error * largest_a))
-        if short.turns is not None and short.in_rate is not None and box.gamma_range is not None:
+        if short.in_rate is not None and box.gamma_range is not None:
             low, high = box.gamma_range
-            hysteresis = _Interpolated(short.turns / unit, short.in_rate, -1)
+            hysteresis = _Interpolated(factor[:, count:-2], short.in_rate, -1)
             largest_v = max(
                 float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.hysteresis_input)))
                 for moved in (inputs.hysteresis for inputs in problem.all_inputs)
@@ -180,8 +180,8 @@ class Reduced:
             ends = math.log(low), math.log(high)
             axes.append(Axis(*ends, hysteresis, largest_v, error * largest_v))
         return cls(
-            base=short.base / unit,
-            current=short.current / unit,
+            base=factor[:, -1],
+            current=factor[:, -2],
             axes=tuple(axes),
             box=box,
             is_ordered=problem.bounds.pairs_are_alike,
@@ -224,8 +224,8 @@ class _Interpolated:
     def __call__(self, places: Float[np.ndarray, "points"]) -> Columns:
         basis = self.basis
         x = (self.direction * places - float(basis.center)) / float(basis.half_width)
-        gaps = x[:, None] - basis.nodes
-        terms = basis.weights / np.where(gaps == 0, np.finfo(float).tiny, gaps)
+        gaps = x[:, None] - np.asarray(basis.nodes)
+        terms = np.asarray(basis.weights) / np.where(gaps == 0, np.finfo(float).tiny, gaps)
         return (terms / np.sum(terms, axis=1, keepdims=True)) @ self.nodes.T
 
 

@@ -62,18 +62,6 @@ class Compressed(AbstractEvaluator):
     in_rate: Lagrange | None = None
 
     @property
-    def pairs(self) -> Float[Array, "rows nodes"]:
-        return self.factor[:, : len(self.in_tau.nodes)]
-
-    @property
-    def turns(self) -> Float[Array, "rows rates"]:
-        return self.factor[:, len(self.in_tau.nodes) : -2]
-
-    @property
-    def current(self) -> Float[Array, "rows"]:
-        return self.factor[:, -2]
-
-    @property
     def base(self) -> Float[Array, "rows"]:
         return self.factor[:, -1]
 

@@ -105,6 +105,8 @@ def _runs(
         refined_mv = 0.0 if refinement is None else 1e3 * refinement.rmse_v
         return searches.seeds, searches.optimizer.population, refined_mv
     result = result_of(searches)
+    if result.search is None or result.refined is None:
+        raise ValueError("this result was found without seeds, so no search converged")
     return result.search.seeds, result.search.population, 1e3 * result.refined.rmse_v
 
 

@@ -25,11 +25,12 @@ MUCH = 0.5
 
 def best_possible(result: "Result") -> str:
     """Whether a better circuit exists in the bounds, and how many seeds found this one."""
-    optimum, seeds = result.global_optimum, len(result.search.seeds)
+    optimum, refined = result.global_optimum, result.refined
+    seeds = 0 if refined is None else len(refined.seeds)
     if result.tables is not None:
         return best_tables(result.tables.fit)
     if optimum is None:
-        reached = result.refined.optima[0].seeds
+        reached = refined.optima[0].seeds if refined else 0
         return (
             "not known: the bounds are too wide to look for the global optimum; "
             f"{reached} of {counted(seeds, 'seed')} end in the best optimum found."
@@ -37,23 +38,27 @@ def best_possible(result: "Result") -> str:
     if result.answer_source == "seeds":
         gap = percent(optimum.rmse_v / result.metrics.identification.rmse_v - 1)
         return f"not proved: the seeds found a circuit {gap} better than the grid did."
-    found = f"{optimum.seeds_there} of {counted(seeds, 'seed')} found it"
+    found = f" ({optimum.seeds_there} of {counted(seeds, 'seed')} found it)" if seeds else ""
     text = optimum_sentence(optimum).partition(": ")[2].rstrip(".")
-    return f"{text} ({found})."
+    return f"{text}{found}."
 
 
 def seeds_sentences(result: "Result") -> Iterator[str]:
     """How far the seeds stayed from the optimum, and where else there is one."""
-    optimum, seeds = result.global_optimum, len(result.search.seeds)
+    optimum, refined = result.global_optimum, result.refined
     if optimum is None:
         return
+    if refined is None:
+        yield local_optima_sentence(optimum)
+        return
+    seeds = len(refined.seeds)
     yield (
         f"Optimality gap, the RMSE above the optimum's: best seed {_gap(optimum.best_gap)}, median "
         f"seed {_gap(optimum.median_gap)}; after refinement {_gap(optimum.refined_gap)}. "
         f"{optimum.seeds_there} of {counted(seeds, 'seed')} reach it refined."
     )
     yield local_optima_sentence(optimum)
-    moving = sum(not seed.has_converged for seed in result.refined.seeds)
+    moving = sum(not seed.has_converged for seed in refined.seeds)
     if moving:
         yield f"{counted(moving, 'seed')} had not converged when refinement ended."
 
@@ -115,5 +120,5 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
     return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
 
 
-def _gap(gap: float) -> str:
-    return "none" if gap < 1e-7 else percent(gap)
+def _gap(gap: float | None) -> str:
+    return "none" if gap is None or gap < 1e-7 else percent(gap)

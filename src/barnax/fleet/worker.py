@@ -1,0 +1,103 @@
+"""What a worker does with a batch of cells: a row each, and one file of them.
+
+Nothing here loads JAX before a worker has set how it is to run.
+"""
+
+import functools
+import hashlib
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import platformdirs
+
+from .cells import FleetCell
+from .dataset import RESULTS, write_rows
+
+# glibc gives freed memory back to the system at once above these sizes, and takes it again for the
+# next cell: with Dask's own setting that took two fifths of all CPU time.
+MALLOC_OPTIONS = {-1: 1 << 29, -3: 1 << 29}  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
+# One program at a time, on one thread: cores are shared among processes. The bits are the same.
+XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+WATCH_S = 0.5
+
+
+class Counts(NamedTuple):
+    """Rows that a batch gave, how many of them are errors, and the seconds that they took."""
+
+    cells: int
+    failed: int
+    seconds: float
+
+
+def batch_name(prints: Sequence[str]) -> str:
+    """The name of a batch's files, by the fingerprints of its cells."""
+    return hashlib.sha256("".join(prints).encode()).hexdigest()[:32]
+
+
+def marker_path(folder: Path, name: str) -> Path:
+    """Where a worker says which cell of a batch it is at."""
+    return folder / f".{name}.at"
+
+
+def run_batch(
+    folder: str, out: str, prints: Sequence[str], cells: Sequence[FleetCell], settings: Mapping
+) -> Counts:
+    """The rows of some cells, written as one part; a part that stands already is not computed."""
+    start_s = time.perf_counter()
+    name = batch_name(prints)
+    part, marker = Path(folder) / f"{name}.parquet", marker_path(Path(folder), name)
+    rows = []
+    if part.exists():
+        import polars as pl
+
+        errors = pl.read_parquet(part, columns=["error"])["error"]
+        return Counts(len(errors), len(errors) - errors.null_count(), 0.0)
+    prepare_process()
+    from .rows import identify_cell
+
+    with marker.open("w") as file:
+        for place, (cell, print_) in enumerate(zip(cells, prints, strict=True)):
+            file.seek(0)
+            file.write(f"{place}\n")
+            file.flush()
+            keep = Path(out) / RESULTS if settings.get("keep_results") else None
+            rows.append(identify_cell(cell, settings, keep) | {"fingerprint": print_})
+    write_rows(part, rows)
+    marker.unlink(missing_ok=True)
+    failed = sum(row["error"] is not None for row in rows)
+    return Counts(len(rows), failed, time.perf_counter() - start_s)
+
+
+@functools.cache
+def prepare_process() -> None:
+    """Set a process up for many cells, before JAX is loaded where it is not yet."""
+    if sys.platform == "linux":
+        import ctypes
+
+        mallopt: Any = getattr(ctypes.CDLL(None), "mallopt", None)
+        for option, size in MALLOC_OPTIONS.items() if mallopt else ():
+            mallopt(option, size)
+    if "jax" not in sys.modules:
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {XLA_FLAGS}".strip()
+        cache = platformdirs.user_cache_path("barnax") / "jax"
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
+
+def start_worker(driver: int) -> None:
+    """Begin a process of a pool: it ends with its driver, and leaves Ctrl-C to that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == driver:
+            time.sleep(WATCH_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    prepare_process()

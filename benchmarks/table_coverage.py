@@ -51,8 +51,9 @@ def main(arguments: Sequence[str]) -> None:
                 value = truth.constants[each.name]
             else:
                 value = float(truth.at(each.name, np.array([each.soc]))[0])
-            is_held = each.low is not None and each.high is not None
-            hits[each.name, each.soc].append(is_held and each.low <= value <= each.high)
+            low, high = each.low, each.high
+            is_held = low is not None and high is not None and low <= value <= high
+            hits[each.name, each.soc].append(is_held)
             biased.append(each.is_biased)
         print(number, {name: np.mean(held) for name, held in hits.items()}, file=sys.stderr)
     text = "\n".join(_page(hits, float(np.mean(biased)), truths, prepared))

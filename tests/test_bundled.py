@@ -13,13 +13,14 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from barnax import bundled
-from barnax.bundled import BUNDLED, BUNDLED_NAMES, HPPC_NAMES, bundled_file
+from barnax.bundled import BUNDLED, BUNDLED_NAMES, HPPC_NAMES, LFP_NAMES, bundled_file
 from barnax.errors import InputError
 
 SOURCE = Path(__file__).parents[1] / "data" / "virtual_cell"
 COLUMNS = ["Test Time / s", "Current / A", "Voltage / V"]
 TEMPERATURE = "Surface Temperature / degC"
 CAPACITY_AH = 2.0004
+LFP_CAPACITY_AH = 2.2276
 CURRENT_NOISE_A = 2e-3
 VOLTAGE_NOISE_V = 1e-3
 REST_BELOW_A = 0.02
@@ -42,10 +43,10 @@ def rest_ends(current_a: np.ndarray) -> np.ndarray:
     return np.flatnonzero(at_rest & np.append(~at_rest[1:], True))
 
 
-def rested_points(name: str) -> tuple[np.ndarray, np.ndarray]:
+def rested_points(name: str, capacity_ah: float = CAPACITY_AH) -> tuple[np.ndarray, np.ndarray]:
     """SOC, rising, and the mean voltage of each rest's last ten samples (4.5 min)."""
     time_s, current_a, voltage_v = columns_of(name)
-    passed = charge_passed_ah(time_s, current_a) / CAPACITY_AH
+    passed = charge_passed_ah(time_s, current_a) / capacity_ah
     ends = rest_ends(current_a)
     soc = passed[ends] + (0.0 if passed[-1] > 0 else 1.0)
     rested_v = np.array([voltage_v[max(end - 9, 0) : end + 1].mean() for end in ends])
@@ -53,14 +54,14 @@ def rested_points(name: str) -> tuple[np.ndarray, np.ndarray]:
     return soc[order], rested_v[order]
 
 
-@pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES])
+@pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES])
 def test_the_hash_equals_the_one_in_the_provenance_page(name: str):
     page = (bundled_file(name).parent / "README.md").read_text(encoding="utf-8")
     stated = dict(re.findall(r"^\| `(\w+)\.parquet` .* `([0-9a-f]{64})` \|$", page, re.MULTILINE))
     assert stated[name] == hashlib.sha256(bundled_file(name).read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES])
+@pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES])
 def test_the_columns_are_those_of_the_battery_data_format(name: str):
     table = pl.read_parquet(bundled_file(name))
     time_s, current_a, voltage_v = table.select(COLUMNS).to_numpy().T
@@ -101,6 +102,16 @@ def test_the_ocv_after_charge_lies_about_12_mv_above_the_one_after_discharge():
     assert gap_v.mean() == pytest.approx(0.012, abs=1e-3)
     assert gap_v.min() > 0.009
     assert gap_v.max() < 0.015
+
+
+def test_the_phosphate_cell_has_nearly_its_whole_hysteresis_on_a_flat_curve():
+    charge = PchipInterpolator(*rested_points("lfp_ocv_charge", LFP_CAPACITY_AH))
+    discharge = PchipInterpolator(*rested_points("lfp_ocv_discharge", LFP_CAPACITY_AH))
+    soc = np.linspace(0.35, 0.70, 8)
+    gap_v = charge(soc) - discharge(soc)
+    # The generator sets 24 mV between the branches of the phosphate.
+    assert ((gap_v > 0.020) & (gap_v < 0.024)).all()
+    assert discharge(0.70) - discharge(0.35) < 0.04
 
 
 def test_both_ocv_tests_meet_at_full_and_at_empty():

@@ -1,6 +1,8 @@
 """The pages of docs/: every block of Python runs, every command and link exists."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,6 +64,20 @@ def test_the_page_on_methods_names_every_optimizer():
     assert all(f"`{name}`" in PAGES["methods.md"] for name in OPTIMIZERS)
 
 
-def test_every_page_is_reached_from_the_readme():
-    readme = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
-    assert all(f"docs/{name}" in readme for name in PAGES)
+def test_every_page_is_in_the_table_of_contents():
+    listed = PAGES["index.md"].splitlines()
+    written = [*FOLDER.glob("*.md"), *FOLDER.glob("notebooks/*.md")]
+    names = {path.relative_to(FOLDER).with_suffix("").as_posix() for path in written} - {"index"}
+    assert names <= set(listed)
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    pytest.importorskip("sphinx", reason="the site needs the extra docs")
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(FOLDER), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]

@@ -16,7 +16,7 @@ import pytest
 from typer.main import get_command
 
 import barnax
-from barnax.bundled import BUNDLED_NAMES
+from barnax.bundled import BUNDLED_NAMES, HPPC_NAMES, LFP_NAMES
 from barnax.cli.app import app
 
 REPOSITORY = Path(__file__).parents[1]
@@ -77,7 +77,9 @@ def test_python_m_barnax_shows_both_commands():
 
 def test_the_version_is_one_everywhere():
     assert python("-m", "barnax", "--version") == f"barnax {barnax.__version__}\n"
-    assert PROJECT["version"] == barnax.__version__ == importlib.metadata.version("barnax")
+    assert barnax.__version__ == importlib.metadata.version("barnax")
+    citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.*)$", citation, re.M)[1] == barnax.__version__
 
 
 def test_the_console_command_is_the_cli():
@@ -167,18 +169,33 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
     assert needed - {"pydantic-core"} == declared
 
 
-def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_licence(tmp_path):
+def build(folder, *targets):
     pytest.importorskip("hatchling", reason="a wheel is built without isolation: needs hatchling")
     subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
+        [sys.executable, "-m", "hatchling", "build", *targets, "-d", str(folder)],
         cwd=REPOSITORY,
         check=True,
         capture_output=True,
         timeout=120,
     )
+
+
+@pytest.mark.slow
+def test_building_twice_gives_the_same_bytes(tmp_path):
+    for folder in ("a", "b"):
+        build(tmp_path / folder)
+    names = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert [name.rpartition(".")[2] for name in names] == ["whl", "gz"]
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_licence(tmp_path):
+    build(tmp_path, "-t", "wheel")
     (wheel,) = tmp_path.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
-    assert {f"barnax/data/virtual_cell/{name}.parquet" for name in BUNDLED_NAMES} <= names
+    shipped = [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES]
+    assert {f"barnax/data/virtual_cell/{name}.parquet" for name in shipped} <= names
     assert {"barnax/py.typed", "barnax/cli/app.py"} <= names
     templates = ("report.html", "report.css", "report.md")
     assert {f"barnax/reporting/templates/{name}" for name in templates} <= names

@@ -17,6 +17,7 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.results import Result, best_answer
 from barnax.storing import describe, make_result
+from helpers.golden import RESULT
 
 OPTIONS = {
     "model": "so-rc",
@@ -163,3 +164,10 @@ def test_a_circuit_worse_than_a_constant_is_warned_of(result):
     assert not any("worse than a constant" in text for text in result.warnings)
     wrong = barnax.identify(**(OPTIONS | {"fix": {"R0 [Ohm]": 2.0}, "bounds": None}))
     assert any("worse than a constant" in text for text in wrong.warnings)
+
+
+def test_a_result_shows_itself_on_a_line():
+    shown = repr(Result.from_json(RESULT))
+    assert shown.startswith("Result(model='")
+    assert "R0 [Ohm]" in shown
+    assert len(shown) < 400

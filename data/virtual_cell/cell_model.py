@@ -1,11 +1,12 @@
-"""The physics of the virtual cell: PyBaMM's DFN with hysteresis on graphite and on silicon.
+"""The physics of the two virtual cells: PyBaMM's DFN with open-circuit hysteresis.
 
-`README.md` beside this file says what departs from the published parameter set, and why.
+`README.md` beside this file says what departs from the published parameter sets, and why.
 """
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
@@ -20,6 +21,7 @@ UPPER_CUTOFF_V = 4.2
 LOWER_CUTOFF_V = 2.5
 KELVIN_AT_0_DEGC = 273.15
 GRAPHITE_HALF_GAP_V = 0.006
+PHOSPHATE_HALF_GAP_V = 0.012
 
 MODEL_OPTIONS: dict[str, Any] = {
     "particle phases": ("2", "1"),
@@ -59,6 +61,19 @@ HYSTERESIS = {
     "Secondary: Initial hysteresis state in negative electrode": -1.0,
 }
 
+PHOSPHATE_OPTIONS: dict[str, Any] = {
+    "open-circuit potential": ("single", "one-state hysteresis"),
+    "contact resistance": "true",
+}
+
+# Positive electrodes take up lithium in discharge: +1 is the branch that a charge leads to.
+PHOSPHATE = {
+    "Positive particle lithiation hysteresis decay rate": 20.0,
+    "Positive particle delithiation hysteresis decay rate": 20.0,
+    "Initial hysteresis state in positive electrode": 1.0,
+    "Contact resistance [Ohm]": 0.006,
+}
+
 EXCHANGE_CURRENTS = (
     "Primary: Negative electrode exchange-current density [A.m-2]",
     "Positive electrode exchange-current density [A.m-2]",
@@ -88,14 +103,50 @@ def parameter_values(ambient_degc: float) -> pybamm.ParameterValues:
     return values
 
 
-def build_simulation(steps: Sequence[Any], ambient_degc: float = 25.0) -> pybamm.Simulation:
-    """One cycle of PyBaMM experiment steps on the virtual cell, in air of that temperature."""
-    return pybamm.Simulation(
-        pybamm.lithium_ion.DFN(MODEL_OPTIONS),
-        parameter_values=parameter_values(ambient_degc),
-        experiment=pybamm.Experiment([tuple(steps)]),
-        solver=pybamm.IDAKLUSolver(rtol=1e-6, atol=1e-6),
+def phosphate_values(ambient_degc: float) -> pybamm.ParameterValues:
+    """Prada2013, a 2.3 Ah cell of lithium iron phosphate, with hysteresis and a contact."""
+    values = pybamm.ParameterValues("Prada2013")
+    phosphate_ocp = values["Positive electrode OCP [V]"]
+    values.update(
+        PHOSPHATE
+        | {"Ambient temperature [K]": KELVIN_AT_0_DEGC + ambient_degc}
+        | {
+            "Positive electrode lithiation OCP [V]": lambda stoichiometry: (
+                phosphate_ocp(stoichiometry) - PHOSPHATE_HALF_GAP_V
+            ),
+            "Positive electrode delithiation OCP [V]": lambda stoichiometry: (
+                phosphate_ocp(stoichiometry) + PHOSPHATE_HALF_GAP_V
+            ),
+        },
+        check_already_exists=False,
     )
+    return values
+
+
+@dataclass(frozen=True)
+class VirtualCell:
+    """A cell that can be put on a tester: its limits and its physics."""
+
+    capacity_ah: float
+    upper_v: float
+    lower_v: float
+    options: dict[str, Any]
+    values: Callable[[float], pybamm.ParameterValues]
+
+    def simulation(self, steps: Sequence[Any], ambient_degc: float = 25.0) -> pybamm.Simulation:
+        """One cycle of PyBaMM experiment steps, in air of that temperature."""
+        return pybamm.Simulation(
+            pybamm.lithium_ion.DFN(self.options),
+            parameter_values=self.values(ambient_degc),
+            experiment=pybamm.Experiment([tuple(steps)]),
+            solver=pybamm.IDAKLUSolver(rtol=1e-6, atol=1e-6),
+        )
+
+
+NICKEL_CELL = VirtualCell(
+    NOMINAL_CAPACITY_AH, UPPER_CUTOFF_V, LOWER_CUTOFF_V, MODEL_OPTIONS, parameter_values
+)
+PHOSPHATE_CELL = VirtualCell(2.3, 3.6, 2.5, PHOSPHATE_OPTIONS, phosphate_values)
 
 
 def _doubled(exchange_current_density: Any) -> Any:

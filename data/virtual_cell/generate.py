@@ -1,4 +1,4 @@
-"""Simulate the virtual cell and write its records as Parquet files.
+"""Simulate the two virtual cells and write their records as Parquet files.
 
     pip install barnax[data]
     python data/virtual_cell/generate.py --out FOLDER
@@ -7,19 +7,18 @@ Each new file is compared with the one that ships beside this script. Takes abou
 """
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pybamm
-from cell_model import LOWER_CUTOFF_V, NOMINAL_CAPACITY_AH, UPPER_CUTOFF_V, build_simulation
+from cell_model import NICKEL_CELL, PHOSPHATE_CELL, VirtualCell
 from profiles import as_breakpoints, identification_current, validation_current
 
 SHIPPED = Path(__file__).resolve().parent
-HALF_RATE_A = NOMINAL_CAPACITY_AH / 2
-SLOW_RATE_A = NOMINAL_CAPACITY_AH / 20
 PULSE_S = 360
 MOST_PULSES = 30
 NOISE_SEEDS = {
@@ -30,6 +29,10 @@ NOISE_SEEDS = {
     "hppc_10degC": 20240661,
     "hppc_25degC": 20240671,
     "hppc_40degC": 20240681,
+    "lfp_ocv_charge": 20240691,
+    "lfp_ocv_discharge": 20240701,
+    "lfp_identification": 20240711,
+    "lfp_validation": 20240721,
 }
 HPPC_DEGC = (10.0, 25.0, 40.0)
 HPPC_LEVELS = 10
@@ -40,112 +43,157 @@ CURRENT_NOISE_A = 2e-3
 TEMPERATURE_NOISE_K = 0.05
 DECIMALS = 4
 TEMPERATURE_DECIMALS = 1
-CHARGE_VOLTAGE = f"{UPPER_CUTOFF_V} V"
-DISCHARGE_VOLTAGE = f"{LOWER_CUTOFF_V} V"
-
-CHARGE_FULLY = [
-    pybamm.step.current(-HALF_RATE_A, termination=CHARGE_VOLTAGE, duration=6 * 3600, period="10 s"),
-    pybamm.step.voltage(
-        UPPER_CUTOFF_V, termination=f"{SLOW_RATE_A} A", duration=4 * 3600, period="10 s"
-    ),
-    pybamm.step.rest(7200, period="60 s"),
-]
-DISCHARGE_FULLY = [
-    pybamm.step.current(
-        SLOW_RATE_A, termination=DISCHARGE_VOLTAGE, duration=40 * 3600, period="60 s"
-    ),
-    pybamm.step.rest(7200, period="60 s"),
-]
 LONG_REST = [pybamm.step.rest(300, period="1 s"), pybamm.step.rest(6900, period="30 s")]
 
 
-def condition() -> tuple[Any, float]:
-    """The full, rested cell after two slow cycles, and its C/20 discharge capacity in Ah.
+@dataclass(frozen=True)
+class Tester:
+    """A cell on a tester: every test starts from a state of the cell and gives steps."""
 
-    Two cycles give the hysteresis states a history; the capacity is the second discharge's.
-    """
-    cycle = [*DISCHARGE_FULLY, *CHARGE_FULLY]
-    steps = build_simulation(cycle * 2).solve().cycles[-1].steps
-    passed_ah = steps[len(cycle)]["Discharge capacity [A.h]"].entries[-1]
-    before_ah = steps[len(cycle) - 1]["Discharge capacity [A.h]"].entries[-1]
-    return steps[-1].last_state, float(passed_ah - before_ah)
+    cell: VirtualCell
 
+    @property
+    def half_rate_a(self) -> float:
+        return self.cell.capacity_ah / 2
 
-def pulse_rest_test(start: Any, current_a: float) -> list[Any]:
-    """The steps of an OCV test at C/2: pulses of 5 % and rests of 2 h up to the cut-off.
+    @property
+    def slow_rate_a(self) -> float:
+        return self.cell.capacity_ah / 20
 
-    `current_a` is discharge-positive. The cell is then brought to its end point: full at constant
-    voltage, or empty at C/20, and rests again.
-    """
-    charging = current_a < 0
-    pulse = pybamm.step.current(
-        current_a,
-        duration=PULSE_S,
-        termination=CHARGE_VOLTAGE if charging else DISCHARGE_VOLTAGE,
-        period="1 s",
-    )
-    to_the_end = (
-        pybamm.step.voltage(
-            UPPER_CUTOFF_V, termination=f"{SLOW_RATE_A} A", duration=4 * 3600, period="10 s"
+    @property
+    def charge_fully(self) -> list[Any]:
+        return [
+            pybamm.step.current(
+                -self.half_rate_a,
+                termination=f"{self.cell.upper_v} V",
+                duration=6 * 3600,
+                period="10 s",
+            ),
+            self._hold_full(),
+            pybamm.step.rest(7200, period="60 s"),
+        ]
+
+    @property
+    def discharge_fully(self) -> list[Any]:
+        return [
+            pybamm.step.current(
+                self.slow_rate_a,
+                termination=f"{self.cell.lower_v} V",
+                duration=40 * 3600,
+                period="60 s",
+            ),
+            pybamm.step.rest(7200, period="60 s"),
+        ]
+
+    def condition(self) -> tuple[Any, float]:
+        """The full, rested cell after two slow cycles, and its C/20 discharge capacity in Ah.
+
+        Two cycles give the hysteresis states a history; the capacity is the second discharge's.
+        """
+        cycle = [*self.discharge_fully, *self.charge_fully]
+        steps = self.cell.simulation(cycle * 2).solve().cycles[-1].steps
+        passed_ah = steps[len(cycle)]["Discharge capacity [A.h]"].entries[-1]
+        before_ah = steps[len(cycle) - 1]["Discharge capacity [A.h]"].entries[-1]
+        return steps[-1].last_state, float(passed_ah - before_ah)
+
+    def empty(self, full: Any) -> Any:
+        """The state after a slow discharge from full and a rest."""
+        return self._run(self.discharge_fully, full)[-1].last_state
+
+    def pulse_rest_test(self, start: Any, current_a: float) -> list[Any]:
+        """The steps of an OCV test at C/2: pulses of 5 % and rests of 2 h up to the cut-off.
+
+        `current_a` is discharge-positive. The cell is then brought to its end point: full at
+        constant voltage, or empty at C/20, and rests again.
+        """
+        charging = current_a < 0
+        pulse = pybamm.step.current(
+            current_a, duration=PULSE_S, termination=self._cutoff(current_a), period="1 s"
         )
-        if charging
-        else pybamm.step.current(
-            SLOW_RATE_A, termination=DISCHARGE_VOLTAGE, duration=4 * 3600, period="10 s"
+        to_the_end = (
+            self._hold_full()
+            if charging
+            else pybamm.step.current(
+                self.slow_rate_a,
+                termination=self._cutoff(current_a),
+                duration=4 * 3600,
+                period="10 s",
+            )
         )
-    )
-    steps = _run([pybamm.step.rest(60, period="1 s")], start)
-    one_pulse = build_simulation([pulse, *LONG_REST])
-    for _ in range(MOST_PULSES):
-        latest = one_pulse.solve(starting_solution=steps[-1].last_state).cycles[-1].steps
-        steps += latest
-        if "event" in str(latest[0].termination):
-            break
-    return steps + _run([to_the_end, *LONG_REST], steps[-1].last_state)
+        steps = self._run([pybamm.step.rest(60, period="1 s")], start)
+        one_pulse = self.cell.simulation([pulse, *LONG_REST])
+        for _ in range(MOST_PULSES):
+            latest = one_pulse.solve(starting_solution=steps[-1].last_state).cycles[-1].steps
+            steps += latest
+            if "event" in str(latest[0].termination):
+                break
+        return steps + self._run([to_the_end, *LONG_REST], steps[-1].last_state)
 
+    def hppc_test(self, full: Any, ambient_degc: float) -> list[Any]:
+        """The steps of an HPPC test from full, after 3 h in air of that temperature.
 
-def hppc_test(full: Any, ambient_degc: float) -> list[Any]:
-    """The steps of an HPPC test from full, after 3 h in air of that temperature.
+        At ten levels the pulses of `HPPC_PULSES`, cut short at a cut-off; then C/2 for 10 % of the
+        capacity and a rest of 1 h; at last C/2 to the lower cut-off and a rest of 1 h.
+        """
+        pulses = [step for pulse in HPPC_PULSES for step in self._pulse(*pulse)]
+        # The pulses take and give charge too: 10 % in all.
+        pulses_ah = sum(duration_s * rate for duration_s, rate, _ in HPPC_PULSES) / 3600
+        rest_of_level_s = round(
+            3600 * (self.cell.capacity_ah / HPPC_LEVELS / self.half_rate_a - pulses_ah)
+        )
+        hour = [pybamm.step.rest(60, period="1 s"), pybamm.step.rest(3540, period="30 s")]
+        steps = self._run([pybamm.step.rest(3 * 3600, period="60 s")], full, ambient_degc)
+        one_level = self.cell.simulation(
+            [*pulses, self._discharge(rest_of_level_s), *hour], ambient_degc
+        )
+        for _ in range(HPPC_LEVELS):
+            latest = one_level.solve(starting_solution=steps[-1].last_state).cycles[-1].steps
+            steps += latest
+            if "event" in str(latest[2 * len(HPPC_PULSES)].termination):
+                return steps
+        last = [self._discharge(3600), *hour]
+        return steps + self._run(last, steps[-1].last_state, ambient_degc)
 
-    At ten levels the pulses of `HPPC_PULSES`, cut short at a cut-off; then C/2 for 10 % of the
-    capacity and a rest of 1 h; at last C/2 to 2.5 V and a rest of 1 h.
-    """
-    pulses = [step for pulse in HPPC_PULSES for step in _pulse(*pulse)]
-    # The pulses take and give charge too: 10 % in all.
-    pulses_ah = sum(duration_s * rate for duration_s, rate, _ in HPPC_PULSES) / 3600
-    rest_of_level_s = round(3600 * (NOMINAL_CAPACITY_AH / HPPC_LEVELS / HALF_RATE_A - pulses_ah))
-    hour = [pybamm.step.rest(60, period="1 s"), pybamm.step.rest(3540, period="30 s")]
-    steps = _run([pybamm.step.rest(3 * 3600, period="60 s")], full, ambient_degc)
-    one_level = build_simulation(
-        [*pulses, _discharge(rest_of_level_s), *hour], ambient_degc=ambient_degc
-    )
-    for _ in range(HPPC_LEVELS):
-        latest = one_level.solve(starting_solution=steps[-1].last_state).cycles[-1].steps
-        steps += latest
-        if "event" in str(latest[2 * len(HPPC_PULSES)].termination):
-            return steps
-    return steps + _run([_discharge(3600), *hour], steps[-1].last_state, ambient_degc)
+    def dynamic_test(self, start: Any, current_a: np.ndarray) -> list[Any]:
+        """The one step of a profile given each second."""
+        rows = as_breakpoints(current_a)
+        profile = pybamm.step.current(rows, period="1 s", duration=rows[-1, 0])
+        return self._run([profile], start)[:1]
 
+    def _hold_full(self) -> Any:
+        return pybamm.step.voltage(
+            self.cell.upper_v,
+            termination=f"{self.slow_rate_a} A",
+            duration=4 * 3600,
+            period="10 s",
+        )
 
-def _pulse(duration_s: int, rate: float, rest_s: int) -> list[Any]:
-    cutoff = DISCHARGE_VOLTAGE if rate > 0 else CHARGE_VOLTAGE
-    current_a = rate * NOMINAL_CAPACITY_AH
-    return [
-        pybamm.step.current(current_a, termination=cutoff, duration=duration_s, period="0.1 s"),
-        pybamm.step.rest(rest_s, period="1 s" if rest_s < 60 else "10 s"),
-    ]
+    def _cutoff(self, current_a: float) -> str:
+        return f"{self.cell.upper_v if current_a < 0 else self.cell.lower_v} V"
 
+    def _pulse(self, duration_s: int, rate: float, rest_s: int) -> list[Any]:
+        current_a = rate * self.cell.capacity_ah
+        return [
+            pybamm.step.current(
+                current_a,
+                termination=self._cutoff(current_a),
+                duration=duration_s,
+                period="0.1 s",
+            ),
+            pybamm.step.rest(rest_s, period="1 s" if rest_s < 60 else "10 s"),
+        ]
 
-def _discharge(duration_s: int) -> Any:
-    return pybamm.step.current(
-        HALF_RATE_A, termination=DISCHARGE_VOLTAGE, duration=duration_s, period="10 s"
-    )
+    def _discharge(self, duration_s: int) -> Any:
+        return pybamm.step.current(
+            self.half_rate_a,
+            termination=self._cutoff(self.half_rate_a),
+            duration=duration_s,
+            period="10 s",
+        )
 
-
-def dynamic_test(start: Any, current_a: np.ndarray) -> list[Any]:
-    """The one step of a profile given each second."""
-    rows = as_breakpoints(current_a)
-    profile = pybamm.step.current(rows, period="1 s", duration=rows[-1, 0])
-    return _run([profile], start)[:1]
+    def _run(self, steps: list[Any], start: Any, ambient_degc: float = 25.0) -> list[Any]:
+        simulation = self.cell.simulation(steps, ambient_degc)
+        return list(simulation.solve(starting_solution=start).cycles[-1].steps)
 
 
 VALUES = {"time_s": "Time [s]", "current_a": "Current [A]", "voltage_v": "Voltage [V]"}
@@ -206,31 +254,47 @@ def compared(new: pl.DataFrame, shipped: pl.DataFrame) -> str:
     )
 
 
+def tests_of(cell: VirtualCell) -> dict[str, Callable[[], pl.DataFrame]]:
+    """An OCV test in each direction and two dynamic records, all from one conditioned cell."""
+    tester = Tester(cell)
+    full, capacity_ah = tester.condition()
+    print(f"capacity at C/20: {capacity_ah:.4f} Ah", flush=True)
+    empty = tester.empty(full)
+
+    def dynamic(current_a: np.ndarray) -> pl.DataFrame:
+        return on_whole_seconds(exact_values(tester.dynamic_test(full, current_a)))
+
+    tests: dict[str, Callable[[], pl.DataFrame]] = {
+        "ocv_charge": lambda: exact_values(tester.pulse_rest_test(empty, -tester.half_rate_a)),
+        "ocv_discharge": lambda: exact_values(tester.pulse_rest_test(full, tester.half_rate_a)),
+        "identification": lambda: dynamic(identification_current(cell.capacity_ah)),
+        "validation": lambda: dynamic(validation_current(cell.capacity_ah)),
+    }
+    if cell is PHOSPHATE_CELL:
+        return {f"lfp_{name}": run_test for name, run_test in tests.items()}
+    return tests | {
+        f"hppc_{degc:.0f}degC": lambda degc=degc: exact_values(
+            tester.hppc_test(full, degc), VALUES | TEMPERATURE
+        )
+        for degc in HPPC_DEGC
+    }
+
+
 def main() -> None:
-    """Run the tests one after another from the same conditioned cell."""
+    """Run the tests of both cells, or of one, one after another."""
+    cells = {"nickel": NICKEL_CELL, "lfp": PHOSPHATE_CELL}
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the files")
-    folder: Path = parser.parse_args().out
+    parser.add_argument("--cell", choices=cells, action="append", help="only this cell")
+    given = parser.parse_args()
+    folder: Path = given.out
     folder.mkdir(parents=True, exist_ok=True)
     pybamm.set_logging_level("ERROR")
 
-    full, capacity_ah = condition()
-    print(f"capacity at C/20: {capacity_ah:.4f} Ah", flush=True)
-    empty = _run(DISCHARGE_FULLY, full)[-1].last_state
     tests = {
-        "ocv_charge": lambda: exact_values(pulse_rest_test(empty, -HALF_RATE_A)),
-        "ocv_discharge": lambda: exact_values(pulse_rest_test(full, HALF_RATE_A)),
-        "identification": lambda: on_whole_seconds(
-            exact_values(dynamic_test(full, identification_current(NOMINAL_CAPACITY_AH)))
-        ),
-        "validation": lambda: on_whole_seconds(
-            exact_values(dynamic_test(full, validation_current(NOMINAL_CAPACITY_AH)))
-        ),
-    } | {
-        f"hppc_{degc:.0f}degC": lambda degc=degc: exact_values(
-            hppc_test(full, degc), VALUES | TEMPERATURE
-        )
-        for degc in HPPC_DEGC
+        name: run_test
+        for cell in given.cell or cells
+        for name, run_test in tests_of(cells[cell]).items()
     }
     for name, run_test in tests.items():
         record = measured(run_test(), NOISE_SEEDS[name])
@@ -238,11 +302,6 @@ def main() -> None:
         shipped = SHIPPED / f"{name}.parquet"
         verdict = compared(record, pl.read_parquet(shipped)) if shipped.is_file() else "new"
         print(f"{name}: {record.height} samples; {verdict}", flush=True)
-
-
-def _run(steps: list[Any], start: Any, ambient_degc: float = 25.0) -> list[Any]:
-    simulation = build_simulation(steps, ambient_degc)
-    return list(simulation.solve(starting_solution=start).cycles[-1].steps)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 from . import export as export
 from . import filters as filters
+from . import plan as plan
 from . import plots as plots
 from . import uncertainty as uncertainty
 from .baselines import METHODS as METHODS
@@ -41,6 +42,9 @@ from .pipeline import Run as Run
 from .pipeline import identify as identify
 from .pipeline import identify_problem as identify_problem
 from .pipeline import validate_stored as validate_stored
+from .plan import Plan as Plan
+from .plan import plan_from_toml as plan_from_toml
+from .plan import plan_to_toml as plan_to_toml
 from .pulse_test import hppc as hppc
 from .records import Record as Record
 from .records import read_record as read_record

@@ -1,4 +1,4 @@
-"""The virtual cell that ships with barnax: where its Parquet files lie.
+"""The virtual cells that ship with barnax: where their Parquet files lie.
 
 The files are simulated, not measured; `data/virtual_cell/README.md` tells how. An installed wheel
 carries them beside this module, an editable install reads them from the repository.
@@ -11,18 +11,21 @@ from .errors import InputError
 
 BUNDLED_NAMES: Final = ("identification", "validation", "ocv_charge", "ocv_discharge")
 HPPC_NAMES: Final = ("hppc_10degC", "hppc_25degC", "hppc_40degC")
+# The same four of a cell of lithium iron phosphate, with strong hysteresis on a flat curve.
+LFP_NAMES: Final = tuple(f"lfp_{name}" for name in BUNDLED_NAMES)
 CELL_FOLDER: Final = "virtual_cell"
 
 
 def bundled_file(name: str) -> Path:
-    """The path of one bundled file: a name of `BUNDLED_NAMES` or `HPPC_NAMES`, without the suffix.
+    """The path of one bundled file by its name without the suffix.
 
-    Raises `InputError` for another name, and where the installation lacks the file.
+    The names are those of `BUNDLED_NAMES`, `HPPC_NAMES` and `LFP_NAMES`. Raises `InputError` for
+    another name, and where the installation lacks the file.
 
     >>> bundled_file("ocv_charge").name
     'ocv_charge.parquet'
     """
-    names = (*BUNDLED_NAMES, *HPPC_NAMES)
+    names = (*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES)
     if name not in names:
         raise InputError(f"no bundled file is called {name!r}; the names are {', '.join(names)}")
     here = Path(__file__).resolve()

@@ -37,6 +37,7 @@ from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
 from .over_soc import TableFit, TableSettings, evaluate_tables, expected_rmse_v, fit_tables
+from .plan import plans_first
 from .records import Record
 from .results import Answer, Result, best_answer
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -81,6 +82,7 @@ class Run:
     warnings: tuple[str, ...] = ()
 
 
+@plans_first
 def identify(
     records: Given | Sequence[Given] = (),
     *,
@@ -94,7 +96,7 @@ def identify(
     bounds: Mapping[str, Range] | str | Path | None = None,
     fix: Mapping[str, float] | None = None,
     reading: Reading | None = None,
-    ocv_fit: OcvFit = "polynomial",
+    ocv_fit: OcvFit | None = None,
     hysteresis_fit: HysteresisFit = "continuous",
     trust: Literal["none", "basic", "full"] = "basic",
     cell: CellModel | None = None,
@@ -106,15 +108,15 @@ def identify(
     """The circuit of a cell, identified, proved, assessed and validated.
 
     `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each;
-    without any record the bundled cell's are taken. `window` is one for all records, or a mapping
+    without any record the bundled cell's are taken. Of a folder, a plan or files without `ocv`
+    roles and windows are found (`barnax.plan`). `window` is one for all records, or a mapping
     from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
     records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
     `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
-    says how far the answer is looked into: "full" fits again. `cell` is one that is known already,
-    for which `ocv` is not read; without `advise` the result does not say what tables over SOC would
-    give. With 0 `seeds` the answer is the global optimum. With `over="soc"` the circuit is also
-    fitted with tables over SOC, by `tables`. Fields of `Settings`, `Reading` and `TableSettings`
-    may be given by name, such as `model="esc"`. `watch` is asked for a context for every stage.
+    says how far the answer is looked into: "full" fits again. A known `cell` needs no `ocv`.
+    Without `advise` nothing is said of tables; with `over="soc"` the circuit is fitted with them,
+    by `tables`. With 0 `seeds` the answer is the global optimum. Fields of `Settings`,
+    `Reading` and `TableSettings` may be given by name. `watch` gives a context for every stage.
 
     Raises `InputError` where an input cannot be used, naming file, row, value and remedy.
 
@@ -136,7 +138,7 @@ def identify(
     inputs = read_inputs(
         records, ocv, validate, reading,
         capacity=capacity, ocv_capacity=ocv_capacity,
-        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
+        ocv_fit=ocv_fit or "polynomial", hysteresis_fit=hysteresis_fit,
         window=window, cell=cell, watch=watch,
     )  # fmt: skip
     with watch("Setting up the problem", 0):
@@ -163,14 +165,11 @@ def identify_problem(
     *,
     trust: Literal["none", "basic"] = "basic",
 ) -> Result:
-    """The same for one problem that is ready, by default without seeds.
-
-    Raises `InputError` as `identify` does.
-    """
+    """The same for one problem that is ready, by default without seeds; raises as `identify`."""
     settings = settings or Settings(seeds=0)
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
-    problem = with_better_directions(problem)
-    run = _search_and_assess(problem, optimizer, settings, [], trust, None, unwatched, False)
+    better = with_better_directions(problem)
+    run = _search_and_assess(better, optimizer, settings, [], trust, None, unwatched, False)
     return make_result(replace(run, warnings=_all_warnings((), run)))
 
 

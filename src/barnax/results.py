@@ -4,6 +4,7 @@ What is stored are the dataclasses that the numerics return (see `schema`), gath
 files, the settings and the versions they come from.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -214,6 +215,12 @@ class Result(Document):
 
     _run: "Run | None" = PrivateAttr(None)
     remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """The circuit and its error: the whole result would be pages."""
+        yield "model", self.model
+        yield "rmse_v", self.metrics.identification.rmse_v
+        yield "parameters", self.parameters
 
     @field_validator("model")
     @classmethod

@@ -9,6 +9,7 @@ an array of numbers.
 import json
 import math
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -105,6 +106,12 @@ class Part(BaseModel):
 
 class Document(Part):
     """A whole file. Equal content gives equal bytes."""
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """What fits on a line: the whole would be pages."""
+        for name, value in super().__repr_args__():
+            if isinstance(value, str | int | float):
+                yield name, value
 
     def to_dict(self) -> dict[str, Any]:
         """The file's content as plain Python values, units in the keys."""

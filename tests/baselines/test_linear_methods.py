@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
 from barnax.baselines import METHODS, Budget, MethodFailure
-from barnax.baselines.regression import even_samples
+from barnax.baselines.regression import circuit_values, even_samples, regression, track
+from barnax.baselines.subspace import state_matrix
 from barnax.model.inputs import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
@@ -48,6 +50,58 @@ def test_least_squares_finds_a_circuit_without_noise_exactly(model, hold, known_
 def test_recursive_least_squares_ends_at_a_circuit_without_noise(hold, known_problem):
     answer = answer_of("rls", known_problem(TWO_PAIRS, hold=hold))
     assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=1e-3)
+
+
+def test_weighted_least_squares_is_a_loop_with_a_factor_a_coefficient(known_problem):
+    problem = known_problem(TWO_PAIRS, noise_v=1e-5)
+    _, columns, target = regression(problem)
+    factors = np.array([0.9999, 0.9999, 0.999, 0.999, 0.999])
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    theta, variance = np.zeros(5), 1e6 * np.eye(5)
+    for row, value in zip(columns / scale, target, strict=True):
+        variance = variance / np.sqrt(np.outer(factors, factors))
+        gain = variance @ row / (1 + row @ variance @ row)
+        theta = theta + gain * (value - row @ theta)
+        variance = (np.eye(5) - np.outer(gain, row)) @ variance
+    with jax.enable_x64(True):
+        samples, r0, r, tau_s = track(problem, 0.9999, 0.999)
+    expected = circuit_values(theta / scale, samples, 2)
+    for found, each in zip((r0[-1], r[-1], tau_s[-1]), expected, strict=True):
+        np.testing.assert_allclose(found, each, rtol=1e-5)
+
+
+# The filter starts in the middle of the box and has to let go of it.
+def test_least_squares_beside_a_filter_ends_at_a_circuit_without_noise(known_problem):
+    trajectory = answer_of("rls-ekf", known_problem(TWO_PAIRS)).trajectory
+    ends = [trajectory.r0[-1], *trajectory.r[-1], *trajectory.tau_s[-1]]
+    assert ends == pytest.approx(values(TWO_PAIRS), rel=0.02)
+
+
+# It looks one interval ahead, where R0 and the start of a fast pair look alike.
+def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now(known_problem):
+    answer = answer_of("dual-ukf", known_problem(TWO_PAIRS))
+    assert 0.05 < answer.parameters.r0 < 0.05 + 0.02
+    assert np.all(np.isfinite(answer.trajectory.tau_s))
+    assert np.all(answer.trajectory.tau_s > 0)
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+@pytest.mark.parametrize("model", CIRCUITS)
+def test_subspaces_find_a_circuit_without_noise_exactly(model, hold, known_problem):
+    answer = answer_of("n4sid", known_problem(CIRCUITS[model], model, hold=hold))
+    assert values_of(answer) == pytest.approx(values(CIRCUITS[model]), rel=1e-5)
+
+
+def test_subspaces_need_no_first_state():
+    """A loop from a state that is not zero; poles as they are."""
+    matrix, drive = np.diag([0.9, 0.5]), np.random.default_rng(0).normal(size=500)
+    state, output = np.array([3.0, -2.0]), []
+    for each in drive:
+        output.append(state.sum() + 0.3 * each)
+        state = matrix @ state + np.array([0.2, 0.1]) * each
+    is_row = np.arange(500) >= 19
+    found = np.linalg.eigvals(state_matrix(drive, np.array(output), is_row, 10, 2))
+    np.testing.assert_allclose(np.sort(found), [0.5, 0.9], rtol=1e-9)
 
 
 def test_the_trajectory_of_recursive_least_squares_covers_the_record(known_problem):
@@ -107,7 +161,7 @@ def test_an_uneven_clock_is_a_failure_that_says_so(known_problem):
         even_samples(prepared, 2)
 
 
-@pytest.mark.parametrize("method", ["ls", "rls"])
+@pytest.mark.parametrize("method", ["ls", "wrls", "rls-ekf", "n4sid"])
 def test_a_dynamic_hysteresis_is_beyond_a_linear_method(method, known_problem):
     with pytest.raises(MethodFailure, match="open-circuit voltage beforehand"):
         answer_of(method, known_problem(TWO_PAIRS, "esc"))

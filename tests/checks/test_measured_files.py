@@ -107,7 +107,7 @@ def test_what_each_other_file_serves_as(checks):
         LEAVES[2]: ["validation"],
         RAW[4]: ["validation"],
     }
-    assert window(checks[DYNAMIC[0]]).options == {"score_steps": (5,)}
+    assert window(checks[DYNAMIC[0]]).options == {}
 
 
 @pytest.mark.parametrize("file", [OCV[1], OCV[3], DYNAMIC[1], DYNAMIC[2]])

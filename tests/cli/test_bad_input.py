@@ -67,7 +67,6 @@ FILES = [
     (RECORD, *OCV, "--validate", "deep.csv", "--initial-soc", "0.9"),
     (RECORD, *OCV, "--validate", RECORD),
     (RECORD, "copy.parquet", *OCV),
-    (".", *OCV),
     (300 * "x", *OCV),
     (RECORD,),
     OCV,

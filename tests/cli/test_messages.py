@@ -38,9 +38,9 @@ def test_what_the_command_names_python_takes_too():
         field.removesuffix(unit)
         for group in (barnax.Settings, barnax.Reading, barnax.TableSettings, barnax.Window)
         for field in inspect.signature(group).parameters
-        for unit in ("_s", "_a", "_ah")
+        for unit in ("_s", "_a", "_ah", "_degc")
     } | set(inspect.signature(barnax.Settings).parameters)
-    words = {"records", "out", "force", "as_json", "verbose", "quiet", "report"}
+    words = {"records", "out", "force", "as_json", "verbose", "quiet", "report", "plan"}
     options = {each.name for each in get_command(app).commands["identify"].params}
     assert options - words <= taken
 

@@ -145,6 +145,12 @@ SOLVED_TO = {
     "sfo": 1e-2,
     "gwo": 1e-6,
     "igwo": 1e-6,
+    "apso": 1e-4,
+    "mcpso": 1e-2,
+    "cpso": 1e-4,
+    "aga": 1.0,
+    "esfo": 2.0,
+    "aeo": 1e-2,
 }
 
 

@@ -118,7 +118,11 @@ def test_measured_differences_are_added_where_the_curves_miss_them(polynomial_ce
     assert label not in plot_hysteresis(make_cell()).axes[0].get_legend_handles_labels()[1]
 
 
-def test_a_cell_without_measured_hysteresis_is_drawn_as_zero():
+def test_of_a_cell_with_one_branch_no_hysteresis_is_drawn_but_said_to_be_missing():
     figure = plot_hysteresis(make_cell(has_charge=False))
     figure.savefig(io.BytesIO())
-    assert figure.axes[0].get_legend_handles_labels()[1] == ["five segments (continuous)"]
+    (axes,) = figure.axes
+    assert not axes.get_lines()
+    assert [text.get_text() for text in axes.texts] == [
+        "not measured: the OCV is of one branch only"
+    ]

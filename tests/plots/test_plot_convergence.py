@@ -31,6 +31,22 @@ def test_the_excess_over_the_refined_answer_is_in_percent():
     np.testing.assert_allclose(figure.axes[1].get_lines()[0].get_ydata(), [200.0, 100.0, 10.0])
 
 
+def test_the_known_optimum_is_drawn_and_the_excess_is_over_the_lowest():
+    found = make_search(HISTORIES_V)
+    rmse, excess = plot_convergence(found, make_refinement(found, 0.0105), 0.01).axes
+    assert {"global optimum, 10 mV", "refined, 10.5 mV"} <= set(rmse.get_legend_handles_labels()[1])
+    np.testing.assert_allclose(excess.get_lines()[0].get_ydata(), [200.0, 100.0, 10.0])
+
+
+def test_the_right_panel_s_label_keeps_clear_of_the_left_panel():
+    found = make_search(HISTORIES_V)
+    figure = plot_convergence(found, make_refinement(found, 0.01))
+    figure.draw_without_rendering()
+    left, right = figure.axes
+    gap = right.yaxis.label.get_window_extent().x0 - left.get_window_extent().x1
+    assert gap > right.yaxis.label.get_fontsize() / 72 * figure.dpi
+
+
 def test_an_excess_of_nothing_is_drawn_at_the_floor():
     found = make_search([[0.02, 0.01]])
     figure = plot_convergence(found, make_refinement(found, 0.01))

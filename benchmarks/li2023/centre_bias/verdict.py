@@ -7,7 +7,8 @@ from benchmarks.li2023.test_functions import FUNCTIONS
 from .runs import Losses
 from .statistics import average_run_ranks, duels, losses_of, methods_under
 
-PUBLISHED = ["pso", "woa", "soa", "sfo", "gwo", "igwo", "bmo"]
+PUBLISHED = ["pso", "woa", "soa", "sfo", "gwo", "igwo", "bmo", "apso", "mcpso", "cpso"]
+PUBLISHED += ["aga", "esfo", "aeo"]
 CLOSE_TO_ZERO = 1e-6
 
 

@@ -171,10 +171,15 @@ OTHER_RULES = (
     "mealpy 3.0.3, SFO: a sailfish moves only to a better place and about the best sardine; there "
     "are ten sardines a sailfish.",
     "mealpy 3.0.3, BMO: p is uniform, and the offspring replace their parents.",
+    "mealpy 3.0.3, AEO: the producer is made of the worst candidate and takes its place, better or "
+    "not, where the authors make it of the best; the best is what consumers eat; a consumption "
+    "factor is one number for all dimensions.",
+    "mealpy 3.0.3, GA: constant rates, a roulette, and one cut.",
     "NiaPy 2.7.1, PSO: the inertia is constant, and the common best changes within a generation.",
     "opytimizer 5.0.1: in WOA a random point stands for the random whale and l is normal; GWO has "
     "one A and C for all dimensions and moves only to better places; PSO has one number for all "
-    "dimensions and constant inertia; in SFO no sardine is ever eaten.",
+    "dimensions and constant inertia; in SFO no sardine is ever eaten; AEO draws one factor for "
+    "all dimensions, and an omnivore's second share has none.",
     "pyMetaheuristic 7.4.4: WOA draws l anew for every dimension; GWO and IGWO evaluate the place "
     "about each leader too and keep the best of five packs; SOA and SFO move only to better "
     "places; BMO takes a uniform p and replaces the parents.",

@@ -189,8 +189,9 @@ def _rules(found: list[Outcome]) -> list[str]:
         "",
         *(f"- {rule}" for rule in OTHER_RULES),
         "",
-        "So nothing here checks IGWO, SFO, BMO and IBMO, nor SOA as its authors programmed it: no "
-        "library was found that has their rules. They rest on their tests and on table2.md.",
+        "So nothing here checks IGWO, SFO, BMO, IBMO, AEO, AGA, ESFO and the other particle "
+        "swarms, nor SOA as its authors programmed it: no library was found that has their rules. "
+        "They rest on their tests and on table2.md.",
         "",
     ]
     return lines

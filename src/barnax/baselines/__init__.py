@@ -7,13 +7,19 @@ from ..optimizers import OPTIMIZERS
 from .descent import LM, PSO_LM, population_method
 from .differential_evolution import DE
 from .method import Answer, Budget, Method, MethodFailure, Trajectory
-from .regression import LS, RLS
+from .online import DUAL_UKF, RLS_EKF
+from .regression import LS, RLS, WRLS
+from .subspace import N4SID
 from .varpro import VARPRO
 
 __all__ = ["METHODS", "Answer", "Budget", "Method", "MethodFailure", "Trajectory"]
 
+LINEAR = (LS, RLS, WRLS, RLS_EKF, N4SID)
 # A new method is one file and one name here.
 METHODS: Mapping[str, Method] = MappingProxyType(
-    {method.name: method for method in (LS, RLS, VARPRO, LM, PSO_LM, DE)}
+    {
+        method.name: method
+        for method in (LS, RLS, WRLS, RLS_EKF, DUAL_UKF, N4SID, VARPRO, LM, PSO_LM, DE)
+    }
     | {name: population_method(name) for name in OPTIMIZERS}
 )

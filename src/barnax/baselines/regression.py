@@ -24,6 +24,7 @@ ROUNDING = 1e-9
 # Ljung's usual range is 0.98 to 0.995; at one sample a second those forget within the slower time
 # constant of a cell. This remembers a thousand samples.
 FORGETTING = 0.999
+SLOW_FORGETTING = 0.9999
 # Of the first guess, in units of each scaled coefficient: nothing is known of it.
 VARIANCE = 1e6
 # Samples after which the first guess is forgotten; the answer is averaged from there on.
@@ -173,7 +174,7 @@ def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, .
     return (f"outside the search box, which it does not know: {outside}",) if outside else ()
 
 
-def _answer(
+def answer_of(
     problem: Problem,
     parameters: CircuitParameters,
     notes: tuple[str, ...],
@@ -201,7 +202,7 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     coefficients = np.linalg.lstsq(columns / scale, target)[0] / scale
     parameters = circuit_of(*circuit_values(coefficients, samples, problem.bounds.pairs))
     progress(1)
-    return _answer(problem, parameters, samples.notes)
+    return answer_of(problem, parameters, samples.notes)
 
 
 LS = Method(
@@ -218,16 +219,55 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
 
     Ljung, System Identification (1999), section 11.2, as Yang, Tang and Zhang, Energies 14 (2021)
     1054, use it for a second-order RC circuit; the forgetting factor is `FORGETTING`, the first
-    guess zero. The averaged parameters are medians over time, from the sample on at which the
-    first guess is forgotten (or half of a shorter record), where the equation belongs to a
-    circuit; noise can make those few, and a note says how many. The bias of `ls` is its bias too.
-    Raises `MethodFailure` where there are none, and where a parameter is held.
+    guess zero. Answers as `averaged` says; the bias of `ls` is its bias too. Raises
+    `MethodFailure` where a parameter is held.
     """
     del budget
+    found = track(problem, FORGETTING, FORGETTING)
+    progress(1)
+    return averaged(problem, *found)
+
+
+@in_float64
+def weighted_least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """Recursive least squares whose coefficients forget at rates of their own.
+
+    The weighted recursive least squares of Verbrugge and Koch (2006), whose parameters each have
+    a time weighting: the variance is divided by the root of both coefficients' factors (Saelid
+    and Foss, 1983). Their factors belong to another circuit, so ours are taken: the coefficients
+    of the current forget as in `rls`, those of the poles ten times as slowly, for the time
+    constants of a cell change less than its resistances. All else is as in `rls`.
+    """
+    del budget
+    found = track(problem, SLOW_FORGETTING, FORGETTING)
+    progress(1)
+    return averaged(problem, *found)
+
+
+def track(
+    problem: Problem, poles: float, gains: float
+) -> tuple[EvenSamples, np.ndarray, np.ndarray, np.ndarray]:
+    """The samples, and R0, R and tau after every row, by recursive least squares.
+
+    `poles` and `gains` are the forgetting factors of a and b. Call inside float64.
+    """
     samples, columns, target = regression(problem)
+    pairs = problem.bounds.pairs
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
-    coefficients = np.asarray(_track(jnp.asarray(columns / scale), jnp.asarray(target))) / scale
-    r0, r, tau_s = circuit_values(coefficients, samples, problem.bounds.pairs)
+    factors = jnp.repeat(jnp.array([poles, gains]), jnp.array([pairs, pairs + 1]))
+    tracked = _track(jnp.asarray(columns / scale), jnp.asarray(target), factors)
+    return samples, *circuit_values(np.asarray(tracked) / scale, samples, pairs)
+
+
+def averaged(
+    problem: Problem, samples: EvenSamples, r0: np.ndarray, r: np.ndarray, tau_s: np.ndarray
+) -> list[Answer]:
+    """The answer of an online method: medians over time, and the trajectory.
+
+    Counted are the rows from the one on at which the first guess is forgotten (or half of a
+    shorter record), where the values are a circuit's; noise can make those few, and a note says
+    how many. Raises `MethodFailure` where there are none.
+    """
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
     late = np.arange(len(r0)) >= min(MEMORY, len(r0) // 2)
     counted = late & is_circuit
@@ -241,32 +281,33 @@ def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress
         np.median(r[counted], axis=0),
         np.median(tau_s[counted], axis=0),
     ).ordered()
-    progress(1)
     trajectory = Trajectory(
         time_s=samples.time_s[samples.is_row],
         r0=np.where(is_circuit, r0, np.nan),
         r=np.where(is_circuit[:, None], r, np.nan),
         tau_s=np.where(is_circuit[:, None], tau_s, np.nan),
     )
-    averaged = (
+    note = (
         f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} samples at "
         "which its equation belongs to a circuit"
     )
-    return _answer(problem, parameters, (averaged, *samples.notes), trajectory)
+    return answer_of(problem, parameters, (note, *samples.notes), trajectory)
 
 
 @jax.jit
-def _track(columns, target):
-    """Coefficients after every row."""
+def _track(columns, target, factors):
+    """Coefficients after every row; every one is forgotten by its own factor."""
     size = columns.shape[1]
+    forgetting = jnp.sqrt(factors[:, None] * factors[None, :])
 
     def step(state, row):
         coefficients, variance = state
         regressor, value = row
+        variance = variance / forgetting
         seen = variance @ regressor
-        gain = seen / (FORGETTING + regressor @ seen)
+        gain = seen / (1 + regressor @ seen)
         coefficients = coefficients + gain * (value - regressor @ coefficients)
-        variance = (variance - jnp.outer(gain, seen)) / FORGETTING
+        variance = variance - jnp.outer(gain, seen)
         # Rounding would let it lose its symmetry, and then its sign.
         variance = (variance + variance.T) / 2
         return (coefficients, variance), coefficients
@@ -280,4 +321,11 @@ RLS = Method(
     f"Recursive least squares, forgetting factor {FORGETTING} (Yang, Tang and Zhang, 2021)",
     is_deterministic=True,
     run=recursive_least_squares,
+)
+
+WRLS = Method(
+    "wrls",
+    "Recursive least squares, a forgetting factor a coefficient (Verbrugge and Koch, 2006)",
+    is_deterministic=True,
+    run=weighted_least_squares,
 )

@@ -17,6 +17,8 @@ from .kinds import STEPS, Traits
 _FEWEST_STEPS = 10
 # A record that is profile to this share needs no window.
 _WHOLE = 0.95
+# Intervals up to this many times the usual one under load are sampled alike.
+_ALIKE = 1.5
 # A held voltage, and a current that tapers under it to this share.
 _HELD_V, _FULL_V, _TAPERED = 0.01, 0.06, 0.5
 
@@ -27,7 +29,7 @@ class SuggestedWindow:
 
     The fields are those of `barnax.Window`; what is None stays at its default.
     `needs_initial_soc` says that the record does not tell the state of charge at the start, so
-    that the user must.
+    that the user must; `is_settled` that the cell has rested when the profile begins.
     """
 
     reason: str
@@ -36,6 +38,7 @@ class SuggestedWindow:
     initial_soc: float | None = None
     score_steps: tuple[int, ...] | None = None
     needs_initial_soc: bool = False
+    is_settled: bool = True
 
     @property
     def options(self) -> dict[str, Any]:
@@ -67,19 +70,32 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     full = _full_step(given, first)
     if full is not None:
         reason = f"{profile}; the cell is full at the end of step {full}"
-        return SuggestedWindow(reason, start_after_step=full, initial_soc=1.0, score_steps=own)
+        return SuggestedWindow(
+            reason, start_after_step=full, initial_soc=1.0, score_steps=own, is_settled=is_settled
+        )
     if is_settled:
         reason = f"{profile} at {record.voltage_v[at]:.4f} V"
         return SuggestedWindow(reason, start_time_s=_clock_before(given, at), score_steps=own)
     # Ampere-hours carry the charge from the record's own beginning.
-    return replace(whole, reason=f"{profile}; {whole.reason}", score_steps=own)
+    reason = f"{profile}; {whole.reason}"
+    if _is_fine_throughout(given):
+        # What comes before the profile is simulated anyhow, and tells as much.
+        return replace(whole, reason=f"{reason}; all of it is sampled alike")
+    return replace(whole, reason=reason, score_steps=own, is_settled=is_settled)
+
+
+def _is_fine_throughout(given: CheckInput) -> bool:
+    """Whether nearly all of the record is logged at the interval of its loads."""
+    interval_s = given.record.interval_s
+    loaded_s = float(np.median(interval_s[~given.is_rested[1:]]))
+    return bool(np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s)
 
 
 def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
     """How a simulation of the whole record learns its state of charge."""
     record = given.record
     if not given.is_rested[0]:
-        return SuggestedWindow("it starts under load", needs_initial_soc=True)
+        return SuggestedWindow("it starts under load", needs_initial_soc=True, is_settled=False)
     loaded = np.flatnonzero(~given.is_rested)
     at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
     first_v, last_v = record.voltage_v[0], record.voltage_v[at]
@@ -88,7 +104,7 @@ def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
     moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
     if record.time_s[at] - record.time_s[0] >= MINIMUM_REST_S - CLOCK_SLACK_S:
         return SuggestedWindow(moves, start_time_s=_clock_before(given, at))
-    return SuggestedWindow(moves, needs_initial_soc=True)
+    return SuggestedWindow(moves, needs_initial_soc=True, is_settled=False)
 
 
 def _rest_before(given: CheckInput, first: int) -> tuple[int, float]:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .groups import grouped
+from ..errors import InputError
+from .groups import INPUT, grouped
 from .options import Choices, Output, SearchOptions, TableOptions, require_choice, run_options
 from .output import DEFAULT_FOLDER, free_name, require_free, write_results
+from .plans import arguments_of, with_options
 from .record_options import Files, RecordOptions
 from .session import APPEARANCE, Session, as_flags, use_compilation_cache, without_options
 
@@ -31,17 +33,49 @@ def identify(
         list[Path] | None,
         typer.Argument(
             metavar="[RECORD]...",
-            help="Dynamic record to identify on; several give one circuit for all of them. "
+            help="Dynamic record to identify on; several give one circuit for all of them. A "
+            "folder, files without --ocv, or a plan: roles and windows are found. "
             "Without any, the bundled cell is identified.",
             show_default=False,
         ),
     ] = None,
+    plan: Annotated[
+        bool,
+        typer.Option(
+            "--plan",
+            help="Only print, as TOML, what would be done with which file; identify takes it back.",
+            rich_help_panel=INPUT,
+        ),
+    ] = False,
 ) -> None:
     """Identify the circuit of a cell, say how good it is, and write result.json and figures.
 
     Without arguments it identifies the bundled virtual cell.
     """
+    if plan:
+        return _print_plan(files, of_records, search, chosen, tables, records or [], output)
     _run("identify", records, files, of_records, search, chosen, tables, output)
+
+
+def _print_plan(
+    files: Files,
+    of_records: RecordOptions,
+    search: SearchOptions,
+    chosen: Choices,
+    tables: TableOptions,
+    records: list[Path],
+    output: Output,
+) -> None:
+    session = Session(is_quiet=output.quiet)
+    with session.watch("Loading"):
+        from ..plan import plan_of, plan_to_toml
+
+    options = run_options(files, of_records, search, records)
+    planned = plan_of(**options, watch=session.watch)
+    if planned is None:
+        raise InputError("`plan` is for a folder, or for files without `ocv`")
+    changed = with_options(planned, options["window"], files, chosen, tables)
+    typer.echo(plan_to_toml(changed), nl=False)
 
 
 @grouped
@@ -87,6 +121,8 @@ def _run(
         use_compilation_cache()
         from ..cell import CIRCUITS
         from ..optimizers import OPTIMIZERS
+        from ..plan import plan_of
+        from ..reporting.plans import plan_lines
 
         if command == "hppc":
             from ..pulse_test import hppc as run
@@ -99,15 +135,21 @@ def _run(
         threading.Thread(target=__import__, args=(module,), daemon=True).start()
     require_choice("model", chosen.model, CIRCUITS)
     require_choice("method", chosen.method, OPTIMIZERS)
-    options = run_options(files, of_records, search, records or [])
-    result = run(
-        **options,
+    options = {
+        **run_options(files, of_records, search, records or []),
         **tables.chosen(),
-        model=chosen.model,
-        method=chosen.method,
-        trust=chosen.trust,
-        watch=session.watch,
-    )
+        "model": chosen.model,
+        "method": chosen.method,
+        "trust": chosen.trust,
+        "watch": session.watch,
+    }
+    planned = plan_of(**options) if command == "identify" else None
+    if planned is not None:
+        planned = with_options(planned, options["window"], files, chosen, tables)
+        if not planned.missing:
+            session.show(plan_lines(planned, as_flags))
+        options = arguments_of(planned, options, records or [])
+    result = run(**options)
     written: set[str] = set()
     if folder is not None:
         answer = {"result.json": result.to_json().encode()}

@@ -216,8 +216,8 @@ class Rows:
         option(
             SEARCH,
             "NAME,NAME",
-            "Methods, each with every circuit: ls, rls, varpro, lm, pso-lm, de, or any that "
-            "[bold]barnax optimizers[/bold] lists.",
+            "Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf, n4sid, "
+            "varpro, lm, pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.",
         ),
     ] = None
 
@@ -326,7 +326,7 @@ def run_options(
         "ocv_capacity": files.ocv_capacity,
         "bounds": search.bounds,
         "fix": search.fixed,
-        "ocv_fit": files.ocv_fit,
+        **({"ocv_fit": files.ocv_fit} if files.ocv_fit else {}),
         "hysteresis_fit": files.hysteresis_fit,
         "reading": Reading(
             files.current_sign,

@@ -68,9 +68,14 @@ class Files:
         option(INPUT, "AH", "Capacity in the OCV test, where it does not span full to empty."),
     ] = None
     ocv_fit: Annotated[
-        Literal["polynomial", "interpolated"],
-        option(INPUT, "FIT", "OCV curves: polynomial of degree 7, or interpolated (PCHIP)."),
-    ] = "polynomial"
+        Literal["polynomial", "interpolated"] | None,
+        option(
+            INPUT,
+            "FIT",
+            "OCV curves: polynomial of degree 7, or interpolated (PCHIP) (default: polynomial, in "
+            "a plan interpolated).",
+        ),
+    ] = None
     hysteresis_fit: Annotated[
         Literal["continuous", "independent"],
         option(

@@ -79,7 +79,7 @@ def compare_files(
         watch=watch,
     )
     with watch("Tables over SOC", 0):
-        tables = tabulate(comparison, tabulated)
+        tables = tabulate(comparison, tabulated, bounds=ranges, fixed=fix)
     result = make_comparison_result(
         comparison, tables, ocv=inputs.ocv, command=command, warnings=inputs.warnings
     )

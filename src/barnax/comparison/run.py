@@ -157,7 +157,7 @@ def compare(
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):
-    ValueError: no method is called 'guess'; there are ls, rls, varpro, ...
+    ValueError: no method is called 'guess'; there are ls, rls, wrls, ...
     """
     for _, method in rows:
         if method not in METHODS:
@@ -207,7 +207,7 @@ def make_problems(
     **settings: Any,
 ) -> dict[str, Problem]:
     """One problem a model; a bound or fixed value goes to the models that know its name."""
-    known = {model: _names_of(model) for model in models}
+    known = {model: names_of(model) for model in models}
     everywhere = set().union(*known.values())
 
     def known_to(model: str, values: Mapping) -> dict:
@@ -231,7 +231,7 @@ def make_problems(
     }
 
 
-def _names_of(model: str) -> set[str]:
+def names_of(model: str) -> set[str]:
     """Every name under which a parameter of a model can be bounded or fixed."""
     circuit = get_circuit(model)
     return set(Bounds.default(1.0, 1.0, 1.0, pairs=circuit.pairs, has_rate=circuit.has_rate).names)

@@ -1,12 +1,37 @@
 """Circuits with tables over SOC beside the constant ones of a comparison."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
+from ..baselines import Budget
 from ..errors import InputError
-from ..over_soc import SocErrors, TableFit, TableSettings, evaluate_tables, fit_tables
+from ..model.inputs import PreparedRecord
+from ..model.search_space import Range
+from ..over_soc import SocErrors, TableFit, TableSettings, errors_on, fit_tables
+from ..over_soc.by_method import SEARCHES, capped, search_by
+from ..over_soc.fit import box_of, reduced_objective
 from ..search.evaluate import Evaluation, evaluate
-from .run import Comparison
+from .run import Comparison, names_of
+
+
+@dataclass(frozen=True)
+class TableSearch:
+    """What one method made of the time constants, with the best tables solved at every place.
+
+    `objective_v` is the median seed's sqrt(J), and `gap` its excess over that of the fit beside
+    it; `constants` and `evaluations`, places tried, are that seed's, and `errors` those of its
+    tables on the record identified on, then on each validation record.
+    """
+
+    method: str
+    seeds: int
+    objective_v: float
+    best_objective_v: float
+    worst_objective_v: float
+    gap: float
+    evaluations: int
+    constants: dict[str, float]
+    errors: tuple[SocErrors, ...]
 
 
 @dataclass(frozen=True)
@@ -14,7 +39,8 @@ class Tabulated:
     """One circuit with tables over SOC, and the best constant one of the comparison beside it.
 
     `errors` and `constant_errors` are those on the record identified on, then on each validation
-    record; `constant_parameters` counts the constant circuit's values.
+    record; `constant_parameters` counts the constant circuit's values. `searches` are what the
+    methods of the comparison find, without the linear ones, which have no tables.
     """
 
     model: str
@@ -22,34 +48,82 @@ class Tabulated:
     errors: tuple[SocErrors, ...]
     constant_errors: tuple[SocErrors, ...]
     constant_parameters: int
+    searches: tuple[TableSearch, ...] = ()
 
 
 def tabulate(
-    comparison: Comparison, models: Sequence[str], settings: TableSettings | None = None
+    comparison: Comparison,
+    models: Sequence[str],
+    settings: TableSettings | None = None,
+    *,
+    bounds: Mapping[str, Range] | None = None,
+    fixed: Mapping[str, float] | None = None,
 ) -> tuple[Tabulated, ...]:
     """Tables over SOC for some models of a comparison, on the records and windows of its rows.
 
-    Raises `InputError` where no row of such a model has an answer.
+    Bounds and fixed values are those of the comparison, and go to the models that know their
+    names. Raises `InputError` where no row of such a model has an answer, or tables have no such
+    constant.
     """
-    found = []
+    settings, found = settings or TableSettings(), []
     for model in models:
         rows = [row for row in comparison.answered if row.model == model]
         if not rows:
             raise InputError(f"`models` '{model}:soc': no row of {model} has an answer beside it")
+        known = names_of(model)
+        wanted = replace(
+            settings,
+            bounds={name: each for name, each in (bounds or {}).items() if name in known},
+            fixed={name: each for name, each in (fixed or {}).items() if name in known},
+        )
         best = min(rows, key=lambda row: row.evaluations[0].metrics.rmse_v)
-        fit = fit_tables(best.problem.prepared_records, settings)
+        fit = fit_tables(best.problem.prepared_records, wanted)
         parameters = best.median.parameters
         optimum = comparison.optima.get(model)
         if optimum is not None:
             parameters = optimum.parameters
         prepared = [each.prepared for each in best.evaluations]
+        methods = [row.method for row in comparison.rows if row.model == model]
         found.append(
             Tabulated(
                 model=model,
                 fit=fit,
-                errors=tuple(_errors(evaluate_tables(each, fit.tables)) for each in prepared),
+                errors=tuple(errors_on(each, fit.tables) for each in prepared),
                 constant_errors=tuple(_errors(evaluate(each, parameters)) for each in prepared),
                 constant_parameters=len(parameters.to_dict()),
+                searches=_searches(methods, fit, wanted, prepared, comparison.budget),
+            )
+        )
+    return tuple(found)
+
+
+def _searches(
+    methods: Sequence[str],
+    fit: TableFit,
+    settings: TableSettings,
+    prepared: Sequence[PreparedRecord],
+    budget: Budget,
+) -> tuple[TableSearch, ...]:
+    identified, *others = prepared
+    settings = replace(settings, folds=0)
+    objective, _ = reduced_objective([identified], settings, box_of([identified], settings))
+    found = []
+    for method in dict.fromkeys(each for each in methods if each in SEARCHES):
+        ends = search_by(objective, method, capped(budget))
+        ends.sort(key=lambda end: end[0].squared)
+        median, evaluations = ends[(len(ends) - 1) // 2]
+        tables = objective.tables_at(median, fit.tables.visited)
+        found.append(
+            TableSearch(
+                method=method,
+                seeds=len(ends),
+                objective_v=median.root,
+                best_objective_v=ends[0][0].root,
+                worst_objective_v=ends[-1][0].root,
+                gap=median.root / fit.objective_v - 1 if fit.objective_v else 0.0,
+                evaluations=evaluations,
+                constants=dict(tables.constants),
+                errors=tuple(errors_on(each, tables) for each in (identified, *others)),
             )
         )
     return tuple(found)

@@ -64,8 +64,13 @@ def run_filter(
     drive: Drive,
     kind: Kind = "ekf",
     form: Form = "joint",
+    adapting: float = 0.0,
 ) -> Estimate:
-    """A filter's estimates along a record, from a state and its variances (`FilterModel.start`)."""
+    """A filter's estimates along a record, from a state and its variances (`FilterModel.start`).
+
+    In the dual form the measurement noise may adapt: `adapting` is the share of it that a sample
+    renews, from its residual (Mohamed and Schwarz, J. Geodesy 73 (1999) 193).
+    """
     mean, variance = start
     slow = jnp.zeros_like(model.slow_sd)
     if form == "dual" and model.slow:
@@ -74,8 +79,8 @@ def run_filter(
             _Belief(slow, jnp.diag(model.slow_sd**2)),
         )
         sensitivity = jnp.zeros((len(mean), len(slow)))
-        step = _dual_step(model, kind)
-        rows = lax.scan(step, (beliefs, sensitivity), drive)[1]
+        step = _dual_step(model, kind, adapting)
+        rows = lax.scan(step, (beliefs, sensitivity, jnp.ones_like(mean[0])), drive)[1]
     else:
         belief = _Belief(
             jnp.concatenate([mean, slow]), jnp.diag(jnp.concatenate([variance, model.slow_sd**2]))
@@ -124,7 +129,7 @@ def _joint_step(model: FilterModel, kind: Kind):
     return step
 
 
-def _dual_step(model: FilterModel, kind: Kind):
+def _dual_step(model: FilterModel, kind: Kind, adapting: float):
     """One sample of two filters, each taking the other's mean for known.
 
     The innovation's variance is that of the state filter for both. The extended parameter filter
@@ -134,7 +139,7 @@ def _dual_step(model: FilterModel, kind: Kind):
     """
 
     def step(carry, drive: Drive):
-        (belief, slow), sensitivity = carry
+        (belief, slow), sensitivity, scale = carry
         before = belief.mean
         state_walk, slow_walk = model.walk(slow.mean, drive.interval_s)
         slow = slow._replace(covariance=slow.covariance + jnp.diag(slow_walk))
@@ -162,7 +167,9 @@ def _dual_step(model: FilterModel, kind: Kind):
                 lambda other: model.voltage(model.advance(before, other, drive), other, drive), slow
             )
         innovation_v = drive.voltage_v - seen.voltage_v
-        variance_v2 = seen.variance_v2 + model.noise_v2(belief.mean[0])
+        fitted_v2 = model.noise_v2(belief.mean[0])
+        noise_v2 = scale * fitted_v2
+        variance_v2 = seen.variance_v2 + noise_v2
         gain = seen.with_state / variance_v2
         belief = _correct(belief, seen.with_state, innovation_v, variance_v2)
         sensitivity = sensitivity - jnp.outer(gain, total)
@@ -173,7 +180,11 @@ def _dual_step(model: FilterModel, kind: Kind):
             slow_seen.variance_v2 + variance_v2,
         )
         row = _row(belief, slow, innovation_v, variance_v2)
-        return ((belief, slow), sensitivity), row
+        if adapting:
+            residual_v = drive.voltage_v - voltage(belief.mean)
+            left_v2 = seen.variance_v2 * noise_v2 / variance_v2
+            scale = scale + adapting * ((residual_v**2 + left_v2) / fitted_v2 - scale)
+        return ((belief, slow), sensitivity, scale), row
 
     return step
 

@@ -6,7 +6,7 @@ final file takes in the parts the same way; what both hold counts once.
 
 import os
 import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,51 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> 
         os.replace(aside, path)
     finally:
         aside.unlink(missing_ok=True)
+
+
+def keep_result(out: Path, name: str, text: str) -> None:
+    """A cell's result.json beside the dataset."""
+    folder = out / RESULTS / name
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "result.json").write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def marking(folder: Path, batch: str) -> Iterator[Callable[[int], None]]:
+    """A note of the cell of a batch that is being computed; gone when all are."""
+    path = _marker(folder, batch)
+    with path.open("w") as file:
+
+        def mark(place: int) -> None:
+            file.seek(0)
+            file.write(f"{place}\n")
+            file.flush()
+
+        yield mark
+    path.unlink(missing_ok=True)
+
+
+def marked_place(folder: Path, batch: str) -> int | None:
+    """Which cell of a batch a worker was at when it died, None where it had not begun."""
+    path = _marker(folder, batch)
+    try:
+        place = int(path.read_text().split()[0])
+        path.unlink()
+    except (OSError, ValueError, IndexError):
+        return None
+    return place
+
+
+def _marker(folder: Path, batch: str) -> Path:
+    return folder / f".{batch}.at"
+
+
+def count_rows(part: Path) -> tuple[int, int] | None:
+    """How many rows a part has, and how many of them are errors; None where it is not there."""
+    if not part.exists():
+        return None
+    errors = pl.read_parquet(part, columns=["error"])["error"]
+    return len(errors), len(errors) - errors.null_count()
 
 
 def read_rows(

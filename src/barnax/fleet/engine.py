@@ -20,9 +20,9 @@ from typing import Any
 
 from ..errors import InputError
 from .cells import FleetCell
-from .dataset import Shard, compact, finished, write_rows, writing
+from .dataset import Shard, compact, finished, marked_place, write_rows, writing
 from .manifest import cell_of, in_shard
-from .worker import Counts, batch_name, marker_path, run_batch, start_worker
+from .worker import Counts, batch_name, run_batch, start_worker
 
 # A batch takes long enough that handing it over is no cost, and few enough cells to lose.
 MOST_IN_BATCH = 50
@@ -111,7 +111,7 @@ def identify_fleet(
 
 
 def _require_known(settings: Mapping[str, Any]) -> None:
-    """Raise `InputError` for a circuit or a method that there is not, before any cell fails of it."""
+    """Raise `InputError` for a circuit or a method that there is not, before all cells fail."""
     from ..cell import CIRCUITS
     from ..optimizers import OPTIMIZERS
 
@@ -192,7 +192,7 @@ def _run(
                 yield future.result()
         if lost:
             executor = reopen()
-            at = [_place(folder, batch) for batch in lost]
+            at = [marked_place(folder, batch_name([print_ for print_, _ in each])) for each in lost]
             breaks = breaks + 1 if all(place is None for place in at) else 0
             if breaks == FEW:
                 raise RuntimeError(
@@ -223,17 +223,6 @@ def _has_died(future: "Future[Counts]") -> bool:
     """Whether a task was given up because its worker died."""
     error = future.exception()
     return isinstance(error, BrokenExecutor) or type(error).__name__ in WORKER_DIED
-
-
-def _place(folder: Path, batch: Batch) -> int | None:
-    """Which cell of a lost batch its worker was at, None where it had not begun."""
-    marker = marker_path(folder, batch_name([print_ for print_, _ in batch]))
-    try:
-        place = int(marker.read_text().split()[0])
-        marker.unlink()
-    except (OSError, ValueError, IndexError):
-        return None
-    return min(place, len(batch) - 1)
 
 
 @contextmanager

@@ -28,10 +28,21 @@ def read_manifest(
 
     A `.csv` or `.parquet` table holds a row a cell; a `.toml` file a table `[[cell]]` each, and
     what all have in `[defaults]`. Paths are relative to the manifest and may be patterns. What a
-    row leaves empty is taken from `defaults`. Raises `InputError` where the manifest cannot be
-    used; files that are not there are listed in each cell's `missing`.
+    row leaves empty is taken from `defaults`. Of a folder, each folder in it is a cell, and what
+    its files are for is found in them, as in a row without OCV tests and cell. Raises `InputError`
+    where the manifest cannot be used; files that are not there are in each cell's `missing`.
     """
     path = Path(path)
+    if path.is_dir():
+        rows = [
+            {"id": each.name, "records": f"{each.name}/*"}
+            for each in sorted(path.iterdir())
+            if each.is_dir()
+        ]
+        cells = [cell_of({**(defaults or {}), **row}, path) for row in rows]
+        if not cells:
+            raise InputError(f"{path}: holds no folder; give a folder for each cell, or a manifest")
+        return cells, ()
     rows, own_defaults = _rows(path)
     given = {**_renamed(defaults or {}), **_renamed(own_defaults)}
     cells = [
@@ -110,11 +121,6 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
     )
     if not row.get("records") and "problem" not in row:
         raise InputError(f"{where}: names no record; give files in the column `records`")
-    if not row.get("ocv") and not row.get("cell") and "problem" not in row:
-        raise InputError(
-            f"{where}: names neither OCV tests nor a cell; give files in `ocv`, or in `cell` the "
-            "result.json of a cell that is known"
-        )
     return FleetCell(
         id=name,
         records=records,

@@ -23,6 +23,7 @@ from ..storing import joint_metrics
 from ..uncertainty.diagnostics import soc_bands
 from ..uncertainty.linearization import named_values
 from .cells import FleetCell, is_address, short_name, stamp
+from .dataset import keep_result
 
 # Settings of a fleet that are no arguments of `identify`.
 OWN = ("keep_results",)
@@ -34,7 +35,7 @@ def identify_cell(
 ) -> dict[str, Any]:
     """The row of a cell; where it cannot be identified, with the reason in one sentence.
 
-    `results` is the folder for its `result.json`.
+    `results` is the fleet's folder, where its `result.json` is to be kept.
     """
     start_s = time.perf_counter()
     row: dict[str, Any] = {"id": cell.id, "error": None, **cell.carried}
@@ -42,9 +43,7 @@ def identify_cell(
         result, warnings = identified(cell, settings)
         row |= row_of(result, warnings)
         if results is not None:
-            folder = results / cell.id
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / "result.json").write_text(result.to_json(), encoding="utf-8")
+            keep_result(results, cell.id, result.to_json())
     except InputError as problem:
         row["error"] = str(problem)
     except Exception as problem:
@@ -68,6 +67,13 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})
     names = ("ocv_capacity", "ocv_fit", "hysteresis_fit")
     fits = tuple((name, chosen.pop(name)) for name in names if name in chosen)
+    if not cell.ocv and cell.cell is None:
+        # Which file serves for what, the roles say.
+        found = identify(
+            list(cell.records), validate=list(cell.validate), bounds=cell.bounds, window=window,
+            reading=reading, advise=False, **dict(fits), **chosen,
+        )  # fmt: skip
+        return found, found.warnings
     known = _known_cell(
         cell.cell, tuple((path, stamp(path)) for path in cell.ocv),
         window.capacity_ah, window.rest_current_a, reading, fits,
@@ -111,8 +117,6 @@ def _known_cell(
     """What many cells of a fleet share is read and fitted once; a changed file is another one."""
     if earlier is not None:
         return _Known(Result.from_json(earlier).cell, [], [], [])
-    if not ocv:
-        raise InputError("an OCV test of the same cell is needed as well; give it with `ocv`")
     options: dict[str, Any] = dict(fits)
     tests, warnings, temperatures_degc = [], [], []
     sign: Any = reading.ocv_current_sign

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import platformdirs
 
 from .cells import FleetCell
-from .dataset import RESULTS, write_rows
+from .dataset import count_rows, marking, write_rows
 
 # glibc gives freed memory back to the system at once above these sizes, and takes it again for the
 # next cell: with Dask's own setting that took two fifths of all CPU time.
@@ -40,36 +40,26 @@ def batch_name(prints: Sequence[str]) -> str:
     return hashlib.sha256("".join(prints).encode()).hexdigest()[:32]
 
 
-def marker_path(folder: Path, name: str) -> Path:
-    """Where a worker says which cell of a batch it is at."""
-    return folder / f".{name}.at"
-
-
 def run_batch(
     folder: str, out: str, prints: Sequence[str], cells: Sequence[FleetCell], settings: Mapping
 ) -> Counts:
     """The rows of some cells, written as one part; a part that stands already is not computed."""
     start_s = time.perf_counter()
     name = batch_name(prints)
-    part, marker = Path(folder) / f"{name}.parquet", marker_path(Path(folder), name)
-    rows = []
-    if part.exists():
-        import polars as pl
-
-        errors = pl.read_parquet(part, columns=["error"])["error"]
-        return Counts(len(errors), len(errors) - errors.null_count(), 0.0)
+    part = Path(folder) / f"{name}.parquet"
+    known = count_rows(part)
+    if known is not None:
+        return Counts(*known, 0.0)
     prepare_process()
     from .rows import identify_cell
 
-    with marker.open("w") as file:
+    kept = Path(out) if settings.get("keep_results") else None
+    rows = []
+    with marking(Path(folder), name) as mark:
         for place, (cell, print_) in enumerate(zip(cells, prints, strict=True)):
-            file.seek(0)
-            file.write(f"{place}\n")
-            file.flush()
-            keep = Path(out) / RESULTS if settings.get("keep_results") else None
-            rows.append(identify_cell(cell, settings, keep) | {"fingerprint": print_})
-    write_rows(part, rows)
-    marker.unlink(missing_ok=True)
+            mark(place)
+            rows.append(identify_cell(cell, settings, kept) | {"fingerprint": print_})
+        write_rows(part, rows)
     failed = sum(row["error"] is not None for row in rows)
     return Counts(len(rows), failed, time.perf_counter() - start_s)
 

@@ -9,26 +9,34 @@ import jax
 import jax.numpy as jnp
 
 from .barnacle import BarnacleMating, bmo, ibmo, ibmo_centered, ibmo_printed
+from .genetic import AdaptiveGenetic
 from .gwo import GreyWolf, ImprovedGreyWolf
 from .leader import SeagullSearch, WhaleSearch
+from .plants import Ecosystem, SunflowerSearch
 from .population import AbstractPopulationMinimiser
-from .pso import ParticleSwarm
+from .pso import CoevolvingSwarm, MixedSwarm, ParticleSwarm, apso
 from .sfo import SailfishSearch
 from .swarm import Box, Swarm, keep_best, sort_by_loss
 
 __all__ = [
     "OPTIMIZERS",
     "AbstractPopulationMinimiser",
+    "AdaptiveGenetic",
     "BarnacleMating",
     "Box",
+    "CoevolvingSwarm",
+    "Ecosystem",
     "GreyWolf",
     "ImprovedGreyWolf",
+    "MixedSwarm",
     "OptimizerSummary",
     "ParticleSwarm",
     "SailfishSearch",
     "SeagullSearch",
+    "SunflowerSearch",
     "Swarm",
     "WhaleSearch",
+    "apso",
     "bmo",
     "evaluations_per_iteration",
     "ibmo",
@@ -53,6 +61,12 @@ OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingPr
         "sfo": SailfishSearch,
         "gwo": GreyWolf,
         "igwo": ImprovedGreyWolf,
+        "apso": apso,
+        "mcpso": MixedSwarm,
+        "cpso": CoevolvingSwarm,
+        "aga": AdaptiveGenetic,
+        "esfo": SunflowerSearch,
+        "aeo": Ecosystem,
     }
 )
 
@@ -98,7 +112,7 @@ def evaluations_per_iteration(optimizer: AbstractPopulationMinimiser) -> int:
 def summarize_optimizers(population: int = 30) -> list[OptimizerSummary]:
     """Every registered optimizer with its source and what an iteration costs.
 
-    >>> summarize_optimizers()[-1].evaluations_per_iteration
+    >>> summarize_optimizers()[9].evaluations_per_iteration
     60
     """
     return [

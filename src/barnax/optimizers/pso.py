@@ -1,12 +1,14 @@
-"""PSO, particle swarm optimization."""
+"""Particle swarms: PSO, and three forms that batteries were identified with."""
+
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
-from jaxtyping import Array, Float, Int, Key, PyTree
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from .population import AbstractUniformStart
-from .swarm import Box, Swarm
+from .swarm import Box, Leader, Swarm, best_of, better_leader
 
 
 class Flight(eqx.Module):
@@ -16,12 +18,47 @@ class Flight(eqx.Module):
     best_positions: Float[Array, "candidates dims"]
     best_losses: Float[Array, "candidates"]
 
+    @staticmethod
+    def start(swarm: Swarm) -> "Flight":
+        return Flight(jnp.zeros_like(swarm.positions), swarm.positions, swarm.losses)
+
+    def landed(self, swarm: Swarm) -> "Flight":
+        """The memory after a swarm was evaluated; only a strictly better place is remembered."""
+        is_better = swarm.losses < self.best_losses
+        return Flight(
+            self.velocities,
+            jnp.where(is_better[:, None], swarm.positions, self.best_positions),
+            jnp.where(is_better, swarm.losses, self.best_losses),
+        )
+
+    def best(self) -> Float[Array, "dims"]:
+        return self.best_positions[jnp.argmin(self.best_losses)]
+
+
+def fly(
+    flight: Flight,
+    positions: Float[Array, "candidates dims"],
+    inertia: Float[Array, "#candidates 1"],
+    pulls: Float[Array, "2 candidates dims"],
+    guides: Float[Array, "#candidates dims"],
+    limit: Float[Array, "dims"] | float,
+) -> Float[Array, "candidates dims"]:
+    """New velocities: those of before, and pulls toward the own best place and a guide."""
+    own, common = pulls
+    velocities = (
+        inertia * flight.velocities
+        + own * (flight.best_positions - positions)
+        + common * (guides - positions)
+    )
+    return jnp.clip(velocities, -limit, limit)
+
 
 class ParticleSwarm(AbstractUniformStart):
     """Particle swarm optimization (Kennedy and Eberhart, 1995) with falling inertia.
 
     The inertia falls linearly from `inertia_start` to `inertia_end` (Shi and Eberhart, 1998);
-    fresh uniform numbers weigh both pulls in every dimension; velocities start at zero.
+    fresh uniform numbers weigh both pulls in every dimension; velocities start at zero. With
+    `adaptive` a particle's inertia follows its loss instead: `apso`.
 
     By default the velocity limit is `velocity_fraction` of the box's width and particles stay in
     the box. Li et al. (2023), Table 2, is reproduced only by the code distributed with the grey
@@ -38,39 +75,178 @@ class ParticleSwarm(AbstractUniformStart):
     velocity_fraction: float = 0.06
     velocity_limit: float | None = None
     bounded: bool = True
+    adaptive: bool = False
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        flight = Flight(jnp.zeros_like(swarm.positions), swarm.positions, swarm.losses)
-        return Swarm(swarm.positions, swarm.losses, flight)
+        return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
 
     def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Array:
-        return jr.uniform(key, (2, self.population, len(box.lower)), box.lower.dtype)
+        pulls = jnp.array([self.own_pull, self.swarm_pull], box.lower.dtype)[:, None, None]
+        return pulls * jr.uniform(key, (2, self.population, len(box.lower)), box.lower.dtype)
 
     def propose(
         self, drawn: Array, swarm: Swarm, generation: Int[Array, ""], box: Box
     ) -> tuple[Float[Array, "offspring dims"], PyTree]:
         positions, flight = swarm.positions, swarm.memory
-        progress = generation.astype(positions.dtype) / self.iterations
-        inertia = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
-        best = flight.best_positions[jnp.argmin(flight.best_losses)]
-        own, common = drawn
-        velocities = (
-            inertia * flight.velocities
-            + self.own_pull * own * (flight.best_positions - positions)
-            + self.swarm_pull * common * (best - positions)
-        )
+        if self.adaptive:
+            share = badness(swarm.losses)[:, None]
+            inertia = self.inertia_end + share * (self.inertia_start - self.inertia_end)
+        else:
+            progress = generation.astype(positions.dtype) / self.iterations
+            fallen = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
+            inertia = fallen[None, None]
         limit = self.velocity_limit
         if limit is None:
             limit = self.velocity_fraction * (box.upper - box.lower)
-        velocities = jnp.clip(velocities, -limit, limit)
+        velocities = fly(flight, positions, inertia, drawn, flight.best()[None], limit)
         return positions + velocities, Flight(velocities, flight.best_positions, flight.best_losses)
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
-        flight = offspring.memory
-        is_better = offspring.losses < flight.best_losses
-        flight = Flight(
-            flight.velocities,
-            jnp.where(is_better[:, None], offspring.positions, flight.best_positions),
-            jnp.where(is_better, offspring.losses, flight.best_losses),
+        return Swarm(offspring.positions, offspring.losses, offspring.memory.landed(offspring))
+
+
+def apso(population: int = 30, iterations: int = 500) -> ParticleSwarm:
+    """PSO with an adaptive strategy, in the manner of He et al. (2021).
+
+    The inertia of a particle grows with its loss, from `inertia_end` at the swarm's best to
+    `inertia_start` at the mean loss and above, so that good particles search where they are and
+    the others travel. That is the textbook rule of adaptive inertia; what He et al. adapt, and
+    their constants, could not be read. The inertia runs from 0.4 to 0.9 and both pulls are 2.
+    """
+    return ParticleSwarm(population, iterations, inertia_end=0.4, adaptive=True)
+
+
+def badness(losses: Float[Array, "candidates"]) -> Float[Array, "candidates"]:
+    """Each loss between the least (0) and the mean of the finite ones (1), 1 above it."""
+    is_finite = jnp.isfinite(losses)
+    above = jnp.where(is_finite, losses - jnp.min(losses), 0)
+    mean = jnp.sum(above) / jnp.maximum(jnp.sum(is_finite.astype(losses.dtype)), 1)
+    is_good = is_finite & (above < mean)
+    return jnp.where(is_good, above / jnp.where(mean > 0, mean, 1), 1)
+
+
+class Pulls(NamedTuple):
+    """One generation's numbers: weights of both pulls, and whom each explorer follows."""
+
+    weights: Float[Array, "2 candidates dims"]
+    followed: Int[Array, "candidates"]
+
+
+class MixedSwarm(AbstractUniformStart):
+    """Mixed-swarm cooperative PSO, in the manner of Li et al. (2020).
+
+    A share of the particles explore: each follows the best place of another particle, drawn anew
+    in every generation, at constant inertia. The others exploit: they follow the best place of
+    all, at an inertia that falls linearly. The swarms cooperate through the best places, which
+    both read. The paper, of which the name and the summary could be read, speaks of swarms of
+    different behavior that exchange what they find; halves, the rule of either swarm, an inertia
+    of 0.7 and one from 0.9 to 0.2 are ours.
+    """
+
+    population: int = 30
+    iterations: int = 500
+    explorers: float = 0.5
+    exploring_inertia: float = 0.7
+    inertia_start: float = 0.9
+    inertia_end: float = 0.2
+    pull: float = 2.0
+    exploring_pull: float = 1.5
+    velocity_fraction: float = 0.06
+    bounded: bool = True
+
+    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
+        return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
+
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Pulls:
+        weight_key, followed_key = jr.split(key)
+        shape, dtype = (2, self.population, len(box.lower)), box.lower.dtype
+        pull = jnp.where(self._explores(), self.exploring_pull, self.pull).astype(dtype)
+        return Pulls(
+            pull[:, None] * jr.uniform(weight_key, shape, dtype),
+            jr.randint(followed_key, (self.population,), 0, self.population, jnp.int32),
         )
-        return Swarm(offspring.positions, offspring.losses, flight)
+
+    def propose(
+        self, drawn: Pulls, swarm: Swarm, generation: Int[Array, ""], box: Box
+    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+        positions, flight = swarm.positions, swarm.memory
+        progress = generation.astype(positions.dtype) / self.iterations
+        fallen = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
+        explores = self._explores()[:, None]
+        inertia = jnp.where(explores, jnp.full_like(fallen, self.exploring_inertia), fallen)
+        guides = jnp.where(explores, flight.best_positions[drawn.followed], flight.best()[None])
+        limit = self.velocity_fraction * (box.upper - box.lower)
+        velocities = fly(flight, positions, inertia, drawn.weights, guides, limit)
+        return positions + velocities, Flight(velocities, flight.best_positions, flight.best_losses)
+
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+        return Swarm(offspring.positions, offspring.losses, offspring.memory.landed(offspring))
+
+    def _explores(self) -> Bool[Array, "candidates"]:
+        return jnp.arange(self.population) < int(self.explorers * self.population)
+
+
+class Species(eqx.Module):
+    """Sub-swarms, and the context: the best circuit any of them has made with the others."""
+
+    flight: Flight
+    context: Leader
+
+
+class CoevolvingSwarm(AbstractUniformStart):
+    """Co-evolutionary PSO, in the manner of Yu et al. (2017).
+
+    The coordinates are split into `groups` of neighbors, and a sub-swarm searches each: its
+    particles move their own coordinates and are evaluated with the others' taken from the
+    context, the best candidate so far, toward which they are pulled too. That is the cooperative
+    PSO of van den Bergh and Engelbrecht (2004), CPSO-S_K, the usual reading of co-evolution in
+    PSO; Yu et al. could not be read. Departures: all sub-swarms move at once, and one further
+    candidate a generation joins the best of each. Inertia and limits are those of `pso`.
+    """
+
+    population: int = 30
+    iterations: int = 500
+    groups: int = 3
+    inertia_start: float = 0.9
+    inertia_end: float = 0.2
+    pull: float = 2.0
+    velocity_fraction: float = 0.06
+    bounded: bool = True
+
+    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
+        return Swarm(swarm.positions, swarm.losses, Species(Flight.start(swarm), best_of(swarm)))
+
+    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Array:
+        shape = (2, self.population, len(box.lower))
+        return self.pull * jr.uniform(key, shape, box.lower.dtype)
+
+    def propose(
+        self, drawn: Array, swarm: Swarm, generation: Int[Array, ""], box: Box
+    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+        positions, flight, context = swarm.positions, swarm.memory.flight, swarm.memory.context
+        progress = generation.astype(positions.dtype) / self.iterations
+        inertia = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
+        limit = self.velocity_fraction * (box.upper - box.lower)
+        velocities = fly(
+            flight, positions, inertia[None, None], drawn, context.position[None], limit
+        )
+        is_own = self._is_own(positions.shape[1])
+        moved = jnp.where(is_own, positions + velocities, context.position)
+        # The best particle of each sub-swarm, with its own coordinates.
+        losses = jnp.where(is_own, flight.best_losses[:, None], jnp.inf)
+        joined = jnp.take_along_axis(
+            flight.best_positions, jnp.argmin(losses, axis=0)[None], axis=0
+        )
+        remembered = Flight(velocities, flight.best_positions, flight.best_losses)
+        return jnp.concatenate([moved, joined]), Species(remembered, context)
+
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+        moved = Swarm(offspring.positions[:-1], offspring.losses[:-1])
+        flight, context = offspring.memory.flight, offspring.memory.context
+        species = Species(flight.landed(moved), better_leader(context, offspring))
+        return Swarm(moved.positions, moved.losses, species)
+
+    def _is_own(self, dims: int) -> Bool[Array, "candidates dims"]:
+        groups = min(self.groups, dims, self.population // 2)
+        own = jnp.arange(self.population) % groups
+        return own[:, None] == (jnp.arange(dims) * groups // dims)[None]

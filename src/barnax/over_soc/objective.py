@@ -203,13 +203,16 @@ class Objective:
         squared = float(error @ error + bent @ bent)
         return Solution(place, x.reshape(self.tables, -1), sides, error, squared)
 
-    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of the least J by the place: that at fixed tables, which are optimal."""
-        moved = [
+    def moved(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
+        """The derivatives of the error by every axis's place, at fixed tables."""
+        return [
             axis.slopes(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
             for axis, where in zip(self.axes, found.place, strict=True)
         ]
-        return np.array([2 * float(found.error @ each) for each in moved])
+
+    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
+        """The derivative of the least J by the place: that at fixed tables, which are optimal."""
+        return np.array([2 * float(found.error @ each) for each in self.moved(found)])
 
     def tables_at(self, found: Solution, visited: Sequence[bool]) -> SocTables:
         """A solution as stored, pairs from fast to slow."""

@@ -13,6 +13,7 @@ from .landscape import plot_landscape
 from .pulses import plot_pulse_resistances, plot_pulses
 from .replay import plot_soc_replay
 from .soc_tables import plot_error_map, plot_tables
+from .trajectories import plot_trajectories
 from .voltage import plot_condition, plot_voltage
 
 __all__ = [
@@ -31,5 +32,6 @@ __all__ = [
     "plot_pulses",
     "plot_soc_replay",
     "plot_tables",
+    "plot_trajectories",
     "plot_voltage",
 ]

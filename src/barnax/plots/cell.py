@@ -20,6 +20,7 @@ from .style import (
     draw_points,
     figure_style,
     finish,
+    finish_axes,
     make_figure,
 )
 
@@ -78,6 +79,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
 
 
 SAME_MV = 0.1
+NOT_MEASURED = "not measured: the OCV is of one branch only"
 
 
 @figure_style()
@@ -88,7 +90,8 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     the SOC of every OCV point; the thin line is that difference everywhere. Open points are the
     difference with PCHIP through the measured points in place of the curves, drawn where that is
     another: a polynomial that misses its points makes hysteresis that was not measured. A result
-    or the path of a `result.json` serves as well as the cell in it.
+    or the path of a `result.json` serves as well as the cell in it. Of a cell with one branch it
+    says that no hysteresis was measured.
 
     >>> from barnax import bundled_file, characterize, read_record
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
@@ -98,18 +101,23 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     cell = cell_of(cell)
     figure = make_figure()
     axes = figure.subplots()
+    axes.set_xlabel("State of charge [-]")
+    axes.set_ylabel("Hysteresis voltage [mV]\n(charge − discharge OCV)")
+    if not cell.hysteresis.points:
+        place = {"transform": axes.transAxes, "ha": "center", "va": "center"}
+        axes.text(0.5, 0.5, NOT_MEASURED, **place)
+        axes.set_yticks([])
+        finish_axes(axes)
+        return figure
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     for knot in KNOTS[1:-1]:
         axes.axvline(knot, color=GREY, linestyle=":", linewidth=0.9)
-    if cell.hysteresis.points:
-        _draw_difference(axes, cell)
+    _draw_difference(axes, cell)
     for index, (left, right) in enumerate(itertools.pairwise(KNOTS)):
         ends_mv = 1e3 * np.array(cell.hysteresis.ends_v[index])
         label = f"five segments ({cell.hysteresis.kind})" if index == 0 else "_segment"
         axes.plot([left, right], ends_mv, color=VERMILLION, linewidth=2.0, label=label)
     axes.set_xticks(KNOTS[1:-1], minor=True)
-    axes.set_xlabel("State of charge [-]")
-    axes.set_ylabel("Hysteresis voltage [mV]\n(charge − discharge OCV)")
     return finish(figure, axes, columns=2)
 
 

@@ -25,7 +25,7 @@ from .style import (
     show_name,
     title,
 )
-from .voltage import choose_time_unit, lively_stretch, shade_unscored, stretch_clock
+from .voltage import choose_time_unit, shade_unscored, stretch_clock, worst_stretch
 
 if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
@@ -170,8 +170,8 @@ def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     """Voltage over time, measured and of every row; below, the framed stretch magnified.
 
     `evaluations` are the rows' evaluations on one record, under their labels (Li et al., 2023,
-    Fig. 10 and 12). The stretch is a scored one with much change of current, chosen by the
-    current alone; records under 100 scored samples go without. Of more than eight rows the eight
+    Fig. 10 and 12). The stretch is the one where the row with the lowest RMSE errs most; records
+    under 100 scored samples go without. Of more than eight rows the eight
     with the lowest RMSE are drawn, and the title says so. Raises `ValueError` where the rows are
     on different samples.
 
@@ -189,7 +189,8 @@ def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     prepared = next(iter(shown.values())).prepared
     unit = choose_time_unit(prepared.time_s)
     time = prepared.time_s / unit.seconds
-    span = lively_stretch(prepared.current_a, prepared.scored)
+    best = min(shown.values(), key=lambda each: each.metrics.rmse_v)
+    span = worst_stretch(best.error_v, prepared.scored)
     figure = make_figure(height_in=HEIGHT_IN)
     ratios = [1.0, 1.5] if span is not None else [1.0]
     whole, *close = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]

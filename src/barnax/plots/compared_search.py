@@ -23,6 +23,7 @@ from .style import (
     legend_above,
     make_figure,
     readable,
+    space_columns,
 )
 
 if TYPE_CHECKING:
@@ -71,7 +72,8 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
             _draw_convergence(panels[1], row.name, looks[row.name], spent, excess_percent)
     panels[0].set_ylabel("Best RMSE [mV]")
     if has_excess:
-        panels[1].set_ylabel("Best RMSE above the global optimum [%]")
+        panels[1].set_ylabel("Above the global optimum's RMSE [%]")
+        space_columns(figure)
     for axes in panels:
         axes.set(xscale="log", yscale="log", xlabel="Evaluations of one seed [-]")
         label_plainly(axes.yaxis)

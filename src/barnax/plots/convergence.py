@@ -12,12 +12,14 @@ from matplotlib.figure import Figure
 from .sources import result_of
 from .style import (
     BLACK,
+    GREEN,
     SKY_BLUE,
     VERMILLION,
     figure_style,
     finish,
     label_plainly,
     make_figure,
+    space_columns,
 )
 
 if TYPE_CHECKING:
@@ -29,6 +31,13 @@ Histories = Float[np.ndarray, "seeds generations"]
 
 # Excess below this is rounding, and zero has no place on a logarithmic axis.
 LEAST_EXCESS_PERCENT = 1e-6
+
+OPTIMUM = "global optimum"
+# Where both are the same, the wide line shows on either side of the narrow one.
+AIMS: dict[str, dict[str, Any]] = {
+    OPTIMUM: {"color": GREEN, "linewidth": 2.4},
+    "refined": {"color": VERMILLION, "linestyle": "--"},
+}
 
 
 def padded(histories: "Sequence[Sequence[float] | np.ndarray]") -> Histories:
@@ -45,14 +54,15 @@ def padded(histories: "Sequence[Sequence[float] | np.ndarray]") -> Histories:
 def plot_convergence(
     searches: "Search | Result | str | Path | Mapping[str, Any]",
     refinement: "Refinement | None" = None,
+    optimum_rmse_v: float | None = None,
 ) -> Figure:
     """Best RMSE, or loss, of each seed over the evaluations it has spent, and the seeds' median.
 
     `searches` is an identification, drawn in mV, or the `stats` of population optimizers used
-    alone: those of one `optimistix.minimise`, or of many under `jax.vmap`. With `refinement`, a
-    second panel shows how far each seed of an identification is above the refined RMSE, in
-    percent; excesses under 1e-6 % are drawn there. A result, or the path of a `result.json`,
-    holds both. Generations count as equally expensive.
+    alone: those of one `optimistix.minimise`, or of many under `jax.vmap`. With `refinement` or the
+    RMSE of the global optimum, a second panel shows how far each seed of an identification is
+    above the lowest of them, in percent; excesses under 1e-6 % are drawn there. A result, or the
+    path of a `result.json`, holds all. Generations count as equally expensive.
     Generations before a seed's first finite value are not drawn, and count as infinite in the
     median. Losses of zero are drawn below all others; the axis is linear if some are negative.
 
@@ -62,14 +72,14 @@ def plot_convergence(
     if isinstance(searches, Mapping):
         panels = [_plot_losses(figure, searches)]
     else:
-        panels = _plot_errors(figure, *_runs(searches, refinement))
+        panels = _plot_errors(figure, *_runs(searches, refinement, optimum_rmse_v))
     for axes in panels:
         axes.set_xlabel("Evaluations of one seed [-]")
         axes.set_xscale("log")
         label_plainly(axes.xaxis)
         if axes.get_yscale() == "log":
             label_plainly(axes.yaxis)
-    return finish(figure, *panels)
+    return finish(figure, *panels, columns=4)
 
 
 def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
@@ -96,40 +106,48 @@ def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
 
 
 def _runs(
-    searches: "Search | Result | str | Path", refinement: "Refinement | None"
-) -> "tuple[Sequence[SeedAnswer], int, float]":
-    """The seeds, how many candidates each began with, and the refined RMSE in mV or zero."""
+    searches: "Search | Result | str | Path",
+    refinement: "Refinement | None",
+    optimum_v: float | None,
+) -> "tuple[Sequence[SeedAnswer], int, dict[str, float]]":
+    """The seeds, how many candidates each began with, and the RMSE in mV that they aim at."""
     from ..search.seeds import Search
 
     if isinstance(searches, Search):
-        refined_mv = 0.0 if refinement is None else 1e3 * refinement.rmse_v
-        return searches.seeds, searches.optimizer.population, refined_mv
-    result = result_of(searches)
-    if result.search is None or result.refined is None:
-        raise ValueError("this result was found without seeds, so no search converged")
-    return result.search.seeds, result.search.population, 1e3 * result.refined.rmse_v
+        seeds, population = searches.seeds, searches.optimizer.population
+        refined_v = None if refinement is None else refinement.rmse_v
+    else:
+        result = result_of(searches)
+        if result.search is None or result.refined is None:
+            raise ValueError("this result was found without seeds, so no search converged")
+        seeds, population = result.search.seeds, result.search.population
+        refined_v, found = result.refined.rmse_v, result.global_optimum
+        optimum_v = None if found is None else found.rmse_v
+    aims_v = {OPTIMUM: optimum_v, "refined": refined_v}
+    return seeds, population, {name: 1e3 * aim for name, aim in aims_v.items() if aim is not None}
 
 
 def _plot_errors(
-    figure: Figure, seeds: "Sequence[SeedAnswer]", population: int, refined_mv: float
+    figure: Figure, seeds: "Sequence[SeedAnswer]", population: int, aims_mv: Mapping[str, float]
 ) -> list[Axes]:
-    """A panel of RMSE and, where a refined RMSE is given, one of the excess over it.
+    """A panel of RMSE and, where there is one to aim at, one of the excess over the lowest.
 
-    A refined RMSE of zero, as of data without noise, has neither excess nor a logarithm.
+    A lowest RMSE of zero, as of data without noise, has neither excess nor a logarithm.
     """
+    lowest_mv = min(aims_mv.values(), default=0.0)
     history_mv = 1e3 * padded([seed.history_v for seed in seeds])
     spent = np.array([seed.evaluations for seed in seeds])
     evaluations = np.linspace(population, spent, history_mv.shape[1], axis=1)
-    rmse, *excess = figure.subplots(1, 2 if refined_mv > 0 else 1, squeeze=False)[0]
+    rmse, *excess = figure.subplots(1, 2 if lowest_mv > 0 else 1, squeeze=False)[0]
     _draw_seeds(rmse, evaluations, history_mv)
     rmse.set(ylabel="Best RMSE [mV]", yscale="log")
-    if refined_mv > 0:
-        rmse.axhline(
-            refined_mv, color=VERMILLION, linestyle="--", label=f"refined, {refined_mv:.4g} mV"
-        )
-        excess_percent = 100 * (history_mv / refined_mv - 1)
+    if lowest_mv > 0:
+        for name, aim_mv in aims_mv.items():
+            rmse.axhline(aim_mv, **AIMS[name], label=f"{name}, {aim_mv:.4g} mV")
+        excess_percent = 100 * (history_mv / lowest_mv - 1)
         _draw_seeds(excess[0], evaluations, np.maximum(excess_percent, LEAST_EXCESS_PERCENT))
-        excess[0].set(ylabel="Best RMSE above the refined [%]", yscale="log")
+        excess[0].set(ylabel="Above the lowest known RMSE [%]", yscale="log")
+        space_columns(figure)
     return [rmse, *excess]
 
 

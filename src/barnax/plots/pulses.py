@@ -63,8 +63,8 @@ def _draw_pulse(
         (evaluation.simulated_v, {"color": BLACK, "linewidth": 0.7, "linestyle": (0, (3, 2))}),
     ):
         drop_v = voltage_v[inside.start] - voltage_v[inside]
-        is_simulated = voltage_v is evaluation.simulated_v
-        label = "simulated" if is_simulated and is_first else "_"
+        name = "simulated" if voltage_v is evaluation.simulated_v else "measured, colored by SOC"
+        label = name if is_first else "_"
         axes.plot(since_s, 1e3 * (drop_v[is_on] / change_a[is_on]), label=label, **style)
 
 

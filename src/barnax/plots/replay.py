@@ -51,15 +51,30 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
         errors.axhline(0.0, color=BLACK, linewidth=0.6)
         for place, (part, color) in enumerate(zip(replay.scenarios, COLORS, strict=False)):
             soc = 100 * np.asarray(traces.estimate.soc[place])
-            draw_line(over_time, time, soc, color=color, label=part.name)
-            error = soc - 100 * traces.truth
-            draw_line(errors, time, error, color=color, label=part.name)
+            # Where the others agree with the first, it shows on either side of them.
+            style = {"color": color, "label": part.name, "linewidth": 2.6 if place == 0 else 1.0}
+            draw_line(over_time, time, soc, **style)
+            draw_line(errors, time, soc - 100 * traces.truth, **style)
             counted = 100 * (traces.counted[place] - traces.truth)
             errors.plot(time[::100], counted[::100], color=color, linestyle="--", linewidth=0.7)
         errors.plot([], [], color=GREY, linestyle="--", label="counting alone")
         errors.set_ylim(-WIDEST_PERCENT, WIDEST_PERCENT)
+        errors.set_title(_beyond(replay), loc="right")
         over_time.set_ylabel("State of charge [%]")
-        errors.set_ylabel("Error [%]\n(filter − counter)")
+        errors.set_ylabel("Error of SOC [%]\n(filter − counter)")
         errors.set_xlabel(unit.label)
         title(over_time, f"{replay.record}: {replay.model}, {replay.settings.kind.upper()}")
         return finish(figure, over_time, errors, columns=4)
+
+
+def _beyond(replay: "SocReplay") -> str:
+    """What leaves the scale of the errors, and how far; nothing where nothing does."""
+    traces, far = replay.traces, []
+    for way, soc in (("filter", traces.estimate.soc), ("counting", traces.counted)):
+        most = 100 * np.abs(np.asarray(soc) - traces.truth).max(axis=1)
+        far += [
+            f"{part.name} ({way}, {error:.2g} %)"
+            for part, error in zip(replay.scenarios, most, strict=True)
+            if error > WIDEST_PERCENT
+        ]
+    return f"beyond the scale: {'; '.join(far)}" if far else ""

@@ -21,6 +21,7 @@ from .style import (
     finish,
     finish_axes,
     make_figure,
+    space_columns,
     title,
 )
 
@@ -151,6 +152,7 @@ def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     known = np.concatenate([each.compressed() for each in maps.values()])
     top = float(np.percentile(known, SHOWN_PERCENT)) if len(known) else 1.0
     figure = make_figure(height_in=3.2)
+    space_columns(figure)
     panels = np.atleast_1d(figure.subplots(1, len(maps), sharex=True, sharey=True))
     scale = ScalarMappable(Normalize(0.0, top), matplotlib.colormaps["viridis"])
     for axes, (name, rmse_mv) in zip(panels, maps.items(), strict=True):

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, fontManager, get_font
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
@@ -91,6 +92,13 @@ def figure_style() -> Iterator[None]:
 def make_figure(width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN) -> Figure:
     """An empty figure that no pyplot knows of."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def space_columns(figure: Figure) -> None:
+    """Room between columns of panels, so that no label stands nearer to the panel left of it."""
+    engine = figure.get_layout_engine()
+    if isinstance(engine, ConstrainedLayoutEngine):
+        engine.set(wspace=0.08)
 
 
 def finish(figure: Figure, *panels: Axes, columns: int = 3) -> Figure:

@@ -35,7 +35,6 @@ HOURS_FROM_S = 7200.0
 STRETCH_SAMPLES = 200
 STRETCHES_PER_RECORD = 5
 SHORTEST_STRETCH = 20
-AS_LIVELY = 0.98
 
 Samples = Float[np.ndarray, "samples"]
 
@@ -81,21 +80,16 @@ def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"
     axes.set_ylim(bottom, top)
 
 
-def lively_stretch(current_a: Samples, scored: Bool[np.ndarray, "samples"]) -> slice | None:
-    """A short scored stretch with much change of current, or `None` where the record is short.
+def worst_stretch(error_v: Samples, scored: Bool[np.ndarray, "samples"]) -> slice | None:
+    """The short stretch with the largest RMSE of its scored samples, the first of several.
 
-    Chosen by the current alone, so that it neither flatters nor blames the simulation. Where a
-    profile repeats itself, the repetition nearest to the middle of the scored samples is taken.
+    `None` where the record is short.
     """
     length = min(STRETCH_SAMPLES, int(np.count_nonzero(scored)) // STRETCHES_PER_RECORD)
     if length < SHORTEST_STRETCH:
         return None
-    both_scored = scored[1:] & scored[:-1]
-    change_a = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(current_a)) * both_scored)])
-    within_a = change_a[length - 1 :] - change_a[: len(change_a) - length + 1]
-    lively = np.flatnonzero(within_a >= AS_LIVELY * within_a.max())
-    middle = np.median(np.flatnonzero(scored)) - length / 2
-    start = int(lively[np.argmin(np.abs(lively - middle))])
+    squares = np.concatenate([[0.0], np.cumsum(np.where(scored, error_v, 0.0) ** 2)])
+    start = int(np.argmax(squares[length:] - squares[:-length]))
     return slice(start, start + length)
 
 
@@ -157,8 +151,8 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
     """Voltage over time, measured and simulated, above the current.
 
     Time is on the record's own clock, in seconds below two hours. Samples that do not count
-    towards the metrics are shaded. At the right the framed stretch, magnified: a scored one with
-    much change of current; records under 100 scored samples go without.
+    towards the metrics are shaded. At the right the framed stretch, magnified: the one with the
+    largest error; records under 100 scored samples go without.
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
@@ -170,7 +164,7 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
     """
     prepared = evaluation.prepared
     unit = choose_time_unit(prepared.time_s)
-    span = lively_stretch(prepared.current_a, prepared.scored)
+    span = worst_stretch(evaluation.error_v, prepared.scored)
     figure = make_figure()
     columns = 1 if span is None else 2
     widths, heights = [1.9, 1.0][:columns], [2.0, 1.0]
@@ -214,7 +208,7 @@ def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> 
     current.set_xlabel(label)
     for axes in (voltage, current):
         axes.set_ylabel("")
-    title(voltage, "framed stretch")
+    title(voltage, "largest error (framed)")
     edges = prepared.time_s[[span.start, span.stop - 1]] / unit.seconds
     for axes in panels[:, 0]:
         axes.axvspan(*edges, facecolor="none", edgecolor=FRAME, linewidth=0.9, zorder=3)

@@ -22,6 +22,7 @@ from ..plots import (
     plot_pulse_resistances,
     plot_pulses,
     plot_tables,
+    plot_trajectories,
     plot_voltage,
 )
 from ..plots.landscape import has_landscape
@@ -63,7 +64,7 @@ WORDS = {
     ),
     "voltage": (
         "Measured and simulated voltage on {}, and the current. At the right the framed stretch, "
-        "chosen by the current alone.",
+        "the one with the largest error.",
         "Measured and simulated voltage over time, above the current",
     ),
     "error": (
@@ -91,12 +92,12 @@ WORDS = {
     ),
     "convergence": (
         "How the best RMSE of every seed fell during the search, and how far each stayed above "
-        "the refined answer.",
+        "the lowest RMSE known.",
         "Best RMSE of every seed over evaluations",
     ),
     "voltages": (
-        "Measured and simulated voltage on {}. Below, the framed stretch, chosen by the current "
-        "alone.",
+        "Measured and simulated voltage on {}. Below, the framed stretch, the one where the row "
+        "with the lowest RMSE errs most.",
         "Measured voltage and the simulations of the rows over time, with a magnified stretch",
     ),
     "errors": (
@@ -104,6 +105,11 @@ WORDS = {
         "scale. Dashed: plus and minus the RMSE; steps: the RMSE in each twentieth of the state "
         "of charge.",
         "Errors of the rows over time and over the state of charge",
+    ),
+    "trajectories": (
+        "What the online methods took the circuit for: medians in each percent of the state of "
+        "charge. Dashes at the right: what they answer.",
+        "Resistances and time constants of online methods over the state of charge",
     ),
     "convergence of rows": (
         "How the best RMSE of each row fell: the median of its seeds, and a band from the tenth "
@@ -142,7 +148,8 @@ class Figures:
 
     def add_cell(self, cell: "CellModel") -> None:
         self.add("ocv", "ocv", "", partial(plot_ocv, cell))
-        self.add("hysteresis", "hysteresis", "", partial(plot_hysteresis, cell))
+        if cell.hysteresis.points:
+            self.add("hysteresis", "hysteresis", "", partial(plot_hysteresis, cell))
 
     def add_condition(self, role: str, evaluation: "Evaluation") -> None:
         prepared = evaluation.prepared
@@ -231,7 +238,8 @@ def _identification_figures(run: "Run") -> Figures:
     figures.add_pulses(roles, answered.identification)
     answers = {}
     if run.search is not None:
-        draw = partial(plot_convergence, run.search, run.refinement)
+        optimum_v = None if run.optimum is None else run.optimum.rmse_v
+        draw = partial(plot_convergence, run.search, run.refinement, optimum_v)
         figures.add("convergence", "convergence", "", draw)
         method, _ = describe(run.search.optimizer)
         answers[method] = [seed.parameters for seed in run.search.seeds]
@@ -264,6 +272,9 @@ def comparison_illustrations(
                 "voltages", f"{role}-voltages", record, partial(plot_compared_voltages, rows)
             )
             figures.add("errors", f"{role}-errors", record, partial(plot_compared_errors, rows))
+        online = {row.name: row for row in comparison.answered}
+        if any(row.median.trajectory is not None for row in online.values()):
+            figures.add("trajectories", "trajectories", "", partial(plot_trajectories, online))
     if any(row.seeds for row in result.rows):
         draw = partial(plot_compared_convergence, result)
         figures.add("convergence of rows", "convergence", "", draw)

@@ -1,6 +1,8 @@
 """Tables over SOC in words and tables: how good they are, whether they pay, and every node."""
 
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
@@ -21,7 +23,7 @@ from .words import (
 if TYPE_CHECKING:
     from ..comparison.tabulated import Tabulated
     from ..over_soc import NodeInterval, SocErrors, TableFit
-    from ..results import Result, TablesPart
+    from ..results import MetricsPart, Result, TablesPart
 
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
@@ -38,31 +40,76 @@ def best_tables(fit: "TableFit") -> str:
     return f"verified on a grid of time constants; the proof got to: {gap}."
 
 
-def pay_sentence(fit: "TableFit") -> str:
-    """Whether tables pay, by blocks held out of the fit; empty where none were."""
-    held = fit.cross_validation
-    if held is None:
+def pay_sentence(fit: "TableFit", unseen: "Sequence[tuple[SocErrors, SocErrors]]" = ()) -> str:
+    """Whether tables pay; empty where nothing was held out and no other record is there.
+
+    `unseen` are the constant circuit's errors and the tables' on each validation record, which
+    decide where there are any; else blocks held out of the fit do.
+    """
+    held, told, pays = fit.cross_validation, [], False
+    if unseen:
+        constant, tables = (_together(each) for each in zip(*unseen, strict=True))
+        pays = tables.rmse_v < constant.rmse_v
+        told.append(f"{_change(constant, tables)} on records not used")
+    if held is not None:
+        agrees = held.tables.is_worth(held.constant)
+        pays = pays if told else agrees
+        joint = "" if not told else ", and " if agrees == pays else ", but "
+        change = _change(held.constant, held.tables)
+        told.append(f"{joint}{change} on blocks of the records held out of the fit")
+    if not told:
         return ""
-    pays = held.tables.is_worth(held.constant)
-    change = f"{fixed(1e3 * held.constant.rmse_v, 1)} to {fixed(1e3 * held.tables.rmse_v, 1)} mV"
-    if held.tables.above_v is not None and held.constant.above_v is not None:
-        above = (fixed(1e3 * each, 1) for each in (held.constant.above_v, held.tables.above_v))
-        change += f" ({' to '.join(above)} above 10 % SOC)"
-    change += " on blocks of the records held out of the fit"
     if pays:
-        return f"tables pay here: {change}."
-    return f"tables do not pay here: {change}; the constant circuit is the safer one."
+        return f"tables pay here: {''.join(told)}."
+    return f"tables do not pay here: {''.join(told)}; the constant circuit is the safer one."
 
 
-def tables_sentences(part: "TablesPart", constant_v: float) -> Iterator[str]:
+def unseen_errors(result: "Result") -> "list[tuple[SocErrors, SocErrors]]":
+    """The constant circuit's errors and the tables' on each validation record of a result."""
+    from ..over_soc import SocErrors
+
+    def errors(part: "MetricsPart") -> "SocErrors":
+        return SocErrors(part.rmse_v, part.rmse_above_10_soc_v)
+
+    if result.tables is None:
+        return []
+    both = zip(result.metrics.validation, result.tables.metrics.validation, strict=True)
+    return [(errors(constant), errors(tables)) for constant, tables in both]
+
+
+def _together(errors: "Sequence[SocErrors]") -> "SocErrors":
+    """The root mean square over records, each counting alike."""
+
+    def of(values: list[float]) -> float:
+        return math.sqrt(sum(each**2 for each in values) / len(values))
+
+    above = [each.above_v for each in errors if each.above_v is not None]
+    return replace(
+        errors[0],
+        rmse_v=of([each.rmse_v for each in errors]),
+        above_v=of(above) if len(above) == len(errors) else None,
+    )
+
+
+def _change(constant: "SocErrors", tables: "SocErrors") -> str:
+    """From the constant circuit's error to the tables'."""
+    change = f"{fixed(1e3 * constant.rmse_v, 1)} to {fixed(1e3 * tables.rmse_v, 1)} mV"
+    if tables.above_v is not None and constant.above_v is not None:
+        above = (fixed(1e3 * each, 1) for each in (constant.above_v, tables.above_v))
+        change += f" ({' to '.join(above)} above 10 % SOC)"
+    return change
+
+
+def tables_sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     """What the tables give, how sure that is, and what to beware of."""
     fit, own_v = part.fit, part.metrics.identification.rmse_v
+    constant_v, unseen = result.metrics.identification.rmse_v, unseen_errors(result)
     yield (
         f"With tables over SOC the RMSE is {millivolt(own_v)}; the constant circuit leaves "
         f"{millivolt(constant_v)}. {fit.parameters} values are determined by samples."
     )
     yield f"Best possible: {best_tables(fit)}"
-    if pays := pay_sentence(fit):
+    if pays := pay_sentence(fit, unseen):
         yield pays[0].upper() + pays[1:]
     if part.settings.ocv_correction:
         yield (
@@ -80,7 +127,7 @@ def tables_section(result: "Result", pictures: tuple) -> list[Section]:
     """Tables over SOC in the report, where there are any."""
     if result.tables is None:
         return []
-    told = tuple(tables_sentences(result.tables, result.metrics.identification.rmse_v))
+    told = tuple(tables_sentences(result.tables, result))
     blocks = (Bullets(told), constants_table(result.tables.fit), nodes_table(result.tables.fit))
     return [Section("Tables over SOC", (*blocks, *pictures))]
 
@@ -111,8 +158,39 @@ def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[
         cells,
         list(cells),
     )
-    told = [f"{each.model}: {pay_sentence(each.fit)}" for each in found]
-    return [Section("Tables over SOC", (Bullets(tuple(told)), table))]
+    told = []
+    for each in found:
+        unseen = list(zip(each.constant_errors, each.errors, strict=True))[1:]
+        if pays := pay_sentence(each.fit, unseen):
+            told.append(f"{each.model}: {pays}")
+    told += [f"{each.model}: {best_tables(each.fit)}" for each in found]
+    searched = [_searched(found, names)] if any(each.searches for each in found) else []
+    return [Section("Tables over SOC", (Bullets(tuple(told)), table, *searched))]
+
+
+def _searched(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table:
+    """What each method makes of the time constants, with the tables solved inside."""
+    rows = [(each.model, search) for each in found for search in each.searches]
+    cells = {
+        "row": lambda row: f"{row[1].method} {row[0]}:soc",
+        "sqrt(J) [mV]": lambda row: fixed(1e3 * row[1].objective_v, 4),
+        "best [mV]": lambda row: fixed(1e3 * row[1].best_objective_v, 4),
+        "worst [mV]": lambda row: fixed(1e3 * row[1].worst_objective_v, 4),
+        "gap [%]": lambda row: fixed(100 * row[1].gap, 3),
+        "seeds": lambda row: str(row[1].seeds),
+        "evaluations": lambda row: str(row[1].evaluations),
+    }
+    for place in range(len(names)):
+        role = "identified on" if place == 0 else f"validation {place if len(names) > 2 else ''}"
+        cells[f"{role.strip()} [mV]"] = lambda row, place=place: _errors(row[1].errors[place])
+    return make_table(
+        "The time constants searched by each method, with the best tables solved exactly at every "
+        "place it tries: the median seed, beside the best and the worst. The gap is over the "
+        "optimum that the grid and its descents find.",
+        rows,
+        cells,
+        ["row", *list(cells)[7:]],
+    )
 
 
 def nodes_table(fit: "TableFit") -> Table:

@@ -14,7 +14,7 @@ from ..errors import printable
 from .document import Bullets, Document, Listing, Paragraph, Table
 from .pulses import middle_heads as middle_heads_of_pulses
 from .pulses import middle_pulses
-from .soc_tables import middle_heads, middle_rows, pay_sentence
+from .soc_tables import middle_heads, middle_rows, pay_sentence, unseen_errors
 from .verdict import best_possible, weakest_point
 from .words import between, duration, figures, with_unit
 
@@ -53,8 +53,10 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
         yield indented(_pulses_table(result))
         yield Text()
     lines = [("Best possible", best_possible(result))]
-    if result.tables is not None and (pays := pay_sentence(result.tables.fit)):
-        lines.append(("Held out", pays[0].upper() + pays[1:]))
+    if result.tables is not None and (
+        pays := pay_sentence(result.tables.fit, unseen_errors(result))
+    ):
+        lines.append(("Worth it", pays[0].upper() + pays[1:]))
     weakest = weakest_point(result)
     if weakest:
         lines.append(("Weakest point", weakest))

@@ -48,7 +48,7 @@ def _parse_mpr(content: bytes) -> Columns:
     from galvani.BioLogic import MPRfile  # pyright: ignore[reportMissingImports]
 
     data = MPRfile(io.BytesIO(content)).data
-    return {name: data[name] for name in data.dtype.names}
+    return {name: data[name] for name in data.dtype.names or ()}
 
 
 def _parse_res(content: bytes) -> Columns:

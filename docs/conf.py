@@ -1,0 +1,99 @@
+"""The site: `python -m sphinx -W docs build/site` after `pip install -e ".[docs]"`."""
+
+import re
+import shutil
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+REPOSITORY = HERE.parent
+
+project = "barnax"
+author = "The barnax developers"
+copyright = "The barnax developers, BSD-3-Clause"
+release = version = version_of("barnax")
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
+exclude_patterns = ["build", "result.schema.json"]
+html_theme = "furo"
+html_title = f"barnax {release}"
+html_static_path: list[str] = []
+html_show_sphinx = False
+
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_heading_anchors = 3
+# Notebooks run from their text, each in a folder of its own, and a failing cell fails the site.
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(REPOSITORY / "build" / "notebooks")
+nb_execution_timeout = 300
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 88
+
+# Pages that stand elsewhere in the repository, where its own readers look for them, are copied into
+# a folder that git ignores; links to them lead to the copies.
+COPIES = HERE / "repository"
+RESULTS = REPOSITORY / "benchmarks" / "results"
+TAKEN = {
+    "../CONTRIBUTING.md": "contributing.md",
+    "../CHANGELOG.md": "changelog.md",
+    "../data/virtual_cell/README.md": "data.md",
+    "../benchmarks/results/": "results/",
+}
+
+
+def copy_pages(app: Any) -> None:
+    """Copy the pages and the pictures of the results, and list the results."""
+    pages = {COPIES / inside: HERE / outside for outside, inside in TAKEN.items()}
+    del pages[COPIES / "results"]
+    results = sorted(RESULTS.glob("*.md"))
+    pages |= {COPIES / "results" / path.name: path for path in results}
+    for copy, path in pages.items():
+        up = "../" * (len(copy.relative_to(HERE).parts) - 1)
+        text = path.read_text(encoding="utf-8")
+        for there, here in (("docs/", up), ("../../docs/", up), ("CHANGELOG.md", "changelog.md")):
+            text = text.replace(f"]({there}", f"]({here}")
+        _write(copy, text)
+    names = "\n".join(path.stem for path in results)
+    _write(
+        COPIES / "results" / "index.md",
+        "# Results\n\nEvery page is printed by a committed command, which it names.\n\n"
+        f"```{{toctree}}\n{names}\n```\n",
+    )
+    for path in RESULTS.glob("*.png"):
+        shutil.copy2(path, COPIES / "results" / path.name)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write only what differs, so that an unchanged page is not built again."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def point_at_copies(app: Any, name: str, source: list[str]) -> None:
+    """Links out of the folder lead to the copies."""
+    up = "../" * name.count("/")
+    for outside, inside in TAKEN.items():
+        source[0] = source[0].replace(f"]({up}{outside}", f"]({up}repository/{inside}")
+
+
+def mark_code(app: Any, what: str, name: str, each: Any, options: Any, lines: list[str]) -> None:
+    """Code between single backticks, as docstrings have it, is code wherever a word goes on."""
+    lines[:] = [re.sub(r"(?<!`)`([^`]+)`(?!`)(?=(\w?))", _literal, line) for line in lines]
+
+
+def _literal(found: re.Match[str]) -> str:
+    return f"``{found[1]}``" + ("\\ " if found[2] else "")
+
+
+def setup(app: Any) -> None:
+    app.connect("autodoc-process-docstring", mark_code)
+    app.connect("builder-inited", copy_pages)
+    app.connect("source-read", point_at_copies)

@@ -1,0 +1,198 @@
+"""Kalman filters that identify a circuit while it runs: with least squares, and dual."""
+
+from functools import partial
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..cell import CellModel, CircuitParameters
+from ..execution import in_float64
+from ..filters import Drive, ErrorModel, make_model, run_filter
+from ..filters.model import GRID, NOISES_PER_REST
+from ..model.inputs import PreparedRecord
+from ..model.problem import Problem
+from ..model.search_space import ResistanceBounds
+from .method import Answer, Budget, Method, MethodFailure, Progress
+from .regression import (
+    FORGETTING,
+    VARIANCE,
+    EvenSamples,
+    averaged,
+    circuit_values,
+    regression,
+)
+
+# What is expected of a circuit in the middle of its box, before it has seen anything.
+FIRST_ERROR_V = 0.02
+# The start is known from rest; this is what a battery manager would grant it.
+SOC_SD = 0.01
+# A parameter may be so far from the middle of its box, in logarithms, one standard deviation.
+LARGEST_SD = 1.0
+
+
+def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
+    """A circuit in the middle of the box, and each parameter's prior deviation, none if held.
+
+    Time constants stand at equal steps of their logarithm, for two pairs at one place would stay
+    there. Deviations are of the logarithms: a quarter of the box, `LARGEST_SD` at most.
+    """
+    box, pairs = ResistanceBounds(problem.bounds), problem.bounds.pairs
+    shares = np.arange(1, pairs + 1) / (pairs + 1)
+    tau_low, tau_high = np.array([box.tau_range_s(pair) for pair in range(pairs)]).T
+    tau_s = tau_low * (tau_high / tau_low) ** shares
+    low, high = box.resistance_box(tau_s)
+    r0, *r = np.sqrt(low * high)
+    gamma = None if box.gamma_range is None else float(np.sqrt(np.prod(box.gamma_range)))
+    names = ["R0", *(f"R{pair}" for pair in range(1, pairs + 1))]
+    names += [f"tau{pair}" for pair in range(1, pairs + 1)]
+    spans = np.log(np.concatenate([high / low, tau_high / tau_low])) / 4
+    sd = {name: min(float(span), LARGEST_SD) for name, span in zip(names, spans, strict=True)}
+    c = tuple(float(tau / each) for tau, each in zip(tau_s, r, strict=True))
+    circuit = CircuitParameters(float(r0), tuple(float(each) for each in r), c, gamma)
+    return circuit, {name: each for name, each in sd.items() if each > 0}
+
+
+@in_float64
+def least_squares_and_filter(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """Recursive least squares for the circuit, an extended Kalman filter for its states, in turn.
+
+    In the manner of Tan et al. (2021): at every sample the filter moves SOC and the voltages of
+    the pairs by the circuit of the least squares, and these take the open-circuit voltage at the
+    filter's SOC, not at the counter's. The filter has the first circuit of `middle_of` until the
+    regression finds one. What the paper leaves open is taken so: the regression is that of `rls`;
+    the current's noise is a fifth of that below which the cell counts as resting; the measurement
+    noise is the mean square of the innovations so far, forgotten as in `rls`. Answers as
+    `averaged` says. Raises `MethodFailure` where a parameter is held or the filter diverges.
+    """
+    del budget
+    samples, columns, _ = regression(problem)
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
+    middle, _ = middle_of(problem)
+    found = _track_with_filter(problem.prepared, problem.cell, samples, scale, middle)
+    progress(1)
+    return averaged(problem, samples, *found)
+
+
+def _track_with_filter(
+    prepared: PreparedRecord,
+    cell: CellModel,
+    samples: EvenSamples,
+    scale: Float[np.ndarray, "coefficients"],
+    middle: CircuitParameters,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """R0, R and tau after every row."""
+    model = make_model(cell, prepared.circuit, middle, ErrorModel(FIRST_ERROR_V))
+    ocv_v, half_v = np.asarray(model.table[:, 0]), np.asarray(model.table[:, 1])
+    slope_v = np.gradient(ocv_v, GRID)
+    drive = jax.tree.map(np.asarray, Drive.of(prepared))
+    pairs, current_sd_a = middle.pairs, prepared.rest_current_a / NOISES_PER_REST
+    r0, r, tau_s = middle.r0, np.array(middle.r), np.array(middle.tau_s)
+    state = np.concatenate([[prepared.start.soc], np.zeros(pairs)])
+    covariance = np.diag([SOC_SD**2, *(r * current_sd_a) ** 2])
+    noise_v2 = FIRST_ERROR_V**2
+    coefficients, variance = np.zeros(len(scale)), VARIANCE * np.eye(len(scale))
+    drops_v, rows = np.zeros(len(samples.time_s)), []
+    for k, (interval_s, held_a) in enumerate(zip(drive.interval_s, drive.held_a, strict=True)):
+        kept = np.exp(-interval_s / tau_s)
+        per_ampere = np.concatenate([[-interval_s / (3600 * prepared.capacity_ah)], r * (1 - kept)])
+        kept = np.concatenate([[1.0], kept])
+        state = kept * state + per_ampere * held_a
+        covariance = kept[:, None] * covariance * kept
+        covariance += np.diag((per_ampere * current_sd_a) ** 2)
+        by_state = np.concatenate([[np.interp(state[0], GRID, slope_v)], -np.ones(pairs)])
+        turned_v = drive.direction[k] * np.interp(state[0], GRID, half_v)
+        source_v = np.interp(state[0], GRID, ocv_v) + turned_v
+        innovation_v = drive.voltage_v[k] - (source_v - r0 * drive.current_a[k] - state[1:].sum())
+        noise_v2 += (1 - FORGETTING) * (innovation_v**2 - noise_v2)
+        seen = covariance @ by_state
+        gain = seen / (by_state @ seen + noise_v2)
+        state = state + gain * innovation_v
+        covariance = covariance - np.outer(gain, seen)
+        if not np.all(np.isfinite(state)):
+            raise MethodFailure(f"the filter of its states diverges after {drive_time(drive, k)}")
+        source_v = np.interp(state[0], GRID, ocv_v) + turned_v
+        drops_v[k] = source_v - drive.voltage_v[k]
+        if not samples.is_row[k]:
+            continue
+        recent = slice(k - pairs, k + 1)
+        drops = [np.diff(drops_v[recent], order)[0] for order in range(pairs + 1)]
+        currents = [np.diff(drive.current_a[recent], order)[0] for order in range(pairs + 1)]
+        regressor = np.array([-each for each in drops[-2::-1]] + currents[::-1]) / scale
+        variance = variance / FORGETTING
+        weighed = variance @ regressor
+        share = weighed / (1 + regressor @ weighed)
+        coefficients = coefficients + share * (drops[-1] - regressor @ coefficients)
+        variance = variance - np.outer(share, weighed)
+        variance = (variance + variance.T) / 2
+        rows.append(circuit_values(coefficients / scale, samples, pairs))
+        if all(np.all(np.isfinite(each) & (each > 0)) for each in rows[-1]):
+            r0, r, tau_s = rows[-1]
+    r0s, rs, taus_s = zip(*rows, strict=True)
+    return np.array(r0s), np.array(rs), np.array(taus_s)
+
+
+def drive_time(drive: Drive, place: int) -> str:
+    """The time of a sample since the first."""
+    return f"{float(np.sum(drive.interval_s[: place + 1])):.0f} s"
+
+
+@in_float64
+def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+    """Two unscented Kalman filters, of the states and of the circuit, whose noise adapts.
+
+    In the manner of Peng et al. (2021), by `barnax.filters`: the dual form of the unscented filter,
+    the measurement noise following the residuals with the memory of `rls`. What the paper leaves
+    open is taken so: it starts in the middle of the box (`middle_of`) at the counter's SOC, and
+    parameters are logarithms, so that each sample has a circuit. The filter of the parameters looks
+    one interval ahead, which shows it time constants and slow pairs only faintly. Answers as
+    `averaged` says; a dynamic hysteresis keeps the middle rate. Raises `MethodFailure` where a
+    filter diverges.
+    """
+    del budget
+    prepared, (middle, slow_sd) = problem.prepared, middle_of(problem)
+    model = make_model(
+        problem.cell, problem.circuit, middle, ErrorModel(FIRST_ERROR_V),
+        rest_current_a=prepared.rest_current_a,
+        slow=tuple(slow_sd), slow_sd=tuple(slow_sd.values()),
+    )  # fmt: skip
+    start = model.start(prepared.start.soc, SOC_SD, float(prepared.start.direction), 0.0)
+    drive = Drive.of(prepared)
+    found = np.asarray(_dual(model, start, drive).slow)
+    if not np.all(np.isfinite(found)):
+        first = int(np.argmin(np.all(np.isfinite(found), axis=1)))
+        raise MethodFailure(f"its filters diverge after {drive_time(drive, first)}")
+    factor = dict(zip(slow_sd, np.exp(found).T, strict=True))
+    pairs = range(1, middle.pairs + 1)
+    held = np.ones(len(found))
+    r = np.stack([middle.r[pair - 1] * factor.get(f"R{pair}", held) for pair in pairs], axis=1)
+    tau_s = [middle.tau_s[pair - 1] * factor.get(f"tau{pair}", held) for pair in pairs]
+    tau_s = np.stack(tau_s, axis=1)
+    if problem.bounds.pairs_are_alike:
+        # They may change places on their way.
+        order = np.argsort(tau_s, axis=1)
+        r, tau_s = (np.take_along_axis(each, order, axis=1) for each in (r, tau_s))
+    samples = EvenSamples(
+        prepared.time_s, prepared.source_v, prepared.current_a, prepared.scored,
+        prepared.median_interval_s, is_forward=True, notes=(),
+    )  # fmt: skip
+    chosen = prepared.scored
+    r0 = middle.r0 * factor.get("R0", held)
+    progress(1)
+    return averaged(problem, samples, r0[chosen], r[chosen], tau_s[chosen])
+
+
+_dual = jax.jit(partial(run_filter, kind="ukf", form="dual", adapting=1 - FORGETTING))
+
+RLS_EKF = Method(
+    "rls-ekf",
+    "Recursive least squares and an extended Kalman filter for the states (Tan et al., 2021)",
+    is_deterministic=True,
+    run=least_squares_and_filter,
+)
+DUAL_UKF = Method(
+    "dual-ukf",
+    "Adaptive dual unscented Kalman filter (Peng et al., 2021)",
+    is_deterministic=True,
+    run=dual_filter,
+)

@@ -1,0 +1,337 @@
+"""The plan of some files: which temperature, which OCV test, and what is identified on what."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..gather import Reading, Watch, listed, unwatched
+from ..model.inputs import prepare_record
+from ..model.window import Window
+from ..over_soc.temperature import SAME_DEGC
+from .looking import Seen, files_of, look
+from .ocv import OCV_KINDS, OcvChoice, choose_ocv, ocv_reason
+from .parts import ROLES, Part, Plan, Use
+
+ROOM_DEGC = 25.0
+# Ranges of charge within this share of the widest are as good, and other things decide.
+_AS_WIDE = 0.9
+# A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
+_FULL = 0.005
+# Steps of current that a validation wants.
+_FEWEST_STEPS = 10
+# To so many digits a capacity is known.
+_DIGITS = 4
+MAKE_OCV = (
+    "make one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
+    "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
+)
+MAKE_RECORD = (
+    "there is no record to identify on: make a drive cycle, or pulses out of rests (HPPC), sampled "
+    "every second or so under load, over most of the state of charge"
+)
+
+
+@dataclass(eq=False)
+class _Draft:
+    """What has been decided so far: a role, a reason and a window for some of the files."""
+
+    seen: Sequence[Seen]
+    taken: dict[Seen, tuple[Use, str, Window]] = field(default_factory=dict)
+    capacity_ah: float | None = None
+
+    def take(self, seen: Seen, role: Use, reason: str, window: Window | None = None) -> None:
+        """Settle a file's role, unless it is settled."""
+        self.taken.setdefault(seen, (role, reason, window or Window()))
+
+    def parts(self) -> tuple[Part, ...]:
+        """Every file: those that serve first, by their role."""
+        parts = []
+        for each in self.seen:
+            role, reason, window = self.taken[each]
+            kept = None if role == "not used" else each.source
+            kind = each.kind(self.capacity_ah)
+            part = Part(each.path, each.name, role, kind, reason, window)
+            parts.append(replace(part, temperature_degc=each.temperature_degc, source=kept))
+        return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
+
+
+def plan(
+    sources: Any,
+    *,
+    ocv: Any = (),
+    validate: Any = (),
+    reading: Reading | None = None,
+    watch: Watch = unwatched,
+) -> Plan:
+    """What to do with a folder or some files of one cell, and why; nothing is run.
+
+    `ocv` and `validate` are files whose role is settled. Records of one temperature are joined
+    with an OCV test of the same. Raises `InputError` where there is no such file or none can be
+    read; where a test is missing, the plan says which.
+
+    >>> from barnax.bundled import BUNDLED
+    >>> found = plan([BUNDLED.validation, *BUNDLED.ocv, BUNDLED.record])
+    >>> [part.name for part in found.of_role("identification")]
+    ['identification.parquet']
+    """
+    given, tests, others = (files_of(listed(each)) for each in (sources, ocv, validate))
+    settled = {Path(each).resolve() for each in (*tests, *others) if isinstance(each, str | Path)}
+    given = [
+        each
+        for each in given
+        if not isinstance(each, str | Path) or Path(each).resolve() not in settled
+    ]
+    seen = list(look([*given, *tests, *others], reading or Reading(), watch))
+    refused = [each.refusal for each in seen if each.refusal]
+    if len(refused) == len(seen):
+        raise InputError("\n".join(refused))
+    first, last = len(given), len(given) + len(tests)
+    with watch("Planning", 0):
+        return _decide(seen, seen[first:last], seen[last:])
+
+
+def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen]) -> Plan:
+    """The plan of files of which some have their role given."""
+    draft = _Draft(seen)
+    first_of: dict[str, Seen] = {}
+    for each in seen:
+        sha256 = each.source.sha256 if each.source else ""
+        if each.refusal:
+            draft.take(each, "not used", each.refusal.removeprefix(f"{each.name}: "))
+        elif (same := first_of.setdefault(sha256, each)) is not each:
+            draft.take(each, "not used", f"is {same.name}, byte for byte")
+    for each in others:
+        draft.take(each, "validation", "given", each.window)
+    for each in tests:
+        draft.take(each, "OCV test", "given")
+    free = [each for each in seen if each not in draft.taken]
+    dynamic = [each for each in free if each.kind(None) == "drive cycle"]
+    is_pulsed = not dynamic
+    if is_pulsed:
+        dynamic = [each for each in free if each.kind(None) == "pulse test"]
+    groups = list(_by_temperature(dynamic or free))
+    # An OCV test of its own temperature comes before many records.
+    chosen = [(group, _ocv_at(degc, free, tests)) for degc, group in groups]
+    group, choice = next(((group, one) for group, one in chosen if one), (dynamic, None))
+    if choice is None:
+        return _without_ocv(draft, dynamic, free)
+    draft.capacity_ah = choice.cell.capacity_ah
+    runs = [] if not dynamic else _runnable(draft, group, choice, is_pulsed)
+    if not runs:
+        for each in choice.tests:
+            draft.take(each, "OCV test", ocv_reason([each]))
+        _leave_others(draft, choice)
+        return Plan("identify", draft.parts(), missing=MAKE_RECORD)
+    record, window = runs[0]
+    is_own = is_pulsed and choice.tests == (record,)
+    why = f"{ocv_reason([record])}; " if is_own else ""
+    draft.take(record, "identification", why + _words(record), window)
+    for each in choice.tests:
+        draft.take(each, "OCV test", ocv_reason([each]))
+    _choose_validation(draft, record, runs[1:], is_given=bool(others))
+    _leave_others(draft, choice)
+    options, reasons = _options(draft, record, window, choice)
+    if is_own:
+        return Plan("hppc", draft.parts())
+    return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
+
+
+def _by_temperature(seen: Sequence[Seen]) -> Iterator[tuple[float | None, list[Seen]]]:
+    """The files of each temperature: the most first, and of equally many those nearest to room."""
+    groups: list[list[Seen]] = []
+    for each in sorted(seen, key=lambda one: (one.temperature_degc or 0.0, one.name)):
+        for group in groups:
+            if _is_same(group[0].temperature_degc, each.temperature_degc, is_strict=True):
+                group.append(each)
+                break
+        else:
+            groups.append([each])
+
+    def rank(group: list[Seen]) -> tuple[int, float]:
+        degc = group[0].temperature_degc
+        return -len(group), np.inf if degc is None else abs(degc - ROOM_DEGC)
+
+    for group in sorted(groups, key=rank):
+        degc = group[0].temperature_degc
+        # What was measured nobody knows where may have been measured here.
+        unknown = [each for each in seen if degc is not None and each.temperature_degc is None]
+        yield degc, [*group, *unknown]
+
+
+def _is_same(one: float | None, other: float | None, is_strict: bool = False) -> bool:
+    """Whether two temperatures are one; what is not known may be any, unless that is strict."""
+    if one is None or other is None:
+        return one is other or not is_strict
+    return abs(one - other) <= SAME_DEGC
+
+
+def _ocv_at(degc: float | None, free: Sequence[Seen], tests: Sequence[Seen]) -> OcvChoice | None:
+    """The OCV test of a temperature: the given one, else the best that there is."""
+    near = [each for each in free if _is_same(each.temperature_degc, degc)]
+    most_ah = max((each.traits.longest_discharge_ah for each in near if each.traits), default=None)
+    if tests:
+        return choose_ocv(tests, most_ah, is_given=True)
+    own = [each for each in near if _is_same(each.temperature_degc, degc, is_strict=True)]
+    for candidates in (own, near):
+        of_kind = [each for each in candidates if each.kind(None) in OCV_KINDS]
+        choice = choose_ocv(of_kind, most_ah)
+        if choice is not None:
+            return choice
+    return None
+
+
+def _without_ocv(draft: _Draft, dynamic: Sequence[Seen], free: Sequence[Seen]) -> Plan:
+    """A plan that lacks its OCV test."""
+    elsewhere = [each for each in free if each.kind(None) in OCV_KINDS]
+    for each in dynamic:
+        draft.take(each, "not used", f"waits for an OCV test: {_words(each)}")
+    missing = f"there is no OCV test: {MAKE_OCV}, and give its file too"
+    if dynamic and elsewhere:
+        at = _named_degc(dynamic[0].temperature_degc)
+        names = ", ".join(f"{each.name}{_named_degc(each.temperature_degc)}" for each in elsewhere)
+        missing = (
+            f"there is no OCV test{at} as the records are, but {names}: {MAKE_OCV}; or give the "
+            "one there is with `ocv` all the same"
+        )
+    elif not dynamic:
+        missing = f"{MAKE_RECORD}; nor is there an OCV test: {MAKE_OCV}"
+    for each in free:
+        draft.take(each, "not used", _why_useless(each, None))
+    return Plan("identify", draft.parts(), missing=missing)
+
+
+def _runnable(
+    draft: _Draft, group: Sequence[Seen], choice: OcvChoice, is_pulsed: bool
+) -> list[tuple[Seen, Window]]:
+    """What can be simulated with the cell, in its window, the best first to identify on.
+
+    Those that cannot are left with the reason.
+    """
+    found: list[tuple[Seen, Window]] = []
+    for each in group:
+        if each in draft.taken or (not is_pulsed and each in choice.tests):
+            continue
+        lacks = each.lacks(draft.capacity_ah, _FEWEST_STEPS)
+        window = each.window
+        if not lacks and not is_pulsed:
+            try:
+                window = _started(each, window, choice)
+            except InputError as problem:
+                lacks = str(problem).removeprefix(f"{each.name}: ")
+        if lacks:
+            draft.take(each, "not used", lacks)
+        else:
+            found.append((each, window))
+    widest_ah = max((_reach_ah(each) for each, _ in found), default=0.0)
+
+    def rank(run: tuple[Seen, Window]) -> tuple:
+        each = run[0]
+        is_wide = _reach_ah(each) >= _AS_WIDE * widest_ah
+        return (
+            bool(each.lacks(draft.capacity_ah)),
+            not is_wide,
+            each.warnings if is_wide else 0,
+            not each.is_settled,
+            -_reach_ah(each),
+        )
+
+    return sorted(found, key=rank)
+
+
+def _started(seen: Seen, window: Window, choice: OcvChoice) -> Window:
+    """The window with its start at full where it rests there. Raises `InputError` if none fits."""
+    capacity_ah = _record_capacity_ah(seen, window, choice)
+    prepared = prepare_record(
+        seen.record, choice.cell, "so-rc", replace(window, capacity_ah=capacity_ah)
+    )
+    if window.initial_soc is None and prepared.start.soc >= 1 - _FULL:
+        return replace(window, initial_soc=1.0)
+    return window
+
+
+def _record_capacity_ah(seen: Seen, window: Window, choice: OcvChoice) -> float | None:
+    """What the record takes out of the full cell, where that is more than the OCV test tells."""
+    if window.initial_soc != 1.0:
+        return None
+    discharged_ah = seen.record.discharged_ah
+    first = 0
+    if window.start_after_step is not None and seen.record.step is not None:
+        first = int(np.flatnonzero(seen.record.step == window.start_after_step)[-1])
+    elif window.start_time_s is not None:
+        first = int(np.searchsorted(seen.record.time_s, window.start_time_s))
+    taken_ah = float(discharged_ah[first:].max() - discharged_ah[first])
+    return float(f"{taken_ah:.{_DIGITS}g}") if taken_ah > choice.cell.capacity_ah else None
+
+
+def _reach_ah(seen: Seen) -> float:
+    return seen.traits.reach_ah if seen.traits else 0.0
+
+
+def _choose_validation(
+    draft: _Draft, record: Seen, others: Sequence[tuple[Seen, Window]], is_given: bool
+) -> None:
+    """Another profile of the same temperature before the same one again, and the widest of them."""
+    if is_given or not others:
+        return
+    each, window = min(others, key=lambda run: (run[0].is_like(record), -_reach_ah(run[0])))
+    which = "the same profile again" if each.is_like(record) else "another profile"
+    draft.take(each, "validation", f"{which}: {_words(each)}", window)
+    for each, _ in others:
+        draft.take(each, "not used", "serves as well; give it with `validate` to validate on it")
+
+
+def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
+    """What is left has no role, for a reason."""
+    degc = next((each.temperature_degc for each in choice.tests if each.temperature_degc), None)
+    for each in draft.seen:
+        if each in draft.taken:
+            continue
+        if not _is_same(each.temperature_degc, degc):
+            at, of = _named_degc(each.temperature_degc), _named_degc(degc)
+            draft.take(each, "not used", f"measured{at}, the OCV test{of}")
+        elif each.kind(None) in OCV_KINDS:
+            names = " and ".join(test.name for test in choice.tests)
+            reason = f"an OCV test too ({ocv_reason([each])}); {names} serves better"
+            draft.take(each, "not used", reason)
+        else:
+            draft.take(each, "not used", _why_useless(each, draft.capacity_ah))
+
+
+def _why_useless(seen: Seen, capacity_ah: float | None) -> str:
+    return seen.lacks(capacity_ah) or "no role is left for it"
+
+
+def _options(
+    draft: _Draft, record: Seen, window: Window, choice: OcvChoice
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Arguments of `identify` that the files decide, and why."""
+    options: dict[str, Any] = {"ocv_fit": "interpolated"}
+    reasons = {"ocv_fit": "the curves pass through every point that was measured"}
+    own_ah = _record_capacity_ah(record, window, choice)
+    if own_ah is not None:
+        options["capacity"] = own_ah
+        reasons["capacity"] = (
+            f"in Ah; {record.name} takes that much out of the full cell, the OCV test "
+            f"{choice.cell.capacity_ah:.4g} Ah"
+        )
+    elif choice.capacity_ah is not None:
+        options["capacity"] = float(f"{choice.capacity_ah:.{_DIGITS}g}")
+        reasons["capacity"] = "in Ah; the longest discharge, for the OCV test does not tell it"
+    return options, reasons
+
+
+def _words(seen: Seen) -> str:
+    """Why a record serves, as the checks say."""
+    for name in ("identification", "validation"):
+        role = seen.role(name)
+        if role is not None and role.is_usable:
+            return role.reason
+    return ""
+
+
+def _named_degc(degc: float | None) -> str:
+    return "" if degc is None else f" at {degc:.3g} degC"

@@ -1,0 +1,113 @@
+"""What a folder's files are found to be for, whatever they are called."""
+
+import shutil
+
+import polars as pl
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED, bundled_file
+from barnax.errors import InputError
+from barnax.plan import plan
+
+TEMPERATURE = "Ambient Temperature / degC"
+# Names that tell nothing.
+NAMES = {
+    "a.parquet": BUNDLED.validation,
+    "b.parquet": BUNDLED.ocv[0],
+    "c.parquet": BUNDLED.record,
+    "d.parquet": BUNDLED.ocv[1],
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name, path in NAMES.items():
+        shutil.copy(path, tmp_path / name)
+    return tmp_path
+
+
+def roles(found):
+    return {part.name: part.role for part in found.parts}
+
+
+def reason(found, name):
+    (part,) = (part for part in found.parts if part.name == name)
+    return part.reason
+
+
+def test_the_record_of_the_widest_range_is_identified_and_the_other_validates(folder):
+    found = plan(folder)
+    assert roles(found) == {
+        "a.parquet": "validation",
+        "b.parquet": "OCV test",
+        "c.parquet": "identification",
+        "d.parquet": "OCV test",
+    }
+    assert (found.command, found.missing) == ("identify", "")
+    # Both begin at rest at full.
+    assert [part.window.initial_soc for part in found.parts if part.is_simulated] == [1.0, 1.0]
+
+
+def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
+    (folder / "notes.txt").write_text("the cell got warm\n")
+    (folder / ".hidden").write_text("x")
+    shutil.copy(BUNDLED.record, folder / "again.parquet")
+    found = plan(folder)
+    assert roles(found)["notes.txt"] == "not used"
+    assert "columns" in reason(found, "notes.txt")
+    assert reason(found, "c.parquet") == "is again.parquet, byte for byte"
+    assert ".hidden" not in roles(found)
+    assert len(found.of_role("OCV test")) == 2
+
+
+def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folder):
+    cold = pl.read_parquet(BUNDLED.record).with_columns(pl.lit(-5.0).alias(TEMPERATURE))
+    for name in ("b", "c", "d"):
+        path = folder / f"{name}.parquet"
+        warm = pl.read_parquet(path).with_columns(pl.lit(25.0).alias(TEMPERATURE))
+        warm.write_parquet(path)
+    cold.write_parquet(folder / "cold.parquet")
+    found = plan(folder)
+    assert roles(found)["c.parquet"] == "identification"
+    assert reason(found, "cold.parquet") == "measured at -5 degC, the OCV test at 25 degC"
+    (folder / "c.parquet").unlink()
+    (folder / "a.parquet").unlink()
+    lacking = plan(folder)
+    assert "no OCV test at -5 degC" in lacking.missing
+    assert "with `ocv` all the same" in lacking.missing
+    given = plan(folder, ocv=[folder / "b.parquet", folder / "d.parquet"])
+    assert roles(given)["cold.parquet"] == "identification"
+
+
+def test_where_a_test_is_missing_it_says_which_to_make(folder):
+    lone = plan(BUNDLED.record)
+    assert lone.missing.startswith("there is no OCV test: make one: from full, pulses of 5 to 10 %")
+    with pytest.raises(InputError, match=r"(?s)no OCV test.*drive cycle.*752 current steps"):
+        barnax.identify(BUNDLED.record)
+    assert plan(BUNDLED.ocv).missing.startswith("there is no record to identify on: make a drive")
+
+
+def test_a_pulse_test_alone_is_both(folder):
+    found = plan([bundled_file("hppc_25degC"), bundled_file("hppc_40degC")])
+    assert found.command == "hppc"
+    assert roles(found)["hppc_25degC.parquet"] == "identification"
+    assert "40.2 degC" in reason(found, "hppc_40degC.parquet")
+
+
+def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):
+    with pytest.raises(InputError, match="holds no files"):
+        plan(tmp_path)
+    with pytest.raises(InputError, match="there is no such file"):
+        plan(tmp_path / "missing.csv")
+
+
+def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_its_capacity(folder):
+    for name in ("a", "c"):
+        path = folder / f"{name}.parquet"
+        table = pl.read_parquet(path)
+        current = next(each for each in table.columns if "urrent" in each)
+        table.with_columns(pl.col(current) * 1.08).write_parquet(path)
+    taken_ah = 1.08 * barnax.read_record(BUNDLED.record).discharged_ah.max()
+    assert taken_ah > 2.0
+    assert plan(folder).options["capacity"] == pytest.approx(taken_ah, abs=5e-4)

@@ -1,0 +1,104 @@
+"""A folder and a plan identified: the same answer as by hand, from Python and by the command."""
+
+import shutil
+import tomllib
+
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.errors import InputError
+from barnax.plan import plan, plan_from_toml, plan_to_toml
+from barnax.results import Result
+from cli.conftest import BUDGET, run_command
+
+SMALL = {"seeds": 3, "population": 8, "iterations": 5, "trust": "none"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cell")
+    for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
+        shutil.copy(path, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def by_hand():
+    window = barnax.Window(score_to_s=1500.0, initial_soc=1.0)
+    return barnax.identify(
+        BUNDLED.record,
+        ocv=BUNDLED.ocv,
+        validate=BUNDLED.validation,
+        window=window,
+        ocv_fit="interpolated",
+        **SMALL,
+    )
+
+
+def test_python_takes_a_folder(folder, by_hand):
+    found = barnax.identify(folder, window=barnax.Window(score_to_s=1500.0), **SMALL)
+    assert found.parameters == by_hand.parameters
+    assert found.metrics == by_hand.metrics
+
+
+def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_hand, tmp_path):
+    outcome = run_command("identify", folder, *BUDGET, "--out", tmp_path / "out")
+    assert outcome.status == 0
+    assert "identification.parquet (drive cycle)" in outcome.out
+    stored = Result.from_json(tmp_path / "out" / "result.json")
+    assert stored.parameters == by_hand.parameters
+    assert stored.command[1:3] == ("identify", "identification.parquet")
+    assert str(folder) not in " ".join(stored.command)
+    assert run_command("rerun", tmp_path / "out", "--data", folder).status == 0
+
+
+def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
+    printed = run_command("identify", folder, "--plan", "--score-to", "1500")
+    assert printed.status == 0
+    tomllib.loads(printed.out)
+    path = folder / "plan.toml"
+    path.write_text(printed.out)
+    assert barnax.identify(path, **SMALL).parameters == by_hand.parameters
+    path.write_text(printed.out.replace('ocv_fit = "interpolated"', 'ocv_fit = "polynomial"'))
+    outcome = run_command("identify", path, *BUDGET[2:], "--out", tmp_path / "out")
+    assert outcome.status == 0
+    stored = Result.from_json(tmp_path / "out" / "result.json")
+    assert stored.parameters != by_hand.parameters
+    path.unlink()
+
+
+def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
+    found = plan(folder).changed(
+        {"validation.parquet": barnax.Window(start_time_s=10.5, score_steps=(7, 8))}, model="so-rc"
+    )
+    path = tmp_path / "plan.toml"
+    path.write_text(plan_to_toml(found))
+    read = plan_from_toml(path)
+    assert (read.command, dict(read.options)) == (found.command, dict(found.options))
+    assert [(each.path, each.name, each.role, each.window) for each in read.parts] == [
+        (each.path, each.name, each.role, each.window) for each in found.parts
+    ]
+    # A start that is chosen replaces the planned one as a whole.
+    assert read.of_role("validation")[0].window.initial_soc is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("capacity = ", "cannot be read as a plan"),
+        ("capacity = 'x'\n", "`capacity` is 'x'; it takes a number"),
+        ("colour = 1\n", "'colour' is no key of a plan"),
+        ("command = 'fly'\n", "there are identify, hppc"),
+        ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
+        ("[[files]]\nfile = 'a'\nrole = 'other'\n", "there are identification, OCV test"),
+        ("[[files]]\nfile = 'a'\nrole = 'validation'\n", "no file has the role identification"),
+        ("[[files]]\nfile = 'a'\nrole = 'validation'\nscore_steps = 7\n", "takes whole numbers"),
+        ("[[files]]\nfile = 'a'\nrole = 'validation'\ninitial_soc = 7\n", "is not a fraction"),
+    ],
+)
+def test_a_plan_that_cannot_be_used_is_refused_with_the_key(tmp_path, text, message):
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        plan_from_toml(path)

@@ -23,7 +23,7 @@ LAYERS = (
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
     ("results",),
-    ("storing",),
+    ("storing", "table_run"),
     ("comparison", "export", "plan"),
     ("pipeline", "plots"),
     ("pulse_test", "replay", "fleet"),

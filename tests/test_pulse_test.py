@@ -56,9 +56,14 @@ def test_of_several_tests_the_first_is_the_ocv_test(asked, tmp_path):
     assert [source.name for source in asked["ocv"]] == ["again.parquet"]
 
 
-def test_tests_at_several_temperatures_are_refused():
-    with pytest.raises(InputError, match=r"hppc_10degC\.parquet at 10 degC, .* at 40 degC"):
-        hppc([bundled_file("hppc_10degC"), bundled_file("hppc_40degC")])
+def test_tests_at_several_temperatures_share_the_ocv_of_the_one_nearest_to_25_degc(asked):
+    hppc([bundled_file("hppc_10degC"), HPPC])
+    assert asked["over"] == "soc,temperature"
+    assert [source.name for source in asked["ocv"]] == [HPPC.name]
+    # What is given of a test goes before what it measured.
+    given = {"hppc_10degC.parquet": Window(temperature_degc=24.0)}
+    hppc([bundled_file("hppc_10degC"), HPPC], window=given)
+    assert asked["over"] == "soc"
 
 
 def test_what_lies_beyond_the_own_ocv_is_not_scored(asked):

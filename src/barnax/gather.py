@@ -30,6 +30,7 @@ LIMITS = (
     ("iterations", 1, 10_000_000),
     ("key", 0, 2**32 - 1),
 )
+OVER_TEMPERATURE = "soc,temperature"
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -64,15 +65,17 @@ class Settings:
     population: int = 30
     iterations: int = 500
     key: int = 0
-    over: Literal["soc"] | None = None
+    over: Literal["soc", "soc,temperature"] | None = None
 
     def __post_init__(self):
         for name, least, most in LIMITS:
             value = getattr(self, name)
             if not least <= value <= most:
                 raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
-        if self.over not in (None, "soc"):
-            raise InputError(f"`over` {self.over!r} is not known; tables go over 'soc'")
+        if self.over not in (None, "soc", OVER_TEMPERATURE):
+            raise InputError(
+                f"`over` {self.over!r} is not known; tables go over 'soc' or {OVER_TEMPERATURE!r}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ Records are read once and checked, the cell is characterized, thirty seeds searc
 optimum is looked for beside them, and the best circuit known is assessed and validated.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from .cell.hysteresis import HysteresisFit
 from .cell.parameters import RATE
 from .errors import InputError
 from .gather import (
+    OVER_TEMPERATURE,
     Given,
     Inputs,
     Reading,
@@ -36,7 +37,15 @@ from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
-from .over_soc import TableFit, TableSettings, evaluate_tables, expected_rmse_v, fit_tables
+from .over_soc import (
+    TableFits,
+    TableSettings,
+    evaluate_tables,
+    expected_rmse_v,
+    group_by_temperature,
+    require_temperature,
+    require_temperatures,
+)
 from .plan import plans_first
 from .records import Record
 from .results import Answer, Result, best_answer
@@ -44,23 +53,12 @@ from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .search.refine import Descent, Refinement, refine
 from .search.seeds import Search, search_seeds
 from .storing import make_result
+from .table_run import TableRun, fit_over, table_warnings
 from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")
 # What a warning says first where the full examination failed.
 FITTING_AGAIN = "fitting again"
-# Validation may leave the SOC that tables were identified on by this much without a word.
-OUTSIDE_SOC = 0.005
-
-
-@dataclass(frozen=True, eq=False)
-class TableRun:
-    """Tables over SOC fitted to the records of a run, and their evaluations."""
-
-    settings: TableSettings
-    fit: TableFit
-    identification: list[Evaluation]
-    validation: list[Evaluation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +112,10 @@ def identify(
     records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
     `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
     says how far the answer is looked into: "full" fits again. A known `cell` needs no `ocv`.
-    Without `advise` nothing is said of tables; with `over="soc"` the circuit is fitted with them,
-    by `tables`. With 0 `seeds` the answer is the global optimum. Fields of `Settings`,
-    `Reading` and `TableSettings` may be given by name. `watch` gives a context for every stage.
+    Without `advise` nothing is said of tables; with `over="soc"` the circuit is also fitted with
+    tables over SOC, by `tables`, with `over="soc,temperature"` for each temperature of the records.
+    With 0 `seeds` the answer is the global optimum. Fields of `Settings`, `Reading` and
+    `TableSettings` may be given by name. `watch` gives a context for every stage.
 
     Raises `InputError` where an input cannot be used, naming file, row, value and remedy.
 
@@ -154,6 +153,10 @@ def identify(
         if settings.over is not None:
             ranges = {**(ranges_of(bounds)[1] or {}), **tables.bounds}
             wanted = replace(tables, bounds=ranges, fixed={**(fix or {}), **tables.fixed})
+        if settings.over == OVER_TEMPERATURE:
+            require_temperatures(group_by_temperature(problem.prepared_records))
+            for each in validation:
+                require_temperature(each)
     run = _search_and_assess(problem, optimizer, settings, validation, trust, wanted, watch, advise)
     run = replace(run, ocv=inputs.ocv)
     return make_result(replace(run, warnings=_all_warnings(inputs.warnings, run)), command)
@@ -227,7 +230,7 @@ def _search_and_assess(
     with ThreadPoolExecutor(max_workers=3) as beside:
         compiling = beside.submit(Descent, problem) if settings.seeds else None
         looking = beside.submit(_optimum_or_none, problem)
-        fitting = beside.submit(_tables_beside, problem, tables, looking, advise)
+        fitting = beside.submit(_tables_beside, problem, settings.over, tables, looking, advise)
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
         search = refinement = None
         if compiling is not None:
@@ -246,7 +249,7 @@ def _search_and_assess(
             if linearizing is not None:
                 linearizing.result()
         with watch("Waiting for tables over SOC", 0):
-            fit, expected_v = fitting.result()
+            found, expected_v = fitting.result()
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     with watch("Evaluating", 0):
@@ -255,12 +258,11 @@ def _search_and_assess(
             evaluate_from_either(each, problem.cell, answer.parameters) for each in validation
         ]
         table_run = None
-        if tables is not None and fit is not None:
+        if tables is not None and found is not None:
             own, others = (
-                [evaluate_tables(each.prepared, fit.tables) for each in evaluations]
-                for evaluations in (identified, validated)
+                [each.prepared for each in evaluations] for evaluations in (identified, validated)
             )
-            table_run = TableRun(tables, fit, own, others)
+            table_run = TableRun.of(tables, found, own, others)
     assessment = examination = None
     with watch("Assessing", 0):
         if trust != "none":
@@ -286,13 +288,14 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
 
 def _tables_beside(
     problem: Problem,
+    over: str | None,
     settings: TableSettings | None,
     looking: "Future[GlobalOptimum | None]",
     advise: bool,
-) -> tuple[TableFit | None, float | None]:
+) -> tuple[TableFits | None, float | None]:
     """The tables that were asked for; where none were, the RMSE that they would leave."""
-    if settings is not None:
-        return fit_tables(problem.prepared_records, settings), None
+    if over is not None and settings is not None:
+        return fit_over(over, problem.prepared_records, settings), None
     optimum = looking.result() if advise else None
     if optimum is None:
         return None, None
@@ -338,37 +341,8 @@ def _all_warnings(of_inputs: Sequence[str], run: Run) -> tuple[str, ...]:
         for each in run.answer.at_bound
     ]
     if run.tables is not None:
-        texts += _table_warnings(run.tables)
+        texts += table_warnings(run.tables)
     return tuple(dict.fromkeys([*texts, *run.warnings]))
-
-
-def _table_warnings(run: TableRun) -> Iterator[str]:
-    """What a user should know of tables over SOC."""
-    for each in run.fit.warnings:
-        if each.kind == "tau at bound":
-            yield (
-                f"tables over SOC: {each.name} ended at its bound of {each.value:.4g} s; with an "
-                "OCV correction a slow pair imitates a wrong capacity, so check `capacity`, or "
-                "give `bounds` for it"
-            )
-        else:
-            yield (
-                f"tables over SOC: {100 * each.value:.0f} % of the nodes of {each.name} are near "
-                "no sample; their values follow from their neighbors"
-            )
-    low, high = (
-        bound([bound(each.prepared.soc[each.prepared.scored]) for each in run.identification])
-        for bound in (min, max)
-    )
-    for each in run.validation:
-        soc = each.prepared.soc[each.prepared.scored]
-        outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
-        if outside:
-            yield (
-                f"{each.prepared.record.name}: {outside} of {len(soc)} scored samples lie outside "
-                f"the SOC that the tables were identified on ({100 * low:.0f} to "
-                f"{100 * high:.0f} %), where they are held constant"
-            )
 
 
 def validate_stored(
@@ -396,5 +370,7 @@ def validate_stored(
     prepared = prepare_record(measured, cell, stored.model, window)
     evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)
     if stored.tables is not None:
-        evaluation = evaluate_tables(evaluation.prepared, stored.tables.fit.tables)
+        evaluation = evaluate_tables(
+            evaluation.prepared, stored.tables.found.of(evaluation.prepared)
+        )
     return evaluation, [*warnings, *measured.warnings, *prepared.warnings]

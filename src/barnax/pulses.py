@@ -1,7 +1,7 @@
 """Pulse tests (HPPC): the pulses of a record, each out of a rest, and their resistances."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -202,6 +202,9 @@ def pulses_of(prepared: "PreparedRecord") -> tuple[Pulse, ...]:
     record, start = prepared.record, prepared.start.soc
     soc = soc_along(record, prepared.capacity_ah, prepared.first, start)
     pulses = find_pulses(record, soc, prepared.rest_current_a)
+    given_degc = prepared.window.temperature_degc
+    if given_degc is not None:
+        pulses = tuple(replace(pulse, temperature_degc=given_degc) for pulse in pulses)
     settled = [pulse for pulse in pulses if pulse.rest_s >= SETTLED_S]
     return pulses if len(settled) >= FEWEST_LEVELS else ()
 

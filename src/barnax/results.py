@@ -16,7 +16,7 @@ from .global_optimum import GlobalOptimum
 from .model.problem import Kind
 from .model.start import Start
 from .model.window import Window
-from .over_soc import TableFit, TableSettings
+from .over_soc import OverTemperature, TableFit, TableFits, TableSettings
 from .pulses import Pulse
 from .records import Decision
 from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
@@ -154,6 +154,7 @@ class InputPart(Part):
     duration_s: float | None = None
     samples: Count | None = None
     soc_range: tuple[float, float] | None = None
+    temperature_degc: float | None = None
 
 
 class AssessmentPart(Part):
@@ -166,12 +167,26 @@ class AssessmentPart(Part):
 
 
 class TablesPart(Part):
-    """The circuit with tables over SOC, how it was fitted, and its errors by scan."""
+    """The circuit with tables over SOC, how it was fitted, and its errors by scan.
+
+    One of `fits` for each temperature, from cold to warm, where `over_temperature` says which;
+    else there is one.
+    """
 
     settings: TableSettings
-    fit: TableFit
+    fits: tuple[TableFit, ...] = Field(min_length=1)
+    over_temperature: OverTemperature | None = None
     metrics: MetricsBlock
     by_soc: tuple[Band, ...]
+
+    @property
+    def found(self) -> TableFits:
+        return TableFits(self.fits, self.over_temperature)
+
+    @property
+    def fit(self) -> TableFit:
+        """The only one, or that of the temperature nearest to 25 degC."""
+        return self.found.reference
 
 
 class Result(Document):

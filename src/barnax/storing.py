@@ -62,7 +62,8 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
         if run.tables is None
         else TablesPart(
             settings=run.tables.settings,
-            fit=run.tables.fit,
+            fits=run.tables.found.fits,
+            over_temperature=run.tables.found.over_temperature,
             metrics=_metrics_block(problem.name, run.tables.identification, run.tables.validation),
             by_soc=_soc_bands(run.tables.identification),
         ),
@@ -232,5 +233,6 @@ def record_part(role: Any, evaluation: Evaluation) -> InputPart:
             "duration_s": prepared.scored_duration_s,
             "samples": int(np.count_nonzero(prepared.scored)),
             "soc_range": (float(soc.min()), float(soc.max())),
+            "temperature_degc": prepared.temperature_degc,
         }
     )

@@ -86,6 +86,17 @@ def rebuilt_clock():
     return changed(DRIVE, TIME, clock).with_columns(pl.Series(STEP, step))
 
 
+def with_net(table, factor):
+    """The table with a counter of the net charge, times a factor."""
+    counters = with_counters(table)
+    net_ah = factor * (counters[CHARGED] - counters[DISCHARGED])
+    return table.with_columns(net_ah.alias("Net Capacity / Ah"))
+
+
+def two_runs():
+    return pl.concat([DRIVE, DRIVE.with_columns(pl.col(TIME) + DRIVE.height)])
+
+
 def exchanged_counters():
     return with_counters(DRIVE).rename({CHARGED: DISCHARGED, DISCHARGED: CHARGED})
 
@@ -165,6 +176,14 @@ FAULTS = {
     ),
     "more charge than the capacity": (DRIVE, {"capacity": "warning"}),
     "a little more": (DRIVE, {}),
+    "a current far too small": (scaled(DRIVE, CURRENT, 1e-3), {"capacity": "warning"}),
+    "a net counter of twice the charge": (with_net(DRIVE, 2.0), {"counters": "warning"}),
+    "a net counter that agrees": (with_net(DRIVE, -1.0), {}),
+    "two runs behind each other": (two_runs(), {"breaks": "warning"}),
+    "a voltage against another electrode": (
+        DRIVE.with_columns(pl.col(VOLTAGE) - 4.4),
+        {"voltage unit": "warning"},
+    ),
     "an unclosed test": (unclosed_test(), {"closure": "warning"}),
     "a gap under load": (cut(DRIVE, 3000, 3600), {"gaps": "warning"}),
     "a gap at rest": (rest_with_a_gap(), {}),
@@ -178,6 +197,7 @@ CAPACITY_AH = {
     "milliamperes by the capacity": 0.2,
     "a noisy rest": 2.0,
     "more charge than the capacity": 1.7,
+    "a current far too small": 2.0,
     "a little more": 1.9,
 }
 TEXTS = {}

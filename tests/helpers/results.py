@@ -226,7 +226,7 @@ def make_table_result(circuit: str = "so-rc", **given: Any) -> Result:
     metrics = MetricsPart.model_construct(record="cycle.csv", rmse_v=0.0049)
     part = TablesPart.model_construct(
         settings=TableSettings(nodes=NODES),
-        fit=make_fit(circuit),
+        fits=(make_fit(circuit),),
         metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
         by_soc=(),
     )

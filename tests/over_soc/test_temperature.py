@@ -13,8 +13,6 @@ from barnax.over_soc import TableSettings, errors_on, fit_tables, simulate_table
 from barnax.over_soc.temperature import (
     fit_temperatures,
     group_by_temperature,
-    measured_near,
-    tables_near,
 )
 from barnax.records import read_record
 
@@ -55,10 +53,10 @@ def test_a_made_cell_comes_back_and_a_temperature_left_out_is_predicted(prepared
         true_ohm = 0.04 * arrhenius(degc) * np.array([1.3, 1.1, 1.0, 1.0, 1.05])
         seen = np.array(tables.visited)
         assert np.array(tables.r0_ohm)[seen] == pytest.approx(true_ohm[seen], rel=1e-3)
-    cold, middle, warm = fit.left_out
+    cold, middle, warm = fit.over_temperature.left_out
     assert (cold.is_between, middle.is_between, warm.is_between) == (False, True, False)
     assert middle.errors.rmse_v < 1e-5 < 1e-3 < min(cold.errors.rmse_v, warm.errors.rmse_v)
-    assert fit.reversals == ()
+    assert fit.over_temperature.reversals == ()
 
 
 def test_shared_time_constants_are_the_least_of_the_weighted_sum(prepared):
@@ -79,15 +77,19 @@ def test_shared_time_constants_are_the_least_of_the_weighted_sum(prepared):
         return float(scored @ np.square(roots) / scored.sum())
 
     start = np.log(fit.tables.tables[0].tau_s)
-    assert fit.objective_v**2 == pytest.approx(mean_square(start), rel=1e-9)
+    assert fit.over_temperature.objective_v**2 == pytest.approx(mean_square(start), rel=1e-9)
     found = minimize(mean_square, start, method="Nelder-Mead", options={"maxfev": 15})
-    assert fit.objective_v**2 <= found.fun * (1 + 1e-6)
-    assert fit.lower_bound_v <= fit.separate_v <= fit.objective_v * (1 + 1e-12)
+    assert fit.over_temperature.objective_v**2 <= found.fun * (1 + 1e-6)
+    assert (
+        fit.over_temperature.lower_bound_v
+        <= fit.over_temperature.separate_v
+        <= fit.over_temperature.objective_v * (1 + 1e-12)
+    )
 
 
 def test_a_resistance_that_falls_and_rises_is_named(prepared):
     cells = {degc: [made(prepared, degc, f)] for degc, f in zip(DEGC, (1.5, 1.0, 1.2), strict=True)}
-    found = fit_temperatures(cells, LIGHT).reversals
+    found = fit_temperatures(cells, LIGHT).over_temperature.reversals
     r0 = [each for each in found if each.name == "R0 [Ohm]"]
     assert r0
     assert r0[-1].values_ohm == pytest.approx(
@@ -133,14 +135,16 @@ def test_measured_temperatures_share_time_constants_at_no_cost(real_data):
     fit = fit_temperatures(cells, TableSettings(bounds=AROUND, folds=0, most_cells=0))
     scored = np.array([np.sum(each.scored) for own in cells.values() for each in own])
     own_v = np.array([7.6276e-3, 5.9566e-3, 3.9784e-3])
-    assert fit.separate_v**2 == pytest.approx(scored @ own_v**2 / scored.sum(), rel=1e-3)
-    assert fit.objective_v <= 1.02 * fit.separate_v
+    assert fit.over_temperature.separate_v**2 == pytest.approx(
+        scored @ own_v**2 / scored.sum(), rel=1e-3
+    )
+    assert fit.over_temperature.objective_v <= 1.02 * fit.over_temperature.separate_v
     middle_ohm = [1e3 * each.at("R0 [Ohm]", np.array([0.5]))[0] for each in fit.tables.tables]
     assert middle_ohm == pytest.approx((101, 70.5, 77), abs=0.6)
-    assert ("R0 [Ohm]", 0.5) in {(each.name, each.soc) for each in fit.reversals}
-    assert fit.left_out[1].errors.above_v is not None
-    assert 0.018 < fit.left_out[1].errors.above_v < 0.024
+    assert ("R0 [Ohm]", 0.5) in {(each.name, each.soc) for each in fit.over_temperature.reversals}
+    assert fit.over_temperature.left_out[1].errors.above_v is not None
+    assert 0.018 < fit.over_temperature.left_out[1].errors.above_v < 0.024
     # A record nobody has seen, at a measured temperature, has that one's tables.
-    assert measured_near(fit.tables, 43.0) == 45.0
-    found = errors_on(prepared("us06", 45), tables_near(fit.tables, 43.0))
+    assert fit.over_temperature.measured_near(43.0) == 45.0
+    found = errors_on(prepared("us06", 45), fit.at(43.0))
     assert found.rmse_v == pytest.approx(16.1e-3, rel=0.1)

@@ -12,7 +12,7 @@ from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
 from barnax.records.column_rules import read_columns
-from barnax.records.dialects import DIALECTS, dialect_of
+from barnax.records.dialects import DIALECTS, columns_of, dialect_of, names_record
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
 from helpers.records import CURRENT, TIME, VOLTAGE
@@ -50,6 +50,52 @@ def test_no_fault_is_found_in_a_good_file(tmp_path, write):
 def test_a_mark_is_first_of_its_own_make(dialect):
     for mark in dialect.marks:
         assert dialect_of(mark.split(" & ")) is dialect
+
+
+# Names as other programs and languages write them: whose they are, and seconds and amperes a unit.
+HEADERS = {
+    "Date_Time,Test_Time(s),Step_Index,Current(mA),Voltage(V)": ("Arbin", 1, 1e-3),
+    "Data Point,Test Time (s),Step Index,Current (A),Voltage (V)": ("Arbin", 1, 1),
+    "数据序号,循环号,工步号,工步类型,时间,总时间,电流(A),电压(V),容量(Ah)": ("Neware", 1, 1),
+    "序号,工步类型,时间（h:min:s.ms）,电流（mA）,电压（V）": ("Neware", 1, 1e-3),
+    "记录序号,状态,跳转,循环,步次,电流(mA),电压(V),相对时间(h:min:s.ms)": ("Neware", 1, 1e-3),
+    "Rec#,Cyc#,Step,Test(Sec),Step(Sec),Amp-hr,Amps,Volts,State,DPt-Time": ("Maccor", 1, 1),
+    "Rec,Cycle,Step,Test Time (Hr),Capacity (AHr),Current (A),Voltage (V),Md": ("Maccor", 3600, 1),
+    "Rec#,Cyc#,Step,Test (Min),Step (Min),Amp-hr,mAmps,Volts,State": ("Maccor", 60, 1e-3),
+    "Timestamp,Step,Program Duration#s,Step Duration#s,Voltage#V,Current#A": ("Digatron", 1, 1),
+    "Schritt,Zustand,Programmdauer,Schrittdauer,Strom,Spannung": ("Digatron", 1e-3, 1),
+    "~Time[s],DataSet,t-Step[s],Line,Command,U[V],I[A],Ah[Ah]": ("Basytec", 1, 1),
+    "Index,TestTime/Sec.,StepTime/Sec.,Voltage/V,Current/mA": ("Landt", 1, 1e-3),
+    "记录,测试时间,系统时间,工步序号,电压/V,电流/mA": ("Landt", 1, 1e-3),
+    "mode,ox/red,error,time/ms,Ecell/mV,I/µA": ("BioLogic", 1e-3, 1e-6),
+    "Zeit [min],Strom [mA],Spannung [V]": ("German", 60, 1e-3),
+    "time /s,I /A,E /V": ("Ivium", 1, 1),
+    "Time (s),WE(1).Current (A),WE(1).Potential (V)": ("plain", 1, 1),
+    "Elapsed Time (s),Working Electrode (V),Current (A)": ("plain", 1, 1),
+}
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_names_of_other_programs_and_languages_are_known(header):
+    names = header.split(",")
+    dialect, second, ampere = HEADERS[header]
+    assert names_record(names)
+    assert dialect_of(names).name == dialect
+    found = columns_of(names)
+    clock = found.get("time") or found["step time"]
+    assert (clock.unit.factor, found["current"].unit.factor) == (second, ampere)
+
+
+def test_a_text_in_the_encoding_of_chinese_computers_is_read(tmp_path):
+    names = ["总时间(s)", "电流(A)", "电压(V)"]
+    table = TABLE.rename(dict(zip((TIME, CURRENT, VOLTAGE), names, strict=True)))
+    require_the_record(read(tmp_path, table.write_csv().encode("gb18030")))
+
+
+def test_a_sensor_that_is_not_there_is_left_out():
+    record = record_from_frame(TABLE.with_columns(pl.lit(-9999.0).alias("Temperature / degC")))
+    assert record.temperature_degc is None
+    assert "the column is left out" in " ".join(record.warnings)
 
 
 def test_windows_line_ends_and_gzip_change_nothing(tmp_path):

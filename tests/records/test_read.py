@@ -117,6 +117,8 @@ NAMES, *LINES = CSV.splitlines()
 SPARSE = "\n".join([NAMES, *LINES[:10], "", ",,", *LINES[10:], "", ""])
 PADDED = "".join(f"No, {line.replace(',', ', 1, 1, ', 1)},\r\n" for line in LINES)
 ABOVE = "Tester: 7, channel 3\nStarted: 2024-01-01; by hand\n\n"
+CELLS = [line.split(",") for line in LINES]
+IN_BLANKS = "".join(f"{a:>14}{b:>12}{c:>24}\n" for a, b, c in CELLS)
 # A text, the rows of its first, its eleventh and its last sample.
 TEXTS = {
     "blanks, names twice and commas at the end": (
@@ -125,6 +127,16 @@ TEXTS = {
     ),
     "blank lines": (SPARSE, (2, 14, 33)),
     "blank lines above": ("\n\n" + CSV, (4, 14, 33)),
+    "blank lines below the names": (CSV.replace("\n", "\n\n\n", 1), (4, 14, 33)),
+    "units below blank lines": (
+        "time,current,voltage\n\n(s),(A),(V)\n" + "\n".join(LINES),
+        (4, 14, 33),
+    ),
+    "columns of blanks": (f"  {NAMES.replace(',', '   ')}\n{IN_BLANKS}", (2, 12, 31)),
+    "names with a mark of comments": ("# " + CSV, (2, 12, 31)),
+    "zero bytes at the end": (CSV + 5000 * "\0", (2, 12, 31)),
+    "a zero byte in a name": (CSV.replace("rrent", "rr\0ent", 1), (2, 12, 31)),
+    "a typographic minus": (CSV.replace("-", "\u2212"), (2, 12, 31)),
     "old line ends": (CSV.replace("\n", "\r"), (2, 12, 31)),
     "decimal commas": (CSV.replace(",", ";").replace(".", ","), (2, 12, 31)),
     **{
@@ -149,6 +161,27 @@ def test_usual_texts_are_understood_and_their_rows_counted(tmp_path, text):
     record = read_record(tmp_path / "cell.csv")
     np.testing.assert_array_equal(record.voltage_v, pulse_frame(30)["Voltage / V"].to_numpy())
     assert tuple(record.row[[0, 10, -1]]) == rows
+
+
+# Two spellings of 1250.5 mA, or of 1250, and the voltage beside them.
+GROUPED = {
+    "commas, by a point": ("1,250.5", "1,250.5", "3.7"),
+    "commas, by another column": ("1,250", "1,250", "3.7"),
+    "points": ("1.250,5", "1.250,5", "3,7"),
+    "blanks": ("1 250,5", "1\u00a0250,5", "3,7"),
+    "apostrophes": ("1'250.5", "1\u2019250.5", "3.7"),
+}
+
+
+@pytest.mark.parametrize("mark", GROUPED)
+def test_thousands_are_told_from_decimals(tmp_path, mark):
+    one, other, voltage = GROUPED[mark]
+    rows = [f"{k};{(one, other)[k % 2]};{voltage}" for k in range(20)]
+    (tmp_path / "cell.csv").write_text("Time / s;Current / mA;Voltage / V\n" + "\n".join(rows))
+    record = read_record(tmp_path / "cell.csv")
+    current_a = 1.25 if one == "1,250" else 1.2505
+    np.testing.assert_allclose(np.abs(record.current_a), current_a)
+    np.testing.assert_allclose(record.voltage_v, 3.7)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])

@@ -68,7 +68,11 @@ REFUSED = {
     "a long header": b"<td>nothing</td> " * 500 + b"\n1\n",
     "nan": csv(one(VOLTAGE, 40, float("nan"))),
     "an empty cell": parquet(one(CURRENT, 7, None)),
-    "a word": csv(FRAME).replace(b"\n4.0,", b"\n4.0,OVERFLOW,"),
+    "a word": csv(one(CURRENT, 4, None)).replace(b"\n4.0,,", b"\n4.0,OVERFLOW,"),
+    "a row with a cell more": csv(FRAME).replace(b"\n4.0,", b"\n4.0,1,"),
+    "rows with a cell more": csv(FRAME.select(FRAME[TIME].alias("t"), pl.all())).removeprefix(
+        b"t,"
+    ),
     "dates": csv(FRAME.with_columns(pl.lit("2020-01-01 00:00:00").alias(TIME))),
     "a stamp backward": csv(one(TIME, 50, 12.5)),
     "a clock that starts again": csv(pl.concat([FRAME, FRAME])),

@@ -30,7 +30,7 @@ class ReportReader(HTMLParser):
             raise ValueError(f"</{tag}> closes nothing at {self.getpos()}")
 
     def handle_data(self, data):
-        if "style" not in self.open:
+        if not {"style", "script"} & set(self.open):
             self.text += f"{data}\n"
 
     @property

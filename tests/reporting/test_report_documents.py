@@ -47,9 +47,9 @@ def test_a_comparison_s_report_has_every_part(comparison):
     assert titles(comparison_document(comparison)) == [
         "Verdict",
         "Warnings",
+        "Parameters",
         "What was measured",
         "What was decided",
-        "Parameters",
         "Search",
         f"Identification: {DRIVE}",
         f"Validation: {CITY}",
@@ -110,7 +110,11 @@ def test_every_figure_of_a_comparison_finds_its_place(comparison):
 
 
 def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):
-    rows = [SimpleNamespace(name=name, evaluations=(identified, identified)) for name in "ab"]
+    offline = SimpleNamespace(trajectory=None)
+    rows = [
+        SimpleNamespace(name=name, evaluations=(identified, identified), median=offline)
+        for name in "ab"
+    ]
     names = [
         each.name
         for each in comparison_illustrations(comparison, cast(Any, SimpleNamespace(answered=rows)))

@@ -16,7 +16,7 @@ _UNITS = {
     60.0: "its time is in minutes",
     3600.0: "its time is in hours",
     1e-3: "its current is in mA, or its time in ms",
-    1e3: "its current is in kA",
+    1e3: "its current is a thousand times too small",
     2.0: "its current is half of what flowed",
     0.5: "its current is twice what flowed",
 }

@@ -22,13 +22,14 @@ _QUANTA = 3
 _SCALED, _PARTS = 0.1, 10
 # A counter that stands this far from zero at the start began before the record.
 _BEGUN_SHARE = 0.01
-_HARDLY_MOVES = 0.02
+_HARDLY_MOVES, _MOVED_V = 0.02, 0.3
 
 
 def find_counters(given: CheckInput) -> Iterator[Finding]:
     """Counters of the tester that disagree with the integrated current, or began before."""
     counters = given.samples.counters.both
     if not counters:
+        yield from _against_net(given)
         return
     gains_ah = gain_ah(counters[0]), gain_ah(counters[1])
     if sum(gains_ah) > 0:
@@ -45,6 +46,21 @@ def find_counters(given: CheckInput) -> Iterator[Finding]:
         )
         remedy = "give the file of the test's beginning too, where it matters"
         yield given.at(0, "note", what, remedy)
+
+
+def _against_net(given: CheckInput) -> Iterator[Finding]:
+    """A lone counter of the net charge that is the integral times a factor."""
+    ratio = given.samples.counters.net_ratio(given.moved_ah)
+    if ratio is None or abs(ratio - 1) <= _SCALED:
+        return
+    name = given.samples.header("net capacity")
+    what = f"the current is {ratio:.3g} times what the tester counted in '{name}', throughout"
+    remedy = f"check the units of both: {1 / ratio:.3g} times the current would agree"
+    other = "forward" if given.record.hold.value == "backward" else "backward"
+    held = ratio * _throughput_ah(given, other) / (given.charged_ah + given.discharged_ah)
+    if abs(held - 1) < abs(ratio - 1) / 3:
+        remedy = f"`current_hold='{other}'`, which gives {held:.3g} times as much"
+    yield given.at(0, "warning", what, remedy)
 
 
 def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Finding]:
@@ -105,6 +121,10 @@ def find_capacity(given: CheckInput) -> Iterator[Finding]:
         what = f"{moves} of the capacity of {given.capacity_ah:.4g} Ah"
         remedy = "correct `capacity`, or the current's range, offset or unit"
         yield given.at(at, "warning", what, remedy)
+    elif share < _HARDLY_MOVES / 2 and (travel_v := given.samples.bulk_time[1]) >= _MOVED_V:
+        what = f"{moves} of the capacity, and yet the cell's voltage moves by {travel_v:.2g} V"
+        remedy = "check the unit and range of the current, and `capacity`"
+        yield given.at(0, "warning", what, remedy)
     elif share < _HARDLY_MOVES:
         yield given.at(0, "note", f"{moves} of the capacity: little of the cell is seen")
 

@@ -27,10 +27,12 @@ from .check_input import Check, CheckInput
 from .kinds import Traits, traits_of
 from .roles import Role, find_roles
 from .sampling import (
+    find_breaks,
     find_coarse_intervals,
     find_gaps,
     find_rebuilt_clock,
     find_resolution,
+    find_skipped,
     find_temperature,
 )
 from .twins import find_twins
@@ -39,6 +41,8 @@ from .twins import find_twins
 CHECKS: Mapping[str, Check] = {
     "sign": find_sign,
     "gaps": find_gaps,
+    "skipped": find_skipped,
+    "breaks": find_breaks,
     "coarse intervals": find_coarse_intervals,
     "rebuilt clock": find_rebuilt_clock,
     "rests": find_rests,

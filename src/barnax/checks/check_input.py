@@ -48,7 +48,7 @@ class CheckInput:
     @cached_property
     def moved_ah(self) -> Float[np.ndarray, "intervals"]:
         """Ampere-hours that came out in each interval."""
-        return self.record.interval_current_a * self.record.interval_s / 3600
+        return self.record.moved_ah
 
     @cached_property
     def scale_ah(self) -> float:

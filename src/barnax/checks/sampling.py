@@ -5,8 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..errors import counted
 from ..records.findings import Finding
 from .check_input import CheckInput
+from .kinds import FINE_S
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
 _GAP, _BESIDE = 3.0, 7
@@ -31,7 +33,14 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     # of one voltage.
     beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
     doubt_a = np.ptp(record.current_a[beside], axis=1)
-    doubt_a[given.is_rested[gaps] & given.is_rested[gaps + 1] & (jump_v <= _HIDDEN_V)] = 0
+    is_counted = record.charge_ah is not None
+    is_between_rests = given.is_rested[gaps] & given.is_rested[gaps + 1]
+    # Between rests of two voltages a load was left out, and nothing tells how much of it.
+    is_lost = bool(np.any(is_between_rests & (jump_v > _HIDDEN_V)))
+    doubt_a[is_between_rests & (jump_v <= _HIDDEN_V)] = 0
+    if is_counted:
+        # The tester counted on: what the samples do not show is in its counters.
+        doubt_a[:] = 0
     doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     worst = gaps[int(np.argmax(interval_s[gaps]))]
     where = f"a gap of {interval_s[worst]:.4g} s"
@@ -41,13 +50,63 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     first = int(gaps[0]) + 1
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
         lost = f"up to {doubt_ah:.2g} Ah are in doubt"
-        if doubt_ah < _HIDDEN_SHARE * given.scale_ah:
+        if is_counted:
+            lost = "the tester's counters tell the charge"
+        elif is_lost or doubt_ah < _HIDDEN_SHARE * given.scale_ah:
             lost = "what passed meanwhile was not logged"
         what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
         remedy = "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)"
         yield given.at(first, "warning", what, remedy)
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")
+
+
+def find_skipped(given: CheckInput) -> Iterator[Finding]:
+    """Loads that the logger left out, and the tester counted."""
+    skipped_ah = given.record.skipped_ah
+    if skipped_ah is None:
+        return
+    places = np.flatnonzero(skipped_ah)
+    total_ah = float(np.abs(skipped_ah).sum())
+    what = (
+        f"the tester counted {total_ah:.4g} Ah in {counted(len(places), 'interval')} of which the "
+        "samples show nothing: its counters tell the charge there, and the circuit rests"
+    )
+    yield given.at(int(places[0]) + 1, "warning", what, "give the file with every sample, if any")
+
+
+# A voltage that moves so far from one sample to the next, steady on either side, stays there; and
+# what the current may explain of it.
+_BREAK_V, _BREAK_NOISE, _SIDE, _UNSTEADY, _UNEXPLAINED = 0.1, 12.0, 10, 0.25, 3.0
+
+
+def find_breaks(given: CheckInput) -> Iterator[Finding]:
+    """Places where the voltage goes elsewhere between two samples, and no current says why."""
+    record = given.record
+    source_v = record.voltage_v + given.resistance_ohm * record.current_a
+    moved_v = np.abs(np.diff(source_v))
+    places = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.noise_v))
+    # In a long interval a cell relaxes so far.
+    places = places[record.interval_s[places] <= FINE_S]
+    places = np.setdiff1d(places, _gaps(record.interval_s))
+    places = places[(places >= _SIDE - 1) & (places + _SIDE < record.samples)]
+    window = places[:, None] + np.arange(1 - _SIDE, 1 + _SIDE)
+    around_v, around_a = source_v[window], record.current_a[window]
+    unsteady_v = np.maximum(
+        np.ptp(around_v[:, :_SIDE], axis=1), np.ptp(around_v[:, _SIDE:], axis=1)
+    )
+    explained_v = _UNEXPLAINED * given.resistance_ohm * np.ptp(around_a, axis=1)
+    is_break = (unsteady_v < _UNSTEADY * moved_v[places]) & (explained_v < moved_v[places])
+    places = places[is_break]
+    if len(places) and given.resistance_ohm:
+        at = int(places[0]) + 1
+        what = (
+            f"the voltage goes from {record.voltage_v[at - 1]:.4g} to {record.voltage_v[at]:.4g} V "
+            f"in {record.interval_s[at - 1]:.3g} s, stays there, and no current explains it "
+            f"({counted(len(places), 'such place')}): rows are missing, or another run begins"
+        )
+        remedy = "split the file here, or score one side only (`score_from`, `score_to`)"
+        yield given.at(at, "warning", what, remedy)
 
 
 def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:

@@ -136,14 +136,15 @@ class Choices:
 
 @dataclass(frozen=True)
 class TableOptions:
-    """Tables over SOC: whether, and how."""
+    """Tables over SOC, and temperature: whether, and how."""
 
     over: Annotated[
         str | None,
         option(
             TABLES,
-            "soc",
-            "Also fit the circuit with its resistances and an OCV correction as tables over SOC.",
+            "soc|soc,temperature",
+            "Also fit the circuit with its resistances and an OCV correction as tables over SOC, "
+            "or for each temperature of the records with shared time constants.",
         ),
     ] = None
     ocv_correction: Annotated[

@@ -83,6 +83,7 @@ def validate(
         use_compilation_cache()
         from ..pipeline import validate_stored
         from ..reporting.identification import metrics_table
+        from ..reporting.temperature import prediction_sentence
         from ..reporting.terminal import terminal_table
         from ..storing import metrics_part
 
@@ -97,6 +98,10 @@ def validate(
     if as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
     session.show([terminal_table(metrics_table([(metrics, "validation")]))])
+    if stored.tables is not None:
+        degc = evaluation.prepared.temperature_degc
+        told = prediction_sentence(stored.tables, record.name, degc)
+        session.show([shown(told)] if told else [])
     session.warn(warnings)
 
 

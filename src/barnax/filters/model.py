@@ -32,6 +32,7 @@ Hysteresis = Literal["none", "instant", "dynamic"]
 # read linearly, within 0.3 mV at the knee of an OCV and far closer elsewhere.
 STEPS_PER_SOC = 400
 GRID = np.arange(-STEPS_PER_SOC // 20, STEPS_PER_SOC * 21 // 20 + 1) / STEPS_PER_SOC
+TENTHS = (np.arange(10) + 0.5) / 10
 # No tester resolves less, and a measurement without any noise would be believed without limit.
 LEAST_NOISE_V = 1e-4
 # Parts of the error weaker than this share of the whole are left out: each costs a state.
@@ -221,6 +222,11 @@ class ErrorModel:
     def of(cls, result: "Result") -> "ErrorModel":
         """That of an identification; with tables over SOC, as large as theirs at every SOC.
 
+        A correction of the open-circuit voltage is counted as an error of its own size: by that the
+        OCV test and the record identified on disagree, and on another record either may hold. The
+        errors left on the one record, which it was fitted to, would say that it is known.
+
+
         Raises `InputError` for a result without an assessment.
         """
         if result.assessment is None:
@@ -238,11 +244,15 @@ class ErrorModel:
             for each in zip(noise.correlation_s, noise.sd_v, strict=True)
             if each[0] and each[1] ** 2 > WEAKEST_PART**2 * total_v2
         ]
-        at = {round(10 * (each.low or 0.0)): each.rmse_v / rmse_v for each in bands}
+        error_v = {round(10 * (each.low or 0.0)): each.rmse_v for each in bands}
+        if result.tables is not None and OCV_CORRECTION in result.tables.fit.tables.tables:
+            moved_v = result.tables.fit.tables.at(OCV_CORRECTION, TENTHS)
+            error_v = {at: float(np.hypot(each, moved_v[at])) for at, each in error_v.items()}
+        at = {tenth: each / rmse_v for tenth, each in error_v.items()}
         return cls(
             max(rmse_v, LEAST_NOISE_V),
             *(zip(*parts, strict=True) if parts else ((), ())),
-            soc=tuple((tenth + 0.5) / 10 for tenth in range(10)),
+            soc=tuple(TENTHS.tolist()),
             # Where the fit has seen nothing, its error as a whole has to do.
             scale=tuple(at.get(tenth, 1.0) for tenth in range(10)),
         )

@@ -4,10 +4,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float
 from scipy.stats import kruskal, spearmanr
 
 from .dataset import read_rows
@@ -162,9 +162,9 @@ def _trend(circuit: str, name: str, by: str, known: pl.DataFrame) -> Trend:
     distinct = both[by].n_unique()
     if len(both) < FEWEST or distinct < 2:
         return nothing
-    values: Float[np.ndarray, "cells"] = both[name].to_numpy()
+    values = both[name].to_numpy()
     if both[by].dtype.is_numeric() or both[by].dtype.is_temporal():
-        found = spearmanr(both[by].to_physical().to_numpy(), values)
+        found: Any = spearmanr(both[by].to_physical().to_numpy(), values)
         return Trend(circuit, name, by, len(both), float(found.pvalue), float(found.statistic))
     groups = {
         str(label): group[name].to_numpy()

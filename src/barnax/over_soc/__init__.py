@@ -7,13 +7,13 @@ from .settings import TableSettings
 from .simulate import evaluate_tables, simulate_tables, with_measured_gap
 from .temperature import (
     LeftOut,
+    OverTemperature,
     Reversal,
-    TemperatureFit,
+    TableFits,
     fit_temperatures,
     group_by_temperature,
-    measured_near,
     require_temperature,
-    tables_near,
+    require_temperatures,
 )
 
 __all__ = [
@@ -21,11 +21,12 @@ __all__ = [
     "FitWarning",
     "LeftOut",
     "NodeInterval",
+    "OverTemperature",
     "Reversal",
     "SocErrors",
     "TableFit",
+    "TableFits",
     "TableSettings",
-    "TemperatureFit",
     "beyond_visited",
     "errors_on",
     "evaluate_tables",
@@ -33,9 +34,8 @@ __all__ = [
     "fit_tables",
     "fit_temperatures",
     "group_by_temperature",
-    "measured_near",
     "require_temperature",
+    "require_temperatures",
     "simulate_tables",
-    "tables_near",
     "with_measured_gap",
 ]

@@ -27,6 +27,8 @@ from .simulate import simulate_tables
 
 # Records whose temperatures are within this share one set of tables.
 SAME_DEGC = 5.0
+# Where one set of tables stands for all, it is that of the temperature nearest to this.
+REFERENCE_DEGC = 25.0
 
 
 @dataclass(frozen=True)
@@ -54,26 +56,81 @@ class Reversal:
 
 
 @dataclass(frozen=True)
-class TemperatureFit:
-    """Tables over SOC at each temperature, from cold to warm, and what is known of them.
+class OverTemperature:
+    """What is known of tables at several temperatures together, from cold to warm.
 
     J is the mean of each temperature's own, by its scored samples; `objective_v` is sqrt(J).
     `separate_v` is what time constants of its own for each temperature would leave, and
-    `lower_bound_v` what neither could fall below. Each of `fits` has the shared time constants;
-    what is proved of it is against time constants of its own.
+    `lower_bound_v` what neither could fall below.
     """
 
     temperatures_degc: tuple[float, ...]
-    fits: tuple[TableFit, ...]
     objective_v: float
     separate_v: float
     lower_bound_v: float
     left_out: tuple[LeftOut, ...]
     reversals: tuple[Reversal, ...]
 
+    @property
+    def proved_gap(self) -> float:
+        """The largest share of sqrt(J) that other tables could save."""
+        return max(0.0, 1 - self.lower_bound_v / self.objective_v) if self.objective_v else 0.0
+
+    def measured_near(self, temperature_degc: float) -> float | None:
+        """The measured temperature within `SAME_DEGC` of one, None without such."""
+        nearest = min(self.temperatures_degc, key=lambda each: abs(each - temperature_degc))
+        return nearest if abs(nearest - temperature_degc) <= SAME_DEGC else None
+
+    def like(self, temperature_degc: float) -> tuple[LeftOut, ...]:
+        """The temperatures left out that were predicted as this one is: from both sides, or from
+        one; all of them where none was."""
+        ends = self.temperatures_degc[0], self.temperatures_degc[-1]
+        is_between = ends[0] < temperature_degc < ends[1]
+        alike = tuple(each for each in self.left_out if each.is_between == is_between)
+        return alike or self.left_out
+
+
+@dataclass(frozen=True)
+class TableFits:
+    """Tables over SOC: of one temperature, or from cold to warm of several.
+
+    Those of several have the same time constants; what is proved of each is against time constants
+    of its own. `over_temperature` is None for one.
+    """
+
+    fits: tuple[TableFit, ...]
+    over_temperature: OverTemperature | None = None
+
+    @property
+    def reference(self) -> TableFit:
+        """That of the temperature nearest to `REFERENCE_DEGC`."""
+        if self.over_temperature is None:
+            return self.fits[0]
+        degc = self.over_temperature.temperatures_degc
+        return self.fits[int(np.argmin(np.abs(np.array(degc) - REFERENCE_DEGC)))]
+
     @cached_property
-    def tables(self) -> TemperatureTables:
-        return TemperatureTables(self.temperatures_degc, tuple(each.tables for each in self.fits))
+    def tables(self) -> TemperatureTables | None:
+        """The tables over temperature, None where they are of one."""
+        if self.over_temperature is None:
+            return None
+        degc = self.over_temperature.temperatures_degc
+        return TemperatureTables(degc, tuple(each.tables for each in self.fits))
+
+    def at(self, temperature_degc: float) -> SocTables:
+        """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies
+        between; the only ones where they are of one temperature."""
+        if self.over_temperature is None or self.tables is None:
+            return self.fits[0].tables
+        near = self.over_temperature.measured_near(temperature_degc)
+        return self.tables.at(temperature_degc if near is None else near)
+
+    def of(self, prepared: PreparedRecord) -> SocTables:
+        """The tables at a record's temperature. Raises `InputError` where that is needed and not
+        known."""
+        if self.over_temperature is None:
+            return self.fits[0].tables
+        return self.at(require_temperature(prepared))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,18 +183,14 @@ class _Joint:
 
 def fit_temperatures(
     by_degc: Mapping[float, Sequence[PreparedRecord]], settings: TableSettings | None = None
-) -> TemperatureFit:
+) -> TableFits:
     """The tables over SOC that fit the records of each temperature best, with time constants (and
     gamma) that are the same at all of them. `by_degc` are the records by temperature in degC.
 
     Raises `InputError` for fewer than two temperatures, and as `fit_tables` does.
     """
     settings = settings or TableSettings()
-    if len(by_degc) < 2:
-        raise InputError(
-            "tables over temperature need records of at least two temperatures, more than "
-            f"{SAME_DEGC:g} degC apart; tell them with `temperature`, or ask for `over` 'soc'"
-        )
+    require_temperatures(by_degc)
     degc = tuple(sorted(by_degc))
     records = [by_degc[each] for each in degc]
     box = box_of([each for own in records for each in own], settings)
@@ -161,15 +214,15 @@ def fit_temperatures(
             objectives, proofs, bounds_v, best.parts, parts, records, strict=True
         )
     )
-    return TemperatureFit(
+    over_temperature = OverTemperature(
         temperatures_degc=degc,
-        fits=fits,
         objective_v=math.sqrt(best.squared),
         separate_v=joint.root([proof.best.squared for proof in proofs]),
         lower_bound_v=joint.root([each**2 for each in bounds_v]),
         left_out=left_out,
         reversals=_reversals(fits),
     )
+    return TableFits(fits, over_temperature)
 
 
 def group_by_temperature(
@@ -190,6 +243,16 @@ def group_by_temperature(
     }
 
 
+def require_temperatures(by_degc: Mapping[float, Sequence[PreparedRecord]]) -> None:
+    """Raise `InputError` for fewer than two temperatures."""
+    if len(by_degc) < 2:
+        raise InputError(
+            "tables over temperature need records of at least two temperatures, more than "
+            f"{SAME_DEGC:g} degC apart, and these are all at {min(by_degc):.3g} degC; tell them "
+            "with `temperature`, or ask for `over` 'soc'"
+        )
+
+
 def require_temperature(prepared: PreparedRecord) -> float:
     """A record's temperature in degC. Raises `InputError` where it is not known."""
     if prepared.temperature_degc is None:
@@ -198,17 +261,6 @@ def require_temperature(prepared: PreparedRecord) -> float:
             "with `temperature`"
         )
     return prepared.temperature_degc
-
-
-def tables_near(tables: TemperatureTables, temperature_degc: float) -> SocTables:
-    """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies between."""
-    return tables.at(measured_near(tables, temperature_degc) or temperature_degc)
-
-
-def measured_near(tables: TemperatureTables, temperature_degc: float) -> float | None:
-    """The measured temperature within `SAME_DEGC` of one, None without such."""
-    nearest = min(tables.temperatures_degc, key=lambda each: abs(each - temperature_degc))
-    return nearest if abs(nearest - temperature_degc) <= SAME_DEGC else None
 
 
 def _left_out(

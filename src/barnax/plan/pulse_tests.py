@@ -9,10 +9,19 @@ import numpy as np
 
 from ..cell import CellModel, OcvPoint, characterize
 from ..errors import InputError
-from ..gather import Given, Reading, Watch, file_names, listed, source_of, unwatched
+from ..gather import (
+    OVER_TEMPERATURE,
+    Given,
+    Reading,
+    Watch,
+    file_names,
+    listed,
+    source_of,
+    unwatched,
+)
 from ..model.inputs import OCV_MARGIN, soc_along
 from ..model.window import Window
-from ..over_soc.temperature import SAME_DEGC
+from ..over_soc.temperature import REFERENCE_DEGC, SAME_DEGC
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record
 
@@ -38,7 +47,7 @@ def prepare_pulse_tests(
 ) -> dict[str, Any]:
     """The arguments of `identify` for pulse tests, as `barnax.hppc` describes; others stay.
 
-    Raises `InputError` where a record has no pulses, and where tests are of several temperatures.
+    Raises `InputError` where a record has no pulses.
     """
     reading = reading or Reading()
     own = {name: options.pop(name) for name in list(options) if hasattr(reading, name)}
@@ -48,7 +57,7 @@ def prepare_pulse_tests(
         chosen = {"": window or Window()} if isinstance(window, Window | None) else dict(window)
         ocv_tests, cell = listed(ocv), None
         if not ocv_tests:
-            base = tests[0]
+            base = min(tests, key=lambda each: abs(_degc(each, chosen) - REFERENCE_DEGC))
             given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
             # A polynomial would swing between ten points.
             options["ocv_fit"] = "interpolated"
@@ -56,7 +65,9 @@ def prepare_pulse_tests(
             ocv_tests = [base.source]
             reading = replace(reading, ocv_current_sign=reading.current_sign)
         windows = _windows(tests, cell, chosen)
+        degc = [_degc(each, chosen) for each in tests]
     return {
+        "over": "soc" if max(degc) - min(degc) <= SAME_DEGC else OVER_TEMPERATURE,
         **options,
         "records": [each.source for each in tests],
         "ocv": ocv_tests,
@@ -64,12 +75,11 @@ def prepare_pulse_tests(
         "capacity": capacity,
         "reading": reading,
         "watch": watch,
-        "over": "soc",
     }
 
 
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
-    """Every test once. Raises `InputError` where one has no pulses or another temperature."""
+    """Every test once. Raises `InputError` where one has no pulses."""
     names = file_names([each for each in given if isinstance(each, str | Path)])
     sign: Any = reading.current_sign
     hold: Any = reading.current_hold
@@ -88,23 +98,16 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
                 "identify it as a dynamic record"
             )
         tests.append(_Test(source, record, pulse))
-    _require_one_temperature(tests)
     return tests
 
 
-def _require_one_temperature(tests: Sequence[_Test]) -> None:
-    """Raise `InputError` where tests were made at temperatures too far apart."""
-    medians = {
-        each.record.name: float(np.median(degc))
-        for each in tests
-        if (degc := each.record.temperature_degc) is not None
-    }
-    if medians and max(medians.values()) - min(medians.values()) > SAME_DEGC:
-        listed_degc = ", ".join(f"{name} at {degc:.0f} degC" for name, degc in medians.items())
-        raise InputError(
-            f"{listed_degc}: resistances change with temperature; identify each temperature by "
-            "itself"
-        )
+def _degc(test: _Test, chosen: Mapping[str, Window]) -> float:
+    """The temperature given for a test, else its median; the reference where none is known."""
+    given = chosen.get(test.record.name, chosen.get("", Window())).temperature_degc
+    measured = test.record.temperature_degc
+    if given is not None or measured is None:
+        return REFERENCE_DEGC if given is None else given
+    return float(np.nanmedian(measured))
 
 
 def _windows(

@@ -1,6 +1,7 @@
 """A plan run: `identify` given a folder, a plan, or files without an OCV test."""
 
 import functools
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> 
     paths = [Path(each) for each in given if isinstance(each, str | Path)]
     if len(given) == len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         return plan_from_toml(paths[0])
-    if not any(path.is_dir() for path in paths) and (not paths or listed(ocv)):
+    if not any(map(os.path.isdir, paths)) and (not paths or listed(ocv)):
         return None
     if len(paths) < len(given):
         return None

@@ -54,7 +54,7 @@ def plot_landscape(
     if not has_landscape(landscape):
         raise ValueError("a landscape is drawn over two time constants, neither of them held")
     tau1_s, tau2_s = landscape.tau_s
-    rmse_v = _least_over_gamma(landscape)
+    rmse_v = least_over_gamma(landscape)
     # Alike pairs are ordered, and there is nothing where tau1 exceeds tau2.
     is_ordered = bool(np.isnan(rmse_v[-1, 0]))
     figure = make_figure(height_in=HEIGHT_IN)
@@ -97,7 +97,7 @@ def has_landscape(landscape: "Landscape") -> bool:
     return [len(each) > 1 for each in landscape.tau_s] == [True, True]
 
 
-def _least_over_gamma(landscape: "Landscape") -> Float[np.ndarray, "first second"]:
+def least_over_gamma(landscape: "Landscape") -> Float[np.ndarray, "first second"]:
     """The RMSE of the best gamma, NaN where there is no value; as it is where there is none."""
     if landscape.gamma is None:
         return landscape.rmse_v

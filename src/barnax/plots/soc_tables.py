@@ -78,16 +78,23 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     return finish(figure, *panels[: len(named)], columns=4)
 
 
-def _draw_table(
-    axes: Axes, fit: "TableFit", name: str, values: Values, is_resistance: bool
-) -> None:
+def node_intervals(fit: "TableFit", name: str) -> tuple[Values, Values]:
+    """Both ends of every node's interval in mOhm or mV, NaN where it is open or unknown."""
     nodes = np.array(fit.tables.nodes)
-    visited = np.array(fit.tables.visited or np.ones(len(nodes)), bool)
     low, high = np.full((2, len(nodes)), np.nan)
     for each in fit.of_table(name):
         at = int(np.argmin(np.abs(nodes - (each.soc or 0.0))))
         low[at] = np.nan if each.low is None else 1e3 * each.low
         high[at] = np.nan if each.high is None else 1e3 * each.high
+    return low, high
+
+
+def _draw_table(
+    axes: Axes, fit: "TableFit", name: str, values: Values, is_resistance: bool
+) -> None:
+    nodes = np.array(fit.tables.nodes)
+    visited = np.array(fit.tables.visited or np.ones(len(nodes)), bool)
+    low, high = node_intervals(fit, name)
     known = visited & np.isfinite(low) & np.isfinite(high)
     line = {"color": BLUE, "zorder": 3}
     axes.plot(nodes, values, linestyle=(0, (3, 2)), linewidth=0.8, **line)
@@ -99,29 +106,29 @@ def _draw_table(
     axes.plot(nodes[visited], values[visited], color=BLUE, label="node", **style)
     hollow = {**OPEN, "markeredgecolor": BLUE}
     axes.plot(nodes[~visited], values[~visited], label="node near no sample", **style, **hollow)
-    _limit(axes, values, visited, low, high, is_resistance)
+    bottom, top = scale_of(values, visited, low, high, is_resistance)
+    axes.set_ylim(bottom, top)
+    outside = int(np.count_nonzero((values > top) | (values < bottom)))
+    if outside:
+        named = "1 node" if outside == 1 else f"{outside} nodes"
+        axes.set_title(f"{named} beyond the scale", loc="right", fontsize=8)
 
 
-def _limit(
-    axes: Axes,
+def scale_of(
     values: Values,
     visited: Bool[np.ndarray, "nodes"],
     low: Values,
     high: Values,
     is_resistance: bool,
-) -> None:
-    """A scale for what samples visit, from zero for resistances; what is beyond it is said."""
+) -> tuple[float, float]:
+    """A scale for what samples visit, from zero for resistances."""
     shown = values[visited] if visited.any() else values
     most, least = float(shown.max()), float(shown.min())
     span = WIDEST * max(np.abs([most, least]).max(), 1e-3)
     top = max(most, float(np.nanmax(np.clip(high, None, span), initial=most)))
     bottom = min(least, float(np.nanmin(np.clip(low, -span, None), initial=least)))
     margin = 0.08 * (top - min(bottom, 0.0 if is_resistance else bottom) or 1.0)
-    axes.set_ylim(0.0 if is_resistance else bottom - margin, top + margin)
-    outside = int(np.count_nonzero((values > top + margin) | (values < bottom - margin)))
-    if outside:
-        nodes = "1 node" if outside == 1 else f"{outside} nodes"
-        axes.set_title(f"{nodes} beyond the scale", loc="right", fontsize=8)
+    return 0.0 if is_resistance else bottom - margin, top + margin
 
 
 SOC_EDGES: Final = np.linspace(0.0, 1.0, 21)

@@ -1,9 +1,10 @@
 """What a figure is drawn from, and the figure with its captions."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
@@ -48,7 +49,7 @@ class Illustration:
     """A figure, its file's name without a suffix, its caption, and words for who cannot see it.
 
     `is_dense` says that it holds so many points that PNG is the smaller form. Each form is drawn
-    once, when it is asked for.
+    once, when it is asked for. `live` gives the numbers of an interactive form and its caption.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Illustration:
     caption: str
     alt: str
     is_dense: bool = True
+    live: Callable[[], tuple[dict[str, Any], str]] | None = None
 
     @cached_property
     def png(self) -> bytes:

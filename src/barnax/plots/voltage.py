@@ -62,18 +62,24 @@ def choose_time_unit(time_s: Samples) -> TimeUnit:
     return TimeUnit("s", 1.0)
 
 
-def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"]) -> None:
-    """Shade the time between scored samples, over the whole height; one entry for the legend.
+def unscored_spans(
+    time: Samples, scored: Bool[np.ndarray, "samples"]
+) -> Float[np.ndarray, "spans 2"]:
+    """From when to when samples are not scored.
 
     Gaps too narrow to be seen are left out: a record may hold tens of thousands of them.
     """
     changes = np.diff(~scored, prepend=False, append=False)
     starts, stops = np.flatnonzero(changes).reshape(-1, 2).T
-    left, right = time[starts], time[np.minimum(stops, len(time) - 1)]
-    is_visible = right - left >= (time[-1] - time[0]) / COLUMNS
-    if not is_visible.any():
+    spans = np.stack([time[starts], time[np.minimum(stops, len(time) - 1)]], axis=1)
+    return spans[np.diff(spans)[:, 0] >= (time[-1] - time[0]) / COLUMNS]
+
+
+def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"]) -> None:
+    """Shade the time between scored samples, over the whole height; one entry for the legend."""
+    spans = [(left, right - left) for left, right in unscored_spans(time, scored)]
+    if not spans:
         return
-    spans = list(zip(left[is_visible], (right - left)[is_visible], strict=True))
     bottom, top = axes.get_ylim()
     style = {"facecolor": SHADE, "edgecolor": "none", "zorder": 0, "label": NOT_SCORED}
     axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), **style)

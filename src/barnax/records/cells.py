@@ -14,6 +14,7 @@ Numbers = Float[np.ndarray, "lines"]
 CLOCKS = frozenset({"time", "step time", "date"})
 
 
+_ABSENT_DEGC = -300.0
 # 1899-12-31, which spreadsheets show for a time of day; and what no test clock comes to.
 _DAY_ZERO_S, _DATED_S = -2_209_075_200.0, 5e8
 
@@ -41,6 +42,9 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
     values = cells.cast(pl.Float64).to_numpy()
     if quantity == "date":
         return values * _date_unit_s(values)
+    if quantity == "temperature":
+        # A sensor that is not there is some large negative number.
+        values = np.where(values < _ABSENT_DEGC, np.nan, values)
     if unit.factor == 1 and unit.offset == 0:
         return values
     return values * unit.factor + unit.offset
@@ -59,7 +63,8 @@ def _plain(text: pl.Series) -> pl.Series:
     plain = text.cast(pl.Float64, strict=False)
     if plain.null_count() == text.null_count():
         return plain
-    text = text.str.strip_chars()
+    text = text.str.strip_chars().str.replace("\u2212", "-", literal=True)
+    text = text.str.replace_all(_GROUPS, "$1$2")
     plain = text.cast(pl.Float64, strict=False)
     with_comma = text.filter(plain.is_null() & text.str.contains(",", literal=True))
     if not len(with_comma):
@@ -71,13 +76,17 @@ def _plain(text: pl.Series) -> pl.Series:
     return text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
 
 
+# Blanks and apostrophes between thousands.
+_GROUPS = "(\\d)[ \u00a0\u202f'\u2019](\\d{3})"
+
+
 def _groups_thousands(with_comma: pl.Series, plain: pl.Series) -> bool:
     """Whether "1,005" is a thousand: what stands without a comma then goes up to 999."""
     are_groups = with_comma.str.contains(r"^[+-]?[1-9]\d{0,2},\d{3}$").all()
     return bool(are_groups) and (plain.abs().max() or 0) >= 100  # type: ignore[operator]
 
 
-_CLOCK = r"^\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):(\d+):(\d+(?:[.,]\d*)?)\s*$"
+_CLOCK = r"^\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):(\d+):(\d+(?:[.,:]\d*)?)\s*$"
 
 
 def _seconds(cells: pl.Series) -> Numbers:
@@ -89,7 +98,7 @@ def _seconds(cells: pl.Series) -> Numbers:
     if cells.dtype == pl.String and not _looks_dated(cells):
         parts = cells.str.extract_groups(_CLOCK).struct.unnest()
         days, hours, minutes, seconds = (
-            column.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+            column.str.replace("[,:]", ".").cast(pl.Float64, strict=False)
             for column in parts.get_columns()
         )
         return (((days.fill_null(0) * 24 + hours) * 60 + minutes) * 60 + seconds).to_numpy()
@@ -141,8 +150,11 @@ def _date_unit_s(values: Numbers) -> float:
 
 # How testers call what a step does; what is neither is another state.
 _STATES = (
-    (1, r"^(d|dis|dch|dch?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entladen|.*放电)$"),
-    (-1, r"^(c|chg?|cha|ratec|.*chg|.*charg(e|ing)|.*laden|.*充电)$"),
+    (
+        1,
+        r"^(d|d (cc|cv)|dis|dch|dch?r?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entladen|.*放电)$",
+    ),
+    (-1, r"^(c|c (cc|cv)|chr?g?|cha|ratec|.*chg|.*charg(e|ing)|.*laden|.*充电)$"),
     (0, r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|静置|搁置)$"),
 )
 

@@ -64,52 +64,59 @@ def _quantity(
 
 _SECONDS = _units(
     {
-        Unit("s"): "s|sec|secs|second|seconds",
+        Unit("s"): "s|sec|secs|second|seconds|秒",
         Unit("ms", 1e-3): "ms|msec|millisecond|milliseconds",
-        Unit("min", 60.0): "min|mins|minute|minutes",
-        Unit("h", 3600.0): "h|hr|hrs|hour|hours",
+        Unit("min", 60.0): "min|mins|minute|minutes|分|分钟",
+        Unit("h", 3600.0): "h|hr|hrs|hour|hours|小时",
         Unit("d", 86400.0): "d|day|days",
     }
 )
 _AMPERES = _units(
     {
-        Unit("A"): "a|amp|amps|ampere|amperes",
-        Unit("mA", 1e-3): "ma|milliamp|milliamps|milliampere|milliamperes",
+        Unit("A"): "a|amp|amps|ampere|amperes|安",
+        Unit("mA", 1e-3): "ma|毫安|milliamp|milliamps|milliampere|milliamperes",
         Unit("uA", 1e-6): "ua|microamp|microamps|microampere|microamperes",
     }
 )
-_VOLTS = _units({Unit("V"): "v|volt|volts|v vs. ref.", Unit("mV", 1e-3): "mv|millivolt|millivolts"})
+_VOLTS = _units(
+    {Unit("V"): "v|volt|volts|v vs. ref.|伏", Unit("mV", 1e-3): "mv|millivolt|millivolts"}
+)
 _AMPERE_HOURS = _units(
     {
-        Unit("Ah"): "ah|a.h|a h|ampere hour|amp hour|amp hours",
-        Unit("mAh", 1e-3): "mah|ma.h|ma h|milliampere hour|milliamp hour",
+        Unit("Ah"): "ah|a.h|a·h|a h|ahr|a-hr|amp-hr|ampere hour|amp hour|amp hours|安时",
+        Unit("mAh", 1e-3): "mah|ma.h|ma·h|ma h|mahr|mamp-hr|milliampere hour|milliamp hour|毫安时",
     }
 )
 _DEGREES = _units(
     {
-        Unit("degC"): "degc|deg c|c|°c|celsius|degree celsius|degrees celsius",
+        Unit("degC"): "degc|deg c|c|°c|oc|celsius|celcius|degree celsius|degrees celsius",
         Unit("K", 1.0, -273.15): "k|kelvin",
         Unit("degF", 5 / 9, -160 / 9): "degf|deg f|f|°f|fahrenheit",
     }
 )
-_COUNTS = _units({Unit("1"): "1"})
+_COUNTS = _units({Unit("1"): "1|dimensionless|unitless"})
 _FRACTIONS = _units({Unit("1"): "1|-", Unit("%", 0.01): "%|percent|pct"})
 
 QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "time",
         _SECONDS,
-        "test time|total time|cumulative time|elapsed time|time|seconds|t",
+        "test time|testtime|total time|cumulative time|elapsed time|time|seconds|t",
         "Test Time / s|test_time_second",
         "zeit|temps|tiempo|tempo|时间",
     ),
     # A clock that starts again with each step, and the time of day: where there is no test clock.
-    _quantity("step time", _SECONDS, "step time|relative time", "Step Time / s"),
-    _quantity("date", _SECONDS, "date time|datetime|unix time|time stamp|date", "Unix Time / s"),
+    _quantity("step time", _SECONDS, "step time|steptime|relative time", "Step Time / s"),
+    _quantity(
+        "date",
+        _SECONDS,
+        "date time|datetime|unix time|time stamp|timestamp|date and time|date",
+        "Unix Time / s",
+    ),
     _quantity(
         "current",
         _AMPERES,
-        "current|current measured|cur|amps|i",
+        "current|current measured|cur|amps|we(1).current|i",
         "Current / A|current_ampere",
         "strom|courant|corriente|corrente|电流",
     ),
@@ -117,14 +124,16 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "voltage",
         _VOLTS,
-        "terminal voltage|cell voltage|voltage|voltage measured|potential|volts|ecell|ewe|u|v",
+        "terminal voltage|cell voltage|voltage|voltage measured|potential|volts|ecell|ewe|"
+        "working electrode|working electrode vs. nhe|we(1).potential|u|v",
         "Voltage / V|voltage_volt",
         "spannung|tension|voltaje|tensione|电压",
     ),
     _quantity(
         "temperature",
         _DEGREES,
-        "surface temperature|cell temperature|battery temperature|temperature|aux temperature|"
+        "surface temperature|surface temperature t1|cell temperature|temperature cell|"
+        "battery temperature|temperature|aux temperature|"
         "aux temperature 1|aux1 temperature|temperature t1|temperature 1|temperature measured|temp|"
         "t1|t|ambient temperature",
         "Surface Temperature / degC|Ambient Temperature / degC",
@@ -137,17 +146,20 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "charging capacity",
         _AMPERE_HOURS,
-        "charging capacity|charge capacity|q charge|chgah",
+        "charging capacity|schedule charging capacity|charge capacity|q charge|chgah",
         "Charging Capacity / Ah",
     ),
     _quantity(
         "discharging capacity",
         _AMPERE_HOURS,
-        "discharging capacity|discharge capacity|q discharge|disah",
+        "discharging capacity|schedule discharging capacity|discharge capacity|q discharge|disah",
         "Discharging Capacity / Ah",
     ),
     _quantity(
-        "net capacity", _AMPERE_HOURS, "net capacity|capacity", "Net Capacity / Ah|Capacity(Ah)"
+        "net capacity",
+        _AMPERE_HOURS,
+        "net capacity|step net capacity|capacity",
+        "Net Capacity / Ah|Capacity(Ah)",
     ),
 )
 
@@ -170,9 +182,9 @@ OCV_QUANTITIES: tuple[Quantity, ...] = (
 )
 
 
-# A unit stands behind a slash, in brackets, or after a blank (machine names); Arbin numbers its
-# auxiliary channels behind the bracket.
-_UNIT = re.compile(r"^(?:\s*[/\[(]\s*|\s+(?:in\s+)?)(?P<unit>[^\])]*?)\s*(?:[\])]\s*\d*)?$")
+# A unit stands behind a slash or #, in brackets, or after a blank (machine names); Arbin numbers
+# its auxiliary channels behind the bracket.
+_UNIT = re.compile(r"^(?:\s*[/\[(#]\s*|\s+(?:in\s+)?)(?P<unit>[^\])]*?)\s*(?:[\])]\s*\d*)?$")
 # "h:min:s.ms", "Hours in hh:mm:ss.xxx" and "ss.xxx" are forms of seconds.
 _CLOCK_FORM = re.compile(r".*\bh+:m.*|s+\.x+")
 
@@ -213,9 +225,13 @@ def find_columns(header: Sequence[str], quantities: Sequence[Quantity]) -> dict[
     return found
 
 
+# Full-width brackets, and a degree in one letter.
+_WIDE = str.maketrans({"（": "(", "）": ")", "℃": "°c"})
+
+
 def normal(name: str) -> str:
     """The name in lower case, with blanks for underscores, and u for micro."""
-    plain = name.replace("µ", "u").replace("μ", "u").replace("℃", "°c").lstrip("~\ufeff")
+    plain = name.replace("µ", "u").replace("μ", "u").translate(_WIDE).lstrip("~# \ufeff")
     return re.sub(r"[\s_]+", " ", plain).strip().lower()
 
 
@@ -225,7 +241,8 @@ def unit_of(quantity: Quantity, text: str) -> Unit | None:
     if quantity.base_unit.symbol == "s" and _CLOCK_FORM.fullmatch(spelled):
         return quantity.base_unit
     # A lost degree sign is still one of Celsius.
-    return quantity.units.get(re.sub("[?\ufffdº]", "°", spelled))
+    spelled = re.sub("[?\ufffdº]", "°", spelled)
+    return quantity.units.get(spelled) or quantity.units.get(spelled.rstrip("."))
 
 
 def named_column(header: Sequence[str], quantity: Quantity, given: str) -> Column | None:

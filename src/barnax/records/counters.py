@@ -13,6 +13,12 @@ _ROUNDING, _LOW = 1e-3, 0.5
 # Counted and integrated charge are compared over blocks of intervals, for inside a drive cycle the
 # current switches between samples. They agree within this share and so many quanta; so many must.
 _BLOCKS, _NEAR, _QUANTA, _AGREEING = 200, 0.1, 2.0, 0.5
+# What proportional block sums correlate by.
+_PROPORTIONAL = 0.995
+
+# Of the counted charge, and of the smallest count, what an interval must hide to have been skipped;
+# so much of it must last over the samples beside it.
+_SKIPPED, _QUANTUM, _BESIDE, _LASTING = 1e-2, 5.0, 20, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +98,22 @@ class Counters:
                 best_ah, most = turned_ah, float(agrees.mean())
         return None if best_ah is None else np.concatenate([np.zeros(1), np.cumsum(best_ah)])
 
+    def net_ratio(self, integrated_ah: Increments) -> float | None:
+        """How many times what a lone net counter counted the integral is, in every part alike.
+
+        None where there is no such counter, or where they are not proportional.
+        """
+        if self.both or self.net_ah is None:
+            return None
+        starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
+        summed_ah = np.add.reduceat(integrated_ah, starts)
+        for counted_ah in self._candidates(np.sign(integrated_ah)):
+            blocks_ah = np.add.reduceat(counted_ah, starts)
+            size = float(np.sqrt(np.sum(blocks_ah**2) * np.sum(summed_ah**2)))
+            if size and abs(float(np.sum(blocks_ah * summed_ah))) > _PROPORTIONAL * size:
+                return float(np.sqrt(np.sum(summed_ah**2) / np.sum(blocks_ah**2)))
+        return None
+
     def _candidates(self, direction: Increments) -> list[Increments]:
         """What the counters may mean, the plainest first."""
         if self.both:
@@ -104,6 +126,33 @@ class Counters:
         # What a new step counts is of its own direction, whatever the hold says of the interval.
         own = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
         return [steps_ah, from_zero_ah, _joined(np.abs(self.net_ah)) * own]
+
+
+def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) -> Increments | None:
+    """What the tester counted in intervals that the samples on both sides of them do not explain.
+
+    `charge_ah` is the counted net charge, `begun_ah` and `ended_ah` what each interval's first and
+    last current make of it. Zero elsewhere, and None where nothing was skipped: a logger left
+    out a load. A counter that only lags behind catches up within some samples, and one that is
+    coarse moves by its quantum.
+    """
+    counted_ah = np.diff(charge_ah)
+    excess_ah = counted_ah - np.clip(
+        counted_ah, np.minimum(begun_ah, ended_ah), np.maximum(begun_ah, ended_ah)
+    )
+    moving_ah = np.abs(counted_ah[counted_ah != 0])
+    least_ah = max(_SKIPPED * float(np.ptp(charge_ah)), _QUANTUM * moving_ah.min(initial=np.inf))
+    places = np.flatnonzero(np.abs(excess_ah) > least_ah)
+    if not len(places):
+        return None
+    apart_ah = charge_ah - np.concatenate([np.zeros(1), np.cumsum(begun_ah)])
+    found_ah = np.zeros_like(counted_ah)
+    for place in places.tolist():
+        before = np.median(apart_ah[max(place - _BESIDE, 0) : place + 1])
+        after = np.median(apart_ah[place + 1 : place + 2 + _BESIDE])
+        if (after - before) / excess_ah[place] > _LASTING:
+            found_ah[place] = excess_ah[place]
+    return found_ah if found_ah.any() else None
 
 
 def _joined(counter_ah: Charge) -> Increments:

@@ -19,6 +19,7 @@ from ..errors import LONGEST_NAME, InputError, cut, printable
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import examine_columns, read_columns
 from .columns import NEEDED
+from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, NOTHING, Sign
 from .findings import Finding, named, raise_first_error, warnings_of
 from .hold import decide_hold
@@ -294,8 +295,12 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         cycle=samples.cycle,
         state=samples.state,
     )
-    flowed_ah = record.interval_current_a * record.interval_s / 3600
-    return replace(record, charge_ah=samples.counters.charge_ah(flowed_ah))
+    charge_ah = samples.counters.charge_ah(record.moved_ah)
+    if charge_ah is None:
+        return record
+    ends_a = record.current_a[:-1], record.current_a[1:]
+    ends_ah = [current_a * record.interval_s / 3600 for current_a in ends_a]
+    return replace(record, charge_ah=charge_ah, skipped_ah=skipped_ah(charge_ah, *ends_ah))
 
 
 def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -30,9 +30,11 @@ class Record:
     `hold` says whether a sample's current flowed in the interval after it ("forward") or before
     it ("backward"). `row` is each sample's row in the source file, the header being row 1, so
     that a message can name it. `charge_ah` is the tester's own net charge out of the cell since the
-    first sample, by its counters. `state` is +1 where the file says that a step discharges, -1
-    where it charges, 0 where it rests, and `OTHER_STATE` where it says anything else. `sign` holds
-    the file's own convention ("charge-positive" or "discharge-positive") and the reason for it.
+    first sample, by its counters. `skipped_ah` is what they counted in intervals whose load was not
+    logged, beyond what the current tells. `state` is +1 where the file says that a step
+    discharges, -1 where it charges, 0 where it rests, and `OTHER_STATE` where it says anything
+    else. `sign` holds the file's own convention ("charge-positive" or "discharge-positive") and
+    the reason for it.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Record:
     sha256: str
     warnings: tuple[str, ...] = ()
     charge_ah: Float[np.ndarray, "samples"] | None = None
+    skipped_ah: Float[np.ndarray, "intervals"] | None = None
     cycle: Int[np.ndarray, "samples"] | None = None
     state: Int[np.ndarray, "samples"] | None = None
 
@@ -75,9 +78,14 @@ class Record:
 
     @property
     def discharged_ah(self) -> Float[np.ndarray, "samples"]:
-        """Ampere-hours taken out since the first sample."""
-        passed = np.cumsum(self.interval_current_a * self.interval_s) / 3600
-        return np.concatenate([np.zeros(1), passed])
+        """Ampere-hours taken out since the first sample: integrated, and counted where skipped."""
+        return np.concatenate([np.zeros(1), np.cumsum(self.moved_ah)])
+
+    @property
+    def moved_ah(self) -> Float[np.ndarray, "intervals"]:
+        """Ampere-hours that came out in each interval."""
+        moved_ah = self.interval_current_a * self.interval_s / 3600
+        return moved_ah if self.skipped_ah is None else moved_ah + self.skipped_ah
 
 
 def runs(

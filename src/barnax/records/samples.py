@@ -17,6 +17,10 @@ from .table import Lines
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
 _FEWEST_STEPS, _AGREEING = 3, 0.5
+# An interval so many times the usual one is a gap that may hide a load.
+_FAR_LONGER = 30
+# What a rest does not do to a voltage between two of its samples.
+_LOAD_V = 0.02
 # Medians of so many values are as good as of all.
 _ENOUGH = 200_000
 
@@ -80,9 +84,20 @@ class Samples:
 
     @cached_property
     def span_ah(self) -> float:
-        """The charge between the fullest and emptiest moments."""
-        passed = np.cumsum(self.current_a[1:] * np.diff(self.time_s))
-        return float(np.ptp(passed)) / 3600
+        """The charge between the fullest and emptiest moments, by counters that count it too."""
+        flowed_ah = self.current_a[1:] * np.diff(self.time_s) / 3600
+        counted_ah = self.counters.charge_ah(flowed_ah)
+        integrated_ah = float(np.ptp(np.cumsum(flowed_ah)))
+        return integrated_ah if counted_ah is None else max(integrated_ah, np.ptp(counted_ah))
+
+    @cached_property
+    def hidden_v(self) -> float:
+        """By how much the voltage moved in gaps with no current on either side of them."""
+        interval_s = np.diff(self.time_s)
+        is_long = interval_s > _FAR_LONGER * np.median(interval_s)
+        is_small = np.abs(self.current_a) < STEADY_SHARE * self.peak_a
+        moved_v = np.abs(self.step_v[is_long & is_small[:-1] & is_small[1:]])
+        return float(moved_v[moved_v > _LOAD_V].sum())
 
     @cached_property
     def noise_v(self) -> float:

@@ -14,6 +14,7 @@ _CELL_RANGE_V = (0.5, 6.0)
 _MODULE_V, _MILLIVOLT_V = 10.0, 100.0
 # A cell's volts divided by a thousand once too often.
 _KILOVOLT_V = 0.01
+_NEARLY_ALL = 0.95
 # What cells in series are counted by.
 _NOMINAL_V = 3.6
 
@@ -30,9 +31,15 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
         return replace(samples, voltage_v=samples.voltage_v * factor)
 
     if middle_v < 0:
+        low_v, high_v = _CELL_RANGE_V
+        turned_v = -samples.voltage_v
+        # Turned, nearly all of it has to be a cell's.
+        is_swapped = np.mean((turned_v >= low_v) & (turned_v <= high_v)) > _NEARLY_ALL
         remedy = "turn its sign (the sense leads were swapped), or give the right column"
-        samples = mended(f"negative, {middle_v:.6g} V", remedy, -1.0)
-        middle_v = -middle_v
+        if not is_swapped:
+            remedy = "give the column of the cell's voltage"
+        samples = mended(f"negative, {middle_v:.6g} V", remedy, -1.0 if is_swapped else 1.0)
+        middle_v = abs(middle_v)
     if middle_v > _MILLIVOLT_V:
         # Beside a current in milliamperes, that is how the tester was set.
         is_milli = samples.columns["current"].unit.symbol == "mA" and middle_v < 1e3 * _MODULE_V
@@ -80,7 +87,11 @@ def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:
 
 # A unit, its seconds, and the bulk time that would be too short for any cell if they were seconds.
 # Too long is what no whole record comes near; on a plateau, where the voltage stands, it may.
-_LONGER = (("hours", "h", 3600.0, 0.5), ("minutes", "min", 60.0, 40.0))
+_LONGER = (
+    ("days", "d", 86400.0, 0.05),
+    ("hours", "h", 3600.0, 0.5),
+    ("minutes", "min", 60.0, 40.0),
+)
 _SLOW_S = 1e4
 # The voltage must have moved for that to mean anything, and through more than the steep end.
 _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
@@ -88,6 +99,8 @@ _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 # second the numbers are as good in seconds.
 _SECONDS, _PATTERN, _SHORT_S = (1.0, 2.0, 5.0, 10.0, 30.0), 0.03, 0.2
 _LONG_S = 500.0
+# Testers sample no faster.
+_FINEST_S = 5e-4
 _RATIO = 0.15
 # What numbers are that are too large for seconds, the first where nothing tells which.
 _SHORTER = (
@@ -103,10 +116,15 @@ def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     if suspicion is None:
         return samples, []
     words, symbol, factor, severity, reason = suspicion
-    what = f"'{samples.header('time')}' looks like {words}: {reason}"
+    name = samples.header("time")
     remedy = f"rename the column to 'Test Time / {symbol}'"
     if not symbol:
         remedy = f"divide it by {1 / factor:.0f}"
+    if severity == "warning":
+        # One sign alone proves nothing.
+        what = f"'{name}' may be in {words}: {reason}"
+        return samples, [found_at(samples, 0, severity, what, f"if it is, {remedy}")]
+    what = f"'{name}' looks like {words}: {reason}"
     mended = replace(samples, time_s=samples.time_s * factor)
     return mended, [found_at(samples, 0, severity, what, remedy)]
 
@@ -119,6 +137,7 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
     bulk_s, travel_v = samples.bulk_time
     ratio = _throughput_ratio(samples)
     is_steep = float(np.median(samples.voltage_v)) < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
+    is_bare = samples.columns["time"].is_unit_assumed
     for words, symbol, factor, shortest_s in _LONGER:
         if ratio is not None:
             if abs(ratio * factor - 1) < _RATIO:
@@ -127,12 +146,15 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
             continue
         is_pattern = interval_s < _SHORT_S and _is_whole(interval_s * factor)
         is_fast = 0 < bulk_s < shortest_s and travel_v >= _TRAVEL_V
+        # What moved the voltage in a gap was not logged: its charge is missing, not the unit wrong.
+        is_fast &= samples.hidden_v < travel_v / 2
         pattern = f"samples lie {interval_s:.5g} apart, {interval_s * factor:.3g} s if in {words}"
         if is_fast and (is_pattern or symbol == "h"):
             return words, symbol, factor, "error", f"{pattern}; {_bulk(bulk_s)}"
-        if is_pattern and bulk_s == 0:
+        is_mute = bulk_s == 0 or (travel_v < _TRAVEL_V and (is_bare or interval_s < _FINEST_S))
+        if is_pattern and is_mute:
             return words, symbol, factor, "warning", pattern
-        if is_fast and not is_steep:
+        if is_fast and not is_steep and symbol != "d":
             return words, symbol, factor, "warning", _bulk(bulk_s)
     return None
 

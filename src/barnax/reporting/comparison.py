@@ -55,14 +55,15 @@ def comparison_document(
     their names, which a stored comparison does not hold. Every sentence is made from the numbers.
     """
     pictures = Pictures(illustrations)
+    parameters, *results = _results(result, pictures, seconds) if answered(result) else [None]
     sections = [
         Section("Verdict", (Bullets(tuple(_verdict(result))),)),
         *warnings_section(result.warnings),
+        *([parameters] if parameters else []),
         _measured(result, pictures),
         Section("What was decided", (Bullets(tuple(_decisions(result))), methods_table(result))),
+        *results,
     ]
-    if answered(result):
-        sections += _results(result, pictures, seconds)
     sections += compared_tables(result.tabulated, records(result))
     if any(row.failure for row in result.rows):
         sections.append(Section("Without an answer", (failures_table(result),)))

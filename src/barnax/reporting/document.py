@@ -94,10 +94,18 @@ def column_of(head: str, role: Role = "number") -> Column:
 
 
 @dataclass(frozen=True)
+class Live:
+    """What an interactive figure is drawn from, and how to read and use it."""
+
+    data: dict[str, Any]
+    caption: str
+
+
+@dataclass(frozen=True)
 class Picture:
     """A figure as an image: `caption` says how to read it, `alt` stands for it where unseen.
 
-    `name` is its file's, without a suffix.
+    `name` is its file's, without a suffix. A page with scripts shows `live` in its place.
     """
 
     name: str
@@ -105,6 +113,7 @@ class Picture:
     alt: str
     media_type: MediaType
     content: bytes
+    live: Live | None = None
 
 
 Block = Paragraph | Bullets | Listing | Table | Picture
@@ -146,6 +155,7 @@ def picture(illustration: Illustration) -> Picture:
         alt=illustration.alt,
         media_type="image/png" if is_png else "image/svg+xml",
         content=illustration.png if is_png else illustration.svg,
+        live=None if illustration.live is None else Live(*illustration.live()),
     )
 
 

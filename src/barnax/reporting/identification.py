@@ -27,8 +27,9 @@ from .sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from .soc_tables import tables_section
+from .soc_tables import tables_blocks
 from .tables import METRICS, Cells, circuits_table
+from .temperature import prediction_sentences, temperature_blocks
 from .verdict import best_possible, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
@@ -71,7 +72,7 @@ def identification_document(
         verdict,
         *warnings_section(result.warnings),
         answer,
-        *tables_section(result, pictures.starting("tables")),
+        *_tables_section(result, pictures),
         *pulses_section(
             result,
             pictures.of(
@@ -107,6 +108,7 @@ def verdict_sentences(result: "Result") -> Iterator[str]:
     circuit = result.model if result.tables is None else f"{result.model} with tables over SOC"
     yield f"On {own.record} {circuit} errs by {millivolt(own.rmse_v)} (RMSE)."
     yield from validation_sentences(own, result.answer_metrics.validation)
+    yield from prediction_sentences(result)
     yield f"Best possible: {best_possible(result)}"
     weakest = weakest_point(result)
     if weakest:
@@ -229,6 +231,19 @@ def optima_table(refined: "RefinedPart") -> Table:
         },
         first="place",
     )
+
+
+def _tables_section(result: "Result", pictures: Pictures) -> list[Section]:
+    """Tables over SOC, and over temperature, where there are any."""
+    part = result.tables
+    if part is None:
+        return []
+    over, constant_v = part.over_temperature, result.metrics.identification.rmse_v
+    drawn = pictures.starting("tables")
+    if over is None:
+        return [Section("Tables over SOC", (*tables_blocks(part, result), *drawn))]
+    blocks = temperature_blocks(part, over, constant_v)
+    return [Section("Tables over SOC and temperature", (*blocks, *drawn))]
 
 
 def _uncertainty_section(result: "Result") -> list[Section]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..cell import CircuitParameters
 from ..errors import InputError
@@ -26,6 +26,7 @@ from ..plots import (
     plot_voltage,
 )
 from ..plots.landscape import has_landscape
+from ..plots.live import MOST_NUMBERS, live_landscape, live_record, live_tables
 from ..plots.sources import Illustration, record_roles
 from ..pulses import pulses_of
 from ..storing import describe
@@ -122,6 +123,18 @@ WORDS = {
         "Parameters of every seed of every row",
     ),
 }
+# The same of the interactive forms, where there are some; the second {} says what is drawn.
+DRAG = "Drag across a stretch to zoom, double-click for the whole; the buttons do the same."
+LIVE_WORDS = {
+    "voltage": "Measured and simulated voltage on {}, the error (dashed: plus and minus the RMSE) "
+    "and the current, on one axis of time. {} " + DRAG,
+    "voltages": "Measured and simulated voltages on {}, the errors of the rows and the current, "
+    "on one axis of time. {} " + DRAG,
+    "tables": "The tables over the state of charge with the intervals of their nodes, and the "
+    "constant circuit. {}" + DRAG,
+    "landscape": "The lowest RMSE that {} can reach at every pair of time constants, in percent "
+    "above the lowest of all, with what every seed ended with. {}" + DRAG,
+}
 # All others hold so many points that PNG is the smaller form.
 SPARSE = {"ocv", "hysteresis", "landscape", "parameters", "tables", "resistances"}
 # What is written beside a result even where no report is.
@@ -136,15 +149,38 @@ class Figures:
     """How to draw each figure of a report, by its name; `add` says what the words are about."""
 
     drawings: "dict[str, tuple[str, str, Callable[[], Figure]]]" = field(default_factory=dict)
+    live: "dict[str, Callable[[], dict[str, Any]]]" = field(default_factory=dict)
 
-    def add(self, kind: str, name: str, subject: str, draw: "Callable[[], Figure]") -> None:
+    def add(
+        self,
+        kind: str,
+        name: str,
+        subject: str,
+        draw: "Callable[[], Figure]",
+        live: "Callable[[], dict[str, Any]] | None" = None,
+    ) -> None:
         self.drawings[name] = (kind, subject, draw)
+        if live is not None:
+            self.live[name] = live
 
     def draw(self, name: str) -> Illustration:
         """The figure with its caption, and words for who cannot see it."""
         kind, subject, draw = self.drawings[name]
         caption, alt = WORDS[kind]
-        return Illustration(name, draw(), caption.format(subject), alt, kind not in SPARSE)
+        live = partial(self._live, name) if name in self.live else None
+        return Illustration(name, draw(), caption.format(subject), alt, kind not in SPARSE, live)
+
+    def _live(self, name: str) -> tuple[dict[str, Any], str]:
+        kind, subject, _ = self.drawings[name]
+        data = self.live[name]()
+        samples, held = data.get("samples", 0), data.get("held", 0)
+        if not samples:
+            drawn = ""
+        elif held == samples:
+            drawn = f"All {samples:,} samples are drawn."
+        else:
+            drawn = f"Of {samples:,} samples {held:,} are drawn, every peak among them."
+        return data, LIVE_WORDS[kind].format(subject, drawn)
 
     def add_cell(self, cell: "CellModel") -> None:
         self.add("ocv", "ocv", "", partial(plot_ocv, cell))
@@ -160,8 +196,9 @@ class Figures:
         """The tables over SOC and where they err, beside the constant circuit."""
         if run.tables is None:
             return
-        draw = partial(plot_tables, run.tables.fit, run.answer.parameters)
-        self.add("tables", "tables", "", draw)
+        shown = (run.tables.found.reference, run.answer.parameters)
+        draw, live = partial(plot_tables, *shown), partial(live_tables, *shown)
+        self.add("tables", "tables", "", draw, live)
         own = {"constant circuit": run.identification, "tables": run.tables.identification}
         self.add("map", "tables-map", "identified on", partial(plot_error_map, own))
         if run.validation:
@@ -194,7 +231,13 @@ class Figures:
                 plot_landscape, found.landscape,
                 answers=answers, refined=refined, optimum=found.parameters, others=others,
             )  # fmt: skip
-            self.add("landscape", f"landscape-{model}", model, draw)
+            named = {
+                "refined": refined,
+                "other local optima": others,
+                "global optimum": [found.parameters],
+            }
+            live = partial(live_landscape, found.landscape, answers, named)
+            self.add("landscape", f"landscape-{model}", model, draw, live)
 
 
 def identification_illustrations(
@@ -232,7 +275,8 @@ def _identification_figures(run: "Run") -> Figures:
     for role, each in zip(roles, [*answered.identification, *answered.validation], strict=True):
         record = each.prepared.record.name
         figures.add_condition(role, each)
-        figures.add("voltage", f"{role}-voltage", record, partial(plot_voltage, each))
+        live = partial(live_record, {"simulated": each}, MOST_NUMBERS // len(roles))
+        figures.add("voltage", f"{role}-voltage", record, partial(plot_voltage, each), live)
         figures.add("error", f"{role}-error", record, partial(plot_error, each))
     figures.add_tables(run)
     figures.add_pulses(roles, answered.identification)
@@ -268,9 +312,9 @@ def comparison_illustrations(
         for place, (role, each) in enumerate(zip(roles, first, strict=True)):
             rows = {row.name: row.evaluations[place] for row in comparison.answered}
             record = each.prepared.record.name
-            figures.add(
-                "voltages", f"{role}-voltages", record, partial(plot_compared_voltages, rows)
-            )
+            draw = partial(plot_compared_voltages, rows)
+            live = partial(live_record, rows, MOST_NUMBERS // len(roles))
+            figures.add("voltages", f"{role}-voltages", record, draw, live)
             figures.add("errors", f"{role}-errors", record, partial(plot_compared_errors, rows))
         online = {row.name: row for row in comparison.answered}
         if any(row.median.trajectory is not None for row in online.values()):

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..over_soc.temperature import REFERENCE_DEGC, SAME_DEGC
 from ..plots.pulses import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
 from .document import Bullets, Picture, Section, Table, make_table
 from .words import NOTHING, counted, duration, fixed, joined
 
 if TYPE_CHECKING:
+    from ..over_soc import TableFit
     from ..results import Result
 
 HEADS = tuple(f"{time_s:g} s" if time_s else "at once" for time_s in STANDARD_S)
@@ -23,14 +25,14 @@ def pulses_section(result: "Result", pictures: Iterable[Picture]) -> list[Sectio
     """What the pulses of a test show, where one was identified on."""
     if not result.pulses:
         return []
-    tables = [_level_table(result, level) for level in levels(result.pulses)]
+    tables = [_level_table(result, label, level) for label, level in _levels(result)]
     told = Bullets(tuple(_sentences(result)))
     return [Section("Pulses", (told, *tables, *pictures))]
 
 
 def _sentences(result: "Result") -> Iterator[str]:
     pulses = result.pulses
-    found = [f"{len(each)} in {_label(result, each)}" for each in levels(pulses)]
+    found = [f"{len(each)} in {label}" for label, each in _levels(result)]
     socs = [pulse.soc for pulse in pulses]
     rests_s = sorted({round(pulse.rest_s, -1) for pulse in pulses})
     yield (
@@ -53,11 +55,27 @@ def _sentences(result: "Result") -> Iterator[str]:
         )
 
 
-def _label(result: "Result", level: Sequence[Pulse]) -> str:
-    return rate_label(level, result.cell_model.capacity_ah)
+def _levels(result: "Result") -> list[tuple[str, tuple[Pulse, ...]]]:
+    """The pulses by direction and rate, and by temperature where there are several."""
+    groups: list[list[Pulse]] = []
+    for pulse in sorted(result.pulses, key=_degc):
+        if not groups or _degc(pulse) - _degc(groups[-1][-1]) > SAME_DEGC:
+            groups.append([])
+        groups[-1].append(pulse)
+    labelled = [
+        (f", {_degc(group[0]):.0f} degC" if len(groups) > 1 else "", level)
+        for group in groups
+        for level in levels(group)
+    ]
+    capacity_ah = result.cell_model.capacity_ah
+    return [(rate_label(level, capacity_ah) + where, level) for where, level in labelled]
 
 
-def _level_table(result: "Result", level: Sequence[Pulse]) -> Table:
+def _degc(pulse: Pulse) -> float:
+    return REFERENCE_DEGC if pulse.temperature_degc is None else pulse.temperature_degc
+
+
+def _level_table(result: "Result", label: str, level: Sequence[Pulse]) -> Table:
     """The resistances of one direction and rate over SOC."""
     heads = [head for place, head in enumerate(HEADS) if _has(level, place)]
     places = [HEADS.index(head) for head in heads]
@@ -72,20 +90,23 @@ def _level_table(result: "Result", level: Sequence[Pulse]) -> Table:
             for head, place in zip(heads, places, strict=True)
         },
     }
-    caption = f"Pulse resistances, {_label(result, level)}."
+    caption = f"Pulse resistances, {label}."
     return make_table(caption, level, cells, ["record"])
 
 
 def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
-    """A line for each direction and rate: its resistances in the middle of SOC.
+    """A line for each direction, rate and temperature: its resistances in the middle of SOC.
 
-    Between pulses linearly; a dash where no pulse is long enough or none is on either side.
+    Between pulses linearly; a dash where no pulse is long enough or none is on either side. Those
+    with dashes only, such as of a drive cycle's last pulses, are left out.
     """
     unit, used = _unit(result), _used(result)
-    return [
-        (_label(result, level), *(_shown(_at_middle(level, place), unit) for place in used))
-        for level in levels(result.pulses)
-    ]
+    lines = []
+    for label, level in _levels(result):
+        ohms = [_at_middle(level, place) for place in used]
+        if any(ohm is not None for ohm in ohms):
+            lines.append((label, *(_shown(ohm, unit) for ohm in ohms)))
+    return lines
 
 
 def middle_heads(result: "Result") -> tuple[str, ...]:
@@ -143,23 +164,29 @@ def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
 
 
 def tables_csv(result: "Result") -> bytes:
-    """Every node of every table in a row, with its interval where one was computed."""
-    if result.tables is None:
+    """Every node of every table in a row, with its interval where one was computed; the tables of
+    each temperature after the other where there are several."""
+    part = result.tables
+    if part is None:
         raise ValueError("there are no tables over SOC in this result")
-    fit = result.tables.fit
-    intervals = {(each.name, each.soc): each for each in fit.intervals}
+    head = ["table", "SOC", "value", "low", "high", "visited"]
+    over = part.over_temperature
+    if over is None:
+        return _csv(head, _table_rows(part.fit))
+    by_degc = zip(over.temperatures_degc, part.fits, strict=True)
+    rows = ([degc, *row] for degc, fit in by_degc for row in _table_rows(fit))
+    return _csv(["temperature [degC]", *head], rows)
+
+
+def _table_rows(fit: "TableFit") -> Iterator[list[object]]:
+    known = {(each.name, each.soc): (each.low, each.high) for each in fit.intervals}
+    unknown = (None, None)
     visited = fit.tables.visited or (True,) * len(fit.tables.nodes)
-    rows = []
     for name, values in fit.tables.tables.items():
         for soc, value, is_visited in zip(fit.tables.nodes, values, visited, strict=True):
-            each = intervals.get((name, soc))
-            ends = (None, None) if each is None else (each.low, each.high)
-            rows.append([name, soc, value, *ends, int(is_visited)])
+            yield [name, soc, value, *known.get((name, soc), unknown), int(is_visited)]
     for name, value in fit.tables.constants.items():
-        each = intervals.get((name, None))
-        ends = (None, None) if each is None else (each.low, each.high)
-        rows.append([name, None, value, *ends, 1])
-    return _csv(["table", "SOC", "value", "low", "high", "visited"], rows)
+        yield [name, None, value, *known.get((name, None), unknown), 1]
 
 
 def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:

@@ -1,6 +1,7 @@
 """A report as one HTML file, and as Markdown that reads well as it stands."""
 
 import base64
+import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -89,12 +90,29 @@ UNSEEN = {"Cc", "Cf", "Cs"}
 
 
 def to_html(document: Document) -> str:
-    """One file that needs no other, no network and no scripts.
+    """One file that needs no other and no network, and is complete where scripts do not run.
+
+    Where a picture has a live form the page holds one script, which its policy allows by hash.
 
     >>> "<h1>A &lt; B</h1>" in to_html(Document("A < B", "", ()))
     True
     """
-    return _templates(for_html=True).get_template("report.html").render(document=document)
+    script, allowed = "", ""
+    if any(each.live for each in document.pictures):
+        script = _script()
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        allowed = f"; script-src 'sha256-{digest}'"
+    template = _templates(for_html=True).get_template("report.html")
+    return template.render(document=document, script=script, allowed=allowed)
+
+
+@cache
+def _script() -> str:
+    """uPlot and what draws the report's figures with it."""
+    templates = _templates(for_html=True)
+    assert templates.loader is not None
+    names = ("uPlot.iife.min.js", "report.js")
+    return "\n".join(templates.loader.get_source(templates, name)[0] for name in names)
 
 
 def to_markdown(document: Document, figures: str = "figures") -> str:

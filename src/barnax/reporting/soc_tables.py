@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
-from .document import Bullets, Section, Table, make_table
+from .document import Block, Bullets, Section, Table, make_table
 from .words import (
     NOTHING,
     between,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
-SHORT = {OCV_CORRECTION: "OCV", HALF_HYSTERESIS: "hysteresis"}
+SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "hysteresis"}
 
 
 def best_tables(fit: "TableFit") -> str:
@@ -123,13 +123,10 @@ def tables_sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
 
 
-def tables_section(result: "Result", pictures: tuple) -> list[Section]:
-    """Tables over SOC in the report, where there are any."""
-    if result.tables is None:
-        return []
-    told = tuple(tables_sentences(result.tables, result))
-    blocks = (Bullets(told), constants_table(result.tables.fit), nodes_table(result.tables.fit))
-    return [Section("Tables over SOC", (*blocks, *pictures))]
+def tables_blocks(part: "TablesPart", result: "Result") -> tuple[Block, ...]:
+    """Tables over SOC as the report has them."""
+    told = tuple(tables_sentences(part, result))
+    return Bullets(told), constants_table(part.fit), nodes_table(part.fit)
 
 
 def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[Section]:
@@ -146,11 +143,11 @@ def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[
     cells = {
         "circuit": lambda row: row[0],
         "values": lambda row: str(row[1]),
-        "held out [mV]": lambda row: NOTHING if row[2] is None else _errors(row[2]),
+        "held out [mV]": lambda row: NOTHING if row[2] is None else errors_words(row[2]),
     }
     for place, name in enumerate(names):
         role = "identified on" if place == 0 else "validation"
-        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: _errors(row[3][place])
+        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: errors_words(row[3][place])
     table = make_table(
         "RMSE in mV, in brackets above 10 % SOC: on blocks held out of the fit, and on each "
         "record. The constant circuit is the best one known, fitted anew for the held-out blocks.",
@@ -182,7 +179,7 @@ def _searched(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table:
     }
     for place in range(len(names)):
         role = "identified on" if place == 0 else f"validation {place if len(names) > 2 else ''}"
-        cells[f"{role.strip()} [mV]"] = lambda row, place=place: _errors(row[1].errors[place])
+        cells[f"{role.strip()} [mV]"] = lambda row, place=place: errors_words(row[1].errors[place])
     return make_table(
         "The time constants searched by each method, with the best tables solved exactly at every "
         "place it tries: the median seed, beside the best and the worst. The gap is over the "
@@ -193,7 +190,7 @@ def _searched(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table:
     )
 
 
-def nodes_table(fit: "TableFit") -> Table:
+def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
     rows = _visited(fit)
     cells = {"SOC [%]": lambda place: f"{100 * fit.tables.nodes[place]:g}"}
@@ -210,18 +207,19 @@ def nodes_table(fit: "TableFit") -> Table:
         cells[f"{_name(name)}, 95 %"] = interval
     heads = [head for head in cells if head.endswith(", 95 %")]
     return make_table(
-        "The tables at the nodes that samples visit; linear between nodes, constant beyond.",
+        f"The tables{where} at the nodes that samples visit; linear between nodes, constant beyond "
+        "them.",
         rows,
         cells,
         heads,
     )
 
 
-def constants_table(fit: "TableFit") -> Table:
+def constants_table(fit: "TableFit", where: str = "") -> Table:
     """What is the same at every SOC: time constants and, if any, gamma."""
     known = {each.name: each for each in fit.intervals if each.soc is None}
     return make_table(
-        "What is one value at every SOC.",
+        f"What is one value at every SOC{where and ' and '}{where}.",
         list(fit.tables.constants),
         {
             "parameter": str,
@@ -293,6 +291,7 @@ def _interval(each: "NodeInterval | None", scale: float = 1.0) -> str:
     return f"{figures(scale * each.low)} to {figures(scale * each.high)}"
 
 
-def _errors(errors: "SocErrors") -> str:
+def errors_words(errors: "SocErrors") -> str:
+    """An RMSE in mV, in brackets that above 10 % SOC."""
     above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
     return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"

@@ -15,12 +15,19 @@ from .document import Bullets, Document, Listing, Paragraph, Table
 from .pulses import middle_heads as middle_heads_of_pulses
 from .pulses import middle_pulses
 from .soc_tables import middle_heads, middle_rows, pay_sentence, unseen_errors
+from .temperature import (
+    degrees,
+    expectation,
+    left_out_v,
+    prediction_sentences,
+    temperature_heads,
+    temperature_rows,
+)
 from .verdict import best_possible, weakest_point
 from .words import between, duration, figures, with_unit
 
 if TYPE_CHECKING:
-    from ..over_soc import TableFit
-    from ..results import InputPart, MetricsPart, Result
+    from ..results import InputPart, MetricsPart, Result, TablesPart
     from ..uncertainty import Estimate
 
 # Seven figures and a file's name in 80 columns.
@@ -49,20 +56,30 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     yield Text()
     yield indented(_parameters_table(result))
     yield Text()
-    if result.pulses:
+    if middle_pulses(result):
         yield indented(_pulses_table(result))
         yield Text()
     lines = [("Best possible", best_possible(result))]
-    if result.tables is not None and (
-        pays := pay_sentence(result.tables.fit, unseen_errors(result))
-    ):
-        lines.append(("Worth it", pays[0].upper() + pays[1:]))
+    lines += _table_lines(result)
     weakest = weakest_point(result)
     if weakest:
         lines.append(("Weakest point", weakest))
     lines += [("Assumed", text) for text in guesses(result)]
     for head, text in lines:
         yield indented(headed_line(head, spell(text)))
+
+
+def _table_lines(result: "Result") -> Iterator[tuple[str, str]]:
+    """What samples, or temperatures, that were left out say of the tables."""
+    if result.tables is None:
+        return
+    over = result.tables.over_temperature
+    if over is not None:
+        yield "Temperatures", f"where none was measured, {expectation(over)}"
+        for told in prediction_sentences(result):
+            yield "", told
+    elif pays := pay_sentence(result.tables.fit, unseen_errors(result)):
+        yield "Worth it", pays[0].upper() + pays[1:]
 
 
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
@@ -137,17 +154,20 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
     grid = Shown.grid(padding=(0, 1, 0, 0))
     grid.add_column(width=width, no_wrap=True)
     grid.add_column()
-    label = head if head == "-" else f"{head}:"
+    label = head if head in ("-", "") else f"{head}:"
     grid.add_row(Text(label, style="bold"), _text(text, style=style))
     return grid
 
 
 def _files_table(result: "Result") -> Shown:
+    has_degc = result.tables is not None and result.tables.over_temperature is not None
     table = Shown(show_header=False, **BARE)
-    for _ in range(4):
+    for _ in range(4 + has_degc):
         table.add_column(no_wrap=True)
     for each in (*result.of_role("identification"), *result.of_role("validation")):
-        table.add_row(_text(_short(each.name)), *_extent(each))
+        degc = each.temperature_degc
+        at = [] if not has_degc else ["" if degc is None else degrees(degc)]
+        table.add_row(_text(_short(each.name, LONGEST_NAME - 9 * has_degc)), *at, *_extent(each))
     return table
 
 
@@ -171,12 +191,21 @@ def _errors_table(result: "Result") -> Shown:
     rows += zip(_numbered("validation", len(others)), others, strict=True)
     table = Shown(**BARE)
     table.add_column("")
-    heads = ("RMSE", "above 10 % SOC", "max", *(["constant circuit"] if result.tables else []))
-    for head in heads:
+    columns = {
+        "RMSE": [each.rmse_v for _, each in rows],
+        "above 10 % SOC": [each.rmse_above_10_soc_v for _, each in rows],
+        "max": [each.max_v for _, each in rows],
+    }
+    if result.tables is not None:
+        before = (*constant.jointly, constant.identification, *constant.validation)
+        columns["constant circuit"] = [each.rmse_v for each in before]
+        parts = {each.name: each for each in result.of_role("validation")}
+        left = [left_out_v(result.tables, parts.get(each.record)) for _, each in rows]
+        if any(value is not None for value in left):
+            columns["left out"] = left
+    for head in columns:
         table.add_column(head, justify="right")
-    before = (*constant.jointly, constant.identification, *constant.validation)
-    for (role, each), simple in zip(rows, before, strict=True):
-        errors = (each.rmse_v, each.rmse_above_10_soc_v, each.max_v, simple.rmse_v)[: len(heads)]
+    for (role, _), *errors in zip(rows, *columns.values(), strict=True):
         table.add_row(role, *("" if value is None else _millivolt(value) for value in errors))
     return table
 
@@ -188,7 +217,7 @@ def _numbered(role: str, count: int) -> list[str]:
 def _parameters_table(result: "Result") -> Shown:
     """Resistances at the left, the time constants of their pairs at the right."""
     if result.tables is not None:
-        return _soc_tables(result.tables.fit)
+        return _soc_tables(result.tables)
     estimates: dict[str, Estimate] = {}
     if result.assessment is not None:
         estimates = {each.name: each for each in result.assessment.uncertainty.estimates}
@@ -225,11 +254,13 @@ def _pulses_table(result: "Result") -> Shown:
     return table
 
 
-def _soc_tables(fit: "TableFit") -> Shown:
-    table = Shown(**BARE)
-    for head in middle_heads(fit):
-        table.add_column(head, justify="right" if head.startswith("at") else "left", no_wrap=True)
-    for row in middle_rows(fit):
+def _soc_tables(part: "TablesPart") -> Shown:
+    table, over = Shown(**BARE), part.over_temperature
+    heads = middle_heads(part.fit) if over is None else temperature_heads(part)
+    for place, head in enumerate(heads):
+        is_number = head.startswith("at") if over is None else place > 0
+        table.add_column(head, justify="right" if is_number else "left", no_wrap=True)
+    for row in middle_rows(part.fit) if over is None else temperature_rows(part, over):
         table.add_row(*row)
     return table
 
@@ -251,8 +282,9 @@ def _millivolt(value_v: float) -> str:
     return f"{value_mv:.0f} mV" if value_mv >= 999.5 else f"{value_mv:#.3g}".rstrip(".") + " mV"
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= LONGEST_NAME else f"{name[:18]}...{name[-19:]}"
+def _short(name: str, longest: int) -> str:
+    half = longest // 2
+    return name if len(name) <= longest else f"{name[: half - 2]}...{name[1 - half :]}"
 
 
 def parts_line(parts: Sequence[str]) -> RenderableType:

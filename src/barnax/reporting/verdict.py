@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..over_soc.cross_validation import WORTHWHILE
 from ..pipeline import FITTING_AGAIN
 from .sentences import (
@@ -13,9 +14,11 @@ from .sentences import (
     option,
 )
 from .soc_tables import best_tables
+from .temperature import best_over_temperature
 from .words import counted, joined, millivolt, percent
 
 if TYPE_CHECKING:
+    from ..cell import CellModel
     from ..results import Result
 
 # Most of the squared error of most cells is where they are nearly empty.
@@ -28,6 +31,9 @@ def best_possible(result: "Result") -> str:
     optimum, refined = result.global_optimum, result.refined
     seeds = 0 if refined is None else len(refined.seeds)
     if result.tables is not None:
+        over = result.tables.over_temperature
+        if over is not None:
+            return best_over_temperature(result.tables, over)
         return best_tables(result.tables.fit)
     if optimum is None:
         reached = refined.optima[0].seeds if refined else 0
@@ -93,6 +99,11 @@ def tables_would_pay(result: "Result") -> bool:
 
 def next_step(result: "Result") -> tuple[dict[str, str], str]:
     """Options to run again with, and why; no options where it takes something else."""
+    missed_v = _missed_by_the_polynomial_v(result.cell)
+    if missed_v > MISS_TOLERANCE_V:
+        missed = millivolt(missed_v)
+        what = f"for an OCV curve through its points, which this one misses by {missed}"
+        return {"ocv_fit": "interpolated"}, what
     if not result.metrics.validation:
         return {}, "validate on another record of the cell, with `validate`"
     if result.tables is not None:
@@ -118,6 +129,17 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
             return options, f"for an RMSE of {millivolt(each.rmse_v)}"
     names = [each.name for each in result.of_role("validation")]
     return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
+
+
+def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
+    """How far the OCV curves pass from their points where another kind of fit would not."""
+    branches = {"charge": cell.charge, "discharge": cell.discharge}
+    missed = [
+        cell.errors[name].max_v
+        for name, curve in branches.items()
+        if isinstance(curve, PolynomialCurve) and name in cell.errors
+    ]
+    return max(missed, default=0.0)
 
 
 def _gap(gap: float | None) -> str:

@@ -13,7 +13,19 @@ from .dialect import CHARGE, DISCHARGE, Dialect, Sign, bare
 from .digatron import DIGATRON
 from .maccor import MACCOR
 from .neware import NEWARE
-from .others import BASYTEC, BDF, GAMRY, LANDT, NOVONIX, PEC, PLAIN, PYBAMM
+from .others import (
+    BASYTEC,
+    BDF,
+    CHINESE,
+    GAMRY,
+    GERMAN,
+    IVIUM,
+    LANDT,
+    NOVONIX,
+    PEC,
+    PLAIN,
+    PYBAMM,
+)
 
 DIALECTS: tuple[Dialect, ...] = (
     BDF,
@@ -28,6 +40,9 @@ DIALECTS: tuple[Dialect, ...] = (
     GAMRY,
     BIOLOGIC,
     PYBAMM,
+    GERMAN,
+    CHINESE,
+    IVIUM,
 )
 
 # Tables that are no record of one cell over time, by their names, and what to give instead.

@@ -10,6 +10,8 @@ from .dialect import Dialect
 ARBIN = Dialect(
     "Arbin",
     marks=(
+        "date time & test time & step index & current & voltage",
+        "test time & step time & step index & current & voltage & charge capacity",
         "test time(s) & step index & current(a) & voltage(v)",
         "data point & test time & step index & current",
         "test id & data point & test time",

@@ -9,14 +9,19 @@ from .dialect import Dialect
 
 DIGATRON = Dialect(
     "Digatron",
-    marks=("prog time & step time", "programmdauer", "program time & step time"),
+    marks=(
+        "prog time & step time",
+        "programmdauer",
+        "program time & step time",
+        "program duration & step duration",
+    ),
     names={
-        "time": "prog time|program time|programmdauer=ms",
-        "step time": "step time|schrittdauer=ms",
-        "date": "time stamp|zeitstempel|zeit",
+        "time": "prog time|program time|program duration|programmdauer=ms",
+        "step time": "step time|step duration|schrittdauer=ms",
+        "date": "time stamp|timestamp|zeitstempel|zeit",
         "current": "current|strom",
         "voltage": "voltage|spannung",
-        "temperature": "temperature|logtemppositive|logtemp001|temp1",
+        "temperature": "temperature|t1|logtemppositive|logtemp001|temp1",
         "step": "step|schritt",
         "cycle": "cycle|zyklus",
         "state": "status|zustand",

@@ -23,10 +23,10 @@ MACCOR = Dialect(
     names={
         "time": "testtime=min|test time=min|test",
         "step time": "steptime=min|step time=min",
-        "date": "dpt time|date time",
+        "date": "dpt time|dpt-time|date time",
         "current": "amps|mamps=mA|current|i",
         "voltage": "volts|mvolts=mV|voltage",
-        "temperature": "temp 1|temperature|temp",
+        "temperature": "temp 1|temperature cell|temperature|ev temp|temp",
         "step": "step",
         "cycle": "cyc#|cycle c|cycle|cycle p",
         "state": "state|md|status",

@@ -39,15 +39,24 @@ NOVONIX = Dialect(
 
 LANDT = Dialect(
     "Landt",
-    marks=("testtime & systime", "testtime & steptime & current", "test time s & step name"),
+    marks=(
+        "测试时间 & 系统时间",
+        "过程号 & 电流",
+        "testtime & systime",
+        "testtime & steptime & current",
+        "test time s & step name",
+    ),
     names={
-        "time": "testtime|test time",
-        "step time": "steptime|step time",
-        "date": "systime|system time|date time iso string",
-        "step": "step-index|step index|step",
+        "time": "testtime|test time|测试时间",
+        "step time": "steptime|step time|过程时间",
+        "date": "systime|system time|date time iso string|系统时间",
+        "step": "step-index|step index|step|过程号",
         "cycle": "cycle-index|cycle index|cycle",
-        "state": "step-state|step name|mode",
+        "state": "step-state|step name|mode|过程模式",
+        "current": "current|电流",
+        "voltage": "voltage|电压",
         "temperature": "auxtemp|temperature 1",
+        "net capacity": "capacity|容量",
     },
 )
 
@@ -78,5 +87,17 @@ BDF = Dialect(
         "test time second & current ampere & voltage volt",
     ),
 )
+# What the words are in German and Chinese, of no make.
+GERMAN = Dialect(
+    "German",
+    marks=("zeit & strom & spannung",),
+    names={"time": "zeit", "current": "strom", "voltage": "spannung", "temperature": "temperatur"},
+)
+CHINESE = Dialect(
+    "Chinese",
+    marks=("时间 & 电流 & 电压",),
+    names={"time": "时间", "current": "电流", "voltage": "电压", "temperature": "温度"},
+)
+IVIUM = Dialect("Ivium", marks=("time & i & e",), names={"voltage": "e"})
 PYBAMM = Dialect("PyBaMM", marks=("current [a]",), sign=DISCHARGE)
 PLAIN = Dialect("plain")

@@ -1,4 +1,4 @@
-"""Delimited text: comma, semicolon, tab or bar between the cells, point or comma in numbers.
+"""Delimited text: comma, semicolon, tab, bar or blanks between the cells, any mark in numbers.
 
 The lines above the names are skipped, units below them are joined to them, and rows of another
 layer, as Neware's reports have for cycles and steps, are left out. Polars reads the cells.
@@ -6,6 +6,7 @@ layer, as Neware's reports have for cycles and steps, are left out. Polars reads
 
 import codecs
 import csv
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,28 +14,40 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, counted
+from ..cells import numbers
 from ..columns import NEEDED, QUANTITIES, unit_of
 from ..dialects import columns_of, is_ocv_table, names_record, other_table
 from ..table import Reader, Table
 
 _DELIMITERS = ",;\t|"
+# Cells in columns of blanks, as printed for the eye.
+_BLANK = " "
+# Names that tell a text in the encoding of Chinese computers: voltage, current.
+_CHINESE = ("电压", "电流")
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # The longest preambles known are a protocol of some hundred lines, or in one line of 13,000
 # letters; the widest headers have some 3,000 characters.
 _PREAMBLE_LINES, _PREAMBLE_BYTES, _LONGEST_HEADER = 2000, 400_000, 20_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
+_CELL_V = 6.0
 # So many zero bytes may stand in text.
 _STRAY_ZEROS = 4
 
 
 def _recognizes(content: bytes) -> bool:
-    """Text has no zero bytes but a stray one, and but for UTF-16, which says so at its start."""
-    return content.startswith(_UTF16) or content[:65536].count(0) <= _STRAY_ZEROS
+    """Text has no zero bytes but a stray one, and those that a lost power supply left at its end.
+
+    UTF-16 has more, and says so at its start.
+    """
+    head = content[:65536].rstrip(b"\0")
+    return content.startswith(_UTF16) or (bool(head) and head.count(0) <= _STRAY_ZEROS)
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
     """The cells of one line; none where the standard library finds a cell too long."""
+    if delimiter == _BLANK:
+        return re.sub(r"[ \t]{2,}", "\t", line.strip()).split("\t")
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
     except csv.Error:
@@ -57,17 +70,66 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     layout = _layout(lines, file, given)
     lead = layout.above + 1
     body, breaks = _without_repeats(content, layout.above)
-    below = lines[lead : lead + 1]
-    header, has_units = _with_units(layout, below[0] if below else "")
+    # Of blank lines below the names the first that is not may hold the units.
+    blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
+    header, has_units = _with_units(layout, "".join(lines[lead + blank : lead + blank + 1]))
     _refuse_split_numbers(lines[lead:], layout, file)
     if has_units:
-        body, lead = body[_offset(body, 1) :], lead + 1
-    columns = _columns(body, header, layout.delimiter, file)
+        body, lead = body[_offset(body, blank + 1) :], lead + blank + 1
+    delimiter = layout.delimiter
+    if delimiter == _BLANK:
+        body, delimiter = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", body), "\t"
+        body = re.sub(rb"[ \t]+", b"\t", body)
+    columns = _columns(body, (*header, ""), delimiter, file)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
-    table = Table(header, tuple(columns), row, notes=_notes(layout, breaks))
-    return _records_of_layers(table)
+    table = Table((*header, ""), tuple(columns), row, notes=_notes(layout, breaks))
+    return _within_the_names(_records_of_layers(table), file)
+
+
+def _within_the_names(table: Table, file: str) -> Table:
+    """The table without its last column, which is of cells beyond the names, and has none.
+
+    Raises InputError where rows have more cells than there are names: which cell belongs to which
+    name cannot be told.
+    """
+    *columns, beyond = table.columns
+    table = replace(table, header=table.header[:-1], columns=tuple(columns))
+    if columns[-1].dtype != pl.String:
+        # A remark behind numbers moves none of them.
+        beyond = beyond.cast(pl.Float64, strict=False)
+    wide = np.flatnonzero(beyond.is_not_null())
+    if not len(wide):
+        return table
+    where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
+    if len(wide) > 0.5 * len(table.row):
+        if _fits(table.header, columns) and not _fits(table.header, [*columns[1:], beyond]):
+            note = f"the rows have more cells than the {names} names: those at the end are not used"
+            return replace(table, notes=(*table.notes, note))
+        raise InputError(
+            f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
+            "and which cell has no name cannot be told; give it one there."
+        )
+    raise InputError(
+        f"{where}: this row ({counted(len(wide), 'such row')}) has more than {names} cells, as a "
+        "thousands separator or a comma within a cell makes them; export it with another "
+        "delimiter, or with quotes about such cells."
+    )
+
+
+def _fits(header: Sequence[str], columns: Sequence[pl.Series]) -> bool:
+    """Whether the columns are what the names say: a clock that runs, and the voltage of a cell."""
+    found = columns_of(header)
+    clock = found.get("time") or found.get("date") or found.get("step time")
+    if clock is None or "voltage" not in found:
+        return True
+    time, voltage = (
+        numbers(columns[each.index].head(_GUESSED_LINES), each)
+        for each in (clock, found["voltage"])
+    )
+    is_cell = bool(np.isfinite(voltage).all() and 0 < np.median(voltage) < _CELL_V)
+    return is_cell and bool(np.isfinite(time).all() and np.mean(np.diff(time) > 0) > 0.5)
 
 
 def _as_utf8(content: bytes, file: str) -> bytes:
@@ -79,7 +141,9 @@ def _as_utf8(content: bytes, file: str) -> bytes:
             raise InputError(
                 f"{file}: starts as UTF-16 text but does not go on so; save it as UTF-8."
             ) from error
-    content = content.removeprefix(codecs.BOM_UTF8)
+    content = content.removeprefix(codecs.BOM_UTF8).rstrip(b"\0")
+    if any(name.encode("gb18030") in content[:_PREAMBLE_BYTES] for name in _CHINESE):
+        content = content.decode("gb18030", "replace").encode()
     if b"\0" in content:
         content = content.replace(b"\0", b"")
     if b"\n" not in content[:_PREAMBLE_BYTES]:
@@ -110,6 +174,8 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
             continue
         delimiter = max(_DELIMITERS, key=line.count)
         header = tuple(_cells(line, delimiter))
+        if len(header) == 1 or delimiter not in line:
+            delimiter, header = _BLANK, _blank_cells(line, given)
         found = _Layout(above, header, delimiter)
         if names_record(header, given) or is_ocv_table(header) or other_table(header):
             return found
@@ -128,6 +194,13 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
             "samples; export the record as plain CSV."
         )
     return fallback
+
+
+def _blank_cells(line: str, given: Mapping[str, str]) -> tuple[str, ...]:
+    """The names in a line without delimiters: apart by several blanks, else by single ones."""
+    apart = tuple(_cells(line, _BLANK))
+    close = tuple(line.split())
+    return close if names_record(close, given) and not names_record(apart, given) else apart
 
 
 def _offset(content: bytes, lines: int) -> int:
@@ -226,7 +299,33 @@ def _columns(body: bytes, header: Sequence[str], delimiter: str, file: str) -> l
     except pl.exceptions.PolarsError:
         # A word among the numbers, or a quote within a cell: as text, a message can quote it.
         frame = _parsed_as_text(parsed, names, delimiter, file)
-    return frame.get_columns()
+    return _without_groups(frame.get_columns())
+
+
+def _without_groups(columns: list[pl.Series]) -> list[pl.Series]:
+    """The columns, "1,005" as a thousand where points in other columns are the decimal mark."""
+    grouped = [
+        column.dtype == pl.String
+        and (with_comma := column.filter(column.str.contains(",", literal=True))).len() > 0
+        and with_comma.str.contains(r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$").all()
+        for column in columns
+    ]
+    if not any(grouped) or not any(map(_has_points, columns)):
+        return columns
+    return [
+        column.str.replace_all(",", "", literal=True) if is_grouped else column
+        for column, is_grouped in zip(columns, grouped, strict=True)
+    ]
+
+
+_WITH_POINT = r"^\s*[+-]?\d[\d,]*\.\d+\s*$"
+
+
+def _has_points(column: pl.Series) -> bool:
+    """Whether numbers in the column have decimal points."""
+    if column.dtype == pl.String:
+        return bool(column.head(_GUESSED_LINES).str.contains(_WITH_POINT).any())
+    return column.dtype.is_float() and bool((column % 1 > 0).any())
 
 
 def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type[pl.DataType]]:
@@ -279,7 +378,7 @@ def _records_of_layers(table: Table) -> Table:
     header, columns = table.header[blank:], table.columns[blank:]
     if "step" not in columns_of(header):
         # Every other row begins a step; that of a cycle stands on one line with its first.
-        header, columns = (*header, "Step Count"), (*columns, pl.Series(np.cumsum(front)))
+        header, columns = ("Step Count", *header), (pl.Series(np.cumsum(front)), *columns)
     return Table(
         header,
         tuple(column.filter(kept) for column in columns),

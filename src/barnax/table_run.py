@@ -1,0 +1,130 @@
+"""Tables over SOC, and over temperature, of a run: fitted, evaluated, and what to beware of."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .model.inputs import PreparedRecord
+from .over_soc import (
+    FitWarning,
+    Reversal,
+    TableFits,
+    TableSettings,
+    evaluate_tables,
+    fit_tables,
+    fit_temperatures,
+    group_by_temperature,
+)
+from .search.evaluate import Evaluation
+
+# Validation may leave the SOC that tables were identified on by this much without a word.
+OUTSIDE_SOC = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class TableRun:
+    """Tables over SOC fitted to the records of a run, and their evaluations."""
+
+    settings: TableSettings
+    found: TableFits
+    identification: list[Evaluation]
+    validation: list[Evaluation]
+
+    @classmethod
+    def of(
+        cls,
+        settings: TableSettings,
+        found: TableFits,
+        identified: Sequence[PreparedRecord],
+        validated: Sequence[PreparedRecord],
+    ) -> "TableRun":
+        """The tables on every record, each at its own temperature."""
+        own, others = (
+            [evaluate_tables(each, found.of(each)) for each in prepared]
+            for prepared in (identified, validated)
+        )
+        return cls(settings, found, own, others)
+
+
+def fit_over(
+    over: str, prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> TableFits:
+    """The tables over "soc", or for each temperature over "soc,temperature"."""
+    if over == "soc":
+        return TableFits((fit_tables(prepared_records, settings),))
+    return fit_temperatures(group_by_temperature(prepared_records), settings)
+
+
+def table_warnings(run: TableRun) -> Iterator[str]:
+    """What a user should know of tables over SOC."""
+    over = run.found.over_temperature
+    degc = [""] if over is None else [f" at {each:.3g} degC" for each in over.temperatures_degc]
+    texts: dict[str, list[str]] = {}
+    for where, fit in zip(degc, run.found.fits, strict=True):
+        for each in fit.warnings:
+            texts.setdefault(_fit_warning(each), []).append(where)
+    for text, found in texts.items():
+        # What is so at every temperature is said once.
+        for where in found if len(found) < len(degc) else [""]:
+            yield f"tables over SOC{where}: {text}"
+    yield from _reversal_warnings(run)
+    yield from _outside_warnings(run)
+
+
+def _fit_warning(each: FitWarning) -> str:
+    if each.kind == "tau at bound":
+        return (
+            f"{each.name} ended at its bound of {each.value:.4g} s; with an OCV correction a slow "
+            "pair imitates a wrong capacity, so check `capacity`, or give `bounds` for it"
+        )
+    return (
+        f"{100 * each.value:.0f} % of the nodes of {each.name} are near no sample; their values "
+        "follow from their neighbors"
+    )
+
+
+def _reversal_warnings(run: TableRun) -> Iterator[str]:
+    """One sentence for each resistance that both falls and rises from cold to warm."""
+    over = run.found.over_temperature
+    if over is None:
+        return
+    by_name: dict[str, list[Reversal]] = {}
+    for each in over.reversals:
+        by_name.setdefault(each.name, []).append(each)
+    degc = ", ".join(f"{each:.3g}" for each in over.temperatures_degc)
+    for name, found in by_name.items():
+        each = found[len(found) // 2]
+        values = ", ".join(f"{1e3 * value:.3g}" for value in each.values_ohm)
+        yield (
+            f"{name.partition(' ')[0]} is not monotone over temperature at {len(found)} of "
+            f"{len(run.found.fits[0].tables.nodes)} nodes: {values} mOhm at {degc} degC and "
+            f"{100 * each.soc:.3g} % SOC; what is interpolated between temperatures may be far off"
+        )
+
+
+def _outside_warnings(run: TableRun) -> Iterator[str]:
+    for each in run.validation:
+        own = [other for other in run.identification if _is_alike(run, each, other)]
+        low, high = (
+            bound([bound(other.prepared.soc[other.prepared.scored]) for other in own])
+            for bound in (min, max)
+        )
+        soc = each.prepared.soc[each.prepared.scored]
+        outside = int(np.count_nonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC)))
+        if outside:
+            yield (
+                f"{each.prepared.record.name}: {outside} of {len(soc)} scored samples lie outside "
+                f"the SOC that the tables were identified on ({100 * low:.0f} to "
+                f"{100 * high:.0f} %), where they are held constant"
+            )
+
+
+def _is_alike(run: TableRun, each: Evaluation, other: Evaluation) -> bool:
+    """Whether the tables of one record were identified on another: not those of another
+    measured temperature; between temperatures all of them count."""
+    over = run.found.over_temperature
+    if over is None:
+        return True
+    near = over.measured_near(each.prepared.temperature_degc or 0.0)
+    return near in (None, over.measured_near(other.prepared.temperature_degc or 0.0))

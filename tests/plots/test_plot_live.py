@@ -1,0 +1,117 @@
+"""What interactive figures are drawn from is what was measured, simulated and found."""
+
+import base64
+import json
+
+import numpy as np
+import pytest
+
+from barnax.cell import CircuitParameters
+from barnax.global_optimum import Landscape
+from barnax.plots import plot_tables
+from barnax.plots.live import MOST_NUMBERS, live_landscape, live_record, live_tables
+from helpers.results import CIRCUIT, NODES, TABLE_OHM, make_evaluation, make_fit, make_record
+
+
+def columns_of(live):
+    return [np.frombuffer(base64.b64decode(each), "<f4") for each in live["columns"]]
+
+
+def test_a_record_is_held_whole_in_single_precision():
+    evaluation = make_evaluation(make_record(600), np.arange(600) > 99)
+    live = live_record({"simulated": evaluation})
+    prepared = evaluation.prepared
+    expected = (
+        prepared.time_s - prepared.time_s[0],
+        *(prepared.voltage_v, prepared.current_a, evaluation.simulated_v),
+    )
+    for held, own in zip(columns_of(live), expected, strict=True):
+        np.testing.assert_array_equal(held, own.astype("f4"))
+    assert live["origin"] == prepared.time_s[0]
+    assert live["shaded"] == [[prepared.time_s[0], prepared.time_s[100]]]
+    assert (live["samples"], live["held"]) == (600, 600)
+
+
+def test_every_panel_shows_its_own_columns():
+    live = live_record({"simulated": make_evaluation(make_record(600))})
+    voltage, error, current = live["panels"]
+    assert [line["column"] for line in voltage["lines"]] == [1, 3]
+    assert [(line["column"], line["minus"]) for line in error["lines"]] == [(1, 3)]
+    assert current["lines"][0]["column"] == 2
+    assert [panel["label"] for panel in live["panels"]] == [
+        "Voltage [V]",
+        "Error [mV]",
+        "Current [A]",
+    ]
+
+
+def test_of_a_long_record_no_peak_is_lost():
+    samples, most = 50_000, 8_000
+    error_v = np.random.default_rng(5).normal(0.0, 1e-3, samples)
+    error_v[[1234, 44_444]] = 0.5, -0.4
+    evaluation = make_evaluation(make_record(samples), error_v=error_v)
+    live = live_record({"simulated": evaluation}, most)
+    held = columns_of(live)
+    assert live["samples"] == samples
+    assert live["held"] == len(held[0]) <= most // 4
+    assert (np.diff(held[0]) > 0).all()
+    left_mv = 1e3 * (held[1] - held[3])
+    assert left_mv.max() == pytest.approx(500, abs=0.01)
+    assert left_mv.min() == pytest.approx(-400, abs=0.01)
+    # A part as wide as one of those that the extremes are kept of has its extremes kept.
+    parts = most // 4 // 10
+    for own, kept in ((evaluation.prepared.current_a, held[2]), (error_v * 1e3, left_mv)):
+        for part in range(parts):
+            inside = slice(part * samples // parts + 2, (part + 1) * samples // parts - 2)
+            time_s = evaluation.prepared.time_s[inside] - evaluation.prepared.time_s[0]
+            here = (held[0] >= time_s[0] - 2) & (held[0] <= time_s[-1] + 2)
+            assert kept[here].max() >= own[inside].max() - 1e-3
+            assert kept[here].min() <= own[inside].min() + 1e-3
+
+
+def test_all_records_together_stay_under_three_megabytes():
+    assert MOST_NUMBERS * 4 * 4 / 3 < 3e6
+
+
+def test_rows_of_a_comparison_have_a_line_each_in_their_own_color():
+    record = make_record(300)
+    rows = {
+        name: make_evaluation(record, error_v=np.full(300, v))
+        for name, v in (("a", 1e-3), ("b", 2e-3))
+    }
+    voltage, error, _ = live_record(rows)["panels"]
+    assert [line["label"] for line in voltage["lines"]] == ["measured [V]", "a [V]", "b [V]"]
+    assert [line["label"] for line in error["lines"]] == ["error of a [mV]", "error of b [mV]"]
+    assert voltage["lines"][1]["color"] == error["lines"][0]["color"]
+    assert voltage["lines"][1]["color"] != voltage["lines"][2]["color"]
+
+
+def test_tables_stand_with_their_intervals_on_the_still_figure_s_scale():
+    fit = make_fit()
+    live = live_tables(fit, CIRCUIT)
+    still = plot_tables(fit, CIRCUIT).axes
+    assert live["columns"][0] == pytest.approx(NODES)
+    assert live["columns"][1] == pytest.approx(1e3 * np.array(TABLE_OHM[0]))
+    low, high = live["columns"][2:4]
+    assert low[:2] == high[:2] == [None, None]
+    assert high[2:] == pytest.approx(1e3 * (np.array(TABLE_OHM[0][2:]) + 2e-3))
+    for panel, axes in zip(live["panels"], still, strict=True):
+        assert panel["range"] == axes.get_ylim()
+        assert panel["label"].partition(",")[0] == axes.get_ylabel()
+
+
+def test_the_landscape_is_the_grid_and_circuits_stand_at_their_time_constants():
+    tau_s = np.geomspace(1.0, 1000.0, 7)
+    rmse_v = np.where(np.tri(7, k=-1) > 0, np.nan, 0.02 + np.arange(49.0).reshape(7, 7) / 1e3)
+    landscape = Landscape((tau_s, tau_s), None, rmse_v, np.zeros((3, 7, 7)))
+    circuit = CircuitParameters(0.05, (0.01, 0.02), (9_000.0, 2e5))
+    live = live_landscape(
+        landscape, {"ibmo": [circuit]}, {"global optimum": [], "refined": [circuit]}
+    )
+    assert live["rmse"][1][0] is None
+    assert live["rmse"][1][2] == pytest.approx(1e3 * rmse_v[1, 2], rel=1e-5)
+    seeds, refined = live["marks"]
+    assert seeds["label"] == "ibmo"
+    # 90 s and 4000 s, the latter beyond the box.
+    assert refined["points"] == [[90.0, 1000.0]]
+    json.dumps(live, allow_nan=False)

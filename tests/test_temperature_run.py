@@ -1,0 +1,111 @@
+"""Tables over SOC and temperature from records to the screen: a made cell comes back."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from barnax import Result, identify
+from barnax.errors import InputError
+from barnax.pipeline import validate_stored
+from barnax.pulse_test import hppc
+from barnax.reporting import identification_document
+from barnax.reporting.pulses import tables_csv
+from barnax.reporting.render import to_markdown
+from barnax.reporting.temperature import prediction_sentence
+from barnax.reporting.terminal import first_screen
+from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
+
+FEW = {"seeds": 2, "iterations": 5, "population": 8}
+NODES = (0.0, 0.25, 0.5, 0.75, 1.0)
+DEGC = (5.0, 25.0, 45.0)
+
+
+def arrhenius(degc):
+    return float(np.exp(2500 / (273.15 + degc) - 2500 / 298.15))
+
+
+def at(degc):
+    return made_record(2.0, factor=arrhenius(degc), degc=degc)
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return hppc(
+        [at(degc) for degc in DEGC],
+        validate=at(15.0),
+        capacity=CAPACITY_AH,
+        nodes=NODES,
+        most_cells=0,
+        folds=0,
+        trust="none",
+        **FEW,
+    )
+
+
+def shown(result: Result) -> str:
+    console = Console(width=80, record=True, file=io.StringIO())
+    for block in first_screen(result):
+        console.print(block)
+    return console.export_text()
+
+
+def test_each_temperature_has_the_resistances_of_the_cell(result):
+    part = result.tables
+    assert part.over_temperature.temperatures_degc == DEGC
+    for degc, fit in zip(DEGC, part.fits, strict=True):
+        assert fit.tables.tau_s == pytest.approx(TAU_S, rel=0.03)
+        own = fit.tables.at("R0 [Ohm]", np.array([0.25, 0.5, 0.75]))
+        true = arrhenius(degc) * r0_ohm(np.array([0.25, 0.5, 0.75]))
+        assert own == pytest.approx(true, rel=0.02)
+    between = part.found.at(15.0).at("R0 [Ohm]", np.array([0.5]))[0]
+    assert between == pytest.approx(arrhenius(15.0) * r0_ohm(0.5), rel=0.02)
+    assert part.metrics.validation[0].rmse_v < 1e-3
+
+
+def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(result):
+    text = shown(result)
+    left = result.tables.over_temperature.left_out[1]
+    assert left.is_between
+    assert f"{1e3 * left.errors.rmse_v:#.3g} mV" in text
+    assert "left out" in text
+    flat = " ".join(text.split())
+    assert "made at 15 is at 15 degC, where nothing was identified" in flat
+    assert "its tables lie between those of 5 degC and 25 degC" in flat
+    for degc in DEGC:
+        assert any(line.split()[:2] == [f"{degc:g}", "degC"] for line in text.splitlines())
+    assert prediction_sentence(result.tables, "x", 26.0) == ""
+    assert "are those of 45 degC" in prediction_sentence(result.tables, "x", 60.0)
+
+
+def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(result, tmp_path):
+    place = tmp_path / "result.json"
+    place.write_text(result.to_json())
+    again = Result.from_json(place)
+    assert again.tables == result.tables
+    assert shown(again) == shown(result)
+    report = to_markdown(identification_document(again))
+    assert "Tables over SOC and temperature" in report
+    assert "The tables at 45 degC" in report
+    evaluation, _ = validate_stored(again, at(15.0))
+    assert evaluation.metrics.rmse_v == pytest.approx(result.tables.metrics.validation[0].rmse_v)
+    rows = list(csv.DictReader(tables_csv(again).decode().splitlines()))
+    assert {float(row["temperature [degC]"]) for row in rows} == set(DEGC)
+
+
+def test_pulses_stand_by_temperature(result):
+    assert "discharge at 1C (2 A), 45 degC" in shown(result)
+
+
+@pytest.mark.parametrize(
+    ("records", "told"),
+    [((at(25.0), at(27.0)), "at least two temperatures"), ((made_record(2.0),), "`temperature`")],
+)
+def test_records_without_two_temperatures_are_refused(records, told):
+    with pytest.raises(InputError, match=told):
+        identify(
+            list(records), ocv=at(25.0), capacity=CAPACITY_AH, over="soc,temperature",
+            ocv_fit="interpolated", window=None, **FEW,
+        )  # fmt: skip

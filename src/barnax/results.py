@@ -4,6 +4,7 @@ What is stored are the dataclasses that the numerics return (see `schema`), gath
 files, the settings and the versions they come from.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -99,7 +100,7 @@ class GlobalPart(Part):
 
     An optimality gap is an RMSE over the optimum's, minus one: of the median and of the best seed
     before refinement, and of the refined seeds' best. `seeds_there` counts the refined seeds that
-    reached the optimum. Without seeds there are no gaps.
+    reached the optimum. Without seeds gaps are infinite.
     """
 
     rmse_v: Volts
@@ -110,9 +111,9 @@ class GlobalPart(Part):
     cells: Count | None
     local_optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
-    median_gap: MaybeInfinite | None = None
-    best_gap: MaybeInfinite | None = None
-    refined_gap: MaybeInfinite | None = None
+    median_gap: MaybeInfinite = math.inf
+    best_gap: MaybeInfinite = math.inf
+    refined_gap: MaybeInfinite = math.inf
     seeds_there: Count = 0
 
 

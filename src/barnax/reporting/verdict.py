@@ -142,5 +142,5 @@ def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
     return max(missed, default=0.0)
 
 
-def _gap(gap: float | None) -> str:
-    return "none" if gap is None or gap < 1e-7 else percent(gap)
+def _gap(gap: float) -> str:
+    return "none" if gap < 1e-7 else percent(gap)

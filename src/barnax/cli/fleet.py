@@ -27,14 +27,14 @@ class FleetSearch:
     """Which circuit, and how each cell's is found."""
 
     model: Annotated[
-        str,
+        str | None,
         option(
             SEARCH,
             "iso-rc|so-rc|esc|...",
-            "Circuit of the cells for which the manifest names none.",
+            "Circuit of the cells for which the manifest names none (default: as in identify).",
             autocompletion=complete_circuits,
         ),
-    ] = "iso-rc"
+    ] = None
     method: Annotated[
         str,
         option(SEARCH, "NAME", "Optimizer of the seeds.", autocompletion=complete_methods),
@@ -209,6 +209,7 @@ def _fixed(texts: list[str] | None) -> dict[str, Any]:
 
 
 def _settings(search: FleetSearch, tables: TableOptions, output: FleetOutput) -> dict[str, Any]:
-    kept = {name: getattr(search, name) for name in ("model", "method", "seeds", "key", "trust")}
+    kept = {name: getattr(search, name) for name in ("method", "seeds", "key", "trust")}
+    kept |= {"model": search.model} if search.model else {}
     kept |= tables.chosen() | _fixed(search.fix)
     return kept | ({"keep_results": True} if output.keep_results else {})

@@ -60,7 +60,7 @@ def _command(planned: "Plan", records: list[Path]) -> list[str]:
             words += [f"--{name.replace('_', '-')}", _written(value)]
     flags = [*WINDOW_OPTIONS, *PLANNED, "ocv", "validate"]
     settled = {f"--{name.replace('_', '-')}": 2 for name in flags}
-    kept = without_options(sys.argv[2:], {**APPEARANCE, "--report": 1, **settled})
+    kept = without_options(sys.argv[2:], {**APPEARANCE, "--report": 1, "--paper": 1, **settled})
     return ["barnax", planned.command, *words, *(w for w in kept if Path(w) not in records)]
 
 

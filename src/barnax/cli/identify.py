@@ -133,7 +133,8 @@ def _run(
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
         module = "matplotlib.backends.backend_agg"
         threading.Thread(target=__import__, args=(module,), daemon=True).start()
-    require_choice("model", chosen.model, CIRCUITS)
+    if chosen.model is not None:
+        require_choice("model", chosen.model, CIRCUITS)
     require_choice("method", chosen.method, OPTIMIZERS)
     options = {
         **run_options(files, of_records, search, records or []),

@@ -1,5 +1,6 @@
 """What each file is: read once, checked, and told by what the checks found."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -118,7 +119,7 @@ def files_of(sources: Sequence[Any]) -> list[Any]:
     """
     found: list[Any] = []
     for each in sources:
-        if not isinstance(each, str | Path) or not Path(each).is_dir():
+        if not isinstance(each, str | Path) or not os.path.isdir(each):
             found.append(each)
             continue
         inside = [

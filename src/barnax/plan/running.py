@@ -1,6 +1,7 @@
 """A plan run: `identify` given a folder, a plan, or files without an OCV test."""
 
 import functools
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,16 +21,19 @@ Run = Callable[..., Result]
 def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> Plan | None:
     """The plan of what `identify` was given, None where the files' roles are all given.
 
-    There is one for a folder, a plan or its TOML file, and for files without an OCV test. Of
+    There is one for a folder, a plan or its TOML file, and for files without an OCV test of a cell
+    that is not known. Of
     `options` those matter that say how files are read.
     """
     given = listed(records)
+    if options.get("cell") is not None:
+        return None
     if len(given) == 1 and isinstance(given[0], Plan):
         return given[0]
     paths = [Path(each) for each in given if isinstance(each, str | Path)]
     if len(given) == len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         return plan_from_toml(paths[0])
-    if not any(path.is_dir() for path in paths) and (not paths or listed(ocv)):
+    if not any(map(os.path.isdir, paths)) and (not paths or listed(ocv)):
         return None
     if len(paths) < len(given):
         return None

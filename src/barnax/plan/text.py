@@ -1,5 +1,6 @@
 """A plan as a TOML file, with its reasons as comments, and read back."""
 
+import os
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
@@ -160,7 +161,7 @@ def _part(shown: str, folder: Path, table: Mapping[str, Any]) -> Part:
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {problem}") from problem
     place = folder / file
-    return Part(place if place.is_file() else Path(file), "", role, "", "", window, span)
+    return Part(place if os.path.isfile(place) else Path(file), "", role, "", "", window, span)
 
 
 def _named(parts: tuple[Part, ...]) -> tuple[Part, ...]:

@@ -28,4 +28,8 @@ def closing_lines(state: "Progress", out: Path, elapsed_s: float) -> list[str]:
     skipped = f", {state.skipped:,} were there already" if state.skipped else ""
     rate = f", {state.finished / elapsed_s:.1f} a second" if state.finished else ""
     failed = "None failed." if not state.failed else f"{counted(state.failed, 'cell')} failed"
-    return [f"{done}{skipped} in {duration(elapsed_s)}{rate}.", failed, f"{out}/cells.parquet"]
+    return [
+        f"{done}{skipped} in {duration(elapsed_s)}{rate}.",
+        failed,
+        f"{out}/report.html   cells.parquet",
+    ]

@@ -1,9 +1,10 @@
 """How every figure looks and is written: decimation, ticks, names, bytes."""
 
+import io
 import itertools
 from xml.etree import ElementTree
 
-import matplotlib
+import matplotlib.image
 import numpy as np
 import pytest
 from hypothesis import given
@@ -172,6 +173,15 @@ def test_the_cell_of_a_result_or_of_its_file_is_drawn_as_the_cell_itself(
         ]
         assert all(each == drawn[0] for each in drawn)
     assert cell_of(short_problem.cell) is short_problem.cell
+
+
+def test_the_small_picture_is_the_large_one_in_fewer_bytes():
+    drawn = Illustration("error", make_figure(), "", "")
+    large, small = (
+        matplotlib.image.imread(io.BytesIO(each))[..., :3] for each in (drawn.png, drawn.small_png)
+    )
+    assert len(drawn.small_png) < 0.6 * len(drawn.png)
+    assert np.abs(large - small).max() < 0.1
 
 
 def test_a_figure_for_a_column_is_half_as_wide_with_letters_of_seven_points():

@@ -112,7 +112,6 @@ def stored_window(
 
     Raises `InputError` for an option that is given for another record.
     """
-    from ..pipeline import common_window
 
     chosen = of_records.chosen()
     unknown = sorted(chosen.keys() - {"", record.name})
@@ -121,7 +120,7 @@ def stored_window(
     given = {**chosen.get("", {}), **chosen.get(record.name, {})}
     # What was given for one record alone is not another's.
     own = {each.name: each.window for each in stored.inputs if each.window}
-    return _window(own.get(record.name) or common_window(stored), given, is_whole)
+    return _window(own.get(record.name) or stored.common_window, given, is_whole)
 
 
 def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":
@@ -285,9 +284,11 @@ def export(
 
 
 def _verification(found: "Verification") -> str:
+    degc = ", ".join(f"{each:.3g}" for each in found.temperatures_degc)
+    at = f" at each of {degc} degC" if degc else ""
     text = (
         f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
-        f"samples of a pulse test: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
+        f"samples of a pulse test{at}: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
     )
     remainders = {
         "without the hysteresis voltage": found.without_hysteresis_v,

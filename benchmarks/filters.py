@@ -1,7 +1,7 @@
 """State of charge by filters on measured cells, and their times: `python -m benchmarks.filters`.
 
 The argument is the folder of measured cells. A Samsung cell is identified on DST and replayed on
-US06. Writes benchmarks/results/filters.md.
+US06, and the other way round. Writes benchmarks/results/filters.md.
 """
 
 import subprocess
@@ -25,6 +25,12 @@ RESULTS = Path(__file__).parent / "results" / "filters.md"
 CELL = "calce-inr18650-20r"
 WINDOW = barnax.Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
 MODELS = ("so-rc", "iso-rc", "esc")
+DRIVES = ("dst_25degC_80soc_SP20-2.parquet", "us06_25degC_80soc_SP20-2.parquet")
+# Kind, form, and whether with tables over SOC.
+FILTERS = (
+    *(("ekf", "joint", True), ("ekf", "joint", False), ("ukf", "joint", False)),
+    *(("ekf", "dual", False), ("ukf", "dual", False)),
+)
 SAMPLES, CELLS, REPEATS = 20_000, 1000, 5
 TIMED = """\
 #include <stdio.h>
@@ -54,23 +60,20 @@ int main(void)
 """
 
 
-def identified(folder: Path, model: str) -> barnax.Result:
-    """The circuit and its tables over SOC on DST at 25 degC."""
+def identified(folder: Path, model: str, drive: str = DRIVES[0]) -> barnax.Result:
+    """The circuit and its tables over SOC on one drive."""
     return barnax.identify(
-        folder / "dst_25degC_80soc_SP20-2.parquet",
+        folder / drive,
         ocv=folder / "ocv-incremental_25degC_SP20-3.parquet",
         window=WINDOW, capacity=2.0, ocv_fit="interpolated",
         model=model, seeds=4, iterations=50, over="soc", folds=0, proved_share=0.0,
     )  # fmt: skip
 
 
-def soc_rows(folder: Path, model: str, result: barnax.Result) -> Iterator[str]:
+def soc_rows(record: Path, model: str, result: barnax.Result, chosen=FILTERS) -> Iterator[str]:
     """A row for every filter and scenario."""
-    chosen = [("ekf", "joint", True), ("ekf", "joint", False), ("ukf", "joint", False)]
-    chosen += [("ekf", "dual", False), ("ukf", "dual", False)]
     for kind, form, tables in chosen:
         settings = barnax.FilterSettings(kind, form, tables=tables)
-        record = folder / "us06_25degC_80soc_SP20-2.parquet"
         replay = barnax.replay_soc(result, record, settings=settings)
         for each in replay.scenarios:
             head = f"| {model}{', tables' if tables else ''} | {kind}, {form} | {each.name} | "
@@ -85,7 +88,7 @@ def soc_rows(folder: Path, model: str, result: barnax.Result) -> Iterator[str]:
 @in_float64
 def times(folder: Path, result: barnax.Result) -> Iterator[str]:
     """Warm times of one cell and of many, and of a sample in C."""
-    record = barnax.read_record(folder / "us06_25degC_80soc_SP20-2.parquet")
+    record = barnax.read_record(folder / DRIVES[1])
     prepared = prepare_record(record, result.cell_model, result.model, WINDOW)
     repeated = jax.tree.map(lambda each: jnp.tile(each, 2)[:SAMPLES], Drive.of(prepared))
     model = model_of(result, ("offset", "capacity"))
@@ -142,7 +145,14 @@ def main() -> None:
     """Measure, print the page and write it."""
     folder = Path(sys.argv[1]) / CELL
     results = {model: identified(folder, model) for model in MODELS}
+    reverse = identified(folder, MODELS[0], DRIVES[1])
     origin = provenance("python -m benchmarks.filters FOLDER", 0)
+    head = [
+        "",
+        "| circuit | filter | scenario | within 3 % [s] | RMS | RMS above 10 % SOC | max "
+        "| in 95 % band [%] | counting RMS |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
     lines = [
         "# State of charge by filters",
         "",
@@ -153,11 +163,12 @@ def main() -> None:
         "on US06 from full to empty. Offset of the current and capacity are estimated. Errors "
         "against the counter, in % of the capacity, from where they stay within 3 % for ten "
         "minutes.",
+        *head,
+        *(row for model in MODELS for row in soc_rows(folder / DRIVES[1], model, results[model])),
         "",
-        "| circuit | filter | scenario | within 3 % [s] | RMS | RMS above 10 % SOC | max "
-        "| in 95 % band [%] | counting RMS |",
-        "|---|---|---|---|---|---|---|---|---|",
-        *(row for model in MODELS for row in soc_rows(folder, model, results[model])),
+        "The other way round: identified on US06, replayed on DST.",
+        *head,
+        *soc_rows(folder / DRIVES[0], MODELS[0], reverse, FILTERS[:2]),
         "",
         "Warm times, the shortest of several.",
         "",

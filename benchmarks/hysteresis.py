@@ -1,7 +1,8 @@
 """Does the hysteresis voltage pay? `python -m benchmarks.hysteresis [FOLDER OF MEASURED CELLS]`.
 
-Identifies so-rc and iso-rc with both OCV fits on the bundled cell and, where the folder is given,
-on measured cells that cannot be shipped. Writes benchmarks/results/hysteresis.md.
+Identifies so-rc and the circuits with hysteresis (iso-rc, esc, takacs) with both OCV fits on the
+bundled cell and, where the folder is given, on measured cells that cannot be shipped. Writes
+benchmarks/results/hysteresis.md.
 """
 
 import sys
@@ -18,6 +19,7 @@ from benchmarks.pages import bounds_named, save_page
 
 RESULTS = Path(__file__).parent / "results" / "hysteresis.md"
 KEY, SEEDS, ITERATIONS = 0, 8, 200
+CIRCUITS = ("so-rc", "iso-rc", "esc", "takacs")
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,9 @@ def errors_mv(case: Cell, ocv_fit: str, circuit: str) -> tuple[float, float | No
         ocv_fit=ocv_fit,
     )
     record = barnax.read_record(case.record)
-    problem = barnax.make_problem(record, cell, circuit, window=case.window, coordinates="log")
+    problem = barnax.make_problem(
+        record, cell, circuit, window=case.window, coordinates="log", objective="compressed"
+    )
     optimizer = barnax.make_optimizer("ibmo-centered", 30, ITERATIONS)
     found = barnax.search_seeds(problem, optimizer, key=jax.random.key(KEY), seeds=SEEDS)
     refinement = barnax.refine(found)
@@ -94,15 +98,18 @@ def report(case: Cell) -> list[str]:
     ]
     sentences = []
     for ocv_fit in ("polynomial", "interpolated"):
-        results = {circuit: errors_mv(case, ocv_fit, circuit) for circuit in ("so-rc", "iso-rc")}
+        results = {circuit: errors_mv(case, ocv_fit, circuit) for circuit in CIRCUITS}
         for circuit, (identified, validated, at_bound) in results.items():
             shown = "-" if validated is None else f"{validated:.3f}"
             lines.append(f"| {ocv_fit} | {circuit} | {identified:.3f} | {shown} | {at_bound} |")
-        sentences.append(_sentence(ocv_fit, results["so-rc"], results["iso-rc"]))
+        sentences += [
+            _sentence(f"{circuit} with the {ocv_fit} OCV", results["so-rc"], results[circuit])
+            for circuit in CIRCUITS[1:]
+        ]
     return [*lines, "", *sentences, ""]
 
 
-def _sentence(ocv_fit: str, plain: tuple, corrected: tuple) -> str:
+def _sentence(subject: str, plain: tuple, corrected: tuple) -> str:
     changes = [
         (place, after - before)
         for place, before, after in zip(
@@ -115,10 +122,7 @@ def _sentence(ocv_fit: str, plain: tuple, corrected: tuple) -> str:
         for place, change in changes
     )
     kinds = ["better" if change < 0 else "worse" for _, change in changes]
-    return (
-        f"- With the {ocv_fit} OCV the hysteresis voltage {words}: "
-        f"{conclusion(kinds[0], kinds[1:])}."
-    )
+    return f"- The hysteresis of {subject} {words}: {conclusion(kinds[0], kinds[1:])}."
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 from barnax.bundled import BUNDLED
+from barnax.cell import characterize, read_ocv_table
 from barnax.checks import check_file
 from barnax.cli.session import command_line
 from barnax.errors import InputError
@@ -20,6 +21,7 @@ from barnax.gather import (
     windows_of,
 )
 from barnax.model.window import Window
+from barnax.records import source_from_frame
 from reference import make_record
 
 
@@ -64,6 +66,28 @@ def test_the_stored_command_has_the_names_of_the_results(monkeypatch):
 def test_more_than_any_memory_holds_and_less_than_one_are_refused(setting, value):
     with pytest.raises(InputError, match=rf"`{setting}` {value:,} must be between"):
         Settings(**{setting: value})
+
+
+def flat_cell(half_gap_v):
+    """A cell whose OCV rises by 0.1 V from empty to full, as that of LFP does."""
+    soc = np.linspace(0, 1, 21)
+    branches = {
+        f"{way} OCV [V]": 3.25 + 0.1 * soc + sign * half_gap_v
+        for way, sign in (("charge", 1), ("discharge", -1))
+    }
+    frame = pl.DataFrame({"SOC [-]": soc, **branches})
+    table = read_ocv_table(source_from_frame(frame, "ocv"))
+    return characterize([table], capacity_ah=2.0, ocv_fit="interpolated")
+
+
+@pytest.mark.parametrize(
+    ("half_gap_v", "over", "expected"),
+    [(0.02, "soc", "esc"), (0.005, "soc", "so-rc"), (0.02, None, "iso-rc")],
+)
+def test_without_a_model_tables_are_of_so_rc_and_of_esc_for_flat_cells(half_gap_v, over, expected):
+    cell = flat_cell(half_gap_v)
+    assert Settings(over=over).circuit(cell) == expected
+    assert Settings(model="3rc", over=over).circuit(cell) == "3rc"
 
 
 def test_a_record_without_an_ocv_test_is_refused_by_its_name():

@@ -47,6 +47,13 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     assert list(soc_screen(replay))
 
 
+def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
+    assert "Overconfident" not in dict(soc_lines(replay))
+    part = replay.scenarios[0].model_copy(update={"in_band": 0.131})
+    told = dict(soc_lines(replay.model_copy(update={"scenarios": (part,)})))
+    assert "holds the counter 13 % of the time" in told["Overconfident"]
+
+
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):
     (tmp_path / "soc.json").write_text(replay.to_json())
     again = SocReplay.from_json(tmp_path / "soc.json")

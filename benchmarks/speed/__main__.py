@@ -22,6 +22,7 @@ from .growth import grow_record, grow_seeds
 from .kernel import compile_kernel
 from .parts import profile
 from .peers import run_peers
+from .reading import time_reading
 from .sizes import KEY, QUICK, Sizes
 from .startup import time_starts
 from .tables import time_tables
@@ -61,6 +62,7 @@ def measure(sizes: Sizes, page: Page) -> tuple[list[dict], object]:
     searches, found = time_searches(name, kernel, sizes)
     rows += searches
     rows += time_tables(sizes)
+    rows += time_reading(sizes)
     page.begin(f"{sizes.cells} cells")
     cells = time_cells(sizes)
     rows.append(row_of(cells, sizes))

@@ -23,6 +23,7 @@ class Sizes:
     starts: int = 10
     warm_starts: int = 3
     evaluations_of_peers: int = 20
+    rows_read: int = 2_600_000
 
 
 QUICK = Sizes(
@@ -39,6 +40,7 @@ QUICK = Sizes(
     starts=3,
     warm_starts=1,
     evaluations_of_peers=2,
+    rows_read=100_000,
 )
 
 # The paper's population; both circuits have two RC pairs.

@@ -55,9 +55,13 @@ class Reading:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is searched for, and how; `over` asks for tables beside the constant circuit."""
+    """What is searched for, and how; `over` asks for tables beside the constant circuit.
 
-    model: str = "iso-rc"
+    Without a `model` the circuit is iso-rc; with tables, whose OCV correction takes up what a
+    switched hysteresis stands for, so-rc, or esc where hysteresis matters as it does for LFP.
+    """
+
+    model: str | None = None
     method: str = "ibmo"
     objective: Literal["auto", "scan", "compressed"] = "auto"
     coordinates: Scale = "rc"
@@ -76,6 +80,14 @@ class Settings:
             raise InputError(
                 f"`over` {self.over!r} is not known; tables go over 'soc' or {OVER_TEMPERATURE!r}"
             )
+
+    def circuit(self, cell: CellModel, over: str | None = None) -> str:
+        """The name of the circuit for a cell; `over` as if tables had been asked for."""
+        if self.model is not None:
+            return self.model
+        if (over or self.over) is None:
+            return "iso-rc"
+        return "esc" if cell.has_flat_ocv else "so-rc"
 
 
 @dataclass(frozen=True, eq=False)

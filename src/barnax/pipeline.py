@@ -143,7 +143,7 @@ def identify(
         problem = _problem(inputs, windows, settings, bounds, fix)
         # A validation record that does not fit its window is refused before the search, not after.
         validation = [
-            prepare_record(record, inputs.cell, settings.model, windows[record.name])
+            prepare_record(record, inputs.cell, problem.circuit, windows[record.name])
             for record in inputs.validation
         ]
         problem = with_better_directions(problem)
@@ -181,7 +181,7 @@ def _problem(
         return make_problem(
             inputs.records,
             inputs.cell,
-            settings.model,
+            settings.circuit(inputs.cell),
             window=[windows[record.name] for record in inputs.records],
             bounds=ranges,
             fixed=fix,
@@ -213,7 +213,8 @@ def _search_and_assess(
     with ThreadPoolExecutor(max_workers=3) as beside:
         compiling = beside.submit(Descent, problem)
         looking = beside.submit(_optimum_or_none, problem)
-        fitting = beside.submit(_tables_beside, problem, settings.over, tables, looking)
+        tabulated = settings.circuit(problem.cell, "soc")
+        fitting = beside.submit(_tables_beside, problem, settings.over, tables, tabulated, looking)
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Searching", settings.seeds) as advance:
             search = search_seeds(
@@ -271,9 +272,11 @@ def _tables_beside(
     problem: Problem,
     over: str | None,
     settings: TableSettings | None,
+    circuit: str,
     looking: "Future[GlobalOptimum | None]",
 ) -> tuple[TableFits | None, float | None]:
-    """The tables that were asked for; where none were, the RMSE that they would leave."""
+    """The tables that were asked for; where none were, the RMSE that those of `circuit`, the one
+    they would be of, would leave."""
     if over is not None and settings is not None:
         return fit_over(over, problem.prepared_records, settings), None
     optimum = looking.result()
@@ -284,7 +287,11 @@ def _tables_beside(
     if found.gamma is not None:
         constants[RATE] = found.gamma
     try:
-        return None, expected_rmse_v(problem.prepared_records, constants)
+        records = [
+            prepare_record(each.record, problem.cell, circuit, each.window)
+            for each in problem.prepared_records
+        ]
+        return None, expected_rmse_v(records, constants)
     except InputError:
         return None, None
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from .model.inputs import PreparedRecord
 from .over_soc import (
+    HELD_GAMMA,
     FitWarning,
     Reversal,
     TableFits,
@@ -73,14 +74,30 @@ def table_warnings(run: TableRun) -> Iterator[str]:
 
 
 def _fit_warning(each: FitWarning) -> str:
-    if each.kind == "tau at bound":
+    share = f"{100 * each.value:.0f} %"
+    if each.kind == "at bound" and each.name.startswith("tau"):
         return (
             f"{each.name} ended at its bound of {each.value:.4g} s; with an OCV correction a slow "
             "pair imitates a wrong capacity, so check `capacity`, or give `bounds` for it"
         )
+    if each.kind == "at bound":
+        return f"{each.name} ended at its bound of {each.value:.4g}: the data do not set it"
+    if each.kind == "one direction":
+        return (
+            f"the amplitude of the hysteresis was fitted, but the records go only {share} SOC in "
+            "one of both directions; such a table spoils what was not fitted, so leave "
+            "`half_hysteresis` out, or add a record of the other direction"
+        )
+    if each.kind == "gamma held":
+        return (
+            f"the records go only {share} SOC in one of both directions, which tells nothing of "
+            f"how fast hysteresis turns, so gamma is held at {HELD_GAMMA:g} and half the measured "
+            "gap is its amplitude; add a record of the other direction, or give gamma with `fix` "
+            "or `bounds`"
+        )
     return (
-        f"{100 * each.value:.0f} % of the nodes of {each.name} are near no sample; their values "
-        "follow from their neighbors"
+        f"{share} of their nodes are near no sample; what stands there follows from their "
+        "neighbors, and says nothing of the cell"
     )
 
 

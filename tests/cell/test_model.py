@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from barnax.cell import CIRCUITS, CellModel, FitError, characterize, get_circuit
+from barnax.cell.circuits import loops
 from barnax.cell.model import fit_error
 from barnax.errors import InputError
 from helpers.ocv_tests import average_v, both_ways, branch_v, hysteresis_v
@@ -56,6 +57,24 @@ def test_the_improved_circuit_follows_the_branch_of_the_direction(cell, directio
     source_v = get_circuit("iso-rc").source_voltage(cell, GRID, np.full(21, direction))
     expected_v = average_v(GRID) + direction * hysteresis_v(GRID) / 2
     np.testing.assert_allclose(source_v, expected_v, atol=1e-6)
+
+
+def test_a_loop_turns_along_a_tangent_and_a_minor_one_begins_where_it_had_come():
+    """Charged to 0.5, discharged by 0.03, charged by 0.04, at rest."""
+    soc = np.array([0.49, 0.5, 0.48, 0.47, 0.49, 0.51, 0.51])
+    turned = loops(soc, np.array([1.0, -1, -1, 1, 1, 1, 1]))
+    width = 0.1 / np.arctanh(0.95)
+    bottom = 1 - 2 * np.tanh(0.03 / width)
+    along = [bottom + (1 - bottom) * np.tanh(passed / width) for passed in (0.0, 0.02, 0.04)]
+    expected = [1, 1, 1 - 2 * np.tanh(0.02 / width), *along, along[-1]]
+    np.testing.assert_allclose(turned, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_loop_without_a_turn_is_the_branch(cell, direction):
+    way = np.full(21, float(direction))
+    source_v = get_circuit("takacs").source_voltage(cell, GRID, way)
+    np.testing.assert_array_equal(source_v, get_circuit("iso-rc").source_voltage(cell, GRID, way))
 
 
 @pytest.mark.parametrize("name", CIRCUITS)

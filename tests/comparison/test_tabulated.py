@@ -58,6 +58,10 @@ def test_errors_are_those_of_a_simulation_of_every_record(found, comparison):
         assert searched.rmse_v == pytest.approx(expected, rel=1e-2)
 
 
+def test_samples_beyond_what_was_identified_are_a_warning(found):
+    assert any("outside the SOC that the tables were identified on" in w for w in found.warnings)
+
+
 def test_stored_and_told(found, comparison, tmp_path):
     result = make_comparison_result(comparison, [found])
     path = tmp_path / "comparison.json"

@@ -11,6 +11,7 @@ from barnax.execution import in_float64
 from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, simulate_tables
 from barnax.over_soc.cross_validation import blocks_of
+from barnax.over_soc.fit import box_of
 from barnax.over_soc.intervals import _linearized
 from barnax.over_soc.objective import Objective
 from barnax.over_soc.reduced import layout_of, reduce_records, together
@@ -150,6 +151,25 @@ def test_a_record_of_seconds_has_tables_and_nothing_held_out(bundled_record, bun
     assert fit.cross_validation is None
     assert fit.tables.tau_s == pytest.approx((2.0, 2.0))
     assert [each.kind for each in fit.warnings] == ["mostly unvisited"]
+
+
+def test_hysteresis_is_held_where_records_go_one_way_only(with_hysteresis):
+    held = {"tau1 [s]": 10.0, "tau2 [s]": 60.0}
+    settings = replace(SMALL, bounds={}, fixed=held)
+    fit = fit_tables([with_hysteresis], settings)
+    assert fit.tables.gamma == pytest.approx(20.0)
+    assert "gamma held" in [each.kind for each in fit.warnings]
+    # Asked for, it is searched, and its amplitude is fitted with a warning.
+    fit = fit_tables([with_hysteresis], replace(settings, bounds={"gamma": (5.0, 50.0)}))
+    assert "gamma held" not in [each.kind for each in fit.warnings]
+    fit = fit_tables([with_hysteresis], replace(settings, half_hysteresis=True))
+    assert "one direction" in [each.kind for each in fit.warnings]
+
+
+def test_time_constants_far_below_the_sampling_interval_are_not_searched(prepared):
+    coarse = replace(prepared, record=replace(prepared.record, time_s=60 * prepared.record.time_s))
+    assert box_of([coarse], TableSettings())[0] == ((30.0, 1000.0),) * 2
+    assert box_of([prepared], TableSettings())[0][0][0] == 2.0
 
 
 def test_intervals_are_of_visited_nodes_and_hold_their_values(prepared):

@@ -1,9 +1,10 @@
 """How every figure looks and is written: decimation, ticks, names, bytes."""
 
+import io
 import itertools
 from xml.etree import ElementTree
 
-import matplotlib
+import matplotlib.image
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,7 +24,7 @@ from barnax.plots import (
 from barnax.plots.sources import Illustration, cell_of
 from barnax.plots.style import LONGEST_TITLE, decimate, encode, label_plainly, legible
 from barnax.results import Result
-from helpers.results import make_evaluation, make_record, result_of
+from helpers.results import make_cell, make_evaluation, make_record, result_of
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
@@ -172,3 +173,36 @@ def test_the_cell_of_a_result_or_of_its_file_is_drawn_as_the_cell_itself(
         ]
         assert all(each == drawn[0] for each in drawn)
     assert cell_of(short_problem.cell) is short_problem.cell
+
+
+def test_the_small_picture_is_the_large_one_in_fewer_bytes():
+    drawn = Illustration("error", make_figure(), "", "")
+    large, small = (
+        matplotlib.image.imread(io.BytesIO(each))[..., :3] for each in (drawn.png, drawn.small_png)
+    )
+    assert len(drawn.small_png) < 0.6 * len(drawn.png)
+    assert np.abs(large - small).max() < 0.1
+
+
+def test_a_figure_for_a_column_is_half_as_wide_with_letters_of_seven_points():
+    with style.column_width():
+        figure = plot_hysteresis(make_cell())
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    letters = [axes.xaxis.label, *axes.get_xticklabels(), *figure.legends[0].get_texts()]
+    assert figure.get_size_inches()[0] == 3.5
+    assert max(text.get_fontsize() for text in letters) == pytest.approx(7.0)
+    assert plot_hysteresis(make_cell()).get_size_inches()[0] == 7.0
+
+
+def test_in_a_column_every_letter_stands_inside_the_figure():
+    evaluation = make_evaluation(make_record(9000))
+    with style.column_width():
+        figures = [plot_hysteresis(make_cell()), plot_voltage(evaluation), plot_error(evaluation)]
+    for figure in figures:
+        figure.draw_without_rendering()
+        legend = figure.legends[0].get_window_extent()
+        box = figure.get_tightbbox().transformed(figure.dpi_scale_trans)
+        for each in (legend, box):
+            assert each.x0 >= -1
+            assert each.x1 <= figure.bbox.x1 + 1

@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from report_reader import ReportReader
 
-from barnax.reporting import Document, Picture, to_html, to_markdown
+from barnax import bundled_file, characterize, read_record
+from barnax.plots import column_width, plot_ocv
+from barnax.plots.sources import Illustration
+from barnax.reporting import Document, Picture, paper_files, to_html, to_markdown
 from barnax.reporting.document import Bullets, Column, Listing, Paragraph, Section, Table
 from barnax.reporting.render import escape_markdown, table_lines
 
@@ -169,3 +172,13 @@ def test_tables_and_figures_are_numbered_through():
     for text in (ReportReader(to_html(document)).text, to_markdown(document).replace("*", "")):
         assert [f"Figure {n}." in text for n in (1, 2, 3)] == [True, True, False]
         assert [f"Table {n}." in text for n in (1, 2)] == [True, False]
+
+
+def test_figures_for_a_paper_are_pdf_and_svg_as_wide_as_a_column():
+    cell = characterize([read_record(bundled_file("ocv_discharge"))])
+    with column_width():
+        figure = plot_ocv(cell)
+    files = paper_files([Illustration("ocv", figure, "", "")])
+    assert set(files) == {"figures/paper/ocv.pdf", "figures/paper/ocv.svg"}
+    assert re.search(rb"/MediaBox \[ 0 0 252 ", files["figures/paper/ocv.pdf"])
+    assert b'width="252pt"' in files["figures/paper/ocv.svg"]

@@ -1,9 +1,11 @@
 """The paper's Tables 3 to 5 beside ours: `python -m benchmarks.li2023.paper`.
 
 The five rows of Li et al. (2023) on the bundled cell, as `barnax compare` runs them, and two other
-settings of the search. Writes benchmarks/results/paper.md.
+settings of the search. Writes benchmarks/results/paper.md; with `--section-5-5 FOLDER`, the folder
+of measured cells, only its last section.
 """
 
+import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from itertools import combinations
@@ -14,6 +16,7 @@ from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
 from barnax.reporting.sentences import optimum_sentence
 from benchmarks.pages import bounds_named, save_page
 
+from . import section_5_5
 from .printed import CLAIMS, TABLE_3, TABLE_4, TABLE_5, Errors
 
 RESULTS = Path(__file__).parents[2] / "results" / "paper.md"
@@ -194,7 +197,17 @@ def magnitude_sentences(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Measure, print the page and write it."""
+    """Measure, print the page and write it; or only its last section."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.li2023.paper", description=__doc__)
+    parser.add_argument("--section-5-5", type=Path, metavar="FOLDER", dest="folder")
+    folder = parser.parse_args().folder
+    before, heading, last = RESULTS.read_text().partition(section_5_5.HEADING)
+    if folder is not None:
+        lines = section_5_5.section(folder, str(date.today()))
+        text = before.rstrip() + "\n\n" + "\n".join(lines)
+        save_page(RESULTS, text)
+        print("\n".join(lines))
+        return
     settings = {
         "raw R and C, default box (barnax compare)": run(),
         "logarithms of R and tau, default box": run(coordinates="log", objective="compressed"),
@@ -258,7 +271,7 @@ def main() -> None:
         ),
         "",
     ]
-    page = "\n".join(lines)
+    page = "\n".join(lines) + ("\n" + heading + last if heading else "")
     save_page(RESULTS, page)
     print(page)
 

@@ -13,6 +13,8 @@ from .soc_axis import OcvPoint
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
+# Of the state of charge, what half the gap is worth where hysteresis matters as it does for LFP.
+FLAT = 0.08
 
 Soc = Float[np.ndarray, "*any"]
 
@@ -63,6 +65,18 @@ class CellModel:
         """Lowest and highest SOC of the measured points."""
         soc = [point.soc for point in self.charge_points + self.discharge_points]
         return min(soc), max(soc)
+
+    @property
+    def has_flat_ocv(self) -> bool:
+        """Whether hysteresis matters as it does for LFP: half the gap between the branches is as
+        much as the OCV rises over `FLAT` of the SOC, between 20 and 80 %.
+
+        Cells of layered oxides have 1 %, 4 % where the gap was measured at C/20; LFP has 12 %.
+        """
+        soc = np.linspace(0.2, 0.8, INVERSION_POINTS)
+        half_gap_v = float(np.mean(self.charge(soc) - self.discharge(soc))) / 2
+        rise_v = float(np.ptp(self.average_ocv_v(soc[[0, -1]])))
+        return half_gap_v * 0.6 > FLAT * rise_v
 
     def soc_from_rest_voltage(self, voltage_v: float, direction: int = 0) -> float:
         """The SOC of a rested cell.

@@ -133,7 +133,8 @@ def _run(
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
         module = "matplotlib.backends.backend_agg"
         threading.Thread(target=__import__, args=(module,), daemon=True).start()
-    require_choice("model", chosen.model, CIRCUITS)
+    if chosen.model is not None:
+        require_choice("model", chosen.model, CIRCUITS)
     require_choice("method", chosen.method, OPTIMIZERS)
     options = {
         **run_options(files, of_records, search, records or []),
@@ -153,7 +154,7 @@ def _run(
     written: set[str] = set()
     if folder is not None:
         answer = {"result.json": result.to_json().encode()}
-        draw = partial(result_files, result, chosen.report)
+        draw = partial(result_files, result, chosen.report, chosen.paper)
         folder, written = write_results(session, folder, answer, draw, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
@@ -161,18 +162,23 @@ def _run(
     session.warn(result.warnings)
 
 
-def result_files(result: "Result", report: bool) -> dict[str, bytes]:
+def result_files(result: "Result", report: bool, paper: bool = False) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
+    from ..plots import column_width
     from ..reporting import (
         identification_document,
         identification_illustrations,
         is_always,
+        paper_files,
         report_files,
     )
     from ..reporting.pulses import pulses_csv, tables_csv
 
     tables = {"tables.csv": tables_csv(result)} if result.tables else {}
     tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
+    if paper:
+        with column_width():
+            tables |= paper_files(identification_illustrations(result.run))
     if not report:
         drawn = identification_illustrations(result.run, is_always)
         return tables | {f"figures/{each.name}.png": each.png for each in drawn}

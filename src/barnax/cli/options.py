@@ -90,15 +90,16 @@ class Choices:
     """Which circuit, which method, and how far the answer is looked into."""
 
     model: Annotated[
-        str,
+        str | None,
         option(
             SEARCH,
             "iso-rc|so-rc|esc|...",
             "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
-            "hysteresis; 1rc, 3rc and 4rc have that many pairs and no hysteresis.",
+            "hysteresis; 1rc, 3rc and 4rc have that many pairs and no hysteresis (default: "
+            "iso-rc; with tables so-rc, or esc where half the OCV gap is worth 8 % SOC).",
             autocompletion=complete_circuits,
         ),
-    ] = "iso-rc"
+    ] = None
     method: Annotated[
         str,
         option(
@@ -124,6 +125,15 @@ class Choices:
         typer.Option(
             "--report",
             help="Also write report.html and report.md, with every figure.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper",
+            help="Also write figures/paper: every figure as PDF and SVG, as wide as a column of a "
+            "journal (89 mm, 7 pt).",
             rich_help_panel=OUTPUT,
         ),
     ] = False

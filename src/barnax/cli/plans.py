@@ -47,7 +47,7 @@ def arguments_of(
 
 def _command(planned: "Plan", records: list[Path]) -> list[str]:
     """The command that does the same without planning, of the same files where they are cut."""
-    settled = {**APPEARANCE, "--report": 1, "--plan": 1}
+    settled = {**APPEARANCE, "--report": 1, "--paper": 1, "--plan": 1}
     served = [part for part in planned.parts if part.role != "not used"]
     if any(part.span_s for part in served):
         names = dict.fromkeys(part.path.name for part in served)

@@ -118,7 +118,7 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
     `names` are what results call the files.
     """
     kept = ["barnax"]
-    for word in without_options(sys.argv[1:], {**APPEARANCE, "--report": 1}):
+    for word in without_options(sys.argv[1:], {**APPEARANCE, "--report": 1, "--paper": 1}):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
         if value.rpartition("=")[0] not in names.values():
             value = names.get(Path(value), _file_name(value))

@@ -80,7 +80,10 @@ def compare_files(
     )
     with watch("Tables over SOC", 0):
         tables = tabulate(comparison, tabulated, bounds=ranges, fixed=fix)
+    warnings = list(inputs.warnings)
+    for each in tables:
+        warnings += [f"{each.model}: {text}" for text in each.warnings]
     result = make_comparison_result(
-        comparison, tables, ocv=inputs.ocv, command=command, warnings=inputs.warnings
+        comparison, tables, ocv=inputs.ocv, command=command, warnings=warnings
     )
     return comparison, result

@@ -7,10 +7,11 @@ from ..baselines import Budget
 from ..errors import InputError
 from ..model.inputs import PreparedRecord
 from ..model.search_space import Range
-from ..over_soc import SocErrors, TableFit, TableSettings, errors_on, fit_tables
+from ..over_soc import SocErrors, TableFit, TableFits, TableSettings, errors_on, fit_tables
 from ..over_soc.by_method import SEARCHES, capped, search_by
 from ..over_soc.fit import box_of, reduced_objective
 from ..search.evaluate import Evaluation, evaluate
+from ..table_run import TableRun, table_warnings
 from .run import Comparison, names_of
 
 
@@ -49,6 +50,7 @@ class Tabulated:
     constant_errors: tuple[SocErrors, ...]
     constant_parameters: int
     searches: tuple[TableSearch, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def tabulate(
@@ -83,15 +85,17 @@ def tabulate(
         if optimum is not None:
             parameters = optimum.parameters
         prepared = [each.prepared for each in best.evaluations]
+        run = TableRun.of(wanted, TableFits((fit,)), prepared[:1], prepared[1:])
         methods = [row.method for row in comparison.rows if row.model == model]
         found.append(
             Tabulated(
                 model=model,
                 fit=fit,
-                errors=tuple(errors_on(each, fit.tables) for each in prepared),
+                errors=tuple(map(_errors, (*run.identification, *run.validation))),
                 constant_errors=tuple(_errors(evaluate(each, parameters)) for each in prepared),
                 constant_parameters=len(parameters.to_dict()),
                 searches=_searches(methods, fit, wanted, prepared, comparison.budget),
+                warnings=tuple(table_warnings(run)),
             )
         )
     return tuple(found)

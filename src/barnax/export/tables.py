@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.hysteresis import KNOTS, SegmentedHysteresis
+from ..errors import InputError
 from ..results import Result
 
 # A table read linearly follows its curve this closely.
@@ -96,9 +97,14 @@ class Tables:
 
 
 def tables_of(result: Result) -> Tables:
-    """A result's constants and tables."""
+    """A result's constants and tables. Raises `InputError` where no curve over SOC says them."""
     cell = result.cell_model
     circuit = get_circuit(result.model)
+    if circuit.has_memory:
+        raise InputError(
+            f"{circuit.name} remembers where the current turned, which no tool's table over SOC "
+            "holds; identify esc or iso-rc to export it"
+        )
     kind = _kind_of(circuit, cell)
     over_soc = result.tables.fit.tables if result.tables else None
     breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])

@@ -272,9 +272,15 @@ def make_model(
     """The model of a circuit on a cell, with tables over SOC where they are given.
 
     Call inside float64. Beyond its end points the OCV goes on straight, where a simulation holds
-    it constant: there too the voltage has to tell the SOC.
+    it constant: there too the voltage has to tell the SOC. Raises `InputError` for a circuit whose
+    hysteresis is no state.
     """
     kind = get_circuit(circuit)
+    if kind.has_memory:
+        raise InputError(
+            f"{circuit} remembers where the current turned, which a filter's state does not hold; "
+            "identify esc, whose hysteresis is a state"
+        )
     source_v = [
         _straight(cell, kind.source_voltage(cell, GRID, side + 0 * GRID)) for side in (1, -1)
     ]

@@ -1,10 +1,18 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
 from .cross_validation import CrossValidation, SocErrors
-from .fit import FitWarning, TableFit, beyond_visited, errors_on, expected_rmse_v, fit_tables
+from .fit import (
+    HELD_GAMMA,
+    FitWarning,
+    TableFit,
+    beyond_visited,
+    errors_on,
+    expected_rmse_v,
+    fit_tables,
+)
 from .intervals import NodeInterval
 from .settings import TableSettings
-from .simulate import evaluate_tables, simulate_tables, with_measured_gap
+from .simulate import evaluate_tables, simulate_tables
 from .temperature import (
     LeftOut,
     OverTemperature,
@@ -17,6 +25,7 @@ from .temperature import (
 )
 
 __all__ = [
+    "HELD_GAMMA",
     "CrossValidation",
     "FitWarning",
     "LeftOut",
@@ -37,5 +46,4 @@ __all__ = [
     "require_temperature",
     "require_temperatures",
     "simulate_tables",
-    "with_measured_gap",
 ]

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ..cell import SocTables, get_circuit
 from ..cell.parameters import RATE
-from ..cell.tables import hats
+from ..cell.tables import HALF_HYSTERESIS, hats
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
@@ -29,6 +29,10 @@ from .simulate import simulate_tables
 AT_BOUND = 1e-3
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
+# Records that go less SOC than this without turning tell nothing of the branch of that direction.
+BOTH_WAYS_SOC = 0.1
+# Of a dynamic hysteresis that such records do not tell: it has turned after about 10 % SOC.
+HELD_GAMMA = 20.0
 
 # The ranges of every pair's time constant in s, and that of gamma where there is one.
 Box = tuple[tuple[Range, ...], Range | None]
@@ -38,11 +42,13 @@ Box = tuple[tuple[Range, ...], Range | None]
 class FitWarning:
     """What a user should know of a fit.
 
-    "tau at bound": the constant `name` ended there, at `value`; "mostly unvisited": no sample is
-    near the share `value` of the nodes.
+    "at bound": the constant `name` ended there, at `value`; "mostly unvisited": no sample is near
+    the share `value` of the nodes; "one direction": the amplitude of the hysteresis was fitted,
+    and the records go no more than `value` of the SOC one way; "gamma held": so its rate was not
+    searched.
     """
 
-    kind: Literal["tau at bound", "mostly unvisited"]
+    kind: Literal["at bound", "mostly unvisited", "one direction", "gamma held"]
     name: str
     value: float
 
@@ -132,7 +138,7 @@ def fit_of(
         + sum(axis.high > axis.low for axis in objective.axes),
         intervals=intervals,
         cross_validation=held_out,
-        warnings=_warnings(tables, at_bound, visited),
+        warnings=_warnings(prepared_records, settings, tables, at_bound, visited),
     )
 
 
@@ -142,16 +148,16 @@ def expected_rmse_v(
     """The RMSE in V that tables would leave with a constant circuit's tau and gamma, by name.
 
     One exact solution, without search, proof or intervals: what tables are worth before they are
-    asked for. Time constants outside the tables' box are taken at its ends.
+    asked for. Those outside the tables' box are taken at its ends, those without a value in its
+    geometric middle.
     """
     tau_ranges_s, gamma_range = box_of(prepared_records, TableSettings())
     ranges = {f"tau{pair} [s]": limits for pair, limits in enumerate(tau_ranges_s, 1)}
     if gamma_range is not None:
         ranges[RATE] = gamma_range
     fixed = {
-        name: float(np.clip(value, *ranges[name]))
-        for name, value in constants.items()
-        if name in ranges
+        name: float(np.clip(constants.get(name, math.sqrt(low * high)), low, high))
+        for name, (low, high) in ranges.items()
     }
     settings = TableSettings(fixed=fixed, folds=0)
     objective, _ = reduced_objective(prepared_records, settings, box_of(prepared_records, settings))
@@ -208,7 +214,8 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
     interval_s = min(each.median_interval_s for each in prepared_records)
     duration_s = max(each.scored_duration_s for each in prepared_records)
     slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
-    fastest_s = min(FASTEST_TAU_S, 2 * interval_s, slowest_s)
+    # What is much faster than the sampling cannot be told from the ohmic resistance.
+    fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), interval_s / 2), slowest_s)
     names = [f"tau{pair + 1} [s]" for pair in range(circuit.pairs)]
     tau_ranges_s = tuple(ranges.get(name, (fastest_s, slowest_s)) for name in names)
     unknown = ranges.keys() - {*names, RATE, *(f"R{n} [Ohm]" for n in range(circuit.pairs + 1))}
@@ -224,7 +231,19 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
         )
     if any(high < math.nextafter(low, 0) for low, high in tau_ranges_s):
         raise InputError("the time constants have no range; widen their bounds")
-    return tau_ranges_s, ranges.get(RATE, RATE_RANGE) if circuit.has_rate else None
+    return tau_ranges_s, _gamma_range(prepared_records, settings) if circuit.has_rate else None
+
+
+def _gamma_range(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> Range:
+    """Held where the records do not tell it, and nothing else is asked for."""
+    is_told = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
+    return settings.ranges.get(RATE, RATE_RANGE if is_told else (HELD_GAMMA, HELD_GAMMA))
+
+
+def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
+    """How far the SOC goes without turning back, in the direction in which it goes less far."""
+    ways = [[way * each.soc for each in prepared_records] for way in (1, -1)]
+    return min(max(float(np.max(soc - np.minimum.accumulate(soc))) for soc in way) for way in ways)
 
 
 def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
@@ -239,12 +258,19 @@ def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
 
 
 def _warnings(
-    tables: SocTables, at_bound: Sequence[AtBound], visited: Bool[np.ndarray, "nodes"]
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    tables: SocTables,
+    at_bound: Sequence[AtBound],
+    visited: Bool[np.ndarray, "nodes"],
 ) -> tuple[FitWarning, ...]:
-    found = [
-        FitWarning("tau at bound", each.name, tables.constants[each.name]) for each in at_bound
-    ]
+    found = [FitWarning("at bound", each.name, tables.constants[each.name]) for each in at_bound]
     unvisited = 1 - float(np.mean(visited))
     if unvisited > MOSTLY:
         found.append(FitWarning("mostly unvisited", "nodes", unvisited))
+    moved = least_travel_soc(prepared_records)
+    if moved < BOTH_WAYS_SOC and tables.half_hysteresis_v is not None:
+        found.append(FitWarning("one direction", HALF_HYSTERESIS, moved))
+    elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in settings.ranges:
+        found.append(FitWarning("gamma held", RATE, moved))
     return tuple(found)

@@ -4,15 +4,13 @@ Functions are written for one candidate; callers vmap them. What all candidates 
 where each sample's SOC lies between the nodes, is in a `TableInput`, made once.
 """
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
-from ..cell import CellModel, SocTables
+from ..cell import SocTables
 from ..execution import compile_for, in_float64
 from ..metrics import measure
 from ..model.inputs import PreparedRecord, require_changing_voltage
@@ -130,19 +128,6 @@ def _lines(tables: Float[Array, "tables nodes"]):
     """All tables' values at the node below and their rise to the next one, a row a place."""
     columns = tables.T if tables.shape[1] > 1 else jnp.repeat(tables.T, 2, axis=0)
     return columns[:-1], jnp.diff(columns, axis=0)
-
-
-def with_measured_gap(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord:
-    """A record of a dynamic hysteresis with half the measured gap itself as its amplitude.
-
-    The five segments that stand for it elsewhere are coarser than tables over SOC. Records of
-    other circuits are returned as they are.
-    """
-    if prepared.hysteresis_amplitude_v is None:
-        return prepared
-    amplitude_v = (cell.charge(prepared.soc) - cell.discharge(prepared.soc)) / 2
-    source_v = cell.average_ocv_v(prepared.soc) + prepared.start.direction * amplitude_v
-    return replace(prepared, source_v=source_v, hysteresis_amplitude_v=amplitude_v)
 
 
 @in_float64

@@ -1,7 +1,8 @@
 """Figures of results: each function takes a result and returns a matplotlib `Figure`.
 
 Nothing is shown or written, and neither pyplot nor the global style is touched: write a figure
-with its own `savefig`. Importing this package loads matplotlib, but not JAX.
+with its own `savefig`. Within `column_width()` they fit a journal's column. Importing this
+package loads matplotlib, but not JAX.
 """
 
 from .cell import plot_hysteresis, plot_ocv
@@ -13,10 +14,12 @@ from .landscape import plot_landscape
 from .pulses import plot_pulse_resistances, plot_pulses
 from .replay import plot_soc_replay
 from .soc_tables import plot_error_map, plot_tables
+from .style import column_width
 from .trajectories import plot_trajectories
 from .voltage import plot_condition, plot_voltage
 
 __all__ = [
+    "column_width",
     "plot_compared_convergence",
     "plot_compared_errors",
     "plot_compared_parameters",

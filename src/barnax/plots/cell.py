@@ -21,6 +21,7 @@ from .style import (
     figure_style,
     finish,
     finish_axes,
+    is_column,
     make_figure,
 )
 
@@ -118,7 +119,7 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
         label = f"five segments ({cell.hysteresis.kind})" if index == 0 else "_segment"
         axes.plot([left, right], ends_mv, color=VERMILLION, linewidth=2.0, label=label)
     axes.set_xticks(KNOTS[1:-1], minor=True)
-    return finish(figure, axes, columns=2)
+    return finish(figure, axes, columns=1 if is_column() else 2)
 
 
 def _draw_difference(axes: Axes, cell: "CellModel") -> None:

@@ -21,6 +21,7 @@ from .style import (
     figure_style,
     finish_axes,
     legend_above,
+    letters_pt,
     make_figure,
     show_name,
     title,
@@ -142,7 +143,7 @@ def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
         outside = outside_note(1e3 * each.error_v[prepared.scored], *limits)
         _name_strip(over_soc, outside.replace(" scored", ""))
     name_axes(panels[-1, 0], panels[-1, 1], prepared)
-    figure.supylabel("Error [mV] (measured − simulated)", fontsize=9)
+    figure.supylabel("Error [mV] (measured − simulated)", fontsize=letters_pt(9))
     finish_axes(*panels.flat)
     title(panels[0, 0], heading(prepared.record.name, len(shown), len(evaluations)))
     legend_above(figure, *panels[0], columns=3)
@@ -162,7 +163,7 @@ def _name_strip(axes: Axes, text: str) -> None:
     if text:
         box = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0}
         place = {"transform": axes.transAxes, "verticalalignment": "top", "zorder": 4}
-        show_name(axes.text(0.01, 0.97, text, fontsize=8, bbox=box, **place))
+        show_name(axes.text(0.01, 0.97, text, fontsize=letters_pt(8), bbox=box, **place))
 
 
 @figure_style()

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from .compared_records import row_looks
-from .style import OPEN, TICKS, figure_style, finish_axes, legend_above, make_figure
+from .style import OPEN, figure_style, finish_axes, finish_bar, legend_above, make_figure
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
@@ -121,7 +121,7 @@ def _draw_excess(
     bar.set_label(f"RMSE above the lowest, {1e3 * lowest_v:.4g} mV [%]")
     bar.ax.yaxis.set_major_locator(FixedLocator(steps))
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    bar.ax.tick_params(which="both", **TICKS)
+    finish_bar(bar)
 
 
 def _mark(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from .compared_records import row_looks
-from .style import BLACK, TICKS, figure_style, finish, make_figure, title
+from .style import BLACK, figure_style, finish, finish_bar, make_figure, title
 
 if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
@@ -43,7 +43,7 @@ def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
     _name(panels, "Time in the pulse [s]", "Resistance [mOhm]\n(change of V over I)")
     bar = figure.colorbar(scale, ax=panels, pad=0.02, aspect=40)
     bar.set_label("State of charge [-]")
-    bar.ax.tick_params(which="both", **TICKS)
+    finish_bar(bar)
     return finish(figure, *panels)
 
 

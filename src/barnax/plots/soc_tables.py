@@ -16,10 +16,12 @@ from .style import (
     GREY,
     OPEN,
     SKY_BLUE,
-    TICKS,
     figure_style,
     finish,
     finish_axes,
+    finish_bar,
+    is_column,
+    letters_pt,
     make_figure,
     space_columns,
     title,
@@ -54,8 +56,8 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     ['R0 [mOhm]', 'R1 [mOhm]']
     """
     named = fit.tables.tables
-    rows = -(-len(named) // PANELS_ACROSS)
-    across = min(PANELS_ACROSS, len(named))
+    across = min(1 if is_column() else PANELS_ACROSS, len(named))
+    rows = -(-len(named) // across)
     figure = make_figure(height_in=0.6 + PANEL_IN * rows)
     panels = figure.subplots(rows, across, sharex=True, squeeze=False).ravel()
     taus = dict(enumerate(fit.tables.tau_s, start=1))
@@ -111,7 +113,7 @@ def _draw_table(
     outside = int(np.count_nonzero((values > top) | (values < bottom)))
     if outside:
         named = "1 node" if outside == 1 else f"{outside} nodes"
-        axes.set_title(f"{named} beyond the scale", loc="right", fontsize=8)
+        axes.set_title(f"{named} beyond the scale", loc="right", fontsize=letters_pt(8))
 
 
 def scale_of(
@@ -171,7 +173,7 @@ def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=30, extend=extend)
     beyond = f", up to {known.max():.3g}" if extend == "max" else ""
     bar.set_label(f"RMSE [mV]{beyond}")
-    bar.ax.tick_params(which="both", **TICKS)
+    finish_bar(bar)
     finish_axes(*panels)
     for axes in panels:
         axes.set_xlim(0.0, 1.0)

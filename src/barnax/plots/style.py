@@ -4,6 +4,8 @@ import io
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, Literal
 
@@ -12,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, fontManager, get_font
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -21,7 +24,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 
 from ..cell import CircuitParameters
 
-WIDTH_IN: Final = 7.0
 HEIGHT_IN: Final = 4.5
 LONGEST_TITLE: Final = 80
 
@@ -78,6 +80,48 @@ FURTHER_FONTS: Final = (
 )
 
 
+@dataclass(frozen=True)
+class Layout:
+    """How wide figures are, how high and how large their letters beside those of a page."""
+
+    width_in: float
+    height: float = 1.0
+    letters: float = 1.0
+    most_in_legend: int = 5
+
+
+PAGE: Final = Layout(7.0)
+# A column of most journals; letters of 7 pt.
+COLUMN: Final = Layout(3.5, 0.8, 7 / 9, 2)
+_layout: ContextVar[Layout] = ContextVar("layout", default=PAGE)
+
+
+@contextmanager
+def column_width() -> Iterator[None]:
+    """Within it figures are as wide as a column of a journal, 3.5 in (89 mm), with 7 pt letters.
+
+    >>> with column_width():
+    ...     width_in, _ = make_figure().get_size_inches()
+    >>> float(width_in)
+    3.5
+    """
+    token = _layout.set(COLUMN)
+    try:
+        yield
+    finally:
+        _layout.reset(token)
+
+
+def is_column() -> bool:
+    """Whether figures are drawn for a column, where panels stand one below the other."""
+    return _layout.get() is COLUMN
+
+
+def letters_pt(on_a_page: float) -> float:
+    """The size of letters that have this one where the figure is as wide as a page."""
+    return _layout.get().letters * on_a_page
+
+
 @contextmanager
 def figure_style() -> Iterator[None]:
     """Within it figures look the same, whatever style the user's session has set."""
@@ -85,13 +129,20 @@ def figure_style() -> Iterator[None]:
     chosen: dict[Any, Any] = {
         name: default[name] for name in default if not name.startswith("backend")
     }
-    with matplotlib.rc_context(chosen | STYLE):
+    with matplotlib.rc_context(chosen | _scaled(STYLE)):
         yield
 
 
-def make_figure(width_in: float = WIDTH_IN, height_in: float = HEIGHT_IN) -> Figure:
-    """An empty figure that no pyplot knows of."""
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+def _scaled(style: dict[Any, Any]) -> dict[Any, Any]:
+    """The style with letters of the layout's size."""
+    letters = _layout.get().letters
+    return style | {name: letters * style[name] for name in style if name.endswith("size")}
+
+
+def make_figure(height_in: float = HEIGHT_IN) -> Figure:
+    """An empty figure that no pyplot knows of, as wide as the layout says."""
+    layout = _layout.get()
+    return Figure(figsize=(layout.width_in, layout.height * height_in), layout="constrained")
 
 
 def space_columns(figure: Figure) -> None:
@@ -108,11 +159,16 @@ def finish(figure: Figure, *panels: Axes, columns: int = 3) -> Figure:
     return figure
 
 
+def finish_bar(bar: Colorbar) -> None:
+    """Ticks of a color scale like those of the axes."""
+    bar.ax.tick_params(which="both", **_scaled(TICKS))
+
+
 def finish_axes(*many: Axes) -> None:
     """Ticks, a grid behind the data, and labels of one column or row at one height."""
     for axes in many:
-        axes.tick_params(which="major", **TICKS)
-        axes.tick_params(which="minor", **MINOR_TICKS)
+        axes.tick_params(which="major", **_scaled(TICKS))
+        axes.tick_params(which="minor", **_scaled(MINOR_TICKS))
         axes.grid(visible=True, which="major", **GRID)
         axes.set_axisbelow(True)
     figure = many[0].figure.get_figure(root=True)
@@ -169,6 +225,7 @@ def legend_above(figure: Figure, *panels: Axes, columns: int) -> None:
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
+    columns = min(columns, _layout.get().most_in_legend)
     legend = figure.legend(
         list(entries.values()), list(entries), loc="outside upper center", ncols=columns
     )

@@ -19,6 +19,7 @@ from .style import (
     figure_style,
     finish,
     finish_axes,
+    is_column,
     legend_above,
     make_figure,
     title,
@@ -173,7 +174,7 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
     span = worst_stretch(evaluation.error_v, prepared.scored)
     figure = make_figure()
     columns = 1 if span is None else 2
-    widths, heights = [1.9, 1.0][:columns], [2.0, 1.0]
+    widths, heights = [1.3 if is_column() else 1.9, 1.0][:columns], [2.0, 1.0]
     panels = figure.subplots(
         2, columns, sharex="col", squeeze=False, width_ratios=widths, height_ratios=heights
     )
@@ -214,7 +215,7 @@ def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> 
     current.set_xlabel(label)
     for axes in (voltage, current):
         axes.set_ylabel("")
-    title(voltage, "largest error (framed)")
+    title(voltage, "largest error")
     edges = prepared.time_s[[span.start, span.stop - 1]] / unit.seconds
     for axes in panels[:, 0]:
         axes.axvspan(*edges, facecolor="none", edgecolor=FRAME, linewidth=0.9, zorder=3)

@@ -86,7 +86,34 @@ def _groups_thousands(with_comma: pl.Series, plain: pl.Series) -> bool:
     return bool(are_groups) and (plain.abs().max() or 0) >= 100  # type: ignore[operator]
 
 
-_CLOCK = r"^\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):(\d+):(\d+(?:[.,:]\d*)?)\s*$"
+def without_groups(columns: list[pl.Series]) -> list[pl.Series]:
+    """The columns, "1,005" as a thousand where points in other columns are the decimal mark."""
+    grouped = [
+        column.dtype == pl.String
+        and bool(column.drop_nulls().head(1).str.contains(r"^[\s\d.,+-]+$").any())
+        and (with_comma := column.filter(column.str.contains(",", literal=True))).len() > 0
+        and with_comma.str.contains(r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$").all()
+        for column in columns
+    ]
+    if not any(grouped) or not any(map(_has_points, columns)):
+        return columns
+    return [
+        column.str.replace_all(",", "", literal=True) if is_grouped else column
+        for column, is_grouped in zip(columns, grouped, strict=True)
+    ]
+
+
+_LOOKED_AT, _WITH_POINT = 1000, r"^\s*[+-]?\d[\d,]*\.\d+\s*$"
+
+
+def _has_points(column: pl.Series) -> bool:
+    """Whether numbers in the column have decimal points."""
+    if column.dtype == pl.String:
+        return bool(column.head(_LOOKED_AT).str.contains(_WITH_POINT).any())
+    return column.dtype.is_float() and bool((column % 1 > 0).any())
+
+
+_HOURS = re.compile(r"\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+)")
 
 
 def _seconds(cells: pl.Series) -> Numbers:
@@ -96,17 +123,32 @@ def _seconds(cells: pl.Series) -> Numbers:
     if cells.dtype == pl.Duration:
         return cells.dt.total_microseconds().cast(pl.Float64).to_numpy() / 1e6
     if cells.dtype == pl.String and not _looks_dated(cells):
-        parts = cells.str.extract_groups(_CLOCK).struct.unnest()
-        days, hours, minutes, seconds = (
-            column.str.replace("[,:]", ".").cast(pl.Float64, strict=False)
-            for column in parts.get_columns()
-        )
-        return (((days.fill_null(0) * 24 + hours) * 60 + minutes) * 60 + seconds).to_numpy()
+        return _clock_s(cells)
     if cells.dtype == pl.String:
         cells = _dates(cells)
     if not cells.dtype.is_temporal():
         return np.full(len(cells), np.nan)
     return cells.cast(pl.Datetime("us")).dt.epoch("us").cast(pl.Float64).to_numpy() / 1e6
+
+
+def _clock_s(text: pl.Series) -> Numbers:
+    """Seconds of "1d 02:03:04.5", "144:02:18" and the like, NaN where a cell is none."""
+    parts = text.str.splitn(":", 3).struct.unnest()
+    before, minutes, seconds = parts.get_columns()
+    plain = seconds.cast(pl.Float64, strict=False)
+    if plain.null_count() > seconds.null_count():
+        # A comma, or a colon before the milliseconds.
+        seconds = seconds.str.strip_chars().str.replace("[,:]", ".")
+        plain = seconds.cast(pl.Float64, strict=False)
+    # There are few hours and minutes, and a pattern takes long.
+    hours = {
+        word: 24 * float(match[1] or 0) + float(match[2])
+        for word in before.unique().drop_nulls()
+        if (match := _HOURS.fullmatch(word))
+    }
+    whole = before.replace_strict(hours, default=None, return_dtype=pl.Float64)
+    total = (whole * 60 + minutes.cast(pl.Float64, strict=False)) * 60 + plain
+    return total.to_numpy()
 
 
 def is_clock(cells: pl.Series) -> bool:

@@ -1,6 +1,8 @@
 """The tester's own ampere-hours, joined where a counter starts again."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +15,8 @@ _ROUNDING, _LOW = 1e-3, 0.5
 # Counted and integrated charge are compared over blocks of intervals, for inside a drive cycle the
 # current switches between samples. They agree within this share and so many quanta; so many must.
 _BLOCKS, _NEAR, _QUANTA, _AGREEING = 200, 0.1, 2.0, 0.5
+# Of so many values the decimals are looked at.
+_ENOUGH = 100_000
 # What proportional block sums correlate by.
 _PROPORTIONAL = 0.995
 
@@ -36,7 +40,8 @@ class Counters:
     @property
     def written(self) -> dict[str, Charge]:
         """The counters that the file has, by name."""
-        return {name: values for name, values in vars(self).items() if values is not None}
+        named = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: values for name, values in named.items() if values is not None}
 
     @property
     def both(self) -> tuple[Charge, ...]:
@@ -45,7 +50,7 @@ class Counters:
             return ()
         return self.charged_ah, self.discharged_ah
 
-    @property
+    @cached_property
     def quantum_ah(self) -> float:
         """What the coarsest counter resolves: the decimal place to which it was printed."""
         moving = [values for values in self.written.values() if values.any()]
@@ -96,6 +101,8 @@ class Counters:
             agrees = (apart_ah <= _NEAR * flowed_ah + least_ah)[moves]
             if len(agrees) and agrees.mean() > most:
                 best_ah, most = turned_ah, float(agrees.mean())
+            if most == 1:
+                break
         return None if best_ah is None else np.concatenate([np.zeros(1), np.cumsum(best_ah)])
 
     def net_ratio(self, integrated_ah: Increments) -> float | None:
@@ -114,18 +121,19 @@ class Counters:
                 return float(np.sqrt(np.sum(summed_ah**2) / np.sum(blocks_ah**2)))
         return None
 
-    def _candidates(self, direction: Increments) -> list[Increments]:
+    def _candidates(self, direction: Increments) -> Iterator[Increments]:
         """What the counters may mean, the plainest first."""
         if self.both:
-            return [_joined(self.both[0]) - _joined(self.both[1])]
-        if self.net_ah is None:
-            return []
+            yield _joined(self.both[0]) - _joined(self.both[1])
+        if self.both or self.net_ah is None:
+            return
         steps_ah = np.diff(self.net_ah)
+        yield steps_ah
         shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
-        from_zero_ah = np.where(shrinks, self.net_ah[1:], steps_ah)
+        yield np.where(shrinks, self.net_ah[1:], steps_ah)
         # What a new step counts is of its own direction, whatever the hold says of the interval.
         own = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
-        return [steps_ah, from_zero_ah, _joined(np.abs(self.net_ah)) * own]
+        yield _joined(np.abs(self.net_ah)) * own
 
 
 def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) -> Increments | None:
@@ -169,6 +177,8 @@ def gain_ah(counter_ah: Charge) -> float:
 
 def _decimal_place(values: Charge) -> float:
     """The coarsest power of ten of which all values are multiples, to single precision."""
+    # Of more values a share tells the same.
+    values = values[:: 1 + len(values) // _ENOUGH]
     for digits in range(9):
         scaled = values * 10.0**digits
         if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6 * (1 + np.abs(scaled))):

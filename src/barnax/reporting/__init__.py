@@ -8,7 +8,7 @@ from .comparison import comparison_document
 from .document import Document, Picture
 from .identification import identification_document
 from .illustrations import comparison_illustrations, identification_illustrations, is_always
-from .render import picture_suffix, report_files, to_html, to_markdown
+from .render import paper_files, picture_suffix, report_files, to_html, to_markdown
 
 __all__ = [
     "Document",
@@ -18,6 +18,7 @@ __all__ = [
     "identification_document",
     "identification_illustrations",
     "is_always",
+    "paper_files",
     "picture_suffix",
     "report_files",
     "to_html",

@@ -154,7 +154,7 @@ def picture(illustration: Illustration) -> Picture:
         caption=illustration.caption,
         alt=illustration.alt,
         media_type="image/png" if is_png else "image/svg+xml",
-        content=illustration.png if is_png else illustration.svg,
+        content=illustration.small_png if is_png else illustration.svg,
         live=None if illustration.live is None else Live(*illustration.live()),
     )
 

@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ..plots.sources import Illustration
+from ..plots.style import Kind, encode
 from .document import Bullets, Document, Listing, Paragraph, Picture, Table
 
 # Special wherever they stand: a bracket only where a link could follow, an underscore only at
@@ -84,6 +85,8 @@ KINDS = {
     "table": Table,
     "picture": Picture,
 }
+# Of what is drawn as a picture inside a vector figure.
+PAPER_DPI = 600
 SUFFIXES = {"image/png": ".png", "image/svg+xml": ".svg"}
 # Letters that cannot be seen, or that turn the text around: file names may hold them.
 UNSEEN = {"Cc", "Cf", "Cs"}
@@ -139,6 +142,16 @@ def report_files(document: Document, drawn: Iterable[Illustration]) -> dict[str,
     for each in drawn:
         files |= {f"figures/{each.name}.png": each.png, f"figures/{each.name}.svg": each.svg}
     return files
+
+
+def paper_files(drawn: Iterable[Illustration]) -> dict[str, bytes]:
+    """Figures drawn within `column_width`, as PDF and SVG by their path in the results folder."""
+    kinds: tuple[Kind, ...] = ("pdf", "svg")
+    return {
+        f"figures/paper/{each.name}.{kind}": encode(each.figure, kind, PAPER_DPI)
+        for each in drawn
+        for kind in kinds
+    }
 
 
 def picture_suffix(picture: Picture) -> str:

@@ -20,6 +20,10 @@ HEADS = (
 FILTERS = {"ekf": "extended Kalman filter", "ukf": "unscented Kalman filter"}
 
 
+# A band of 95 % that holds less often than this is said to be wrong.
+TRUSTED_BAND = 0.9
+
+
 def soc_screen(replay: "SocReplay") -> Iterator[RenderableType]:
     """What was replayed, the scenarios, what was estimated, and the innovations."""
     low, high = replay.soc_range
@@ -47,6 +51,15 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         yield (
             "Diverged",
             f"{each.name}: after {duration(each.diverged_s or 0.0)} the filter's numbers are none",
+        )
+    held = [each.in_band for each in replay.scenarios if each.in_band is not None]
+    if held and min(held) < TRUSTED_BAND:
+        low, high = (f"{100 * share:.0f}" for share in (min(held), max(held)))
+        shares = f"{low} %" if low == high else f"{low} to {high} %"
+        yield (
+            "Overconfident",
+            f"the filter's own 95 % band holds the counter {shares} of the time: its errors are "
+            "larger than it believes",
         )
     right = replay.scenarios[0]
     found = [_estimate(name, *right.estimates[name]) for name in right.estimates]

@@ -37,7 +37,10 @@ def best_tables(fit: "TableFit") -> str:
     gap = f"{where} {percent(fit.proved_gap)} better"
     if fit.status == "certified":
         return f"proved, {gap}."
-    return f"verified on a grid of time constants; the proof got to: {gap}."
+    grid = "verified on a grid of time constants"
+    if fit.lower_bound_v <= 0:
+        return f"{grid}, not proved."
+    return f"{grid}; the proof stopped after {fit.cells:,} cells: {gap}."
 
 
 def pay_sentence(fit: "TableFit", unseen: "Sequence[tuple[SocErrors, SocErrors]]" = ()) -> str:

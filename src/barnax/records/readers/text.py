@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, counted
-from ..cells import numbers
+from ..cells import numbers, without_groups
 from ..columns import NEEDED, QUANTITIES, unit_of
 from ..dialects import columns_of, is_ocv_table, names_record, other_table
 from ..table import Reader, Table
@@ -69,18 +69,19 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     lines = _head_lines(content)
     layout = _layout(lines, file, given)
     lead = layout.above + 1
-    body, breaks = _without_repeats(content, layout.above)
+    content, breaks = _without_repeats(content, layout.above)
+    start = _offset(content, lead)
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     header, has_units = _with_units(layout, "".join(lines[lead + blank : lead + blank + 1]))
     _refuse_split_numbers(lines[lead:], layout, file)
     if has_units:
-        body, lead = body[_offset(body, blank + 1) :], lead + blank + 1
+        start, lead = _offset(content, blank + 1, start), lead + blank + 1
     delimiter = layout.delimiter
     if delimiter == _BLANK:
-        body, delimiter = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", body), "\t"
-        body = re.sub(rb"[ \t]+", b"\t", body)
-    columns = _columns(body, (*header, ""), delimiter, file)
+        content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[start:])
+        content, start, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
+    columns = _columns(content, start, (*header, ""), delimiter, file)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
@@ -203,9 +204,8 @@ def _blank_cells(line: str, given: Mapping[str, str]) -> tuple[str, ...]:
     return close if names_record(close, given) and not names_record(apart, given) else apart
 
 
-def _offset(content: bytes, lines: int) -> int:
-    """Where the line after so many begins."""
-    at = 0
+def _offset(content: bytes, lines: int, at: int = 0) -> int:
+    """Where the line after so many begins, counted from the one at `at`."""
     for _ in range(lines):
         at = content.find(b"\n", at) + 1
         if at == 0:
@@ -214,22 +214,22 @@ def _offset(content: bytes, lines: int) -> int:
 
 
 def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int, int]]]:
-    """What stands below the names, without what joined files repeat: their names and all above.
+    """The content, without what joined files repeat: their names and all above.
 
     With that, each row from which on lines are left out, and how many.
     """
     start, end = _offset(content, above), _offset(content, above + 1)
     names, first = content[start:end], content[: _offset(content, 1)]
-    body, breaks, at = content[end:], [], 0
-    while len(names) > 20 and (at := body.find(b"\n" + names, at)) >= 0:
-        begins = body.rfind(b"\n" + first, 0, at) if first.strip() else -1
+    breaks, at = [], end
+    while len(names) > 20 and (at := content.find(b"\n" + names, at)) >= 0:
+        begins = content.rfind(b"\n" + first, end, at) if first.strip() else -1
         begins = begins if begins >= 0 else at
         ends = at + len(names)
-        row = above + 3 + body.count(b"\n", 0, begins)
-        breaks.append((row, body.count(b"\n", begins, ends)))
-        body = body[:begins] + body[ends:]
+        row = above + 3 + content.count(b"\n", end, begins)
+        breaks.append((row, content.count(b"\n", begins, ends)))
+        content = content[:begins] + content[ends:]
         at = begins
-    return body, breaks
+    return content, breaks
 
 
 def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
@@ -273,14 +273,16 @@ def _is_unit(text: str) -> bool:
     return any(unit_of(quantity, text) for quantity in QUANTITIES)
 
 
-def _columns(body: bytes, header: Sequence[str], delimiter: str, file: str) -> list[pl.Series]:
-    """The cells below the names: numbers where a column holds nothing else, else text."""
-    if body.isspace() or not body:
+def _columns(
+    text: bytes, start: int, header: Sequence[str], delimiter: str, file: str
+) -> list[pl.Series]:
+    """The cells from `start` on: numbers where a column holds nothing else, else text."""
+    if not text[start : start + _PREAMBLE_BYTES].strip() and not text[start:].strip():
         return [pl.Series(str(k), [], dtype=pl.String) for k in range(len(header))]
     # The first line tells Polars the width, and testers end the names or the cells with one more
     # delimiter: a line of our own is as wide as the header.
     wide = delimiter * (len(header) - 1) if len(header) > 1 else '""'
-    content = f"{wide}\n".encode() + body
+    content = b"".join([f"{wide}\n".encode(), memoryview(text)[start:]])
     names = [str(k) for k in range(len(header))]
 
     def parsed(schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
@@ -299,38 +301,12 @@ def _columns(body: bytes, header: Sequence[str], delimiter: str, file: str) -> l
     except pl.exceptions.PolarsError:
         # A word among the numbers, or a quote within a cell: as text, a message can quote it.
         frame = _parsed_as_text(parsed, names, delimiter, file)
-    return _without_groups(frame.get_columns())
-
-
-def _without_groups(columns: list[pl.Series]) -> list[pl.Series]:
-    """The columns, "1,005" as a thousand where points in other columns are the decimal mark."""
-    grouped = [
-        column.dtype == pl.String
-        and (with_comma := column.filter(column.str.contains(",", literal=True))).len() > 0
-        and with_comma.str.contains(r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$").all()
-        for column in columns
-    ]
-    if not any(grouped) or not any(map(_has_points, columns)):
-        return columns
-    return [
-        column.str.replace_all(",", "", literal=True) if is_grouped else column
-        for column, is_grouped in zip(columns, grouped, strict=True)
-    ]
-
-
-_WITH_POINT = r"^\s*[+-]?\d[\d,]*\.\d+\s*$"
-
-
-def _has_points(column: pl.Series) -> bool:
-    """Whether numbers in the column have decimal points."""
-    if column.dtype == pl.String:
-        return bool(column.head(_GUESSED_LINES).str.contains(_WITH_POINT).any())
-    return column.dtype.is_float() and bool((column % 1 > 0).any())
+    return without_groups(frame.get_columns())
 
 
 def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type[pl.DataType]]:
     """Which columns hold numbers, by the first lines; whole numbers may go on with a fraction."""
-    end = _offset(content[: 100 * _PREAMBLE_BYTES], _GUESSED_LINES)
+    end = _offset(content, _GUESSED_LINES)
     frame = pl.read_csv(
         content[:end],
         has_header=False,

@@ -20,6 +20,9 @@ from .comparison import compare as compare
 from .comparison import make_comparison_result as make_comparison_result
 from .comparison.from_files import compare_files as compare_files
 from .errors import InputError as InputError
+from .fleet import FleetCell as FleetCell
+from .fleet import identify_fleet as identify_fleet
+from .fleet import read_manifest as read_manifest
 from .gather import Reading as Reading
 from .gather import Settings as Settings
 from .global_optimum import GlobalOptimum as GlobalOptimum
@@ -37,6 +40,7 @@ from .over_soc import fit_tables as fit_tables
 from .over_soc import simulate_tables as simulate_tables
 from .pipeline import Run as Run
 from .pipeline import identify as identify
+from .pipeline import identify_problem as identify_problem
 from .pipeline import validate_stored as validate_stored
 from .plan import Plan as Plan
 from .plan import plan_from_toml as plan_from_toml

@@ -30,6 +30,11 @@ def in_float64(function: Callable[P, R]) -> Callable[P, R]:
     return scoped
 
 
+def on_device(values: Any) -> jax.Array:
+    """NumPy's values as JAX's; `jnp.asarray` compiles a program for every shape it meets."""
+    return jax.device_put(np.asarray(values))
+
+
 Given = TypeVar("Given")
 Outcome = TypeVar("Outcome")
 

@@ -25,7 +25,7 @@ Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 # What a search may be asked for: more than fits a computer's memory is refused before any work.
 LIMITS = (
-    ("seeds", 1, 100_000),
+    ("seeds", 0, 100_000),
     ("population", 4, 100_000),
     ("iterations", 1, 10_000_000),
     ("key", 0, 2**32 - 1),
@@ -116,9 +116,11 @@ def read_inputs(
     ocv_fit: OcvFit,
     hysteresis_fit: HysteresisFit,
     window: Window | Mapping[str, Window] | None,
+    cell: CellModel | None = None,
     watch: Watch = unwatched,
 ) -> Inputs:
-    """Every record once, with what the checks say of it, and the cell that the OCV tests show."""
+    """Every record once, with what the checks say of it, and the cell that the OCV tests show,
+    unless that is known already."""
     given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
     capacity = common.capacity_ah if capacity is None else capacity
@@ -127,7 +129,7 @@ def read_inputs(
         if tests or others:
             raise InputError("give a record to identify on; `ocv` and `validate` only go with one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
-    elif not tests:
+    elif not tests and cell is None:
         raise InputError(
             f"{_name_of(given[0])}: an OCV test of the same cell is needed as well; give it with "
             "`ocv`"
@@ -161,7 +163,7 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
-        cell = characterize(
+        cell = cell or characterize(
             ocv_records,
             capacity_ah=capacity,
             ocv_capacity_ah=ocv_capacity,

@@ -6,14 +6,14 @@ optimum is looked for beside them, and the best circuit known is assessed and va
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import jax
 import numpy as np
 
-from .cell import OcvTable
+from .cell import CellModel, OcvTable
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .cell.parameters import RATE
@@ -66,8 +66,8 @@ class Run:
     """Everything behind a result: problem, search, refinement, global optimum and evaluations."""
 
     problem: Problem
-    search: Search
-    refinement: Refinement
+    search: Search | None
+    refinement: Refinement | None
     optimum: GlobalOptimum | None
     answer: Answer
     identification: list[Evaluation]
@@ -97,6 +97,8 @@ def identify(
     ocv_fit: OcvFit | None = None,
     hysteresis_fit: HysteresisFit = "continuous",
     trust: Literal["none", "basic", "full"] = "basic",
+    cell: CellModel | None = None,
+    advise: bool = True,
     command: Sequence[str] = (),
     watch: Watch = unwatched,
     **options: Any,
@@ -109,11 +111,11 @@ def identify(
     from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
     records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
     `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
-    says how far the answer is looked into: "full" fits again. With `over="soc"` the same circuit is
-    also fitted with tables over SOC, by `tables`; with `over="soc,temperature"` with tables for
-    each temperature of the records. Fields of `Settings`, `Reading` and
-    `TableSettings` may be given by name, such as `model="esc"`. `watch` is asked for a context for
-    every stage.
+    says how far the answer is looked into: "full" fits again. A known `cell` needs no `ocv`.
+    Without `advise` nothing is said of tables; with `over="soc"` the circuit is also fitted with
+    tables over SOC, by `tables`, with `over="soc,temperature"` for each temperature of the records.
+    With 0 `seeds` the answer is the global optimum. Fields of `Settings`, `Reading` and
+    `TableSettings` may be given by name. `watch` gives a context for every stage.
 
     Raises `InputError` where an input cannot be used, naming file, row, value and remedy.
 
@@ -136,7 +138,7 @@ def identify(
         records, ocv, validate, reading,
         capacity=capacity, ocv_capacity=ocv_capacity,
         ocv_fit=ocv_fit or "polynomial", hysteresis_fit=hysteresis_fit,
-        window=window, watch=watch,
+        window=window, cell=cell, watch=watch,
     )  # fmt: skip
     with watch("Setting up the problem", 0):
         windows = windows_of(inputs, window, capacity)
@@ -155,9 +157,23 @@ def identify(
             require_temperatures(group_by_temperature(problem.prepared_records))
             for each in validation:
                 require_temperature(each)
-    run = _search_and_assess(problem, optimizer, settings, validation, trust, wanted, watch)
-    run = replace(run, ocv=inputs.ocv, warnings=_all_warnings(inputs, run))
-    return make_result(run, command)
+    run = _search_and_assess(problem, optimizer, settings, validation, trust, wanted, watch, advise)
+    run = replace(run, ocv=inputs.ocv)
+    return make_result(replace(run, warnings=_all_warnings(inputs.warnings, run)), command)
+
+
+def identify_problem(
+    problem: Problem,
+    settings: Settings | None = None,
+    *,
+    trust: Literal["none", "basic"] = "basic",
+) -> Result:
+    """The same for one problem that is ready, by default without seeds; raises as `identify`."""
+    settings = settings or Settings(seeds=0)
+    optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
+    better = with_better_directions(problem)
+    run = _search_and_assess(better, optimizer, settings, [], trust, None, unwatched, False)
+    return make_result(replace(run, warnings=_all_warnings((), run)))
 
 
 def _with_options(settings: Chosen, options: dict[str, Any]) -> Chosen:
@@ -208,24 +224,29 @@ def _search_and_assess(
     trust: str,
     tables: TableSettings | None,
     watch: Watch,
+    advise: bool,
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
     with ThreadPoolExecutor(max_workers=3) as beside:
-        compiling = beside.submit(Descent, problem)
+        compiling = beside.submit(Descent, problem) if settings.seeds else None
         looking = beside.submit(_optimum_or_none, problem)
         tabulated = settings.circuit(problem.cell, "soc")
-        fitting = beside.submit(_tables_beside, problem, settings.over, tables, tabulated, looking)
+        fitting = beside.submit(
+            _tables_beside, problem, settings.over, tables, tabulated, looking, advise
+        )
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
-        with watch("Searching", settings.seeds) as advance:
-            search = search_seeds(
-                problem,
-                optimizer,
-                key=jax.random.key(settings.key),
-                seeds=settings.seeds,
-                progress=advance,
-            )
-        with watch("Refining", settings.seeds) as advance:
-            refinement = refine(search, descent=compiling.result(), progress=advance)
+        search = refinement = None
+        if compiling is not None:
+            with watch("Searching", settings.seeds) as advance:
+                search = search_seeds(
+                    problem,
+                    optimizer,
+                    key=jax.random.key(settings.key),
+                    seeds=settings.seeds,
+                    progress=advance,
+                )
+            with watch("Refining", settings.seeds) as advance:
+                refinement = refine(search, descent=compiling.result(), progress=advance)
         with watch("Waiting for the global optimum", 0):
             optimum = looking.result()
             if linearizing is not None:
@@ -274,12 +295,13 @@ def _tables_beside(
     settings: TableSettings | None,
     circuit: str,
     looking: "Future[GlobalOptimum | None]",
+    advise: bool,
 ) -> tuple[TableFits | None, float | None]:
     """The tables that were asked for; where none were, the RMSE that those of `circuit`, the one
     they would be of, would leave."""
     if over is not None and settings is not None:
         return fit_over(over, problem.prepared_records, settings), None
-    optimum = looking.result()
+    optimum = looking.result() if advise else None
     if optimum is None:
         return None, None
     found = optimum.parameters
@@ -308,10 +330,10 @@ def _attempt(
         return None
 
 
-def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
+def _all_warnings(of_inputs: Sequence[str], run: Run) -> tuple[str, ...]:
     """Every warning of a run once, in the order of the flow."""
-    texts = [text for record in inputs.ocv for text in record.warnings]
-    texts += inputs.warnings
+    texts = [text for record in run.ocv for text in record.warnings]
+    texts += of_inputs
     texts += run.problem.warnings
     for each in run.identification:
         if each.metrics.r2 < 0:
@@ -332,17 +354,6 @@ def _all_warnings(inputs: Inputs, run: Run) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*texts, *run.warnings]))
 
 
-def common_window(stored: Result) -> Window:
-    """What the windows of all simulated records agree on; what is one's alone is not another's."""
-    windows = [each.window for each in stored.inputs if each.window]
-    agreed = {
-        field.name: getattr(windows[0], field.name)
-        for field in fields(Window)
-        if all(getattr(each, field.name) == getattr(windows[0], field.name) for each in windows)
-    }
-    return Window(**agreed)
-
-
 def validate_stored(
     stored: Result,
     record: Given,
@@ -356,7 +367,7 @@ def validate_stored(
     reading = Reading(
         validate_current_sign=current_sign, current_hold=current_hold, columns=columns
     )
-    window = window or common_window(stored)
+    window = window or stored.common_window
     cell = stored.cell_model
     measured, warnings = read_validation(record, reading, window, cell)
     own = {each.sha256: each.name for each in stored.of_role("identification")}

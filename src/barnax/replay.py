@@ -32,7 +32,6 @@ from .filters.model import CAPACITY, OFFSET
 from .gather import Given, Reading, read_validation
 from .model.inputs import PreparedRecord, prepare_record
 from .model.window import Window
-from .pipeline import common_window
 from .results import Result
 from .schema import Count, Document, Part
 
@@ -179,7 +178,7 @@ def replay_soc(
     Raises `InputError` where the record, its window or what is to be estimated cannot be used, and
     for a result without an assessment, from which the filter takes its noise.
     """
-    settings, window = settings or FilterSettings(), window or common_window(result)
+    settings, window = settings or FilterSettings(), window or result.common_window
     reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
     measured, warnings = read_validation(record, reading, window, result.cell_model)
     used = result if settings.tables else result.model_copy(update={"tables": None})

@@ -4,6 +4,7 @@ What is stored are the dataclasses that the numerics return (see `schema`), gath
 files, the settings and the versions they come from.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -47,13 +48,21 @@ class Answer:
     at_bound: tuple[AtBound, ...]
 
 
-def best_answer(refinement: Refinement, optimum: GlobalOptimum | None) -> Answer:
+def best_answer(refinement: Refinement | None, optimum: GlobalOptimum | None) -> Answer:
     """The better of the refined seeds and the global optimum.
 
-    Where both are the same optimum it is the latter, which no seed has a part in.
+    Where both are the same optimum it is the latter, which no seed has a part in. Raises
+    `InputError` where there is neither.
     """
-    if optimum is not None and optimum.rmse_v <= refinement.rmse_v * (1 + SAME_RMSE):
+    if optimum is not None and (
+        refinement is None or optimum.rmse_v <= refinement.rmse_v * (1 + SAME_RMSE)
+    ):
         return Answer(optimum.parameters, optimum.rmse_v, "global optimum", optimum.at_bound)
+    if refinement is None:
+        raise InputError(
+            "the bounds are too wide to look for the global optimum; narrow them with `bounds`, or "
+            "search with `seeds`"
+        )
     return Answer(refinement.parameters, refinement.rmse_v, "seeds", refinement.at_bound)
 
 
@@ -91,7 +100,7 @@ class GlobalPart(Part):
 
     An optimality gap is an RMSE over the optimum's, minus one: of the median and of the best seed
     before refinement, and of the refined seeds' best. `seeds_there` counts the refined seeds that
-    reached the optimum.
+    reached the optimum. Without seeds gaps are infinite.
     """
 
     rmse_v: Volts
@@ -102,10 +111,10 @@ class GlobalPart(Part):
     cells: Count | None
     local_optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
-    median_gap: MaybeInfinite
-    best_gap: MaybeInfinite
-    refined_gap: MaybeInfinite
-    seeds_there: Count
+    median_gap: MaybeInfinite = math.inf
+    best_gap: MaybeInfinite = math.inf
+    refined_gap: MaybeInfinite = math.inf
+    seeds_there: Count = 0
 
 
 class MetricsPart(Part):
@@ -185,7 +194,8 @@ class Result(Document):
     """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
     `parameters` are the best circuit known (`answer_source` says where it comes from), and metrics,
-    intervals, figures and exports are of it; `search` and `refined` tell what the seeds did.
+    intervals, figures and exports are of it; `search` and `refined` tell what the seeds did, None
+    where there were none.
     `global_optimum` is None where the box is too wide to look for it, `assessment` where it was
     not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
     asked for: then exports, figures of errors and validation are of it. Where they were not,
@@ -209,8 +219,8 @@ class Result(Document):
     tables: TablesPart | None = None
     expected_tables_v: Volts | None = None
     pulses: tuple[Pulse, ...] = ()
-    search: SearchPart
-    refined: RefinedPart
+    search: SearchPart | None = None
+    refined: RefinedPart | None = None
     cell: CellModel
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
@@ -309,6 +319,18 @@ class Result(Document):
     def window(self) -> Window:
         """The first record's."""
         return self._first.window or Window()
+
+    @property
+    def common_window(self) -> Window:
+        """What the windows of all simulated records agree on; what is one's alone is not
+        another's."""
+        first, *others = [each.window for each in self.inputs if each.window]
+        agreed = {
+            name: value
+            for name, value in vars(first).items()
+            if all(getattr(each, name) == value for each in others)
+        }
+        return Window(**agreed)
 
     @property
     def initial_soc(self) -> float:

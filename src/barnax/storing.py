@@ -69,15 +69,8 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
         ),
         pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
         expected_tables_v=run.expected_tables_v,
-        search=search_part(run.search),
-        refined=RefinedPart(
-            rmse_v=run.refinement.rmse_v,
-            objective=run.refinement.objective,
-            evaluations=run.refinement.evaluations,
-            at_bound=run.refinement.at_bound,
-            optima=run.refinement.optima,
-            seeds=run.refinement.refined,
-        ),
+        search=search_part(run.search) if run.search else None,
+        refined=_refined_part(run.refinement) if run.refinement else None,
         cell=problem.cell,
         bounds=dict(problem.bounds.ranges),
         fixed=dict(problem.bounds.fixed),
@@ -128,32 +121,50 @@ def search_part(search: Search) -> SearchPart:
     )
 
 
-def _global_part(refinement: Refinement, optimum: GlobalOptimum) -> GlobalPart:
+def _refined_part(refinement: Refinement) -> RefinedPart:
+    return RefinedPart(
+        rmse_v=refinement.rmse_v,
+        objective=refinement.objective,
+        evaluations=refinement.evaluations,
+        at_bound=refinement.at_bound,
+        optima=refinement.optima,
+        seeds=refinement.refined,
+    )
+
+
+def _global_part(refinement: Refinement | None, optimum: GlobalOptimum) -> GlobalPart:
     """The global optimum as it is stored, with the optimality gap of every answer.
 
     Local optima are counted once, whoever found them: the seeds or the grid.
     """
+    part = GlobalPart(
+        rmse_v=optimum.rmse_v,
+        parameters=optimum.parameters,
+        status=optimum.status,
+        lower_bound_v=optimum.lower_bound_v,
+        proved_gap=optimum.proved_gap,
+        cells=optimum.cells,
+        local_optima=optimum.local_optima,
+        at_bound=optimum.at_bound,
+    )
+    if refinement is None:
+        return part
     gaps = [optimality_gap(seed.rmse_v, optimum.rmse_v) for seed in refinement.search.seeds]
     local = list(optimum.local_optima)
     for each in refinement.optima:
         known = [optimum.rmse_v, *(other.rmse_v for other in local)]
         if all(abs(each.rmse_v / other - 1) > SAME_RMSE for other in known if other):
             local.append(each)
-    return GlobalPart(
-        rmse_v=optimum.rmse_v,
-        parameters=optimum.parameters,
-        status=optimum.status,
-        lower_bound_v=optimum.lower_bound_v,
-        proved_gap=optimum.proved_gap,
-        cells=None if optimum.certificate is None else optimum.certificate.cells,
-        local_optima=tuple(sorted(local, key=lambda each: each.rmse_v)),
-        at_bound=optimum.at_bound,
-        median_gap=float(np.median(gaps)),
-        best_gap=min(gaps),
-        refined_gap=optimality_gap(refinement.rmse_v, optimum.rmse_v),
-        seeds_there=sum(
-            seed.rmse_v <= optimum.rmse_v * (1 + SAME_RMSE) for seed in refinement.refined
-        ),
+    return part.model_copy(
+        update={
+            "local_optima": tuple(sorted(local, key=lambda each: each.rmse_v)),
+            "median_gap": float(np.median(gaps)),
+            "best_gap": min(gaps),
+            "refined_gap": optimality_gap(refinement.rmse_v, optimum.rmse_v),
+            "seeds_there": sum(
+                seed.rmse_v <= optimum.rmse_v * (1 + SAME_RMSE) for seed in refinement.refined
+            ),
+        }
     )
 
 

@@ -1,5 +1,10 @@
 """Records of many lengths through one compiled scan: one program, and the bits of each alone."""
 
+import pickle
+from contextlib import contextmanager
+
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
@@ -8,11 +13,13 @@ import pytest
 import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
-from barnax.model.padding import padding_for
-from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.model.padding import FACTOR_STEP, padding_for
+from barnax.model.problem import Objective, make_problem, rmse, rmse_by_scan
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
+from barnax.search.evaluate import evaluate
 from barnax.search.seeds import search_many, search_seeds
+from barnax.uncertainty.linearization import linearize
 from helpers.problems import drive_a
 from reference import make_record
 
@@ -38,6 +45,22 @@ def even(samples):
 def uneven(samples, seed):
     steps = np.random.default_rng(seed).choice([0.5, 1.0, 7.0 + seed], samples)
     return np.cumsum(steps)
+
+
+@contextmanager
+def counted_compilations():
+    """The durations of what is compiled inside."""
+    compiled = []
+
+    def note(event, duration_s, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiled.append(duration_s)
+
+    jax.monitoring.register_event_duration_secs_listener(note)
+    try:
+        yield compiled
+    finally:
+        jax.monitoring.unregister_event_duration_listener(note)
 
 
 CASES = {
@@ -83,15 +106,64 @@ def test_what_fills_a_record_up_counts_nothing(bundled_cell):
     assert not jnp.any(filled[211:])
 
 
+@in_float64
 def test_joint_records_padded_have_their_bits(bundled_cell):
     # Each problem has the longest record in one of two columns.
     joint, other = (
         problem_of(bundled_cell, "so-rc", clocks)
         for clocks in ([uneven(304, 2), even(150)], [uneven(221, 1), even(200)])
     )
-    circuits = [CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0))]
-    with_padding = rmse_by_scan(joint, circuits, padding_for([joint.scan, other.scan]))
-    assert with_padding == rmse_by_scan(joint, circuits)
+    point = joint.coordinates.lower + 0.3 * (joint.coordinates.upper - joint.coordinates.lower)
+    rmse_at = jax.jit(rmse)
+    filled = padding_for([joint.scan, other.scan])(joint.scan)
+    plain_v, *padded_v = (
+        float(rmse_at(point, Objective(evaluator, joint.coordinates)))
+        for evaluator in (joint.scan, filled, joint.padded_scan)
+    )
+    assert padded_v == [plain_v, plain_v]
+
+
+@pytest.mark.parametrize("circuit", ["so-rc", pytest.param("esc", marks=pytest.mark.slow)])
+def test_a_new_length_in_a_known_size_compiles_nothing(bundled_cell, circuit):
+    gamma = 100.0 if circuit == "esc" else None
+    at = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma)
+
+    def run(samples):
+        problem = problem_of(bundled_cell, circuit, [uneven(samples, 1)])
+        rmse_by_scan(problem, [at])
+        linearize(problem, at)
+        evaluate(problem.prepared, at)
+        return problem.padded_compressed
+
+    known = run(300)
+    with counted_compilations() as compiled:
+        new = run(341)
+    assert compiled == []
+    # The descent's program depends on nothing else.
+    assert eqx.tree_equal(*(jax.tree.map(jnp.shape, each) for each in (known, new)))
+
+
+@in_float64
+def test_a_compressed_record_of_a_common_size_has_the_same_errors(bundled_cell):
+    problem = problem_of(bundled_cell, "esc", [uneven(221, 2)])
+    short, common = problem.compressed, problem.padded_compressed
+    assert common.factor.shape[0] % FACTOR_STEP == 0
+    assert (common.factor.shape[1] - 2) % FACTOR_STEP == 0
+    for share in (0.2, 0.5, 0.9):
+        point = problem.coordinates.lower * (1 - share) + problem.coordinates.upper * share
+        circuit = problem.coordinates.decode(point)
+        expected_v = short.errors(circuit)
+        errors_v = common.errors(circuit)
+        np.testing.assert_allclose(errors_v[: len(expected_v)], expected_v, rtol=1e-12, atol=1e-15)
+        assert not np.any(errors_v[len(expected_v) :])
+
+
+def test_a_problem_that_traveled_gives_the_same_bits(short_problem):
+    _ = short_problem.compressed
+    traveled = pickle.loads(pickle.dumps(short_problem))
+    assert "compressed" not in vars(traveled)
+    assert np.asarray(traveled.compressed.factor).dtype == np.float64
+    np.testing.assert_array_equal(traveled.compressed.factor, short_problem.compressed.factor)
 
 
 @in_float64

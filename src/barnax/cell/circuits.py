@@ -79,7 +79,7 @@ def loops(soc: Samples, direction: Samples) -> Samples:
     """Where between the branches, -1 discharged to +1 charged, after every sample.
 
     >>> loops(np.array([0.5, 0.45, 0.4]), np.array([1.0, -1.0, -1.0])).round(2)
-    array([ 1.  , 1.  , -0.45])
+    array([ 1.  ,  1.  , -0.45])
     """
     width = TURN_SOC / np.arctanh(0.95)
     turns = np.flatnonzero(np.diff(direction, prepend=direction[:1])).tolist()

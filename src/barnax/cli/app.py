@@ -8,6 +8,7 @@ from .. import __version__
 from .check import check
 from .compare import compare, optimizers
 from .convert import convert
+from .fleet import fleet
 from .identify import hppc, identify
 from .results import export, rerun, show, validate
 from .soc import soc
@@ -20,7 +21,20 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-COMMANDS = (identify, hppc, show, validate, soc, compare, rerun, export, check, convert, optimizers)
+COMMANDS = (
+    identify,
+    hppc,
+    fleet,
+    show,
+    validate,
+    soc,
+    compare,
+    rerun,
+    export,
+    check,
+    convert,
+    optimizers,
+)
 for command in COMMANDS:
     app.command()(command)
 

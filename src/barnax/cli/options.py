@@ -56,7 +56,12 @@ class SearchOptions:
             "Search raw R and C, as the paper does (rc), or logarithms of R and tau (log).",
         ),
     ] = "rc"
-    seeds: Annotated[int, option(SEARCH, "N", "Independent runs of the optimizer.", min=1)] = 30
+    seeds: Annotated[
+        int,
+        option(
+            SEARCH, "N", "Independent runs of the optimizer; 0: the global optimum alone.", min=0
+        ),
+    ] = 30
     population: Annotated[int, option(SEARCH, "N", "Candidates in a generation.", min=4)] = 30
     iterations: Annotated[int, option(SEARCH, "N", "Generations.", min=1)] = 500
     key: Annotated[

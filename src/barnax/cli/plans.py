@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .record_options import WINDOW_FIELDS
 from .session import APPEARANCE, without_options
 
 if TYPE_CHECKING:
@@ -47,6 +46,8 @@ def arguments_of(
 
 def _command(planned: "Plan", records: list[Path]) -> list[str]:
     """The command that does the same without planning, of the same files where they are cut."""
+    from ..model.window import OPTIONS as WINDOW_OPTIONS
+
     settled = {**APPEARANCE, "--report": 1, "--paper": 1, "--plan": 1}
     served = [part for part in planned.parts if part.role != "not used"]
     if any(part.span_s for part in served):
@@ -61,15 +62,17 @@ def _command(planned: "Plan", records: list[Path]) -> list[str]:
     for name, value in planned.options.items():
         if not (name == "over" and planned.command == "hppc"):
             words += [f"--{name.replace('_', '-')}", _written(value)]
-    flags = [*WINDOW_FIELDS, *PLANNED, "ocv", "validate"]
+    flags = [*WINDOW_OPTIONS, *PLANNED, "ocv", "validate"]
     settled |= {f"--{name.replace('_', '-')}": 2 for name in flags}
     kept = without_options(sys.argv[2:], settled)
     return ["barnax", planned.command, *words, *(w for w in kept if Path(w) not in records)]
 
 
 def _window_words(part: "Part") -> list[str]:
+    from ..model.window import OPTIONS as WINDOW_OPTIONS
+
     words = []
-    for option, (name, _) in WINDOW_FIELDS.items():
+    for option, (name, *_) in WINDOW_OPTIONS.items():
         value = getattr(part.window, name)
         if value is not None:
             words += [f"--{option.replace('_', '-')}", f"{part.name}={_written(value)}"]

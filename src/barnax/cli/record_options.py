@@ -1,6 +1,5 @@
 """Options about files and records: how they are read, what is known of them, what counts."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -143,16 +142,18 @@ class RecordOptions:
 
     def chosen(self) -> dict[str, dict[str, Any]]:
         """Fields of a `Window` by the name of the record they are for, "" for all."""
+        from ..model.window import OPTIONS
+
         found: dict[str, dict[str, Any]] = {}
-        for asked, (name, parse) in WINDOW_FIELDS.items():
+        for asked, (name, parse, example) in OPTIONS.items():
             for text in getattr(self, asked) or []:
                 record, _, value = text.rpartition("=")
                 try:
                     found.setdefault(record, {})[name] = parse(value)
                 except ValueError as problem:
                     raise InputError(
-                        f"`{asked}` {text!r}: write it like {_EXAMPLES.get(asked, '5')}, or "
-                        f"FILE={_EXAMPLES.get(asked, '5')} for one of the records"
+                        f"`{asked}` {text!r}: write it like {example}, or FILE={example} for one "
+                        "of the records"
                     ) from problem
         return found
 
@@ -178,32 +179,3 @@ class RecordOptions:
             except InputError as problem:
                 raise InputError(f"{name}: {problem}" if name else str(problem)) from problem
         return windows
-
-
-def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) -> tuple[Any, ...]:
-    values = tuple(kind(part) for part in text.split(","))
-    if count is not None and len(values) != count:
-        raise ValueError(text)
-    return values
-
-
-_EXAMPLES = {
-    "temperature": "25",
-    "initial_soc": "0.9",
-    "initial_direction": "-1",
-    "score_steps": "7,8",
-    "score_soc": "0.1,1",
-}
-WINDOW_FIELDS: dict[str, tuple[str, Callable[[str], Any]]] = {
-    "capacity": ("capacity_ah", float),
-    "temperature": ("temperature_degc", float),
-    "start_time": ("start_time_s", float),
-    "start_after_step": ("start_after_step", int),
-    "initial_soc": ("initial_soc", float),
-    "initial_direction": ("initial_direction", int),
-    "score_steps": ("score_steps", lambda text: _numbers(text, int)),
-    "score_from": ("score_from_s", float),
-    "score_to": ("score_to_s", float),
-    "score_soc": ("score_soc", lambda text: _numbers(text, float, 2)),
-    "rest_current": ("rest_current_a", float),
-}

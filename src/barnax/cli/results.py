@@ -113,7 +113,6 @@ def stored_window(
 
     Raises `InputError` for an option that is given for another record.
     """
-    from ..pipeline import common_window
 
     chosen = of_records.chosen()
     unknown = sorted(chosen.keys() - {"", record.name})
@@ -122,7 +121,7 @@ def stored_window(
     given = {**chosen.get("", {}), **chosen.get(record.name, {})}
     # What was given for one record alone is not another's.
     own = {each.name: each.window for each in stored.inputs if each.window}
-    return _window(own.get(record.name) or common_window(stored), given, is_whole)
+    return _window(own.get(record.name) or stored.common_window, given, is_whole)
 
 
 def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":

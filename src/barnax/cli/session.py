@@ -12,7 +12,14 @@ from pathlib import Path
 import platformdirs
 from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 from ..errors import printable
@@ -69,6 +76,23 @@ class Session:
         with self.timed(title), progress:
             task = progress.add_task(shown(title), total=total or None)
             yield lambda gained: progress.advance(task, gained)
+
+    @contextmanager
+    def counting(self, title: str, total: int) -> Iterator[Callable[[int, str], None]]:
+        """A bar of a long run with the time left; told how much is done, and a remark on it."""
+        progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[remark]}"),
+            TimeRemainingColumn(),
+            console=self._notes,
+            transient=True,
+            disable=self._is_quiet or not self._notes.is_terminal,
+        )
+        with self.timed(title), progress:
+            task = progress.add_task(shown(title), total=total, remark="")
+            yield lambda done, remark: progress.update(task, completed=done, remark=shown(remark))
 
     @contextmanager
     def timed(self, title: str) -> Iterator[None]:

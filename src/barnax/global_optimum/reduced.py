@@ -153,10 +153,12 @@ class Reduced:
     def of(cls, problem: Problem) -> "Reduced":
         """The columns. Raises `InputError` where the box is too wide to compress."""
         short, box = problem.compressed, ResistanceBounds(problem.bounds)
-        unit = np.sqrt(float(short.scored))
+        # In NumPy: JAX would compile a program for every slice of every shape.
+        factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
+        count = len(short.in_tau.nodes)
         limits = problem.coordinates
         largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
-        responses = _Interpolated(np.asarray(short.pairs) / unit, short.in_tau, 1)
+        responses = _Interpolated(factor[:, :count], short.in_tau, 1)
         prepared_records = problem.prepared_records
         held_a = [prepared.held_a for prepared in prepared_records]
         current_a = min(largest_a, earlier_rms(prepared_records, held_a))
@@ -166,9 +168,9 @@ class Reduced:
             low, high = box.tau_range_s(pair)
             ends = math.log(low), math.log(high)
             axes.append(Axis(*ends, responses, current_a, error * largest_a))
-        if short.turns is not None and short.in_rate is not None and box.gamma_range is not None:
+        if short.in_rate is not None and box.gamma_range is not None:
             low, high = box.gamma_range
-            hysteresis = _Interpolated(np.asarray(short.turns) / unit, short.in_rate, -1)
+            hysteresis = _Interpolated(factor[:, count:-2], short.in_rate, -1)
             largest_v = max(
                 float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.hysteresis_input)))
                 for moved in (inputs.hysteresis for inputs in problem.all_inputs)
@@ -178,8 +180,8 @@ class Reduced:
             ends = math.log(low), math.log(high)
             axes.append(Axis(*ends, hysteresis, largest_v, error * largest_v))
         return cls(
-            base=np.asarray(short.base) / unit,
-            current=np.asarray(short.current) / unit,
+            base=factor[:, -1],
+            current=factor[:, -2],
             axes=tuple(axes),
             box=box,
             is_ordered=problem.bounds.pairs_are_alike,

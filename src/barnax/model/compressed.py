@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Scalar
 from scipy.linalg import get_lapack_funcs, qr
 
-from ..execution import one_blas_thread
+from ..execution import on_device, one_blas_thread
 from .exponentials import Lagrange, Span, span_of
 from .search_space import Coordinates
 from .simulate import AbstractEvaluator, Intervals, RCParameters, SimulationInput, respond
@@ -35,6 +35,8 @@ CHAINS = 2
 # long.
 PANEL = 1024
 REFLECTORS = 8
+# Time constants are answered in multiples of this, so that spans of many widths share a program.
+TAU_STEP = 8
 # Rows of the factor that add less than this to any column's RMS, in V, are left out. They are
 # orthogonal to the others: an RMSE grows by their square over twice itself.
 NEGLIGIBLE_V = 1e-13
@@ -60,18 +62,6 @@ class Compressed(AbstractEvaluator):
     in_rate: Lagrange | None = None
 
     @property
-    def pairs(self) -> Float[Array, "rows nodes"]:
-        return self.factor[:, : len(self.in_tau.nodes)]
-
-    @property
-    def turns(self) -> Float[Array, "rows rates"]:
-        return self.factor[:, len(self.in_tau.nodes) : -2]
-
-    @property
-    def current(self) -> Float[Array, "rows"]:
-        return self.factor[:, -2]
-
-    @property
     def base(self) -> Float[Array, "rows"]:
         return self.factor[:, -1]
 
@@ -88,6 +78,21 @@ class Compressed(AbstractEvaluator):
     def squared_error(self, rc: RCParameters) -> Scalar:
         errors_v = self.errors(rc)
         return jnp.sum(errors_v * errors_v)
+
+    def padded_to_multiple(self, step: int) -> "Compressed":
+        """The same with rows and nodes filled up to a multiple of `step` by ones without effect."""
+        in_tau = self.in_tau.padded_to_multiple(step)
+        in_rate = None if self.in_rate is None else self.in_rate.padded_to_multiple(step)
+        factor = np.asarray(self.factor)
+        rows, nodes = factor.shape[0], len(self.in_tau.nodes)
+        filled = np.zeros((-(-rows // step) * step, len(in_tau.nodes) + 2), factor.dtype)
+        filled[:rows, :nodes] = factor[:, :nodes]
+        if in_rate is not None:
+            turns = np.zeros((len(filled), len(in_rate.nodes)), factor.dtype)
+            turns[:rows, : factor.shape[1] - nodes - 2] = factor[:, nodes:-2]
+            filled = np.insert(filled, [len(in_tau.nodes)], turns, axis=1)
+        filled[:rows, -2:] = factor[:, -2:]
+        return Compressed(self.scored, on_device(filled), in_tau, in_rate)
 
 
 def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compressed:
@@ -112,8 +117,8 @@ def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compres
         scored = sum(float(inputs.scored) for inputs in all_inputs)
         factor = shorten(np.concatenate(columns, axis=1), NEGLIGIBLE_V * math.sqrt(scored))
     return Compressed(
-        scored=jnp.asarray(scored),
-        factor=jnp.asarray(factor),
+        scored=on_device(scored),
+        factor=on_device(factor),
         in_tau=Lagrange.of(in_tau),
         in_rate=None if in_rate is None else Lagrange.of(in_rate),
     )
@@ -199,26 +204,28 @@ class Answers:
         self._node, self._offset_s = np.asarray(intervals.node), np.asarray(intervals.offset_s)
         # Padded, so that records with other clocks share one program.
         spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
-        node_s = jnp.pad(intervals.node_s, (0, spare), mode="edge")
+        node_s = on_device(np.pad(intervals.node_s, (0, spare), mode="edge"))
         self._intervals = eqx.tree_at(
             lambda each: (each.node_s, each.node, each.offset_s), intervals, (node_s, None, None)
         )
-        self._tau = jnp.asarray(span.skeleton_tau)
+        # So are the time constants, to what a processor answers at once; the last is repeated.
+        self._count = len(span.skeleton_tau)
+        self._tau = on_device(np.pad(span.skeleton_tau, (0, -self._count % TAU_STEP), "edge"))
         channels = () if spread is None else spread(slice(0)).shape[1:]
-        self._state = jnp.zeros((*self._tau.shape, *channels))
+        self._state = on_device(np.zeros((*self._tau.shape, *channels)))
 
     def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton *channels"]:
         given = self._held[here]
         if self._spread is not None:
             given = self._spread(here) * given[:, None]
         held, node, offset_s = (
-            jnp.asarray(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
+            on_device(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
             for each in (given, self._node[here], self._offset_s[here])
         )
         self._state, answers = _respond(
             self._tau, self._state, held, self._intervals, node, offset_s
         )
-        return np.asarray(answers)[: len(self._held[here])]
+        return np.asarray(answers)[: len(self._held[here]), : self._count]
 
 
 @eqx.filter_jit

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int, Scalar
 from scipy.linalg import qr, solve_triangular
 
 from ..errors import InputError
-from ..execution import one_blas_thread
+from ..execution import on_device, one_blas_thread
 
 # Spans are rounded up to quarter decades, so that most records share one table and one program.
 _SPAN_STEP = math.log(10) / 4
@@ -145,11 +145,22 @@ class Lagrange(eqx.Module):
     @classmethod
     def of(cls, span: Span) -> "Lagrange":
         return cls(
-            center=jnp.asarray(span.center),
-            half_width=jnp.asarray(span.half_width),
-            nodes=jnp.asarray(span.nodes),
-            weights=jnp.asarray(span.weights),
-            slope=jnp.asarray(span.slope),
+            center=on_device(span.center),
+            half_width=on_device(span.half_width),
+            nodes=on_device(span.nodes),
+            weights=on_device(span.weights),
+            slope=on_device(span.slope),
+        )
+
+    def padded_to_multiple(self, step: int) -> "Lagrange":
+        """The same with a multiple of `step` nodes: those added lie outside and weigh nothing."""
+        missing = -len(self.nodes) % step
+        return Lagrange(
+            center=self.center,
+            half_width=self.half_width,
+            nodes=on_device(np.pad(self.nodes, (0, missing), constant_values=2.0)),
+            weights=on_device(np.pad(self.weights, (0, missing))),
+            slope=on_device(np.pad(self.slope, (0, missing))),
         )
 
     def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:

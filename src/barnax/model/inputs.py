@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import CellModel, get_circuit
 from ..errors import InputError
+from ..execution import on_device
 from ..records import Record, current_direction, rest_current_a
 from .simulate import HysteresisInput, Intervals, SimulationInput
 from .start import Start, find_start, start_warnings
@@ -85,12 +85,12 @@ class PreparedRecord:
         With dynamic hysteresis, exact for rates up to `highest_gamma`.
         """
         return SimulationInput(
-            current_a=jnp.asarray(self.current_a),
-            held_a=jnp.asarray(self.held_a),
-            source_v=jnp.asarray(self.source_v),
-            base_error_v=jnp.asarray(self.voltage_v - self.source_v),
-            weight=None if np.all(self.scored) else jnp.asarray(self.scored, float),
-            scored=jnp.asarray(np.count_nonzero(self.scored), float),
+            current_a=on_device(self.current_a),
+            held_a=on_device(self.held_a),
+            source_v=on_device(self.source_v),
+            base_error_v=on_device(self.voltage_v - self.source_v),
+            weight=None if np.all(self.scored) else on_device(self.scored.astype(float)),
+            scored=on_device(float(np.count_nonzero(self.scored))),
             intervals=Intervals.measure(self.time_s, shortest_tau_s),
             hysteresis=None if highest_gamma is None else self._hysteresis(highest_gamma),
         )
@@ -107,8 +107,8 @@ class PreparedRecord:
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)
         toward = np.where(is_moving, -np.sign(self.held_a), self.direction)
         return HysteresisInput(
-            amplitude_v=jnp.asarray(self.hysteresis_amplitude_v),
-            hysteresis_input=jnp.asarray(toward - self.start.direction),
+            amplitude_v=on_device(self.hysteresis_amplitude_v),
+            hysteresis_input=on_device(toward - self.start.direction),
             intervals=Intervals.gather(passed, 1 / highest_gamma, 0.0),
         )
 

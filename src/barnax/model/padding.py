@@ -5,9 +5,15 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 
+from ..execution import on_device
+from .compressed import Compressed
 from .simulate import AbstractEvaluator, Joint, SimulationInput
+
+# Rows and nodes of a compressed record are filled up to a multiple of this where it is refined: a
+# program for another size takes five seconds to compile, the zeros a few percent of its time.
+FACTOR_STEP = 64
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,15 @@ class PaddedSize:
             max((len(each.intervals.node_s) for each in turning), default=0),
         )
 
+    @classmethod
+    def common(cls, inputs: SimulationInput) -> Self:
+        """The next of few sizes: two an octave of samples, one every two octaves of nodes."""
+        size = cls.of([inputs])
+        return cls(
+            _next_samples(size.samples), False, _next_nodes(size.nodes),
+            _next_nodes(size.turning_nodes),
+        )  # fmt: skip
+
     def fill(self, inputs: SimulationInput) -> SimulationInput:
         """The record, made as large as this; its errors keep their bits."""
         if not self.is_shared:
@@ -43,6 +58,31 @@ class PaddedSize:
         )
 
 
+def to_common_size(evaluator: AbstractEvaluator) -> AbstractEvaluator:
+    """The same objective in one of few shapes, so that a new record seldom compiles anything.
+
+    Errors by simulation keep their bits.
+    """
+    if isinstance(evaluator, Joint):
+        return Joint.of(tuple(to_common_size(part) for part in evaluator.parts))
+    if isinstance(evaluator, Compressed):
+        return evaluator.padded_to_multiple(FACTOR_STEP)
+    if isinstance(evaluator, SimulationInput):
+        return PaddedSize.common(evaluator).fill(evaluator)
+    return evaluator
+
+
+def _next_samples(count: int) -> int:
+    """The next of 64, 96, 128, 192, 256 and so on."""
+    power = max(6, (count - 1).bit_length())
+    return 3 << (power - 2) if count <= 3 << (power - 2) else 1 << power
+
+
+def _next_nodes(count: int) -> int:
+    """The next of 16, 64, 256 and so on."""
+    return 1 << max(4, -(-(count - 1).bit_length() // 2) * 2)
+
+
 def padding_for(
     evaluators: Iterable[AbstractEvaluator],
 ) -> Callable[[AbstractEvaluator], AbstractEvaluator]:
@@ -51,19 +91,20 @@ def padding_for(
     Those that do not simulate samples one by one, or do not hold equally many records, stay as
     they are.
     """
-    rows = [_records(evaluator) for evaluator in evaluators]
+    rows = [records_in(evaluator) for evaluator in evaluators]
     if not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         return lambda evaluator: evaluator
     sizes = [PaddedSize.of(column) for column in zip(*rows, strict=True)]
 
     def fill(evaluator: AbstractEvaluator) -> AbstractEvaluator:
-        filled = zip(sizes, _records(evaluator), strict=True)
+        filled = zip(sizes, records_in(evaluator), strict=True)
         return Joint.of(tuple(size.fill(inputs) for size, inputs in filled))
 
     return fill
 
 
-def _records(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
+def records_in(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
+    """The records that are simulated sample by sample, none where any is not."""
     parts = evaluator.parts if isinstance(evaluator, Joint) else (evaluator,)
     all_inputs = tuple(part for part in parts if isinstance(part, SimulationInput))
     return all_inputs if len(all_inputs) == len(parts) else ()
@@ -74,5 +115,7 @@ def _with_nodes(
 ) -> SimulationInput:
     missing = count - len(nodes_of(inputs))
     return eqx.tree_at(
-        nodes_of, inputs, replace_fn=lambda node_s: jnp.pad(node_s, (0, missing), mode="edge")
+        nodes_of,
+        inputs,
+        replace_fn=lambda node_s: on_device(np.pad(node_s, (0, missing), mode="edge")),
     )

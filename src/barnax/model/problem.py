@@ -1,7 +1,7 @@
 """The identification problem: records of one cell, one circuit, one box."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from ..execution import compile_for, in_float64, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
 from .inputs import PreparedRecord, prepare_record, require_changing_voltage
+from .padding import to_common_size
 from .search_space import Bounds, Coordinates, Range, Scale
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 from .window import Window
@@ -42,6 +43,10 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
 
 Kind = Literal["scan", "compressed"]
 KINDS: tuple[Kind, ...] = ("scan", "compressed")
+# What a problem keeps of its arrays.
+COMPUTED = (
+    "all_inputs", "scan", "compressed", "coordinates", "padded_scan", "padded_compressed",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +61,10 @@ class Problem:
     bounds: Bounds
     scale: Scale
     kind: Kind = "scan"
+
+    def __reduce__(self):
+        # Without what is computed: JAX's float64 arrays would come back as float32, unsaid.
+        return Problem, tuple(getattr(self, each.name) for each in fields(self))
 
     @property
     def prepared(self) -> PreparedRecord:
@@ -84,7 +93,7 @@ class Problem:
     def keeping_computed(self, **changes: Any) -> "Problem":
         """The problem with other fields that leave what is computed already as it is."""
         other = replace(self, **changes)
-        for name in ("all_inputs", "scan", "compressed", "coordinates"):
+        for name in COMPUTED:
             if name in vars(self):
                 vars(other)[name] = vars(self)[name]
         return other
@@ -129,6 +138,24 @@ class Problem:
         """What the search minimises."""
         return self.objective_in(self.scale)
 
+    @cached_property
+    @in_float64
+    def padded_scan(self) -> AbstractEvaluator:
+        """The reference in one of few shapes, with the same bits."""
+        return to_common_size(self.scan)
+
+    @cached_property
+    @in_float64
+    def padded_compressed(self) -> AbstractEvaluator:
+        """The compressed objective in one of few shapes, for what takes seconds to compile."""
+        return to_common_size(self.compressed)
+
+    @in_float64
+    def padded_objective(self, kind: Kind = "scan") -> Objective:
+        """The objective in log coordinates, in one of few shapes."""
+        evaluator = self.padded_compressed if kind == "compressed" else self.padded_scan
+        return Objective(evaluator, Coordinates.of(self.bounds, "log"))
+
     @in_float64
     def objective_in(self, scale: Scale, kind: Kind | None = None) -> Objective:
         """The same objective in other coordinates, or computed the other way."""
@@ -149,18 +176,9 @@ class Problem:
 
 
 @in_float64
-def rmse_by_scan(
-    problem: Problem,
-    circuits: Sequence[CircuitParameters],
-    fill: Callable[[AbstractEvaluator], AbstractEvaluator] | None = None,
-) -> list[float]:
-    """The RMSE of circuits by the reference, in V, whatever the problem's objective.
-
-    `fill` may give the records a shape for which there is a compiled program.
-    """
-    objective = problem.objective_in("log", "scan")
-    if fill is not None:
-        objective = Objective(fill(objective.evaluator), objective.coordinates)
+def rmse_by_scan(problem: Problem, circuits: Sequence[CircuitParameters]) -> list[float]:
+    """The RMSE of circuits by the reference, in V, whatever the problem's objective."""
+    objective = problem.padded_objective()
     errors_v = []
     for points in point_blocks(circuits, objective.coordinates):
         errors_v += compile_for(_rmse_of_all, points, objective)(points, objective).tolist()

@@ -16,6 +16,8 @@ from equinox import AbstractVar
 from jax import lax
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
+from ..execution import on_device
+
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
 # Smaller offsets are rounding of the stored time, not jitter of the clock.
@@ -57,9 +59,9 @@ class Intervals(eqx.Module):
         node_s = totals / np.bincount(node, minlength=len(groups))
         offset_s = interval_s - node_s[node]
         return cls(
-            node_s=jnp.asarray(node_s),
-            node=jnp.asarray(node, jnp.int32),
-            offset_s=jnp.asarray(offset_s),
+            node_s=on_device(node_s),
+            node=on_device(node.astype(np.int32)),
+            offset_s=on_device(offset_s),
             is_even=len(groups) == 1,
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
@@ -162,12 +164,13 @@ class SimulationInput(AbstractEvaluator):
         Errors keep their bits: a weight of one is exact, and nothing but zeros is added.
         """
         missing = samples - len(self.current_a)
-        weight = jnp.ones_like(self.current_a) if self.weight is None else self.weight
-        filled = self.map_samples(lambda array: jnp.pad(array, (0, missing), mode="edge"))
+        weight = np.ones(len(self.current_a)) if self.weight is None else self.weight
+        # In NumPy: JAX would compile a program for every length it meets.
+        filled = self.map_samples(lambda array: on_device(np.pad(array, (0, missing), mode="edge")))
         return eqx.tree_at(
             lambda inputs: inputs.weight,
             filled,
-            jnp.pad(weight, (0, missing)),
+            on_device(np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))),
             is_leaf=lambda leaf: leaf is None,
         )
 

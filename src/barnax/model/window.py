@@ -1,13 +1,38 @@
 """Which part of a record is simulated, and where errors count."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..errors import InputError
 from ..records import Record
+
+
+def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) -> tuple[Any, ...]:
+    values = tuple(kind(part) for part in text.split(","))
+    if count is not None and len(values) != count:
+        raise ValueError(text)
+    return values
+
+
+# What is known of a record, as options and tables give it: the field it is of a `Window`, how its
+# text is read (`ValueError` where it is none), and an example of one.
+OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
+    "capacity": ("capacity_ah", float, "5"),
+    "temperature": ("temperature_degc", float, "25"),
+    "start_time": ("start_time_s", float, "5"),
+    "start_after_step": ("start_after_step", int, "5"),
+    "initial_soc": ("initial_soc", float, "0.9"),
+    "initial_direction": ("initial_direction", int, "-1"),
+    "score_steps": ("score_steps", lambda text: _numbers(text, int), "7,8"),
+    "score_from": ("score_from_s", float, "5"),
+    "score_to": ("score_to_s", float, "5"),
+    "score_soc": ("score_soc", lambda text: _numbers(text, float, 2), "0.1,1"),
+    "rest_current": ("rest_current_a", float, "5"),
+}
 
 
 @dataclass(frozen=True)

@@ -48,9 +48,11 @@ class Ecosystem(AbstractGreedySearch):
 
     The worst candidate is the producer: it moves between the best and a random place. The others
     consume it, a worse consumer, or both; then all decay about the best. As in the authors' code
-    the consumption factor and the decay are fresh numbers in every dimension. One of its
-    iterations is two generations here, consumption and decay, each evaluated once; an odd last
-    generation only consumes. Ferahtia et al. apply the algorithm as it is.
+    the consumption factor is a fresh number in every dimension, and the decay one number or one a
+    dimension, by a coin; but each diet has its third, where their `1/3<r<2/3`, which never holds
+    in MATLAB, leaves out the hunt for another consumer. One of its iterations is two generations
+    here, consumption and decay, each evaluated once; an odd last generation only consumes.
+    Ferahtia et al. could not be read; Li et al. (2023) say that they use this algorithm.
     """
 
     population: int = 30
@@ -61,9 +63,9 @@ class Ecosystem(AbstractGreedySearch):
         normal_key, uniform_key = jr.split(key)
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
         top, bottom, decay = normal(normal_key, (3, *shape), dtype)
-        numbers = jr.uniform(uniform_key, (6 * self.population + shape[1],), dtype)
-        place, numbers = numbers[: shape[1]], numbers[shape[1] :].reshape(6, self.population, 1)
-        diet, share, chance, third, coin, wander = numbers
+        numbers = jr.uniform(uniform_key, (7 * self.population + shape[1],), dtype)
+        place, numbers = numbers[: shape[1]], numbers[shape[1] :].reshape(7, self.population, 1)
+        diet, share, chance, third, coin, other_coin, wander = numbers
         half = (generation + 1) // 2
         wander = (1 - half.astype(dtype) / ((self.iterations + 1) // 2)) * wander[0, 0]
         factor = 0.5 * top / jnp.abs(bottom)
@@ -73,7 +75,7 @@ class Ecosystem(AbstractGreedySearch):
         worse = self.population - 2 - rank
         on_producer = jnp.where(worse <= 0, 1, on_producer)
         skipped = jnp.floor(chance * jnp.maximum(worse, 1).astype(dtype)).astype(rank.dtype)
-        spread = 3 * decay
+        spread = 3 * jnp.where(other_coin < 0.5, decay[:, :1], decay)
         weight = jnp.where(coin < 0.5, third, 2 * third) - 1
         return Season(
             producer=wander * box.scale(place),

@@ -23,10 +23,13 @@ Run = Callable[..., Result]
 def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> Plan | None:
     """The plan of what `identify` was given, None where the files' roles are all given.
 
-    There is one for a folder, a plan or its TOML file, and for files without an OCV test. Of
+    There is one for a folder, a plan or its TOML file, and for files without an OCV test of a cell
+    that is not known. Of
     `options` those matter that say how files are read.
     """
     given = listed(records)
+    if options.get("cell") is not None:
+        return None
     if len(given) == 1 and isinstance(given[0], Plan):
         return given[0]
     paths = [Path(each) for each in given if isinstance(each, str | Path)]

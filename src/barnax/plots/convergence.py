@@ -118,6 +118,8 @@ def _runs(
         refined_v = None if refinement is None else refinement.rmse_v
     else:
         result = result_of(searches)
+        if result.search is None or result.refined is None:
+            raise ValueError("this result was found without seeds, so no search converged")
         seeds, population = result.search.seeds, result.search.population
         refined_v, found = result.refined.rmse_v, result.global_optimum
         optimum_v = None if found is None else found.rmse_v

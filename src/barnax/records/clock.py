@@ -193,9 +193,11 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
     Of two samples of one time stamp the first is kept. Where there are more of different values
     than the two sides of a step explain, they are spread over the interval that follows.
     """
-    step_a, step_v = samples.step_a, samples.step_v
     # Interval by interval: of the stamp before, and alike wholly, within the resolution, or not.
     is_repeat = np.diff(samples.time_s) == 0
+    if not is_repeat.any():
+        return samples, _close(samples)
+    step_a, step_v = samples.step_a, samples.step_v
     is_exact = is_repeat & (step_a == 0) & (step_v == 0)
     is_alike = np.abs(step_a) <= _SAME_CURRENT_SHARE * samples.peak_a * (1 + 1e-9)
     is_alike &= np.abs(step_v) <= _SAME_VOLTAGE_V * (1 + 1e-9)
@@ -258,7 +260,7 @@ def _spread(time_s: Clock) -> Clock:
 def _close(samples: Samples) -> list[Finding]:
     """A note of samples hard upon the one before, which testers log where a step ends."""
     interval_s = np.diff(samples.time_s)
-    usual_s = float(np.median(interval_s)) if len(interval_s) else 0.0
+    usual_s = samples.interval_s
     is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * usual_s)
     if not is_close.any():
         return []

@@ -66,6 +66,12 @@ class Samples:
         return replace(self, counters=Counters(**counters), **arrays)
 
     @cached_property
+    def interval_s(self) -> float:
+        """The usual interval."""
+        interval_s = np.diff(self.time_s)
+        return float(np.median(interval_s[:: 1 + len(interval_s) // _ENOUGH]))
+
+    @cached_property
     def step_a(self) -> Float[np.ndarray, "intervals"]:
         return np.diff(self.current_a)
 

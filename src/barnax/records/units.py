@@ -133,7 +133,7 @@ _Suspicion = tuple[str, str, float, Severity, str]
 
 
 def _too_fast(samples: Samples) -> _Suspicion | None:
-    interval_s = float(np.median(np.diff(samples.time_s)))
+    interval_s = samples.interval_s
     bulk_s, travel_v = samples.bulk_time
     ratio = _throughput_ratio(samples)
     is_steep = float(np.median(samples.voltage_v)) < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
@@ -164,7 +164,7 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
 
     Which unit it is instead is told by the sampling or by the tester's counters, where they do.
     """
-    interval_s = float(np.median(np.diff(samples.time_s)))
+    interval_s = samples.interval_s
     bulk_s, travel_v = samples.bulk_time
     ratio = _throughput_ratio(samples)
     units = _SHORTER if stated_s == 1 else (("seconds", "s", 1 / stated_s),)

@@ -34,12 +34,16 @@ from .verdict import best_possible, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
 if TYPE_CHECKING:
-    from ..results import AssessmentPart, MetricsPart, Result
+    from ..results import AssessmentPart, MetricsPart, RefinedPart, Result, SearchPart
     from ..uncertainty import Band, Estimate, Examination
     from ..uncertainty.profile import Profile
 
 # Errors that agree this closely, relative, are told to be the same.
 ALIKE = 0.01
+NO_SEEDS = (
+    "No seeds searched: the answer is the lowest point of a grid over the time constants, refined. "
+    "Every error is the scan's."
+)
 
 
 def identification_document(
@@ -88,9 +92,7 @@ def identification_document(
         Section(
             "Search",
             (
-                Bullets((*seeds_sentences(result), _search_sentence(result))),
-                seeds_table(result),
-                optima_table(result),
+                *_search_blocks(result),
                 *pictures.of("convergence"),
                 *pictures.starting("landscape"),
             ),
@@ -160,9 +162,21 @@ def parameters_table(result: "Result") -> Table:
     )
 
 
-def seeds_table(result: "Result") -> Table:
+def _search_blocks(result: "Result") -> list[Bullets | Table]:
+    """How the answer was looked for, and what the seeds found where there were any."""
+    search, refined = result.search, result.refined
+    if search is None or refined is None:
+        return [Bullets((*seeds_sentences(result), NO_SEEDS))]
+    return [
+        Bullets((*seeds_sentences(result), _search_sentence(search, refined))),
+        seeds_table(result, search),
+        optima_table(refined),
+    ]
+
+
+def seeds_table(result: "Result", search: "SearchPart") -> Table:
     """What the seeds found before refinement."""
-    seeds, own_v = result.search.seeds, result.metrics.identification.rmse_v
+    seeds, own_v = search.seeds, result.metrics.identification.rmse_v
     found = [readable(seed.parameters.to_dict()) for seed in seeds]
     values = {
         name: (value, [each[name] for each in found])
@@ -174,7 +188,7 @@ def seeds_table(result: "Result") -> Table:
         return fixed(value, 4) if name == "RMSE [mV]" else significant(value)
 
     return make_table(
-        f"The answer beside what {counted(len(seeds), 'seed')} of {result.search.method} "
+        f"The answer beside what {counted(len(seeds), 'seed')} of {search.method} "
         "found before refinement.",
         values,
         {
@@ -205,9 +219,9 @@ def metrics_table(rows: "Sequence[tuple[MetricsPart, str]]") -> Table:
     return make_table(caption, metrics, cells, ["record"])
 
 
-def optima_table(result: "Result") -> Table:
+def optima_table(refined: "RefinedPart") -> Table:
     """The distinct optima that are known, the best first."""
-    optima = {f"optimum {place}": each for place, each in enumerate(result.refined.optima, 1)}
+    optima = {f"optimum {place}": each for place, each in enumerate(refined.optima, 1)}
     return circuits_table(
         "The places where the refined seeds ended, the best first.",
         {name: each.parameters.to_dict() for name, each in optima.items()},
@@ -308,14 +322,13 @@ def _decisions(result: "Result") -> Iterator[str]:
     yield from box_sentences({result.model: (result.bounds, result.fixed)})
 
 
-def _search_sentence(result: "Result") -> str:
-    search = result.search
+def _search_sentence(search: "SearchPart", refined: "RefinedPart") -> str:
     return (
         f"{search.method} searched with {counted(len(search.seeds), 'seed')} of "
         f"{search.population} candidates and {counted(search.iterations, 'generation')} from the "
         f"key {search.key}, in {search.coordinates} coordinates, by the {search.objective} "
         f"objective: {search.evaluations} evaluations. Levenberg-Marquardt then refined every "
-        f"seed's answer in the same box, in {result.refined.evaluations} more. Every error is the "
+        f"seed's answer in the same box, in {refined.evaluations} more. Every error is the "
         "scan's."
     )
 

@@ -280,12 +280,14 @@ def _identification_figures(run: "Run") -> Figures:
         figures.add("error", f"{role}-error", record, partial(plot_error, each))
     figures.add_tables(run)
     figures.add_pulses(roles, answered.identification)
-    optimum_v = None if run.optimum is None else run.optimum.rmse_v
-    draw = partial(plot_convergence, run.search, run.refinement, optimum_v)
-    figures.add("convergence", "convergence", "", draw)
-    if run.optimum is not None:
+    answers = {}
+    if run.search is not None:
+        optimum_v = None if run.optimum is None else run.optimum.rmse_v
+        draw = partial(plot_convergence, run.search, run.refinement, optimum_v)
+        figures.add("convergence", "convergence", "", draw)
         method, _ = describe(run.search.optimizer)
-        answers = {method: [seed.parameters for seed in run.search.seeds]}
+        answers[method] = [seed.parameters for seed in run.search.seeds]
+    if run.optimum is not None:
         figures.add_landscape(run.problem.circuit, run.optimum, answers, [run.answer.parameters])
     return figures
 

@@ -28,14 +28,15 @@ MUCH = 0.5
 
 def best_possible(result: "Result") -> str:
     """Whether a better circuit exists in the bounds, and how many seeds found this one."""
-    optimum, seeds = result.global_optimum, len(result.search.seeds)
+    optimum, refined = result.global_optimum, result.refined
+    seeds = 0 if refined is None else len(refined.seeds)
     if result.tables is not None:
         over = result.tables.over_temperature
         if over is not None:
             return best_over_temperature(result.tables, over)
         return best_tables(result.tables.fit)
     if optimum is None:
-        reached = result.refined.optima[0].seeds
+        reached = refined.optima[0].seeds if refined else 0
         return (
             "not known: the bounds are too wide to look for the global optimum; "
             f"{reached} of {counted(seeds, 'seed')} end in the best optimum found."
@@ -43,23 +44,27 @@ def best_possible(result: "Result") -> str:
     if result.answer_source == "seeds":
         gap = percent(optimum.rmse_v / result.metrics.identification.rmse_v - 1)
         return f"not proved: the seeds found a circuit {gap} better than the grid did."
-    found = f"{optimum.seeds_there} of {counted(seeds, 'seed')} found it"
+    found = f" ({optimum.seeds_there} of {counted(seeds, 'seed')} found it)" if seeds else ""
     text = optimum_sentence(optimum).partition(": ")[2].rstrip(".")
-    return f"{text} ({found})."
+    return f"{text}{found}."
 
 
 def seeds_sentences(result: "Result") -> Iterator[str]:
     """How far the seeds stayed from the optimum, and where else there is one."""
-    optimum, seeds = result.global_optimum, len(result.search.seeds)
+    optimum, refined = result.global_optimum, result.refined
     if optimum is None:
         return
+    if refined is None:
+        yield local_optima_sentence(optimum)
+        return
+    seeds = len(refined.seeds)
     yield (
         f"Optimality gap, the RMSE above the optimum's: best seed {_gap(optimum.best_gap)}, median "
         f"seed {_gap(optimum.median_gap)}; after refinement {_gap(optimum.refined_gap)}. "
         f"{optimum.seeds_there} of {counted(seeds, 'seed')} reach it refined."
     )
     yield local_optima_sentence(optimum)
-    moving = sum(not seed.has_converged for seed in result.refined.seeds)
+    moving = sum(not seed.has_converged for seed in refined.seeds)
     if moving:
         yield f"{counted(moving, 'seed')} had not converged when refinement ended."
 

@@ -17,6 +17,7 @@ from ..model.inputs import (
     require_changing_voltage,
     settle_direction,
 )
+from ..model.padding import PaddedSize
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..model.window import Window
@@ -42,7 +43,8 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
     """The errors of a circuit on a record made ready. Raises `InputError` for a flat voltage."""
     require_changing_voltage(prepared)
     inputs = prepared.simulation_input(min(parameters.tau_s), parameters.gamma)
-    simulated_v = np.asarray(_simulate(rc_parameters(parameters), inputs))
+    padded_v = _simulate(rc_parameters(parameters), PaddedSize.common(inputs).fill(inputs))
+    simulated_v = np.asarray(padded_v)[: len(prepared.soc)]
     metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])
     return Evaluation(prepared, simulated_v, metrics)
 

@@ -53,10 +53,10 @@ class Descent:
         self.problem = problem
         self.kind: Kind = kind
         try:
-            self.objective = problem.objective_in("log", kind)
+            self.objective = problem.padded_objective(kind)
         except InputError:
             self.kind = "scan"
-            self.objective = problem.objective_in("log", "scan")
+            self.objective = problem.padded_objective("scan")
         template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
         self._compiled = compile_for(
             _descend, self.objective, template, jnp.asarray(0.0), jnp.asarray(False)

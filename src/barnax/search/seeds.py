@@ -16,7 +16,6 @@ from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
 from ..model.padding import padding_for
 from ..model.problem import Objective, Problem, rmse, rmse_by_scan
-from ..model.simulate import AbstractEvaluator
 from ..optimizers import AbstractPopulationMinimiser
 from ..schema import ARRAY, Loss
 
@@ -92,7 +91,6 @@ def search_many(
     ]
 
     fill = padding_for(problem.objective.evaluator for problem in problems)
-    fill_scan = padding_for(problem.scan for problem in problems)
 
     @in_float64  # the setting belongs to a thread
     def run(work):
@@ -104,7 +102,7 @@ def search_many(
     work = [(problem, keys) for problem in problems for keys in block_keys]
     outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress)
     return [
-        _identification(problem, optimizer, key, outcomes[first : first + seeds], fill_scan)
+        _identification(problem, optimizer, key, outcomes[first : first + seeds])
         for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True)
     ]
 
@@ -114,7 +112,6 @@ def _identification(
     optimizer: AbstractPopulationMinimiser,
     key: Key[Array, ""],
     outcomes,
-    fill: Callable[[AbstractEvaluator], AbstractEvaluator],
 ) -> Search:
     points, histories, evaluations, failures = zip(*outcomes, strict=True)
     circuits = problem.parameters_at(points, problem.objective.coordinates)
@@ -125,7 +122,7 @@ def _identification(
             "values and the bounds"
         )
     if problem.kind != "scan":
-        errors_v = rmse_by_scan(problem, circuits, fill)
+        errors_v = rmse_by_scan(problem, circuits)
     answers = [
         SeedAnswer(rmse_v, circuit, history_v, int(spent), int(failed))
         for rmse_v, circuit, history_v, spent, failed in zip(

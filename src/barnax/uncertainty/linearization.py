@@ -13,6 +13,7 @@ from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import compile_for, in_float64
 from ..model.inputs import PreparedRecord
+from ..model.padding import records_in
 from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..search.refine import at_bound
 
@@ -96,13 +97,20 @@ def linearize(
     is one that no scored sample depends on. Raises `InputError` where an error or a derivative is
     no number that can be squared.
     """
-    objective = problem.objective_in("log", "scan")
+    objective = problem.padded_objective()
     box = objective.coordinates
     point = np.asarray(box.encode(rc_parameters(parameters)))
     here = jnp.asarray(point)
     program = compile_for(_errors_and_slopes, here, objective)
     error, slope = (np.asarray(part) for part in program(here, objective))
-    scored = np.concatenate([prepared.scored for prepared in problem.prepared_records])
+    # Each record is as long as its padding made it.
+    lengths = [len(inputs.current_a) for inputs in records_in(objective.evaluator)]
+    scored = np.concatenate(
+        [
+            np.pad(prepared.scored, (0, length - len(prepared.scored)))
+            for prepared, length in zip(problem.prepared_records, lengths, strict=True)
+        ]
+    )
     unit = np.sqrt(problem.scored)
     error_v, slope_v = unit * error[scored], unit * slope[scored]
     if not (np.all(np.abs(error_v) < LARGEST_NUMBER) and np.all(np.abs(slope_v) < LARGEST_NUMBER)):
@@ -136,7 +144,7 @@ def linearize(
 @in_float64
 def compile_linearization(problem: Problem) -> None:
     """Make the program of `linearize`, which takes seconds and waits for no answer."""
-    objective = problem.objective_in("log", "scan")
+    objective = problem.padded_objective()
     compile_for(_errors_and_slopes, objective.coordinates.lower, objective)
 
 

@@ -114,8 +114,10 @@ function drawMap(box, live) {
   const explain = (text, entries) => {
     const key = make(box, "p", { className: "key", textContent: text });
     for (const [background, meaning] of entries) {
-      if (background) make(key, "span", { className: "swatch" }).style.background = background;
-      key.append(`${meaning} `);
+      const entry = make(key, "span", { className: "entry" });
+      if (background) make(entry, "span", { className: "swatch" }).style.background = background;
+      entry.append(meaning);
+      key.append(" ");
     }
   };
   explain(`${labels[3]}: `, colors.map((color, k) => [color, steps[k]]));

@@ -1,0 +1,215 @@
+"""`barnax fleet`: many cells of a manifest, identified on processes or on Dask, a row each."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from ..errors import InputError
+from .groups import OUTPUT, SEARCH, grouped, option
+from .options import TableOptions, complete_circuits, complete_methods
+from .record_options import Files, RecordOptions
+from .session import Session, as_flags, shown
+
+if TYPE_CHECKING:
+    from ..fleet import FleetCell, Progress
+
+DEFAULT_FOLDER = Path("barnax-fleet")
+ENGINE = "Engine"
+# Missing files that a dry run lists one by one.
+MOST_LISTED = 50
+
+
+@dataclass(frozen=True)
+class FleetSearch:
+    """Which circuit, and how each cell's is found."""
+
+    model: Annotated[
+        str | None,
+        option(
+            SEARCH,
+            "iso-rc|so-rc|esc|...",
+            "Circuit of the cells for which the manifest names none (default: as in identify).",
+            autocompletion=complete_circuits,
+        ),
+    ] = None
+    method: Annotated[
+        str,
+        option(SEARCH, "NAME", "Optimizer of the seeds.", autocompletion=complete_methods),
+    ] = "ibmo"
+    seeds: Annotated[
+        int,
+        option(
+            SEARCH,
+            "N",
+            "Runs of the optimizer beside the certified optimum, which no seed has improved on.",
+            min=0,
+        ),
+    ] = 0
+    key: Annotated[int, option(SEARCH, "N", "Random key of the seeds.", min=0)] = 0
+    trust: Annotated[
+        Literal["none", "basic"],
+        option(SEARCH, "none|basic", "Whether intervals are computed."),
+    ] = "basic"
+    bounds: Annotated[
+        Path | None,
+        option(SEARCH, "FILE.toml", "Bounds of all cells for which the manifest names none."),
+    ] = None
+    fix: Annotated[
+        list[str] | None,
+        option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; repeatable.'),
+    ] = None
+    cell: Annotated[
+        Path | None,
+        option(
+            "Files", "RESULT", "result.json whose cell model all cells share, in place of --ocv."
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class EngineOptions:
+    """What computes, and how much of the fleet."""
+
+    workers: Annotated[
+        int | None, option(ENGINE, "N", "Processes (default: as many as cores).", min=1)
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        option(ENGINE, "ADDRESS|local", "Dask scheduler in place of processes; local starts one."),
+    ] = None
+    shard: Annotated[
+        str | None,
+        option(ENGINE, "K/N", "Only the K-th of N parts of the fleet, for an array of jobs."),
+    ] = None
+    retry: Annotated[
+        bool,
+        typer.Option("--retry", help="Repeat the cells that failed.", rich_help_panel=ENGINE),
+    ] = False
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run",
+            help="List the cells and what is missing, and compute nothing.",
+            rich_help_panel=ENGINE,
+        ),
+    ] = False
+
+
+@dataclass(frozen=True)
+class FleetOutput:
+    """Where the dataset goes, and what is printed."""
+
+    out: Annotated[
+        Path, option(OUTPUT, "FOLDER", "Folder of the dataset; a run that stopped goes on there.")
+    ] = DEFAULT_FOLDER
+    keep_results: Annotated[
+        bool,
+        typer.Option(
+            "--keep-results",
+            help="Write each cell's result.json too, to results/ID.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False
+    quiet: Annotated[
+        bool,
+        typer.Option("--quiet", "-q", help="Print nothing but warnings.", rich_help_panel=OUTPUT),
+    ] = False
+
+
+@grouped
+def fleet(
+    manifest: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MANIFEST",
+            help="Table in CSV, Parquet or TOML with a row for each cell: id, records, ocv and "
+            "what else is known; other columns are carried through.",
+        ),
+    ],
+    files: Files,
+    of_records: RecordOptions,
+    search: FleetSearch,
+    tables: TableOptions,
+    engine: EngineOptions,
+    output: FleetOutput,
+) -> None:
+    """Identify every cell of a fleet: one Parquet dataset with a row a cell.
+
+    Killed at any moment, the same command goes on where it stopped. A cell that cannot be
+    identified has a row that says why. Options of files and records are for the cells whose row
+    leaves them open.
+    """
+    session = Session(is_quiet=output.quiet)
+    from ..fleet.manifest import parse_shard, read_manifest
+    from ..reporting.fleet import closing_lines, missing_lines, progress_remark
+
+    cells, carried = read_manifest(manifest, _defaults(files, of_records, search))
+    session.note(_what_is_there(cells, carried))
+    if engine.dry_run:
+        lines = missing_lines(cells)
+        session.show(map(shown, lines[:MOST_LISTED]))
+        if lines:
+            raise InputError(f"{len(lines)} files or patterns are missing; correct {manifest}")
+        return
+    from ..fleet.engine import identify_fleet
+
+    started_s = time.perf_counter()
+    with session.counting("Identifying", len(cells)) as advance:
+
+        def report(state: "Progress") -> None:
+            advance(
+                state.finished + state.skipped,
+                progress_remark(state, time.perf_counter() - started_s),
+            )
+
+        state = identify_fleet(
+            cells,
+            output.out,
+            settings=_settings(search, tables, output),
+            workers=engine.workers,
+            scheduler=engine.scheduler,
+            shard=parse_shard(engine.shard) if engine.shard else None,
+            retry=engine.retry,
+            report=report,
+        )
+    session.show(
+        shown(as_flags(line)) for line in closing_lines(state, output.out, session.elapsed_s)
+    )
+
+
+def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
+    text = f"{len(cells):,} cells, {sum(len(cell.records) for cell in cells):,} records"
+    return f"{text}; carried through: {', '.join(carried)}" if carried else text
+
+
+def _defaults(files: Files, of_records: RecordOptions, search: FleetSearch) -> dict[str, Any]:
+    """What a row has where the manifest leaves it open."""
+    given: dict[str, Any] = {}
+    for name, value in (*vars(files).items(), *vars(of_records).items()):
+        is_path = name in ("ocv", "validate")
+        if isinstance(value, list) and value:
+            given[name] = [path.absolute() for path in value] if is_path else value[-1]
+        elif value and not isinstance(value, list):
+            given[name] = value
+    given |= {
+        name: value.absolute() for name in ("bounds", "cell") if (value := getattr(search, name))
+    }
+    return {name: value for name, value in given.items() if value != "auto"}
+
+
+def _fixed(texts: list[str] | None) -> dict[str, Any]:
+    if not texts:
+        return {}
+    from ..model.search_space import parse_fixed
+
+    return {"fix": parse_fixed(texts)}
+
+
+def _settings(search: FleetSearch, tables: TableOptions, output: FleetOutput) -> dict[str, Any]:
+    kept = {name: getattr(search, name) for name in ("method", "seeds", "key", "trust")}
+    kept |= {"model": search.model} if search.model else {}
+    kept |= tables.chosen() | _fixed(search.fix)
+    return kept | ({"keep_results": True} if output.keep_results else {})

@@ -1,0 +1,288 @@
+"""Batches of cells on an executor that others wrote; a worker's death costs one cell at most.
+
+Workers write what they find and send counts back. Where a pool breaks, the markers of the batches
+that ran say which cell each was at; those run once more, alone, and the rest of their batches as
+before. So the cell that kills its worker is known after one more death.
+"""
+
+import itertools
+import multiprocessing
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures.process import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from .cells import FleetCell
+from .dataset import Shard, compact, finished, marked_place, write_rows, writing
+from .manifest import cell_of, in_shard
+from .worker import Counts, batch_name, run_batch, start_worker
+
+# A batch takes long enough that handing it over is no cost, and few enough cells to lose.
+MOST_IN_BATCH = 50
+# Batches that wait beside those that run, so that a lazy iterable is not read far ahead.
+WAITING = 2
+# Pools that break in a row before any worker began a cell.
+FEW = 3
+DIED = (
+    "the worker died while it identified this cell (killed, or out of memory); try it alone with "
+    "`barnax.identify`"
+)
+# What an engine raises where it gave a task up because workers died.
+WORKER_DIED = ("KilledWorker",)
+Batch = tuple[tuple[str, FleetCell], ...]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Cells with a row now, how many of these were skipped and failed, and of how many if known."""
+
+    finished: int = 0
+    skipped: int = 0
+    failed: int = 0
+    total: int | None = None
+    batches: int = 0
+    worked_s: float = 0.0
+
+
+def identify_fleet(
+    cells: Iterable[FleetCell | Mapping[str, Any]],
+    out: str | Path,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    executor: Executor | None = None,
+    shard: Shard | None = None,
+    retry: bool = False,
+    batch: int | None = None,
+    report: Callable[[Progress], None] = lambda progress: None,
+) -> Progress:
+    """Identify many cells, a row each in the dataset `out`; what has a row already is skipped.
+
+    `cells` are read lazily: those of a manifest, or mappings with an "id" and either a "problem"
+    or the columns of a manifest; what else they hold is carried into their rows. `settings` are
+    arguments of `identify` for all of them; without, no seeds search and the answer is the global
+    optimum. They run on `workers` processes, on the Dask `scheduler` at an address ("local" starts
+    one), or on an `executor` of your own. `shard` is which of how many parts of the fleet this is;
+    `retry` repeats those that failed. `report` is told of the progress after every batch.
+
+    Raises `InputError` where `out` cannot be written to or an id stands twice. A cell that cannot
+    be identified has a row with the reason.
+    """
+    out, chosen = Path(out), {"seeds": 0, **(settings or {})}
+    count = workers or os.cpu_count() or 1
+    state, skipped = Progress(), [0]
+    with writing(out, shard) as folder:
+        queue = _wanted(cells, chosen, shard, finished(out), retry, skipped)
+        size = batch or MOST_IN_BATCH
+        if isinstance(cells, Sequence):
+            # A small number of cells is shared among the workers, four batches each.
+            few = list(queue)
+            state = replace(state, skipped=skipped[0], total=len(few) + skipped[0])
+            queue, size = iter(few), batch or max(1, min(size, -(-len(few) // (4 * count))))
+        first = tuple(itertools.islice(queue, size))
+        if first:
+            _require_known(chosen)
+            report(state)
+            batches = itertools.chain(
+                [first], iter(lambda: tuple(itertools.islice(queue, size)), ())
+            )
+            work = partial(_submit, folder=folder, out=out, settings=chosen)
+            with _opened(scheduler, executor, count) as reopen:
+                for counts in _run(batches, reopen, work, folder, WAITING * count + WAITING):
+                    state = replace(
+                        state,
+                        finished=state.finished + counts.cells,
+                        failed=state.failed + counts.failed,
+                        batches=state.batches + 1,
+                        worked_s=state.worked_s + counts.seconds,
+                        skipped=skipped[0],
+                    )
+                    report(state)
+        compact(out, shard)
+    return replace(state, skipped=skipped[0], total=state.finished + skipped[0])
+
+
+def _require_known(settings: Mapping[str, Any]) -> None:
+    """Raise `InputError` for a circuit or a method that there is not, before all cells fail."""
+    from ..cell import CIRCUITS
+    from ..optimizers import OPTIMIZERS
+
+    for name, known in (("model", CIRCUITS), ("method", OPTIMIZERS)):
+        if name in settings and settings[name] not in known:
+            raise InputError(f"`{name}` {settings[name]!r}: there are {', '.join(known)}")
+
+
+def _wanted(
+    cells: Iterable[FleetCell | Mapping[str, Any]],
+    settings: Mapping[str, Any],
+    shard: Shard | None,
+    done: Mapping[str, tuple[str, bool]],
+    retry: bool,
+    skipped: list[int],
+) -> Iterator[tuple[str, FleetCell]]:
+    """The cells that have no row of these inputs and settings yet; the others are counted."""
+    seen: set[str] = set()
+    for given in cells:
+        cell = given if isinstance(given, FleetCell) else cell_of(given)
+        if cell.id in seen:
+            raise InputError(f"the id {cell.id!r} stands twice; give each cell its own")
+        seen.add(cell.id)
+        if in_shard(cell, shard):
+            print_ = cell.fingerprint(settings)
+            known, has_failed = done.get(cell.id, ("", False))
+            if known == print_ and not (has_failed and retry):
+                skipped[0] += 1
+            else:
+                yield print_, cell
+
+
+def _submit(
+    executor: Executor, batch: Batch, *, folder: Path, out: Path, settings: Mapping[str, Any]
+) -> "Future[Counts]":
+    prints, cells = zip(*batch, strict=True)
+    return executor.submit(
+        run_batch, str(folder.absolute()), str(out.absolute()), prints, cells, settings
+    )
+
+
+def _run(
+    batches: Iterator[Batch],
+    reopen: Callable[[], Executor],
+    submit: Callable[[Executor, Batch], "Future[Counts]"],
+    folder: Path,
+    most_out: int,
+) -> Iterator[Counts]:
+    """What every batch gave, as they complete."""
+    executor, breaks = reopen(), 0
+    waiting: dict[Future[Counts], Batch] = {}
+    again: deque[Batch] = deque()
+    suspects: list[Batch] = []
+    while True:
+        lost: list[Batch] = []
+        try:
+            while len(waiting) < most_out:
+                batch = again.popleft() if again else next(batches, None)
+                if batch is None:
+                    break
+                again.appendleft(batch)
+                waiting[submit(executor, batch)] = batch
+                again.popleft()
+        except BrokenExecutor:
+            done = wait(waiting).done
+        else:
+            if not waiting:
+                break
+            done = wait(waiting, return_when=FIRST_COMPLETED).done
+        if any(isinstance(each.exception(), BrokenExecutor) for each in done):
+            # The others fail as well, but not at once.
+            done = wait(waiting).done
+        for future in done:
+            batch = waiting.pop(future)
+            if _has_died(future):
+                lost.append(batch)
+            else:
+                yield future.result()
+        if lost:
+            executor = reopen()
+            at = [marked_place(folder, batch_name([print_ for print_, _ in each])) for each in lost]
+            breaks = breaks + 1 if all(place is None for place in at) else 0
+            if breaks == FEW:
+                raise RuntimeError(
+                    "workers die before they begin; in a script, call this from under "
+                    "`if __name__ == '__main__':`"
+                )
+            for batch, place in zip(lost, at, strict=True):
+                if place is None:
+                    again.append(batch)
+                    continue
+                suspects.append(batch[place : place + 1])
+                if len(batch) > 1:
+                    again.append(batch[:place] + batch[place + 1 :])
+    for batch in suspects:
+        future = submit(executor, batch)
+        wait([future])
+        if not _has_died(future):
+            yield future.result()
+            continue
+        executor = reopen()
+        ((print_, cell),) = batch
+        row = {"id": cell.id, "error": DIED, **cell.carried, "fingerprint": print_}
+        write_rows(folder / f"{batch_name([print_])}.parquet", [row])
+        yield Counts(1, 1, 0.0)
+
+
+def _has_died(future: "Future[Counts]") -> bool:
+    """Whether a task was given up because its worker died."""
+    error = future.exception()
+    return isinstance(error, BrokenExecutor) or type(error).__name__ in WORKER_DIED
+
+
+@contextmanager
+def _opened(
+    scheduler: str | None, executor: Executor | None, workers: int
+) -> Iterator[Callable[[], Executor]]:
+    """What gives the executor, and another one of the same kind where that is broken."""
+    if executor is not None:
+        yield lambda: executor
+    elif scheduler is not None:
+        with _dask(scheduler, workers) as given:
+            yield lambda: given
+    else:
+        # Never forked: JAX and Polars have threads.
+        spawning = multiprocessing.get_context("spawn")
+        others = set(multiprocessing.active_children())
+        pools: list[ProcessPoolExecutor] = []
+
+        def reopen() -> Executor:
+            for pool in pools:
+                pool.shutdown(wait=False, cancel_futures=True)
+            pools[:] = [
+                ProcessPoolExecutor(
+                    workers, mp_context=spawning, initializer=start_worker, initargs=(os.getpid(),)
+                )
+            ]
+            return pools[0]
+
+        try:
+            yield reopen
+        except BaseException:
+            # Their batches would go on for minutes; what is written is whole.
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+            raise
+        finally:
+            for pool in pools:
+                pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _dask(address: str, workers: int) -> Iterator[Executor]:
+    """Dask's own executor, on a scheduler that runs or on a cluster of this machine's processes."""
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as problem:
+        raise InputError(
+            '`scheduler` needs Dask; install it with pip install "barnax[dask]"'
+        ) from problem
+    with ExitStack() as stack:
+        where: Any = address
+        if address == "local":
+            where = stack.enter_context(
+                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0")
+            )
+        try:
+            client = stack.enter_context(Client(where))
+        except (OSError, ValueError) as problem:
+            raise InputError(
+                f"`scheduler` {address!r}: cannot be reached ({problem}); give the address that "
+                "`dask scheduler` printed, or 'local'"
+            ) from problem
+        yield client.get_executor(pure=False)

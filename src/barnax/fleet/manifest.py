@@ -1,0 +1,188 @@
+"""Cells from a table: one row a cell or a test of it, with globs, defaults and what is carried."""
+
+import glob
+import hashlib
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from ..errors import LONGEST_NAME, InputError, cut, listed
+from ..model.window import OPTIONS as WINDOW_OPTIONS
+from .cells import OPTIONS, FleetCell, is_address
+
+# Columns that name files; `record` and `circuit` are other names for what they say.
+FILES = ("records", "ocv", "validate")
+ALIKE = {"record": "records", "circuit": "model"}
+# Between several files in one cell of a table.
+SEPARATOR = ";"
+KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *WINDOW_OPTIONS}
+
+
+def read_manifest(
+    path: str | Path, defaults: Mapping[str, Any] | None = None
+) -> tuple[list[FleetCell], tuple[str, ...]]:
+    """The cells of a manifest, and the names of the columns that are carried through.
+
+    A `.csv` or `.parquet` table holds a row a cell; a `.toml` file a table `[[cell]]` each, and
+    what all have in `[defaults]`. Paths are relative to the manifest and may be patterns. What a
+    row leaves empty is taken from `defaults`. Of a folder, each folder in it is a cell, and what
+    its files are for is found in them, as in a row without OCV tests and cell. Raises `InputError`
+    where the manifest cannot be used; files that are not there are in each cell's `missing`.
+    """
+    path = Path(path)
+    if path.is_dir():
+        rows = [
+            {"id": each.name, "records": f"{each.name}/*"}
+            for each in sorted(path.iterdir())
+            if each.is_dir()
+        ]
+        cells = [cell_of({**(defaults or {}), **row}, path) for row in rows]
+        if not cells:
+            raise InputError(f"{path}: holds no folder; give a folder for each cell, or a manifest")
+        return cells, ()
+    rows, own_defaults = _rows(path)
+    given = {**_renamed(defaults or {}), **_renamed(own_defaults)}
+    cells = [
+        cell_of(given | _filled(row), path.parent, f"{path.name}: row {place}")
+        for place, row in enumerate(rows, 2 if path.suffix.lower() != ".toml" else 1)
+    ]
+    if not cells:
+        raise InputError(f"{path}: holds no cell; give a row for each")
+    require_distinct(cells, path.name)
+    return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
+
+
+def require_distinct(cells: Iterable[FleetCell], where: str) -> None:
+    """Raise `InputError` where two cells have one id, for their rows could not be told apart."""
+    seen: set[str] = set()
+    for cell in cells:
+        if cell.id in seen:
+            raise InputError(f"{where}: the id {cell.id!r} stands twice; give each row its own")
+        seen.add(cell.id)
+
+
+def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """The rows of a manifest as they stand, and its own defaults."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".toml":
+            document = tomllib.loads(path.read_text(encoding="utf-8"))
+            defaults, rows = document.pop("defaults", {}), document.pop("cell", [])
+            if document or not isinstance(rows, list) or not isinstance(defaults, dict):
+                raise InputError(
+                    f"{path}: must hold [[cell]] tables and [defaults]; it holds "
+                    f"{listed(document) or 'another kind of them'}"
+                )
+            return rows, defaults
+        if suffix in (".parquet", ".pq"):
+            return pl.read_parquet(path).to_dicts(), {}
+        frame = pl.read_csv(
+            path, infer_schema_length=None, schema_overrides={"id": pl.String}, try_parse_dates=True
+        )
+        return frame.to_dicts(), {}
+    except (OSError, ValueError, pl.exceptions.PolarsError) as problem:
+        if isinstance(problem, InputError):
+            raise
+        reason = cut(str(getattr(problem, "strerror", None) or problem), LONGEST_NAME)
+        raise InputError(
+            f"{path}: cannot be read ({reason}); give a table in CSV, Parquet or TOML with a row "
+            "for each cell"
+        ) from problem
+
+
+def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {ALIKE.get(name, name): value for name, value in row.items()}
+
+
+def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
+    """What a row says, without what it leaves empty."""
+    return {name: value for name, value in _renamed(row).items() if value not in (None, "", [])}
+
+
+def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -> FleetCell:
+    """A cell from a row's values by their names; what is not known is carried through.
+
+    Paths are relative to `folder`. Raises `InputError` where a value cannot be used; `where` says
+    in messages which row it was.
+    """
+    row = _renamed(row)
+    identity = row.get("id")
+    if identity is None or not str(identity).strip():
+        raise InputError(f"{where}: has no id; give each cell one of its own")
+    name = str(identity)
+    where = f"{where} ({cut(name, LONGEST_NAME)})"
+    missing: list[str] = []
+    records, ocv, validate = (tuple(_found(row.get(each), folder, missing)) for each in FILES)
+    model, bounds = (
+        next(iter(_found(row.get(each), folder, missing)), None) for each in ("cell", "bounds")
+    )
+    if not row.get("records") and "problem" not in row:
+        raise InputError(f"{where}: names no record; give files in the column `records`")
+    return FleetCell(
+        id=name,
+        records=records,
+        ocv=ocv,
+        validate=validate,
+        cell=model,
+        bounds=bounds,
+        window=_window(row, where),
+        options={each: row[each] for each in OPTIONS if each in row},
+        carried={each: row[each] for each in row if each not in KNOWN and each != "problem"},
+        missing=tuple(missing),
+        problem=row.get("problem"),
+    )
+
+
+def _window(row: Mapping[str, Any], where: str) -> dict[str, Any]:
+    found = {}
+    for asked, (name, parse, example) in WINDOW_OPTIONS.items():
+        if asked not in row:
+            continue
+        value = row[asked]
+        text = ",".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+        try:
+            found[name] = parse(text.removesuffix(".0") if parse is int else text)
+        except ValueError as problem:
+            raise InputError(
+                f"{where}: `{asked}` {cut(text, LONGEST_NAME)!r}: write it like {example}"
+            ) from problem
+    return found
+
+
+def _found(value: Any, folder: Path, missing: list[str]) -> Iterator[str]:
+    """The files that a column names, a pattern's by their names; what is not there is noted."""
+    if value is None:
+        return
+    texts = value.split(SEPARATOR) if isinstance(value, str) else value
+    for text in [texts] if isinstance(texts, Path) else texts:
+        pattern = str(text).strip()
+        if is_address(pattern):
+            yield pattern
+            continue
+        place = str(folder / pattern)
+        found = [place] if Path(place).exists() else sorted(glob.glob(place, recursive=True))
+        if not found:
+            missing.append(pattern)
+        yield from found
+
+
+def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:
+    """Whether a cell belongs to the k-th of N shards, by its id alone."""
+    if shard is None:
+        return True
+    number, count = shard
+    return int(hashlib.sha256(cell.id.encode()).hexdigest()[:12], 16) % count == number - 1
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """Which of how many, from "3/10". Raises `InputError` where it is no such thing."""
+    try:
+        number, count = map(int, text.split("/"))
+    except ValueError:
+        number = count = 0
+    if not 1 <= number <= count:
+        raise InputError(f"`shard` {text!r}: write which of how many, from 1 on, such as 3/10")
+    return number, count

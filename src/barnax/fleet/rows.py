@@ -1,0 +1,211 @@
+"""A cell's row: everything that a fleet keeps of an identification, flat, or why there is none."""
+
+import functools
+import hashlib
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars as pl
+
+from ..cell import CellModel, OcvTable, characterize, read_ocv_test
+from ..checks import check_file
+from ..checks.against_cell import compare_temperatures
+from ..errors import InputError, reason_of
+from ..gather import Reading, Settings, input_warnings, source_of
+from ..model.window import Window
+from ..pipeline import identify, identify_problem
+from ..records import Record, source_from_frame
+from ..results import MetricsPart, Result
+from ..storing import joint_metrics
+from ..uncertainty.diagnostics import soc_bands
+from ..uncertainty.linearization import named_values
+from .cells import FleetCell, is_address, short_name, stamp
+from .dataset import keep_result
+
+# Settings of a fleet that are no arguments of `identify`.
+OWN = ("keep_results",)
+CELLS_KEPT = 16
+
+
+def identify_cell(
+    cell: FleetCell, settings: Mapping[str, Any], results: Path | None = None
+) -> dict[str, Any]:
+    """The row of a cell; where it cannot be identified, with the reason in one sentence.
+
+    `results` is the fleet's folder, where its `result.json` is to be kept.
+    """
+    start_s = time.perf_counter()
+    row: dict[str, Any] = {"id": cell.id, "error": None, **cell.carried}
+    try:
+        result, warnings = identified(cell, settings)
+        row |= row_of(result, warnings)
+        if results is not None:
+            keep_result(results, cell.id, result.to_json())
+    except InputError as problem:
+        row["error"] = str(problem)
+    except Exception as problem:
+        # One cell's trouble, whatever it is, costs that cell its row and no other.
+        row["error"] = f"{type(problem).__name__}: {reason_of(problem)}"
+    row["seconds"] = time.perf_counter() - start_s
+    return row
+
+
+def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tuple[str, ...]]:
+    """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
+    chosen = {name: value for name, value in settings.items() if name not in OWN}
+    if cell.problem is not None:
+        trust = chosen.pop("trust", "basic")
+        found = identify_problem(cell.problem, Settings(**chosen), trust=trust)
+        return found, found.warnings
+    if cell.missing:
+        raise InputError(f"{', '.join(cell.missing)}: is not there; correct the manifest")
+    chosen |= cell.options
+    window = Window(**cell.window)
+    reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})
+    names = ("ocv_capacity", "ocv_fit", "hysteresis_fit")
+    fits = tuple((name, chosen.pop(name)) for name in names if name in chosen)
+    if not cell.ocv and cell.cell is None:
+        # Which file serves for what, the roles say.
+        found = identify(
+            list(cell.records), validate=list(cell.validate), bounds=cell.bounds, window=window,
+            reading=reading, advise=False, **dict(fits), **chosen,
+        )  # fmt: skip
+        return found, found.warnings
+    known = _known_cell(
+        cell.cell, tuple((path, stamp(path)) for path in cell.ocv),
+        window.capacity_ah, window.rest_current_a, reading, fits,
+    )  # fmt: skip
+    result = identify(
+        [_given(path) for path in cell.records],
+        validate=[_given(path) for path in cell.validate],
+        ocv=known.tests,
+        cell=known.model,
+        bounds=cell.bounds,
+        window=window,
+        reading=reading,
+        advise=False,
+        **chosen,
+    )
+    run = result.run
+    used = [each.prepared for each in (*run.identification, *run.validation)]
+    measured = [(each.record.name, each.temperature_degc) for each in used]
+    more = compare_temperatures(measured, known.temperatures_degc)
+    return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
+
+
+class _Known(NamedTuple):
+    """A cell that its OCV tests, or an earlier result, show; what is found in those files."""
+
+    model: CellModel
+    tests: list[Record | OcvTable]
+    warnings: list[str]
+    temperatures_degc: list[tuple[str, float | None]]
+
+
+@functools.lru_cache(maxsize=CELLS_KEPT)
+def _known_cell(
+    earlier: str | None,
+    ocv: tuple[tuple[str, Any], ...],
+    capacity_ah: float | None,
+    rest_current_a: float | None,
+    reading: Reading,
+    fits: tuple[tuple[str, Any], ...],
+) -> _Known:
+    """What many cells of a fleet share is read and fitted once; a changed file is another one."""
+    if earlier is not None:
+        return _Known(Result.from_json(earlier).cell, [], [], [])
+    options: dict[str, Any] = dict(fits)
+    tests, warnings, temperatures_degc = [], [], []
+    sign: Any = reading.ocv_current_sign
+    hold: Any = reading.current_hold
+    for path, _ in ocv:
+        source = source_of(_given(path), {}, reading.columns)
+        tests.append(read_ocv_test(source, current_sign=sign, current_hold=hold))
+        if isinstance(tests[-1], OcvTable):
+            continue
+        found = check_file(source, capacity_ah=capacity_ah)
+        warnings += input_warnings(found, "OCV test", None)
+        if found.traits is not None:
+            temperatures_degc.append((found.file, found.traits.temperature_degc))
+    model = characterize(
+        tests,
+        capacity_ah=capacity_ah,
+        ocv_capacity_ah=options.pop("ocv_capacity", None),
+        rest_current_a=rest_current_a,
+        **options,
+    )
+    return _Known(model, tests, warnings, temperatures_degc)
+
+
+def _given(path: str) -> Any:
+    """A file as `identify` takes it; what lies in an object store as Polars reads it."""
+    if not is_address(path):
+        return path
+    read = pl.read_csv if path.lower().endswith((".csv", ".txt")) else pl.read_parquet
+    try:
+        return source_from_frame(read(path), short_name(path))
+    except (OSError, pl.exceptions.PolarsError) as problem:
+        raise InputError(f"{path}: cannot be read ({reason_of(problem)})") from problem
+
+
+def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
+    """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
+    own, run = result.metrics.identification, result.run
+    first = result.of_role("identification")[0]
+    row: dict[str, Any] = {
+        "circuit": result.model,
+        "records": result.name,
+        "samples": own.samples,
+        "duration [s]": first.duration_s,
+        "capacity [A.h]": first.capacity_ah,
+        "temperature [degC]": run.identification[0].prepared.temperature_degc,
+        "initial SOC": result.initial_soc,
+    }
+    intervals = result.assessment.uncertainty.estimates if result.assessment else ()
+    ends = {each.name: (each.low, each.high) for each in intervals}
+    for name, value in named_values(result.circuit_parameters).items():
+        row[name] = value
+        if ends:
+            row[f"{name} low"], row[f"{name} high"] = ends[name]
+    row |= _errors_of("", own) | {"R2": own.r2}
+    if run.validation:
+        row |= _errors_of("validation ", joint_metrics("validation", run.validation))
+    if result.tables is not None:
+        row["tables RMSE [V]"] = result.tables.metrics.identification.rmse_v
+    soc, error_v = (
+        np.concatenate(parts)
+        for parts in zip(
+            *(
+                (e.prepared.soc[e.prepared.scored], e.error_v[e.prepared.scored])
+                for e in run.identification
+            ),
+            strict=True,
+        )
+    )
+    for band in soc_bands(soc, error_v):
+        low, high = (round(100 * end) for end in (band.low or 0.0, band.high or 0.0))
+        row[f"RMSE SOC {low} to {high} % [V]"] = band.rmse_v
+    optimum = result.global_optimum
+    return row | {
+        "answer": result.answer_source,
+        "certified": optimum is not None and optimum.status == "certified",
+        "proved gap": None if optimum is None else optimum.proved_gap,
+        "at bound": "; ".join(f"{each.name} {each.side}" for each in result.at_bound),
+        "warnings": list(warnings),
+        "inputs sha256": _together(each.sha256 for each in result.inputs),
+    }
+
+
+def _errors_of(whose: str, metrics: MetricsPart) -> dict[str, float | None]:
+    return {
+        f"{whose}RMSE [V]": metrics.rmse_v,
+        f"{whose}RMSE above 10 % SOC [V]": metrics.rmse_above_10_soc_v,
+        f"{whose}max error [V]": metrics.max_v,
+    }
+
+
+def _together(hashes: Iterable[str]) -> str:
+    return hashlib.sha256(" ".join(hashes).encode()).hexdigest()

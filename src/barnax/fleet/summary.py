@@ -1,0 +1,189 @@
+"""What a fleet shows as a whole: distributions, outliers, trends, failures, and the worst fits."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy.stats import kruskal, spearmanr
+
+from .dataset import read_rows
+
+# What is summed up of every circuit, by the beginning of its column's name; none of the intervals.
+SUMMED_UP = re.compile(r"(R\d \[Ohm\]|tau\d \[s\]|gamma|(validation )?RMSE \[V\])$")
+# A value this many robust deviations from the median is an outlier, in the logarithm: parameters
+# and errors are positive. With fewer cells nothing is one.
+OUTLYING = 5.0
+FEWEST = 8
+# 1.4826 median absolute deviations are a normal distribution's standard deviation.
+TO_SD = 1.4826
+# A median absolute deviation below this is rounding.
+LEAST_SD = 1e-6
+# Trends are told where chance gives one of all that were looked for with this probability.
+CHANCE = 0.01
+MOST_GROUPS = 12
+WORST = 10
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """One quantity over the cells of one circuit; `sd_log` is the robust one of its logarithm."""
+
+    circuit: str
+    name: str
+    cells: int
+    low: float
+    median: float
+    high: float
+    sd_log: float
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A cell that is far from the others: `deviations` robust ones, negative below the median."""
+
+    id: str
+    name: str
+    value: float
+    median: float
+    deviations: float
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A quantity that changes with a carried column.
+
+    `rank_correlation` is Spearman's, None where the column holds no numbers and groups are compared
+    (Kruskal and Wallis); `medians` are then each group's.
+    """
+
+    circuit: str
+    name: str
+    by: str
+    cells: int
+    p_value: float
+    rank_correlation: float | None = None
+    medians: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Cells that failed of one cause, in the words of the first; numbers and names differ."""
+
+    cause: str
+    ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A whole fleet in numbers. `worst` are the cells with the largest RMSE, the worst first."""
+
+    cells: int
+    identified: int
+    certified: int
+    at_bound: int
+    with_warnings: int
+    distributions: tuple[Distribution, ...]
+    outliers: tuple[Outlier, ...]
+    trends: tuple[Trend, ...]
+    failures: tuple[Failure, ...]
+    worst: tuple[tuple[str, float], ...]
+
+
+def read_fleet(out: str | Path) -> pl.DataFrame:
+    """The rows of a fleet's folder, finished or not, one a cell."""
+    return read_rows(Path(out))
+
+
+def summarize(rows: pl.DataFrame, carried: Sequence[str] = ()) -> Summary:
+    """The summary of some rows; `carried` are the columns that trends are looked for over."""
+    failed = rows.filter(pl.col("error").is_not_null())
+    good = rows.filter(pl.col("error").is_null())
+    distributions: list[Distribution] = []
+    outliers: list[Outlier] = []
+    trends: list[Trend] = []
+    for (circuit,), group in good.group_by("circuit", maintain_order=True) if len(good) else ():
+        for name in summed_up(group):
+            known = group.filter(pl.col(name).is_finite() & (pl.col(name) > 0))
+            if len(known):
+                distribution, far = _distribution(str(circuit), name, known)
+                distributions.append(distribution)
+                outliers += far
+                trends += [_trend(str(circuit), name, by, known) for by in carried if by in known]
+    certain = [each for each in trends if each.p_value < CHANCE / max(len(trends), 1)]
+    worst = good.sort("RMSE [V]", descending=True).head(WORST) if len(good) else good
+    return Summary(
+        cells=len(rows),
+        identified=len(good),
+        certified=int(good["certified"].sum()) if len(good) else 0,
+        at_bound=int((good["at bound"] != "").sum()) if len(good) else 0,
+        with_warnings=int((good["warnings"].list.len() > 0).sum()) if len(good) else 0,
+        distributions=tuple(distributions),
+        outliers=tuple(sorted(outliers, key=lambda each: -abs(each.deviations))),
+        trends=tuple(sorted(certain, key=lambda each: each.p_value)),
+        failures=_failures(failed),
+        worst=tuple(zip(worst["id"], worst["RMSE [V]"], strict=True)) if len(worst) else (),
+    )
+
+
+def summed_up(rows: pl.DataFrame) -> list[str]:
+    """The columns that are summed up and hold anything."""
+    return [
+        name for name in rows.columns
+        if SUMMED_UP.match(name) and rows[name].null_count() < len(rows)
+    ]  # fmt: skip
+
+
+def _distribution(
+    circuit: str, name: str, known: pl.DataFrame
+) -> tuple[Distribution, list[Outlier]]:
+    values = known[name].to_numpy()
+    logarithms = np.log(values)
+    median = float(np.median(logarithms))
+    sd = TO_SD * float(np.median(np.abs(logarithms - median)))
+    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95]).tolist()
+    found = Distribution(circuit, name, len(values), low, middle, high, sd)
+    if len(values) < FEWEST or sd < LEAST_SD:
+        return found, []
+    deviations = (logarithms - median) / sd
+    return found, [
+        Outlier(known["id"][place], name, float(values[place]), middle, float(deviations[place]))
+        for place in np.flatnonzero(np.abs(deviations) > OUTLYING).tolist()
+    ]
+
+
+def _trend(circuit: str, name: str, by: str, known: pl.DataFrame) -> Trend:
+    """How a quantity goes with a column; a p of 1 where nothing can be said."""
+    both = known.filter(pl.col(by).is_not_null())
+    nothing = Trend(circuit, name, by, len(both), 1.0)
+    distinct = both[by].n_unique()
+    if len(both) < FEWEST or distinct < 2:
+        return nothing
+    values = both[name].to_numpy()
+    if both[by].dtype.is_numeric() or both[by].dtype.is_temporal():
+        found: Any = spearmanr(both[by].to_physical().to_numpy(), values)
+        return Trend(circuit, name, by, len(both), float(found.pvalue), float(found.statistic))
+    groups = {
+        str(label): group[name].to_numpy()
+        for (label,), group in both.group_by(by, maintain_order=True)
+    }
+    if distinct > MOST_GROUPS or np.ptp(values) == 0:
+        return nothing
+    p_value = float(kruskal(*groups.values()).pvalue)
+    medians = tuple((label, float(np.median(group))) for label, group in sorted(groups.items()))
+    return Trend(circuit, name, by, len(both), p_value, medians=medians)
+
+
+def _failures(failed: pl.DataFrame) -> tuple[Failure, ...]:
+    """Errors that differ in names and numbers only are of one cause; the most frequent first."""
+    causes: dict[str, tuple[str, list[str]]] = {}
+    for name, error in zip(failed["id"], failed["error"], strict=True):
+        _, colon, rest = error.partition(": ")
+        cause = rest if colon else error
+        key = re.sub(r"\d+(\.\d+)?|'[^']*'", "#", cause)
+        causes.setdefault(key, (cause, []))[1].append(name)
+    found = [Failure(cause, tuple(ids)) for cause, ids in causes.values()]
+    return tuple(sorted(found, key=lambda each: -len(each.ids)))

@@ -1,0 +1,93 @@
+"""What a worker does with a batch of cells: a row each, and one file of them.
+
+Nothing here loads JAX before a worker has set how it is to run.
+"""
+
+import functools
+import hashlib
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import platformdirs
+
+from .cells import FleetCell
+from .dataset import count_rows, marking, write_rows
+
+# glibc gives freed memory back to the system at once above these sizes, and takes it again for the
+# next cell: with Dask's own setting that took two fifths of all CPU time.
+MALLOC_OPTIONS = {-1: 1 << 29, -3: 1 << 29}  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
+# One program at a time, on one thread: cores are shared among processes. The bits are the same.
+XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+WATCH_S = 0.5
+
+
+class Counts(NamedTuple):
+    """Rows that a batch gave, how many of them are errors, and the seconds that they took."""
+
+    cells: int
+    failed: int
+    seconds: float
+
+
+def batch_name(prints: Sequence[str]) -> str:
+    """The name of a batch's files, by the fingerprints of its cells."""
+    return hashlib.sha256("".join(prints).encode()).hexdigest()[:32]
+
+
+def run_batch(
+    folder: str, out: str, prints: Sequence[str], cells: Sequence[FleetCell], settings: Mapping
+) -> Counts:
+    """The rows of some cells, written as one part; a part that stands already is not computed."""
+    start_s = time.perf_counter()
+    name = batch_name(prints)
+    part = Path(folder) / f"{name}.parquet"
+    known = count_rows(part)
+    if known is not None:
+        return Counts(*known, 0.0)
+    prepare_process()
+    from .rows import identify_cell
+
+    kept = Path(out) if settings.get("keep_results") else None
+    rows = []
+    with marking(Path(folder), name) as mark:
+        for place, (cell, print_) in enumerate(zip(cells, prints, strict=True)):
+            mark(place)
+            rows.append(identify_cell(cell, settings, kept) | {"fingerprint": print_})
+        write_rows(part, rows)
+    failed = sum(row["error"] is not None for row in rows)
+    return Counts(len(rows), failed, time.perf_counter() - start_s)
+
+
+@functools.cache
+def prepare_process() -> None:
+    """Set a process up for many cells, before JAX is loaded where it is not yet."""
+    if sys.platform == "linux":
+        import ctypes
+
+        mallopt: Any = getattr(ctypes.CDLL(None), "mallopt", None)
+        for option, size in MALLOC_OPTIONS.items() if mallopt else ():
+            mallopt(option, size)
+    if "jax" not in sys.modules:
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {XLA_FLAGS}".strip()
+        cache = platformdirs.user_cache_path("barnax") / "jax"
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
+
+def start_worker(driver: int) -> None:
+    """Begin a process of a pool: it ends with its driver, and leaves Ctrl-C to that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == driver:
+            time.sleep(WATCH_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    prepare_process()

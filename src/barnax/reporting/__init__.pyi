@@ -1,0 +1,12 @@
+from .comparison import comparison_document as comparison_document
+from .document import Document as Document
+from .document import Picture as Picture
+from .identification import identification_document as identification_document
+from .illustrations import comparison_illustrations as comparison_illustrations
+from .illustrations import identification_illustrations as identification_illustrations
+from .illustrations import is_always as is_always
+from .render import paper_files as paper_files
+from .render import picture_suffix as picture_suffix
+from .render import report_files as report_files
+from .render import to_html as to_html
+from .render import to_markdown as to_markdown

@@ -1,0 +1,31 @@
+"""A fleet in words: its progress, its last three lines, its report."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .words import counted, duration
+
+if TYPE_CHECKING:
+    from ..fleet import FleetCell, Progress
+
+
+def missing_lines(cells: "Sequence[FleetCell]") -> list[str]:
+    """What of a manifest is not there, a line each."""
+    return [f"{cell.id}: {each} is not there" for cell in cells for each in cell.missing]
+
+
+def progress_remark(state: "Progress", elapsed_s: float) -> str:
+    """Throughput and failures so far."""
+    rate = state.finished / max(elapsed_s, 1e-9)
+    failed = f", {state.failed} failed" if state.failed else ""
+    return f"{rate:.1f} cells a second{failed}"
+
+
+def closing_lines(state: "Progress", out: Path, elapsed_s: float) -> list[str]:
+    """What was done, what failed, and where it is."""
+    done = f"{counted(state.finished, 'cell')} identified"
+    skipped = f", {state.skipped:,} were there already" if state.skipped else ""
+    rate = f", {state.finished / elapsed_s:.1f} a second" if state.finished else ""
+    failed = "None failed." if not state.failed else f"{counted(state.failed, 'cell')} failed"
+    return [f"{done}{skipped} in {duration(elapsed_s)}{rate}.", failed, f"{out}/cells.parquet"]

@@ -1,0 +1,51 @@
+"""A small fleet on disk: short records of one cell, and what can be wrong with one."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from helpers.problems import drive_a
+from reference import drop_v, looped_response
+
+COLUMNS = ("Test Time / s", "Current / A", "Voltage / V")
+SAMPLES = (300, 337, 350, 361)
+
+
+def write_cell(path, cell, samples, seed, r0_ohm=0.05):
+    """A drive from 80 % SOC on, by the reference, in a charge-positive file."""
+    time_s = np.arange(samples) * 1.0
+    current_a = drive_a(samples, seed)
+    charge_ah = np.append(0.0, np.cumsum(current_a[:-1])) / 3600
+    source_v = cell.average_ocv_v(0.8 - charge_ah / cell.capacity_ah)
+    drop = drop_v(looped_response, time_s, current_a, (r0_ohm, (0.01, 0.02), (5.0, 80.0)))
+    noise_v = np.random.default_rng(seed).normal(0, 1e-3, samples)
+    columns = (time_s, -current_a, source_v - drop + noise_v)
+    pl.DataFrame(dict(zip(COLUMNS, columns, strict=True))).write_parquet(path)
+
+
+@pytest.fixture(scope="session")
+def small_fleet(tmp_path_factory, bundled_cell):
+    """A folder with a manifest of four cells, of a corrupt file and of a missing one."""
+    from barnax import bundled_file
+
+    folder = tmp_path_factory.mktemp("fleet")
+    for seed, samples in enumerate(SAMPLES):
+        write_cell(folder / f"cell{seed}.parquet", bundled_cell, samples, seed, 0.05 + 0.01 * seed)
+    (folder / "corrupt.parquet").write_bytes(b"PAR1 and nothing else")
+    ocv = ";".join(str(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge"))
+    rows = [
+        {"id": f"cell {seed}", "records": f"cell{seed}.parquet", "age": 100 * seed}
+        for seed in range(len(SAMPLES))
+    ]
+    rows += [
+        {"id": "corrupt", "records": "corrupt.parquet", "age": 7},
+        {"id": "missing", "records": "nowhere*.parquet", "age": 8},
+    ]
+    known = {"ocv": ocv, "initial_soc": 0.8, "circuit": "1rc"}
+    pl.DataFrame([row | known for row in rows]).write_csv(folder / "manifest.csv")
+    return folder
+
+
+def comparable(frame):
+    """The rows without what a clock says."""
+    return frame.drop("seconds").sort("id")

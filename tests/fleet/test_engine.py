@@ -1,0 +1,236 @@
+"""The engine: what stops it, what it skips, and that a row has its bits wherever it is made."""
+
+import threading
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from barnax.errors import InputError
+from barnax.fleet import identify_fleet, read_manifest
+from barnax.fleet.dataset import read_rows
+from barnax.model.problem import make_problem
+from barnax.model.window import Window
+from barnax.records import read_record
+
+from .conftest import SAMPLES, comparable
+
+# What a row says in place of an identification, where only the engine is looked at.
+ROW = {"id": "", "error": None, "RMSE [V]": 0.01, "seconds": 1.0, "warnings": []}
+
+
+class Inline(Executor):
+    """Runs what is submitted at once, here."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@pytest.fixture
+def made_rows(monkeypatch):
+    """Rows without any identification; the ids that were computed, in order."""
+    computed = []
+
+    def row(cell, settings, kept=None):
+        computed.append(cell.id)
+        return ROW | {"id": cell.id, **cell.carried}
+
+    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
+    return computed
+
+
+def cells_of(names):
+    return [{"id": name, "records": "nowhere.csv", "age": 1} for name in names]
+
+
+def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, made_rows):
+    first = identify_fleet(cells_of("abc"), tmp_path, executor=Inline())
+    assert (first.finished, first.skipped, made_rows) == (3, 0, ["a", "b", "c"])
+    changed = [*cells_of("ab"), {"id": "c", "records": "nowhere.csv", "age": 2}]
+    second = identify_fleet(changed, tmp_path, executor=Inline())
+    assert (second.finished, second.skipped, made_rows[3:]) == (1, 2, ["c"])
+    rows = read_rows(tmp_path)
+    assert rows["id"].to_list() == ["a", "b", "c"]
+    assert rows["age"].to_list() == [1, 1, 2]
+    again = identify_fleet(changed, tmp_path, executor=Inline(), settings={"trust": "none"})
+    assert again.finished == 3
+
+
+def test_rows_of_other_cells_stay(tmp_path, made_rows):
+    identify_fleet(cells_of("ab"), tmp_path, executor=Inline())
+    identify_fleet(cells_of("c"), tmp_path, executor=Inline())
+    assert read_rows(tmp_path)["id"].to_list() == ["a", "b", "c"]
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
+
+
+def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, made_rows):
+    taken = []
+
+    def cells():
+        for cell in cells_of("abcdefghij"):
+            taken.append(cell["id"])
+            yield cell
+
+    reports = []
+    identify_fleet(
+        cells(),
+        tmp_path,
+        executor=Inline(),
+        workers=1,
+        batch=1,
+        report=lambda state: reports.append((state.finished, len(taken))),
+    )
+    # Two batches for the worker and two more.
+    assert reports[1] == (1, 4)
+    assert reports[-1] == (10, 10)
+
+
+def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, made_rows):
+    for number in (1, 2):
+        identify_fleet(cells_of("abcdef"), tmp_path, executor=Inline(), shard=(number, 2))
+    assert len(list(tmp_path.glob("cells-*-of-00002.parquet"))) == 2
+    assert sorted(made_rows) == list("abcdef")
+    whole = identify_fleet(cells_of("abcdef"), tmp_path, executor=Inline())
+    assert (whole.finished, whole.skipped) == (0, 6)
+    assert [path.name for path in tmp_path.glob("*.parquet")] == ["cells.parquet"]
+    assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
+
+
+def test_two_commands_cannot_write_to_one_folder(tmp_path, made_rows, monkeypatch):
+    refused = []
+
+    def row(cell, settings, kept=None):
+        try:
+            identify_fleet(cells_of("z"), tmp_path, executor=Inline())
+        except InputError as problem:
+            refused.append(str(problem))
+        return ROW | {"id": cell.id}
+
+    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
+    identify_fleet(cells_of("a"), tmp_path, executor=Inline())
+    assert len(refused) == 1
+    assert "another command is writing there" in refused[0]
+
+
+def test_an_id_that_stands_twice_is_refused(tmp_path, made_rows):
+    with pytest.raises(InputError, match="the id 'a' stands twice"):
+        identify_fleet(cells_of("aba"), tmp_path, executor=Inline())
+
+
+def test_an_unknown_method_is_refused_before_any_cell(tmp_path, made_rows):
+    with pytest.raises(InputError, match="`method` 'magic': there are"):
+        identify_fleet(cells_of("a"), tmp_path, executor=Inline(), settings={"method": "magic"})
+    assert made_rows == []
+
+
+class Deadly(Exception):
+    """Ends the worker."""
+
+
+class Fragile(Inline):
+    """Breaks for good, as a pool of processes does, where the cell `deadly` is computed."""
+
+    is_broken = False
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.is_broken:
+            raise BrokenProcessPool("broken")
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Deadly:
+            self.is_broken = True
+            future.set_exception(BrokenProcessPool("a worker died"))
+        return future
+
+
+def test_a_cell_that_kills_its_worker_costs_one_row(tmp_path, monkeypatch):
+    deaths = []
+
+    def row(cell, settings, kept=None):
+        if cell.id == "deadly":
+            deaths.append(cell.id)
+            raise Deadly
+        return ROW | {"id": cell.id}
+
+    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
+    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: Fragile())
+    names = ["a", "b", "deadly", "c", "d", "e"]
+    state = identify_fleet(cells_of(names), tmp_path, batch=3)
+    assert (state.finished, state.failed, len(deaths)) == (6, 1, 2)
+    rows = read_rows(tmp_path)
+    assert sorted(rows["id"]) == sorted(names)
+    failed = rows.filter(pl.col("error").is_not_null())
+    assert failed["id"].to_list() == ["deadly"]
+    assert "the worker died" in failed["error"].item()
+
+
+def test_workers_that_never_begin_are_no_endless_loop(tmp_path, monkeypatch):
+    class Dead(Fragile):
+        is_broken = True
+
+        def submit(self, fn, /, *args, **kwargs):
+            future = Future()
+            future.set_exception(BrokenProcessPool("no worker started"))
+            return future
+
+    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: Dead())
+    with pytest.raises(RuntimeError, match="workers die before they begin"):
+        identify_fleet(cells_of("ab"), tmp_path)
+
+
+@pytest.fixture(scope="module")
+def alone(small_fleet, tmp_path_factory):
+    """The rows of the small fleet, made one by one in this process."""
+    out = tmp_path_factory.mktemp("alone")
+    cells, _ = read_manifest(small_fleet / "manifest.csv")
+    state = identify_fleet(cells, out, executor=Inline(), batch=1)
+    assert (state.finished, state.failed) == (6, 2)
+    return read_rows(out)
+
+
+def test_a_row_says_what_was_found_or_why_nothing_was(alone):
+    rows = {row["id"]: row for row in alone.to_dicts()}
+    assert "corrupt.parquet" in rows["corrupt"]["error"]
+    assert "nowhere*.parquet" in rows["missing"]["error"]
+    for seed in range(len(SAMPLES)):
+        row = rows[f"cell {seed}"]
+        assert row["error"] is None
+        assert row["age"] == 100 * seed
+        assert row["certified"]
+        # One pair of the two, so that R0 is the true one with what is as fast as a sample.
+        assert row["R0 [Ohm] low"] < row["R0 [Ohm]"] < row["R0 [Ohm] high"]
+        assert row["R0 [Ohm]"] == pytest.approx(0.05 + 0.01 * seed, abs=0.004)
+        assert row["RMSE [V]"] < 0.01
+
+
+def test_a_row_has_the_same_bits_in_a_batch_and_in_another_order(alone, small_fleet, tmp_path):
+    cells, _ = read_manifest(small_fleet / "manifest.csv")
+    with ThreadPoolExecutor(2) as pool:
+        identify_fleet(cells[::-1], tmp_path, executor=pool, batch=4)
+    assert_frame_equal(
+        comparable(read_rows(tmp_path)),
+        comparable(alone),
+        check_exact=True,
+        check_column_order=False,
+    )
+
+
+def test_a_problem_in_memory_has_a_row_too(small_fleet, bundled_cell, alone, tmp_path):
+    record = read_record(small_fleet / "cell0.parquet")
+    problem = make_problem(
+        record, bundled_cell, "1rc", window=Window(initial_soc=0.8), objective="compressed"
+    )
+    identify_fleet([{"id": "here", "problem": problem, "age": 3}], tmp_path, executor=Inline())
+    (row,) = read_rows(tmp_path).to_dicts()
+    assert (row["error"], row["age"]) == (None, 3)
+    expected = alone.filter(pl.col("id") == "cell 0").to_dicts()[0]
+    assert row["R0 [Ohm]"] == expected["R0 [Ohm]"]
+    assert threading.active_count() < 50

@@ -1,0 +1,118 @@
+"""Manifests: three formats, patterns, defaults, what is carried, and what is wrong with them."""
+
+import polars as pl
+import pytest
+
+from barnax.errors import InputError
+from barnax.fleet import read_manifest
+from barnax.fleet.manifest import in_shard, parse_shard
+
+ROWS = [
+    {"id": "007", "record": "a*.csv", "capacity": 2.0, "age": 10, "circuit": "so-rc"},
+    {"id": "b", "record": "b.csv", "capacity": None, "age": 20, "circuit": None},
+]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("a1.csv", "a2.csv", "b.csv", "ocv.csv"):
+        (tmp_path / name).write_text("time,current\n")
+    return tmp_path
+
+
+def as_csv(folder):
+    pl.DataFrame(ROWS).write_csv(folder / "m.csv")
+    return folder / "m.csv"
+
+
+def as_parquet(folder):
+    pl.DataFrame(ROWS).write_parquet(folder / "m.parquet")
+    return folder / "m.parquet"
+
+
+def as_toml(folder):
+    (folder / "m.toml").write_text(
+        '[[cell]]\nid = "007"\nrecord = "a*.csv"\ncapacity = 2.0\nage = 10\ncircuit = "so-rc"\n'
+        '[[cell]]\nid = "b"\nrecord = ["b.csv"]\nage = 20\n'
+    )
+    return folder / "m.toml"
+
+
+@pytest.mark.parametrize("write", [as_csv, as_parquet, as_toml])
+def test_every_format_says_the_same(folder, write):
+    cells, carried = read_manifest(write(folder), {"ocv": "ocv.csv", "capacity": "3"})
+    first, second = cells
+    assert first.id == "007"
+    assert first.records == (str(folder / "a1.csv"), str(folder / "a2.csv"))
+    assert first.ocv == second.ocv == (str(folder / "ocv.csv"),)
+    assert (first.window, second.window) == ({"capacity_ah": 2.0}, {"capacity_ah": 3.0})
+    assert (first.options, second.options) == ({"model": "so-rc"}, {})
+    assert carried == ("age",)
+    assert [cell.carried["age"] for cell in cells] == [10, 20]
+
+
+def test_defaults_of_a_toml_manifest_are_for_every_cell(folder):
+    path = folder / "m.toml"
+    path.write_text(
+        '[defaults]\nocv = "ocv.csv"\nscore_soc = [0.1, 1]\n[[cell]]\nid = "b"\nrecords = "b.csv"\n'
+    )
+    (cell,), _ = read_manifest(path)
+    assert cell.ocv == (str(folder / "ocv.csv"),)
+    assert cell.window == {"score_soc": (0.1, 1.0)}
+
+
+def test_a_folder_of_folders_is_a_cell_each(folder):
+    for name in ("one", "two"):
+        (folder / name).mkdir()
+        (folder / name / "drive.csv").write_text("time\n")
+    cells, _ = read_manifest(folder)
+    assert [cell.id for cell in cells] == ["one", "two"]
+    assert cells[0].records == (str(folder / "one" / "drive.csv"),)
+
+
+def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
+    (folder / "m.csv").write_text("id,records\nx,nowhere*.csv;b.csv\n")
+    (cell,), _ = read_manifest(folder / "m.csv")
+    assert cell.missing == ("nowhere*.csv",)
+    assert cell.records == (str(folder / "b.csv"),)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("records\nb.csv\n", "row 2: has no id"),
+        ("id,age\nx,3\n", r"row 2 \(x\): names no record"),
+        ("id,records,capacity\nx,b.csv,much\n", r"row 2 \(x\): `capacity` 'much': write it like 5"),
+        ("id,records\nx,b.csv\nx,b.csv\n", "the id 'x' stands twice"),
+        ("id,records\n", "holds no cell"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_row(folder, content, message):
+    (folder / "m.csv").write_text(content)
+    with pytest.raises(InputError, match=message):
+        read_manifest(folder / "m.csv")
+
+
+def test_a_manifest_that_is_no_table_is_refused(folder):
+    (folder / "m.toml").write_text("cells = [")
+    with pytest.raises(InputError, match=r"m\.toml: cannot be read"):
+        read_manifest(folder / "m.toml")
+
+
+def test_a_fingerprint_follows_inputs_and_settings(folder):
+    (cell, _), _ = read_manifest(as_csv(folder))
+    (same, _), _ = read_manifest(as_csv(folder))
+    assert cell.fingerprint({"seeds": 0}) == same.fingerprint({"seeds": 0})
+    assert cell.fingerprint({"seeds": 1}) != cell.fingerprint({"seeds": 0})
+    before = cell.fingerprint({})
+    (folder / "a1.csv").write_text("time,current\n1,2\n")
+    assert cell.fingerprint({}) != before
+
+
+def test_shards_share_the_cells_out(folder):
+    cells, _ = read_manifest(as_csv(folder))
+    shards = [{cell.id for cell in cells if in_shard(cell, (k, 3))} for k in (1, 2, 3)]
+    assert set().union(*shards) == {"007", "b"}
+    assert sum(map(len, shards)) == 2
+    with pytest.raises(InputError, match="such as 3/10"):
+        parse_shard("4/3")

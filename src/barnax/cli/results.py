@@ -286,9 +286,11 @@ def export(
 
 
 def _verification(found: "Verification") -> str:
+    degc = ", ".join(f"{each:.3g}" for each in found.temperatures_degc)
+    at = f" at each of {degc} degC" if degc else ""
     text = (
         f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
-        f"samples of a pulse test: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
+        f"samples of a pulse test{at}: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
     )
     remainders = {
         "without the hysteresis voltage": found.without_hysteresis_v,

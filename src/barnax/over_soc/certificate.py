@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..cell.tables import hats
+from ..cell.tables import hat
 from ..global_optimum.certificate import (
     ABSOLUTE_V,
     LEBESGUE,
@@ -143,7 +143,7 @@ def _remainders(
         for node in range(axis.shape[1]):
             if axis.direction > 0:
                 signals = [
-                    hats(each.soc, layout.nodes)[:, node] * each.held_a for each in prepared_records
+                    hat(each.soc, layout.nodes, node) * each.held_a for each in prepared_records
                 ]
                 largest = max(float(np.max(np.abs(signal))) for signal in signals)
                 rms = min(largest, earlier_rms(prepared_records, signals))
@@ -164,7 +164,7 @@ def _amplitude(
         amplitude_v = prepared.hysteresis_amplitude_v
         assert amplitude_v is not None
         return amplitude_v[prepared.scored]
-    return hats(prepared.soc[prepared.scored], layout.nodes)[:, node]
+    return hat(prepared.soc[prepared.scored], layout.nodes, node)
 
 
 @dataclass(frozen=True, eq=False)

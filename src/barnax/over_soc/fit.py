@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ..cell import SocTables, get_circuit
 from ..cell.parameters import RATE
-from ..cell.tables import HALF_HYSTERESIS, hats
+from ..cell.tables import HALF_HYSTERESIS, hat, hats
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
@@ -196,10 +196,13 @@ def visited_nodes(
     prepared_records: Sequence[PreparedRecord], nodes: Sequence[float]
 ) -> Bool[np.ndarray, "nodes"]:
     """Which nodes some scored sample is nearest to."""
-    nearest = [
-        np.max(hats(each.soc[each.scored], nodes), axis=0) >= 0.5 for each in prepared_records
-    ]
-    return np.any(nearest, axis=0)
+    scored = [each.soc[each.scored] for each in prepared_records]
+    return np.array(
+        [
+            any(bool(np.any(hat(soc, nodes, node) >= 0.5)) for soc in scored)
+            for node in range(len(nodes))
+        ]
+    )
 
 
 def beyond_visited(prepared: PreparedRecord, tables: SocTables) -> float:

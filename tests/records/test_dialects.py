@@ -247,3 +247,9 @@ def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):
 def test_a_binary_file_that_cannot_be_read_says_what_to_export(tmp_path, content, words):
     with pytest.raises(InputError, match=f"{words}.*(export|copy)"):
         read(tmp_path, content)
+
+
+def test_a_bad_cell_in_the_clock_of_the_steps_is_refused_with_its_row(tmp_path):
+    content = WRITERS["Neware CSV, step clock"](TABLE).replace(b"00:00:3.0", b"00:00:three", 1)
+    with pytest.raises(InputError, match=r"row \d+: .*Time\(h:min:s\.ms\)"):
+        read(tmp_path, content)

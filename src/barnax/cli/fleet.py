@@ -1,6 +1,7 @@
 """`barnax fleet`: many cells of a manifest, identified on processes or on Dask, a row each."""
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,8 +11,9 @@ import typer
 from ..errors import InputError
 from .groups import OUTPUT, SEARCH, grouped, option
 from .options import TableOptions, complete_circuits, complete_methods
+from .output import write_file
 from .record_options import Files, RecordOptions
-from .session import Session, as_flags, shown
+from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
@@ -156,6 +158,7 @@ def fleet(
         return
     from ..fleet.engine import identify_fleet
 
+    settings = _settings(search, tables, output)
     started_s = time.perf_counter()
     with session.counting("Identifying", len(cells)) as advance:
 
@@ -168,16 +171,41 @@ def fleet(
         state = identify_fleet(
             cells,
             output.out,
-            settings=_settings(search, tables, output),
+            settings=settings,
             workers=engine.workers,
             scheduler=engine.scheduler,
             shard=parse_shard(engine.shard) if engine.shard else None,
             retry=engine.retry,
             report=report,
         )
-    session.show(
-        shown(as_flags(line)) for line in closing_lines(state, output.out, session.elapsed_s)
-    )
+    lines = closing_lines(state, output.out, session.elapsed_s)
+    written = output.out / "report.html"
+    if state.finished or not written.exists():
+        with session.watch("Writing the report"):
+            lines[1] = _write_report(cells, carried, settings, output.out)
+    session.show(shown(as_flags(line)) for line in lines)
+
+
+def _write_report(
+    cells: "list[FleetCell]", carried: tuple[str, ...], settings: dict[str, Any], out: Path
+) -> str:
+    """The report in the folder, and its sentence; fits that cannot be repeated are not drawn."""
+    use_compilation_cache()
+    from ..fleet.rows import identified
+    from ..fleet.summary import read_fleet, summarize
+    from ..reporting import to_html
+    from ..reporting.fleet_report import fleet_document, fleet_illustrations, fleet_sentence
+
+    rows = read_fleet(out)
+    summary = summarize(rows, carried)
+    known = {cell.id: cell for cell in cells}
+    worst = {}
+    for name, _ in summary.worst:
+        with suppress(InputError, KeyError):
+            worst[name] = identified(known[name], settings)[0].run.identification[0]
+    document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
+    write_file(out / "report.html", to_html(document.spelled(as_flags)).encode())
+    return fleet_sentence(summary)
 
 
 def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:

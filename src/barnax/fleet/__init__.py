@@ -1,4 +1,7 @@
-"""Many cells identified: a manifest, an engine that others wrote, one row a cell, nothing lost."""
+"""Many cells identified: a manifest, an engine that others wrote, one row a cell, nothing lost.
+
+`summary` sums a dataset up; it is imported by itself, since it loads SciPy.
+"""
 
 from .engine import Progress, identify_fleet
 from .manifest import FleetCell, cell_of, read_manifest

@@ -24,8 +24,10 @@ def progress_remark(state: "Progress", elapsed_s: float) -> str:
 
 def closing_lines(state: "Progress", out: Path, elapsed_s: float) -> list[str]:
     """What was done, what failed, and where it is."""
-    done = f"{counted(state.finished, 'cell')} identified"
-    skipped = f", {state.skipped:,} were there already" if state.skipped else ""
-    rate = f", {state.finished / elapsed_s:.1f} a second" if state.finished else ""
-    failed = "None failed." if not state.failed else f"{counted(state.failed, 'cell')} failed"
-    return [f"{done}{skipped} in {duration(elapsed_s)}{rate}.", failed, f"{out}/cells.parquet"]
+    skipped = f"{state.skipped:,} were there already" if state.skipped else ""
+    where = f"{out}/report.html   cells.parquet"
+    if not state.finished:
+        return [f"Nothing was left to do: {skipped}.", "The dataset is as it was.", where]
+    done = f"{counted(state.finished - state.failed, 'cell')} identified, {state.failed:,} failed"
+    rate = f"in {duration(elapsed_s)}, {state.finished / elapsed_s:.1f} a second"
+    return [", ".join(filter(None, (done, skipped, rate))) + ".", "", where]

@@ -1,0 +1,71 @@
+"""What a fleet shows as a whole, on rows whose spread, outlier, trend and failures are known."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.fleet.summary import summarize
+from barnax.reporting import to_html
+from barnax.reporting.fleet_report import fleet_document, fleet_illustrations
+
+CELLS = 40
+
+
+@pytest.fixture(scope="module")
+def rows():
+    rng = np.random.default_rng(0)
+    age = np.arange(CELLS) * 10.0
+    made = [
+        {
+            "id": f"cell {place:02d}",
+            "error": None,
+            "age": age[place],
+            "maker": "north" if place % 2 else "south",
+            "circuit": "so-rc",
+            "R0 [Ohm]": 0.02 * np.exp(0.002 * age[place] + rng.normal(0, 0.02)),
+            "R0 [Ohm] low": 0.01,
+            "tau1 [s]": 5.0 * np.exp(rng.normal(0, 0.1)) * (100.0 if place == 17 else 1.0),
+            "RMSE [V]": 0.01 + 1e-5 * place,
+            "certified": place != 3,
+            "at bound": "R1 [Ohm] lower" if place == 4 else "",
+            "warnings": ["look"] if place < 5 else [],
+        }
+        for place in range(CELLS)
+    ]
+    errors = ["a.csv: row 7 is empty", "b.csv: row 12 is empty", "c.csv: is not there"]
+    made += [{"id": f"bad {n}", "error": text} for n, text in enumerate(errors)]
+    return pl.DataFrame(made, infer_schema_length=None)
+
+
+def test_the_summary_finds_what_was_put_in(rows):
+    found = summarize(rows, ["age", "maker"])
+    assert (found.cells, found.identified, found.certified) == (43, 40, 39)
+    assert (found.at_bound, found.with_warnings) == (1, 5)
+    r0 = next(each for each in found.distributions if each.name == "R0 [Ohm]")
+    assert r0.median == pytest.approx(0.02 * np.exp(0.002 * 195), rel=0.03)
+    assert [each.name for each in found.distributions] == ["R0 [Ohm]", "tau1 [s]", "RMSE [V]"]
+    (outlier,) = found.outliers
+    assert (outlier.id, outlier.name) == ("cell 17", "tau1 [s]")
+    assert outlier.deviations > 5
+    assert {(each.name, each.by) for each in found.trends} == {
+        ("R0 [Ohm]", "age"),
+        ("RMSE [V]", "age"),
+    }
+    assert [(len(each.ids), each.ids[0]) for each in found.failures] == [(2, "bad 0"), (1, "bad 2")]
+    assert [name for name, _ in found.worst] == [f"cell {n}" for n in range(39, 29, -1)]
+
+
+def test_the_report_tells_it(rows):
+    found = summarize(rows, ["age"])
+    text = to_html(fleet_document(found, fleet_illustrations(found, rows, {})))
+    assert "40 of 43 cells identified, 39 certified, 3 failed, 1 outlier." in text
+    for part in ("cell 17", "row 7 is empty", "bad 0, bad 1", "cell 39"):
+        assert part in text
+    assert text.count("<svg") + text.count("data:image") >= 2
+
+
+def test_a_fleet_that_failed_as_a_whole_has_a_summary_too(rows):
+    failed = rows.filter(pl.col("error").is_not_null()).select("id", "error")
+    found = summarize(failed, ["age"])
+    assert (found.cells, found.identified, len(found.failures)) == (3, 0, 2)
+    assert "3 failed" in to_html(fleet_document(found, fleet_illustrations(found, failed, {})))

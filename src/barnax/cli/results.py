@@ -4,6 +4,7 @@ import hashlib
 import itertools
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -172,7 +173,8 @@ def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str
         raise InputError(
             f"{result}: stores no command to repeat (it was made from Python); run it again there"
         )
-    hashes = {each.name: each.sha256 for each in stored.inputs}
+    # A part of a file is named by its number.
+    hashes = {re.sub(r"#\d+$", "", each.name): each.sha256 for each in stored.inputs}
     words = []
     for before, word in itertools.pairwise(stored.command):
         option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)

@@ -32,6 +32,7 @@ from .filters.model import CAPACITY, OFFSET
 from .gather import Given, Reading, read_validation
 from .model.inputs import PreparedRecord, prepare_record
 from .model.window import Window
+from .over_soc import require_temperature
 from .results import Result
 from .schema import Count, Document, Part
 

@@ -32,6 +32,7 @@ from .filters.model import CAPACITY, OFFSET
 from .gather import Given, Reading, read_validation
 from .model.inputs import PreparedRecord, prepare_record
 from .model.window import Window
+from .over_soc import require_temperature
 from .results import Result
 from .schema import Count, Document, Part
 
@@ -183,6 +184,8 @@ def replay_soc(
     measured, warnings = read_validation(record, reading, window, result.cell_model)
     used = result if settings.tables else result.model_copy(update={"tables": None})
     prepared = prepare_record(measured, result.cell_model, result.model, window)
+    if used.tables is not None and used.tables.over_temperature is not None:
+        used = used.at_temperature(require_temperature(prepared))
     model = eqx.tree_at(
         lambda each: each.capacity_ah,
         model_of(used, settings.estimate),

@@ -31,7 +31,13 @@ from .gather import (
     unwatched,
     windows_of,
 )
-from .global_optimum import GlobalOptimum, find_global_optimum, with_better_directions
+from .global_optimum import (
+    GlobalOptimum,
+    OtherHold,
+    find_global_optimum,
+    try_other_hold,
+    with_better_directions,
+)
 from .model.inputs import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
@@ -76,6 +82,7 @@ class Run:
     examination: Examination | None
     tables: TableRun | None = None
     expected_tables_v: float | None = None
+    other_hold: OtherHold | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
 
@@ -235,6 +242,7 @@ def _search_and_assess(
             _tables_beside, problem, settings.over, tables, tabulated, looking, advise
         )
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
+        turning = beside.submit(try_other_hold, problem) if advise else None
         search = refinement = None
         if compiling is not None:
             with watch("Searching", settings.seeds) as advance:
@@ -253,6 +261,7 @@ def _search_and_assess(
                 linearizing.result()
         with watch("Waiting for tables over SOC", 0):
             found, expected_v = fitting.result()
+            other_hold = turning.result() if turning is not None else None
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     with watch("Evaluating", 0):
@@ -277,7 +286,7 @@ def _search_and_assess(
             )
     return Run(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
-        examination, table_run, expected_v, warnings=tuple(warnings),
+        examination, table_run, expected_v, other_hold, warnings=tuple(warnings),
     )  # fmt: skip
 
 

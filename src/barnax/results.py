@@ -13,7 +13,7 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from .cell import CellModel, CircuitParameters, get_circuit
 from .errors import InputError
-from .global_optimum import GlobalOptimum
+from .global_optimum import GlobalOptimum, OtherHold
 from .model.problem import Kind
 from .model.start import Start
 from .model.window import Window
@@ -200,6 +200,7 @@ class Result(Document):
     not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
     asked for: then exports, figures of errors and validation are of it. Where they were not,
     `expected_tables_v` is the RMSE that they would leave with this circuit's time constants.
+    `other_hold` is the answer under the other hold, where the records' own is only assumed.
     `pulses` are those of the records identified on that are pulse tests. A result that was just
     computed has the objects behind it in `run`.
 
@@ -218,6 +219,7 @@ class Result(Document):
     assessment: AssessmentPart | None = None
     tables: TablesPart | None = None
     expected_tables_v: Volts | None = None
+    other_hold: OtherHold | None = None
     pulses: tuple[Pulse, ...] = ()
     search: SearchPart | None = None
     refined: RefinedPart | None = None

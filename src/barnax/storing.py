@@ -69,6 +69,7 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
         ),
         pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
         expected_tables_v=run.expected_tables_v,
+        other_hold=run.other_hold,
         search=search_part(run.search) if run.search else None,
         refined=_refined_part(run.refinement) if run.refinement else None,
         cell=problem.cell,

@@ -1,10 +1,13 @@
 """What was assumed about records, tried both ways at the global optimum."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+from ..cell import CircuitParameters
 from ..errors import InputError
-from ..model.inputs import other_direction, settle_direction
+from ..model.inputs import PreparedRecord, other_direction, prepare_record, settle_direction
 from ..model.problem import Problem
+from ..records import Decision
+from ..records.record import Hold
 from .search import find_global_optimum
 
 # A direction is the better one where it lowers the RMSE by more than this.
@@ -34,3 +37,42 @@ def with_better_directions(problem: Problem) -> Problem:
         records[place] = replace(chosen, start=start)
         problem = replace(problem, prepared_records=tuple(records))
     return problem
+
+
+@dataclass(frozen=True)
+class OtherHold:
+    """The best circuit if the current flowed as it was not assumed to, and its RMSE."""
+
+    value: Hold
+    rmse_v: float
+    parameters: CircuitParameters
+
+
+def try_other_hold(problem: Problem) -> OtherHold | None:
+    """What the answer would be with the other hold in every record whose own is only assumed.
+
+    None where all are known, or where the box is too wide to look. It tells how much depends on
+    the assumption, and not which hold is right: on simulated and measured cells whose hold is
+    known, the wrong one fits a circuit's voltage as well or better.
+    """
+    assumed = [each.record.hold.strength == "assumed" for each in problem.prepared_records]
+    if not any(assumed):
+        return None
+    first = problem.prepared_records[assumed.index(True)].record.hold.value
+    value: Hold = "backward" if first == "forward" else "forward"
+
+    def turned(prepared: PreparedRecord) -> PreparedRecord:
+        hold = Decision(value, "given", "tried")
+        record = replace(prepared.record, hold=hold)
+        return prepare_record(record, problem.cell, problem.circuit, prepared.window)
+
+    try:
+        records = [
+            turned(each) if is_open else each
+            for each, is_open in zip(problem.prepared_records, assumed, strict=True)
+        ]
+        tried = replace(problem, prepared_records=tuple(records))
+        found = find_global_optimum(tried, prove=False)
+    except InputError:
+        return None
+    return OtherHold(value, found.rmse_v, found.parameters)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 from ..cell import CellModel, PolynomialCurve
 from .document import Bullets, Listing, Paragraph, Section, Table, make_table
 from .tables import pairs_table
-from .words import joined, millivolt, significant
+from .words import joined, millivolt, significant, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
+    from ..global_optimum.assumptions import OtherHold
     from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision
@@ -64,7 +65,7 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
             yield start_sentence(each.name, each.start)
 
 
-def guess_sentences(stored: "Stored") -> Iterator[str]:
+def guess_sentences(stored: "Result") -> Iterator[str]:
     """The decisions that were guesses and that the answer depends on, with how to settle them."""
     simulated = [each for each in stored.inputs if each.start is not None]
     guessed = [each for each in simulated if each.hold and each.hold.strength == "assumed"]
@@ -72,10 +73,11 @@ def guess_sentences(stored: "Stored") -> Iterator[str]:
         value = guessed[0].hold.value if guessed[0].hold else ""
         other = "backward" if value == "forward" else "forward"
         where = f" in {joined([each.name for each in guessed])}" if guessed != simulated else ""
-        yield (
-            f"each sample's current flows {FLOWS[value]}{where} (`current_hold={other}` for the "
-            "other)."
-        )
+        assumed = f"each sample's current flows {FLOWS[value]}{where}"
+        if stored.other_hold is None:
+            yield f"{assumed} (`current_hold={other}` for the other)."
+        else:
+            yield f"{assumed}; with `current_hold={other}` {_would_be(stored.other_hold)}."
     for each in simulated:
         start = each.start
         if start is None:
@@ -89,6 +91,19 @@ def guess_sentences(stored: "Stored") -> Iterator[str]:
             )
         elif start.direction_source == "assumed" and stored.cell_model.hysteresis.points:
             yield f"{each.name} comes from a {came}; `initial_direction` tells otherwise."
+
+
+def _would_be(found: "OtherHold") -> str:
+    """The parameters and the RMSE that another assumption gives."""
+    parameters = found.parameters
+    values = {"R0 [Ohm]": parameters.r0}
+    for pair, (ohm, tau_s) in enumerate(zip(parameters.r, parameters.tau_s, strict=True), 1):
+        values |= {f"R{pair} [Ohm]": ohm, f"tau{pair} [s]": tau_s}
+    if parameters.gamma is not None:
+        values["gamma"] = parameters.gamma
+    told = [f"{symbol(name)} would be {with_unit(name, value)}" for name, value in values.items()]
+    told = [told[0], *(each.replace(" would be", "") for each in told[1:])]
+    return joined([*told, f"the RMSE {millivolt(found.rmse_v)}"])
 
 
 def start_sentence(name: str, start: "Start") -> str:

@@ -4,6 +4,7 @@ The argument is the folder of measured cells. A Samsung cell is identified on DS
 US06, and the other way round. Writes benchmarks/results/filters.md.
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -31,7 +32,7 @@ FILTERS = (
     *(("ekf", "joint", True), ("ekf", "joint", False), ("ukf", "joint", False)),
     *(("ekf", "dual", False), ("ukf", "dual", False)),
 )
-SAMPLES, CELLS, REPEATS = 20_000, 1000, 5
+SAMPLES, CELLS, REPEATS = 20_000, 1000, 25
 TIMED = """\
 #include <stdio.h>
 #include <time.h>
@@ -170,7 +171,8 @@ def main() -> None:
         *head,
         *soc_rows(folder / DRIVES[0], MODELS[0], reverse, FILTERS[:2]),
         "",
-        "Warm times, the shortest of several.",
+        f"Warm times, the shortest of several; load {os.getloadavg()[0]:.0f} on {os.cpu_count()} "
+        "cores.",
         "",
         "| what | time or ratio |",
         "|---|---|",

@@ -160,8 +160,8 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
                 imported |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 imported.add((node.module or "").split(".")[0])
-    # What the extras `arbin` and `biologic` bring is loaded for their files only.
-    optional = {"access_parser", "galvani"}
+    # What the extras `arbin`, `biologic` and `dask` bring is loaded only where it is needed.
+    optional = {"access_parser", "distributed", "galvani"}
     foreign = imported - sys.stdlib_module_names - optional - {"barnax"}
     needed = {distribution(providers[name][0]) for name in foreign}
     declared = {distribution(requirement) for requirement in PROJECT["dependencies"]}
@@ -207,7 +207,7 @@ def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_
 def test_the_readme_names_only_options_that_exist():
     blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL))
     commands = re.findall(r"^barnax (\w+) ((?:.*\\\n)*.*)$", blocks, re.MULTILINE)
-    assert {name for name, _ in commands} == {"identify", "validate", "compare", "export", "check"}
+    assert {"identify", "hppc", "soc", "export", "fleet"} <= {name for name, _ in commands}
     for name, words in commands:
         known = get_command(app).commands[name].params
         options = {option for parameter in known for option in parameter.opts}

@@ -315,10 +315,12 @@ def _shortest_own_name(path: Path, others: set[Path]) -> str:
 
 def _require_different(records: Sequence[Record]) -> None:
     """Raise `InputError` where two records are the same bytes: they would count twice."""
-    seen: dict[str, str] = {}
+    # Parts of one file are different records.
+    seen: dict[tuple[str, float], str] = {}
     for record in records:
-        if record.sha256 and record.sha256 in seen:
-            first = seen[record.sha256]
+        key = record.sha256, float(record.time_s[0])
+        if record.sha256 and key in seen:
+            first = seen[key]
             twice = "is given twice" if first == record.name else f"is {first}, byte for byte"
             raise InputError(f"{record.name}: {twice}; give each once, and validate on another")
-        seen[record.sha256] = record.name
+        seen[key] = record.name

@@ -32,6 +32,7 @@ from .filters.model import CAPACITY, OFFSET
 from .gather import Given, Reading, read_validation
 from .model.inputs import PreparedRecord, prepare_record
 from .model.window import Window
+from .over_soc import require_temperature
 from .results import Result
 from .schema import Count, Document, Part
 
@@ -67,7 +68,7 @@ class FilterSettings:
         if self.form not in ("joint", "dual"):
             raise InputError(f"`form` {self.form!r} is not known; there are joint, dual")
         if not 0 < self.soc_sd <= 1:
-            raise InputError(f"`soc_sd` {self.soc_sd:g} must be above 0 and at most 1")
+            raise InputError(f"a soc_sd of {self.soc_sd:g} must be above 0 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,8 @@ def replay_soc(
     measured, warnings = read_validation(record, reading, window, result.cell_model)
     used = result if settings.tables else result.model_copy(update={"tables": None})
     prepared = prepare_record(measured, result.cell_model, result.model, window)
+    if used.tables is not None and used.tables.over_temperature is not None:
+        used = used.at_temperature(require_temperature(prepared))
     model = eqx.tree_at(
         lambda each: each.capacity_ah,
         model_of(used, settings.estimate),

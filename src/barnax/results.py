@@ -6,7 +6,7 @@ files, the settings and the versions they come from.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
@@ -290,6 +290,16 @@ class Result(Document):
     def answer_metrics(self) -> MetricsBlock:
         """Those of the tables over SOC where there are any, else of the constant circuit."""
         return self.metrics if self.tables is None else self.tables.metrics
+
+    def at_temperature(self, temperature_degc: float) -> Self:
+        """The same with the tables over SOC of one temperature alone; itself where they are of no
+        other."""
+        part = self.tables
+        if part is None or part.over_temperature is None:
+            return self
+        fit = replace(part.fit, tables=part.found.at(temperature_degc))
+        own = part.model_copy(update={"fits": (fit,), "over_temperature": None})
+        return self.model_copy(update={"tables": own})
 
     @property
     def cell_model(self) -> CellModel:

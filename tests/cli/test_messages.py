@@ -40,7 +40,7 @@ def test_what_the_command_names_python_takes_too():
         for field in inspect.signature(group).parameters
         for unit in ("_s", "_a", "_ah", "_degc")
     } | set(inspect.signature(barnax.Settings).parameters)
-    words = {"records", "out", "force", "as_json", "verbose", "quiet", "report", "plan"}
+    words = {"records", "out", "force", "as_json", "verbose", "quiet", "report", "plan", "paper"}
     options = {each.name for each in get_command(app).commands["identify"].params}
     assert options - words <= taken
 

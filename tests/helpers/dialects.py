@@ -25,8 +25,10 @@ def channels(table):
     return time, current, voltage, step, step_time, kind, counted
 
 
-def clock(seconds, form="{h:02d}:{m:02d}:{s!r}"):
+def clock(seconds, form="{h:02d}:{m:02d}:{s}"):
     whole, part = divmod(float(seconds), 60)
+    # Clocks have no exponents.
+    part = np.format_float_positional(part, trim="0")
     hours, minutes = divmod(int(whole), 60)
     return form.format(d=hours // 24, h=hours, r=hours % 24, m=minutes, s=part)
 
@@ -94,7 +96,7 @@ def neware_report(table):
 def maccor_text(table):
     """Magnitudes of the current with a state, days and unpadded seconds, a tab at line ends."""
     time, current, voltage, step, step_time, kind, counted = channels(table)
-    form = "  {d}d {r:02d}:{m:02d}:{s!r}"
+    form = "  {d}d {r:02d}:{m:02d}:{s}"
     head = "Today's Date:\t14 December 2020\tDate of Test:\t11 December 2020, 12:22:12 PM\n"
     head += "Filename:\tcell_01\tTester Channel:\t1\nProcedure:\tdrive.000\tDescription:\t\n"
     head += "Rec#\tCyc#\tStep\tTestTime\tStepTime\tAmp-hr\tWatt-hr\tAmps\tVolts\tState\tES\t\n"

@@ -1,8 +1,10 @@
 """Every make's dialect gives the record that was written, from small files of our own."""
 
 import gzip
+import io
 import os
 import threading
+import zipfile
 
 import numpy as np
 import polars as pl
@@ -15,7 +17,7 @@ from barnax.records.column_rules import read_columns
 from barnax.records.dialects import DIALECTS, columns_of, dialect_of, names_record
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
-from helpers.records import CURRENT, TIME, VOLTAGE
+from helpers.records import CURRENT, TIME, VOLTAGE, workbook
 
 TABLE = pulse_table()
 # Minutes and hours are divided, and multiplied again.
@@ -194,6 +196,23 @@ def test_durations_of_a_workbook_and_dates_are_times():
         require_the_record(record_from_frame(TABLE.with_columns(times.alias(TIME))))
 
 
+def test_cells_of_a_workbook_shown_as_durations_are_times(tmp_path):
+    """Excel stores days; the style of the cells says that they are a duration."""
+    names = ["Time", "Current (A)", "Voltage (V)"]
+    days = TABLE.with_columns(pl.col(TIME) / 86400).select(TIME, CURRENT, VOLTAGE)
+    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    styles = f'<styleSheet xmlns="{main}"><cellXfs><xf/><xf numFmtId="46"/></cellXfs></styleSheet>'
+    with zipfile.ZipFile(tmp_path / "cell.xlsx", "w") as styled:
+        with zipfile.ZipFile(io.BytesIO(workbook({"cell": [names, *days.rows()]}))) as plain:
+            for part in plain.namelist():
+                text = plain.read(part).decode()
+                styled.writestr(part, text.replace("<row><c><v>", '<row><c s="1"><v>'))
+        styled.writestr("xl/styles.xml", styles)
+    record = read_record(tmp_path / "cell.xlsx")
+    np.testing.assert_allclose(record.time_s, TABLE[TIME].to_numpy(), atol=1e-3)
+    assert not any("assumed s" in each for each in record.warnings)
+
+
 def test_numbers_cut_by_their_own_commas_are_refused(tmp_path):
     text = "Zeit [s],Strom [A],Spannung [V],Time / s,Current / A,Voltage / V\n"
     rows = "".join(f"{k},0,1,5,3,7,0,1,5,3,7,1\n" for k in range(30))
@@ -227,4 +246,10 @@ def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):
 )
 def test_a_binary_file_that_cannot_be_read_says_what_to_export(tmp_path, content, words):
     with pytest.raises(InputError, match=f"{words}.*(export|copy)"):
+        read(tmp_path, content)
+
+
+def test_a_bad_cell_in_the_clock_of_the_steps_is_refused_with_its_row(tmp_path):
+    content = WRITERS["Neware CSV, step clock"](TABLE).replace(b"00:00:3.0", b"00:00:three", 1)
+    with pytest.raises(InputError, match=r"row \d+: .*Time\(h:min:s\.ms\)"):
         read(tmp_path, content)

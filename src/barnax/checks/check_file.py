@@ -186,4 +186,4 @@ def check_file(
 def _check_input(source: Source, samples: Samples, capacity_ah: float | None) -> CheckInput:
     sign, doubts = decide_sign(samples, "auto", source.name)
     record = make_record(source, samples, sign, decide_hold(samples, "auto"))
-    return CheckInput(samples, record, tuple(doubts), capacity_ah)
+    return CheckInput(source.cut(samples), record, tuple(doubts), capacity_ah)

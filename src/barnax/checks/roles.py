@@ -20,7 +20,7 @@ _WHOLE = 0.95
 # Intervals up to this many times the usual one under load are sampled alike.
 _ALIKE = 1.5
 # A held voltage, and a current that tapers under it to this share.
-_HELD_V, _FULL_V, _TAPERED = 0.01, 0.06, 0.5
+_HELD_V, _FULL_V, _TAPERED, _TAPER_S = 0.01, 0.06, 0.5, 300.0
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,8 @@ def _full_step(given: CheckInput, before: int) -> int | None:
     starts = np.flatnonzero(np.diff(step, prepend=step[0] - 1) != 0)
     ends = np.append(starts[1:], record.samples) - 1
     for start, end in zip(starts[::-1], ends[::-1], strict=True):
-        if end >= before or end - start < 3:
+        # What a brake gives back is no charge to full.
+        if end >= before or record.time_s[end] - record.time_s[start] < _TAPER_S:
             continue
         current_a, voltage_v = record.current_a[start : end + 1], record.voltage_v[start : end + 1]
         is_held = np.ptp(voltage_v[1:]) < _HELD_V

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .session import APPEARANCE, command_line, without_options
+from .session import APPEARANCE, without_options
 
 if TYPE_CHECKING:
     from ..model.window import Window
@@ -45,11 +45,15 @@ def arguments_of(
 
 
 def _command(planned: "Plan", records: list[Path]) -> list[str]:
-    """The command that does the same without planning; as it was given where files are cut."""
+    """The command that does the same without planning, of the same files where they are cut."""
     from ..model.window import OPTIONS as WINDOW_OPTIONS
 
-    if any(part.span_s for part in planned.parts):
-        return command_line({})
+    settled = {**APPEARANCE, "--report": 1, "--paper": 1, "--plan": 1}
+    served = [part for part in planned.parts if part.role != "not used"]
+    if any(part.span_s for part in served):
+        names = dict.fromkeys(part.path.name for part in served)
+        kept = without_options(sys.argv[2:], settled)
+        return ["barnax", "identify", *names, *(w for w in kept if Path(w) not in records)]
     words = [part.name for part in planned.of_role("identification")]
     words += [word for part in planned.of_role("OCV test") for word in ("--ocv", part.name)]
     words += [word for part in planned.of_role("validation") for word in ("--validate", part.name)]
@@ -59,8 +63,8 @@ def _command(planned: "Plan", records: list[Path]) -> list[str]:
         if not (name == "over" and planned.command == "hppc"):
             words += [f"--{name.replace('_', '-')}", _written(value)]
     flags = [*WINDOW_OPTIONS, *PLANNED, "ocv", "validate"]
-    settled = {f"--{name.replace('_', '-')}": 2 for name in flags}
-    kept = without_options(sys.argv[2:], {**APPEARANCE, "--report": 1, "--paper": 1, **settled})
+    settled |= {f"--{name.replace('_', '-')}": 2 for name in flags}
+    kept = without_options(sys.argv[2:], settled)
     return ["barnax", planned.command, *words, *(w for w in kept if Path(w) not in records)]
 
 

@@ -4,6 +4,7 @@ import hashlib
 import itertools
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -172,7 +173,8 @@ def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str
         raise InputError(
             f"{result}: stores no command to repeat (it was made from Python); run it again there"
         )
-    hashes = {each.name: each.sha256 for each in stored.inputs}
+    # A part of a file is named by its number.
+    hashes = {re.sub(r"#\d+$", "", each.name): each.sha256 for each in stored.inputs}
     words = []
     for before, word in itertools.pairwise(stored.command):
         option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
@@ -284,9 +286,11 @@ def export(
 
 
 def _verification(found: "Verification") -> str:
+    degc = ", ".join(f"{each:.3g}" for each in found.temperatures_degc)
+    at = f" at each of {degc} degC" if degc else ""
     text = (
         f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
-        f"samples of a pulse test: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
+        f"samples of a pulse test{at}: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
     )
     remainders = {
         "without the hysteresis voltage": found.without_hysteresis_v,

@@ -12,7 +12,7 @@ from ..execution import in_float64
 from ..filters.model import CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S, FilterModel, model_of
 from ..results import Result
 from .exporter import Export, Exporter, note_lines, numbers
-from .tables import tables_of, unvisited_caveat
+from .tables import table_caveats, tables_of
 
 HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2}
 
@@ -232,13 +232,13 @@ def write_c_filter(result: Result) -> Export:
     """The header's source. Raises `InputError` for a result without an assessment."""
     tables, model = tables_of(result), model_of(result, (OFFSET, CAPACITY))
     content = TEMPLATE.format(
-        notes=note_lines(tables.heading, unvisited_caveat(tables), " * "),
+        notes=note_lines(tables.heading, table_caveats(tables), " * "),
         pairs=model.pairs,
         errors=len(model.error_s),
         kind=HYSTERESIS[model.hysteresis],
         declarations="\n".join(_declarations(model, tables.rest_current_a, result.start_direction)),
     )
-    return Export(content.encode(), unvisited_caveat(tables))
+    return Export(content.encode(), table_caveats(tables))
 
 
 def _declarations(model: FilterModel, rest_current_a: float, direction: int) -> Iterator[str]:

@@ -46,14 +46,27 @@ def note_lines(heading: str, caveats: Iterable[str], prefix: str = "") -> str:
 
 
 def python_tables(tables: Tables) -> str:
-    """The nodes and every resistance on them as NumPy arrays; nothing of a constant circuit."""
+    """What is tabulated as NumPy arrays: nodes and every resistance over SOC, with a row for each
+    temperature where there are several; nothing of a constant circuit."""
     if tables.over_soc is None:
         return ""
-    least = {name: np.maximum(values, LEAST_OHM) for name, values in tables.resistances.items()}
-    arrays = {"NODES": tables.over_soc.nodes, **least}
-    return "\n".join(
-        f"{name} = np.array([\n{numbers(values)}\n])" for name, values in arrays.items()
-    )
+    axis = tables.over_temperature
+    arrays = {"NODES": tables.over_soc.nodes}
+    if axis is None:
+        arrays |= {name: np.maximum(r, LEAST_OHM) for name, r in tables.resistances.items()}
+    else:
+        arrays["DEGC"] = axis.degc
+        arrays |= {name: np.maximum(r, LEAST_OHM) for name, r in axis.resistances.items()}
+    return "\n".join(f"{name} = {python_array(values)}" for name, values in arrays.items())
+
+
+def python_array(values: Iterable) -> str:
+    """NumPy's array of one row, or of several."""
+    array = np.asarray(values)
+    if array.ndim == 1:
+        return f"np.array([\n{numbers(array)}\n])"
+    rows = "\n".join(f"    [\n{numbers(row, indent='        ')}\n    ]," for row in array)
+    return f"np.array([\n{rows}\n])"
 
 
 def _plain(text: str) -> str:
@@ -90,10 +103,16 @@ class Export(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """A current to simulate, discharge positive, each held until the next time; cells at rest."""
+    """A current to simulate, discharge positive, each held until the next time; cells at rest, at
+    one temperature."""
 
     time_s: Float[np.ndarray, "samples"]
     current_a: Float[np.ndarray, "samples"]
+    temperature_degc: float = 25.0
+
+
+# The voltage at every sample of a profile, from an exported content.
+Simulate = Callable[[bytes, Profile], Float[np.ndarray, "samples"]]
 
 
 @dataclass(frozen=True)
@@ -110,4 +129,4 @@ class Exporter:
     file_name: str
     write: Callable[[Result], Export]
     package: str | None = None
-    simulate: Callable[[bytes, Profile], Float[np.ndarray, "samples"]] | None = None
+    simulate: Simulate | None = None

@@ -3,14 +3,14 @@
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from scipy.io import savemat
 
 from ..results import Result
 from .exporter import Export, Exporter, hysteresis_is_left_out, note_lines, numbers
-from .tables import Table, Tables, tables_of, unvisited_caveat
+from .tables import Table, Tables, TemperatureAxis, table_caveats, tables_of
 
 HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2}
 
@@ -49,9 +49,22 @@ static double barnax_look_up(const double *soc, const double *values, int points
     return values[k - 1]
         + (values[k] - values[k - 1]) * (at - soc[k - 1]) / (soc[k] - soc[k - 1]);
 }}
-#endif
+{over_temperature}#endif
 
 #endif /* BARNAX_CELL_H */
+"""
+OVER_TEMPERATURE = """\
+
+/* A row of values for each temperature, such as &barnax_r0_ohm[0][0] over barnax_nodes_soc. */
+static double barnax_look_up_degc(const double *soc, const double *values, int points, double at,
+                                  double degc)
+{
+    double rows[BARNAX_TEMPERATURES];
+    int k;
+    for (k = 0; k < BARNAX_TEMPERATURES; k++)
+        rows[k] = barnax_look_up(soc, values + k * points, points, at);
+    return barnax_look_up(barnax_degc, rows, BARNAX_TEMPERATURES, degc);
+}
 """
 OVER_SOC = """
  * R0 and every R are tables over barnax_nodes_soc; C_k(soc) = tau_k / R_k(soc)."""
@@ -64,13 +77,14 @@ def write_c_header(result: Result) -> Export:
     """
     tables = tables_of(result)
     content = TEMPLATE.format(
-        notes=note_lines(tables.heading, unvisited_caveat(tables), " * "),
+        notes=note_lines(tables.heading, table_caveats(tables), " * "),
         over_soc="" if tables.over_soc is None else OVER_SOC,
+        over_temperature="" if tables.over_temperature is None else OVER_TEMPERATURE,
         pairs=tables.pairs,
         kind=HYSTERESIS[tables.kind],
         declarations="\n".join(_declarations(tables)),
     )
-    return Export(content.encode(), unvisited_caveat(tables))
+    return Export(content.encode(), table_caveats(tables))
 
 
 def _declarations(tables: Tables) -> Iterator[str]:
@@ -86,13 +100,18 @@ def _declarations(tables: Tables) -> Iterator[str]:
     else:
         yield f"#define BARNAX_NODES {len(tables.over_soc.nodes)}"
         yield from _array("nodes_soc", "BARNAX_NODES", tables.over_soc.nodes, "1")
-        for name, values in tables.resistances.items():
+        axis = tables.over_temperature
+        if axis is not None:
+            yield f"#define BARNAX_TEMPERATURES {len(axis.degc)}"
+            yield from _array("degc", "BARNAX_TEMPERATURES", axis.degc, "degC")
+        for name, values in (axis or tables).resistances.items():
             yield from _array(f"{name.lower()}_ohm", "BARNAX_NODES", values, "ohm")
     yield from _array("tau_s", "BARNAX_RC_PAIRS", tables.tau_s, "s")
     if tables.gamma is not None:
         yield _scalar("gamma", tables.gamma, "per unit of SOC")
     yield ""
-    yield from _table("ocv", tables.ocv)
+    axis = tables.over_temperature
+    yield from _table("ocv", tables.ocv, None if axis is None else axis.ocv_v)
     if tables.hysteresis is not None:
         yield ""
         yield from _table("hysteresis", tables.hysteresis)
@@ -102,16 +121,21 @@ def _scalar(name: str, value: float, unit: str) -> str:
     return f"static const double barnax_{name} = {value!r}; /* {unit} */"
 
 
-def _array(name: str, count: str, values: Iterable[float], unit: str) -> Iterator[str]:
-    yield f"static const double barnax_{name}[{count}] = {{ /* {unit} */"
-    yield f"{numbers(values)}\n}};"
+def _array(name: str, count: str, values: Iterable, unit: str) -> Iterator[str]:
+    array = np.asarray(values)
+    rows = f"[BARNAX_TEMPERATURES][{count}]" if array.ndim > 1 else f"[{count}]"
+    yield f"static const double barnax_{name}{rows} = {{ /* {unit} */"
+    for row in array if array.ndim > 1 else []:
+        yield f"    {{\n{numbers(row, indent='        ')}\n    }},"
+    yield "};" if array.ndim > 1 else f"{numbers(array)}\n}};"
 
 
-def _table(name: str, table: Table) -> Iterator[str]:
+def _table(name: str, table: Table, rows_v: np.ndarray | None = None) -> Iterator[str]:
+    """A voltage over SOC, with a row for each temperature where there are several."""
     points = f"BARNAX_{name.upper()}_POINTS"
     yield f"#define {points} {len(table.soc)}"
     yield from _array(f"{name}_soc", points, table.soc, "1")
-    yield from _array(f"{name}_v", points, table.voltage_v, "V")
+    yield from _array(f"{name}_v", points, table.voltage_v if rows_v is None else rows_v, "V")
 
 
 C_HEADER = Exporter(
@@ -123,7 +147,8 @@ C_HEADER = Exporter(
 
 
 def write_csv(result: Result) -> Export:
-    """The table. `OCV(0.5)`, `W(0.5)`, `R0(0.5)` are the curves at a SOC, to be read linearly.
+    """The table. `OCV(0.5)`, `W(0.5)`, `R0(0.5)` are the curves at a SOC, to be read linearly;
+    `R0(0.5, 25.0)` is at a temperature in degC too.
 
     The hysteresis starts in the initial direction; below the rest current it keeps its own.
     """
@@ -132,7 +157,7 @@ def write_csv(result: Result) -> Export:
     writer.writerow(("name", "value", "unit"))
     tables = tables_of(result)
     writer.writerows(_rows(tables))
-    return Export(text.getvalue().encode(), unvisited_caveat(tables))
+    return Export(text.getvalue().encode(), table_caveats(tables))
 
 
 def _rows(tables: Tables) -> Iterator[tuple[str, str, str]]:
@@ -141,9 +166,9 @@ def _rows(tables: Tables) -> Iterator[tuple[str, str, str]]:
             plain, _, unit = name.partition(" ")
             yield plain, repr(value), unit.strip("[]") or "1"
     else:
-        for name, values in tables.resistances.items():
-            for soc, value in zip(tables.over_soc.nodes, values, strict=True):
-                yield f"{name}({soc!r})", repr(value), "Ohm"
+        axis = tables.over_temperature
+        for name, values in (axis or tables).resistances.items():
+            yield from _points(name, tables.over_soc.nodes, values, "Ohm", axis)
         if tables.gamma is not None:
             yield "gamma", repr(tables.gamma), "1"
     for pair, tau_s in enumerate(tables.tau_s, start=1):
@@ -152,10 +177,26 @@ def _rows(tables: Tables) -> Iterator[tuple[str, str, str]]:
     yield "initial SOC", repr(tables.initial_soc), "1"
     yield "initial direction", repr(tables.initial_direction), "1"
     yield "rest current", repr(tables.rest_current_a), "A"
-    for name, table in (("OCV", tables.ocv), ("W", tables.hysteresis)):
-        if table is not None:
-            for soc, voltage_v in zip(table.soc.tolist(), table.voltage_v.tolist(), strict=True):
-                yield f"{name}({soc!r})", repr(voltage_v), "V"
+    axis = tables.over_temperature
+    ocv_v = tables.ocv.voltage_v if axis is None else axis.ocv_v
+    yield from _points("OCV", tables.ocv.soc.tolist(), ocv_v, "V", axis)
+    if tables.hysteresis is not None:
+        yield from _points("W", tables.hysteresis.soc.tolist(), tables.hysteresis.voltage_v, "V")
+
+
+def _points(
+    name: str,
+    soc: Sequence[float],
+    values: Iterable,
+    unit: str,
+    axis: TemperatureAxis | None = None,
+) -> Iterator[tuple[str, str, str]]:
+    """A row a point, at each temperature in turn where there are several."""
+    where_at = [""] if axis is None else [f", {each!r}" for each in axis.degc]
+    rows = zip(where_at, np.atleast_2d(np.asarray(values)), strict=True)
+    for where, row in rows:
+        for at, value in zip(soc, row.tolist(), strict=True):
+            yield f"{name}({at!r}{where})", repr(value), unit
 
 
 CSV = Exporter(
@@ -167,10 +208,12 @@ CSV = Exporter(
 
 
 def write_json(result: Result) -> Export:
-    """One object of plain numbers and lists: what is a list stands over its SOC."""
+    """One object of plain numbers and lists: what is a list stands over its SOC, and a list of
+    lists over temperature and SOC."""
     tables = tables_of(result)
+    axis = tables.over_temperature
     content: dict[str, object] = {
-        "notes": [tables.heading, *unvisited_caveat(tables)],
+        "notes": [tables.heading, *table_caveats(tables)],
         "circuit": tables.model,
         "capacity [A.h]": tables.capacity_ah,
         "initial SOC": tables.initial_soc,
@@ -179,16 +222,20 @@ def write_json(result: Result) -> Export:
         "hysteresis": tables.kind,
         "gamma": tables.gamma,
         "tau [s]": tables.tau_s,
+        "temperature [degC]": None if axis is None else axis.degc,
         "resistances": {"SOC": tables.over_soc.nodes if tables.over_soc else None}
-        | {f"{name} [Ohm]": values for name, values in tables.resistances.items()},
-        "OCV": _listed(tables.ocv),
+        | {
+            f"{name} [Ohm]": np.asarray(values).tolist()
+            for name, values in (axis or tables).resistances.items()
+        },
+        "OCV": _listed(tables.ocv) | ({} if axis is None else {"voltage [V]": axis.ocv_v.tolist()}),
         "W": None if tables.hysteresis is None else _listed(tables.hysteresis),
     }
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    return Export(text.encode(), unvisited_caveat(tables))
+    return Export(text.encode(), table_caveats(tables))
 
 
-def _listed(table: Table) -> dict[str, list[float]]:
+def _listed(table: Table) -> dict[str, list]:
     return {"SOC": table.soc.tolist(), "voltage [V]": table.voltage_v.tolist()}
 
 
@@ -218,35 +265,48 @@ def write_simscape(result: Result) -> Export:
     `BatteryEquivalentCircuit` with the fields that the block of that name asks for.
     """
     tables = tables_of(result)
-    soc = tables.ocv.soc[(tables.ocv.soc >= 0) & (tables.ocv.soc <= 1)]
+    degc = tables.over_temperature
+    inner = (tables.ocv.soc >= 0) & (tables.ocv.soc <= 1)
+    soc = tables.ocv.soc[inner]
     nodes = np.array(tables.over_soc.nodes if tables.over_soc else [0.0, 1.0])
     is_cut = bool(len(soc) < len(tables.ocv.soc))
     caveats = (
-        *unvisited_caveat(tables),
+        *table_caveats(tables),
         *hysteresis_is_left_out("The block Battery (Table-Based)", tables),
         'The block reads its tables linearly; set "Extrapolation method for all tables" to '
         "Nearest, as barnax holds the OCV constant beyond its end points.",
         *([IN_RANGE] if is_cut else []),
     )
 
-    def over(axis: np.ndarray, values: tuple[float, ...]) -> np.ndarray:
-        """A resistance read at every point of an axis."""
-        return np.interp(axis, nodes, np.broadcast_to(values, len(nodes)))
+    def over(axis: np.ndarray, values: Iterable) -> np.ndarray:
+        """A resistance read at every point of an axis, a column a temperature."""
+        rows = np.atleast_2d(np.asarray(values))
+        read = [np.interp(axis, nodes, np.broadcast_to(row, len(nodes))) for row in rows]
+        return np.array(read).T if degc is not None else read[0]
 
     inside = np.unique(np.clip(nodes, 0.0, 1.0))
-    table_based: dict[str, object] = {"SOC_vec": soc, "V0_vec": tables.ocv(soc)}
+    # The blocks call what is tabulated over temperature by names of their own.
+    kind, thermal = ("vec", "") if degc is None else ("mat", "Thermal")
+    ocv_v = tables.ocv(soc) if degc is None else degc.ocv_v[:, inner].T
+    table_based: dict[str, object] = {"SOC_vec": soc, f"V0_{kind}": ocv_v}
     equivalent: dict[str, object] = {
         "BatteryCapacity": tables.capacity_ah,
         "SOCBreakpoints": soc,
-        "OpenCircuitVoltage": tables.ocv(soc),
+        f"OpenCircuitVoltage{thermal}": ocv_v,
         "ResistanceSOCBreakpoints": inside,
     }
-    for name, values in tables.resistances.items():
-        table_based[f"{name}_vec"] = over(soc, values)
-        equivalent[name] = over(inside, values)
+    if degc is not None:
+        kelvin = np.array(degc.degc) + 273.15
+        table_based["T_vec"] = kelvin
+        equivalent["TemperatureBreakpoints"] = kelvin
+        equivalent["ResistanceTemperatureBreakpoints"] = kelvin
+    for name, values in (degc or tables).resistances.items():
+        table_based[f"{name}_{kind}"] = over(soc, values)
+        equivalent[f"{name}{thermal}"] = over(inside, values)
     for pair, tau_s in enumerate(tables.tau_s, start=1):
-        table_based[f"tau{pair}_vec"] = np.full(len(soc), tau_s)
-        equivalent[f"Tau{pair}"] = np.full(len(inside), tau_s)
+        constant = [tau_s] if degc is None else np.full((len(degc.degc), 1), tau_s)
+        table_based[f"tau{pair}_{kind}"] = over(soc, constant)
+        equivalent[f"Tau{pair}{thermal}"] = over(inside, constant)
     variables = table_based | {
         "V_range": np.array([0.0, np.inf]),
         "AH": tables.capacity_ah,
@@ -256,7 +316,7 @@ def write_simscape(result: Result) -> Export:
         "barnax_notes": note_lines(tables.heading, caveats),
     }
     file = io.BytesIO()
-    savemat(file, variables, oned_as="row")
+    savemat(file, variables, oned_as="row", long_field_names=degc is not None)
     # SciPy writes the date there; equal results are to give equal bytes.
     file.seek(0)
     file.write(HEADER.ljust(HEADER_BYTES))

@@ -9,6 +9,7 @@ import importlib
 import numpy as np
 from jaxtyping import Float
 
+from ..over_soc.temperature import REFERENCE_DEGC
 from ..results import Result
 from .exporter import (
     Export,
@@ -17,9 +18,10 @@ from .exporter import (
     hysteresis_is_left_out,
     note_lines,
     numbers,
+    python_array,
     python_tables,
 )
-from .tables import Tables, tables_of, unvisited_caveat
+from .tables import Tables, table_caveats, tables_of
 
 # A result has no cut-off voltages; these stop no simulation of the cell.
 CUTOFF_MARGIN_V = 1.0
@@ -44,14 +46,8 @@ RC_ELEMENTS = {pairs}
 SOC = np.array([
 {soc}
 ])
-OCV_V = np.array([
-{ocv}
-])
+OCV_V = {ocv}
 {circuit_tables}
-
-
-def open_circuit_voltage(soc):
-    return pybamm.Interpolant(SOC, OCV_V, soc, name="open-circuit voltage")
 
 
 {functions}def get_model():
@@ -59,16 +55,22 @@ def open_circuit_voltage(soc):
     return pybamm.equivalent_circuit.Thevenin(options={{"number of rc elements": RC_ELEMENTS}})
 
 
-def get_parameter_values():
+def get_parameter_values({argument}):
     """The parameters under PyBaMM's names."""
     return {{
         "chemistry": "ecm",
 {values}
-        "Open-circuit voltage [V]": open_circuit_voltage,
+        "Open-circuit voltage [V]": {ocv_function},
     }}
 '''
 
 
+OCV = """\
+def open_circuit_voltage(soc):
+    return pybamm.Interpolant(SOC, OCV_V, soc, name="open-circuit voltage")
+
+
+"""
 FUNCTIONS = """\
 def table(values):
     def over_soc(T_cell, current, soc):
@@ -89,26 +91,69 @@ def capacitance(values, tau):
 """
 
 
+# The model's OCV knows no temperature: it is that of the temperature the parameters are asked for.
+OVER_TEMPERATURE = """\
+def within(T_cell):
+    return pybamm.minimum(pybamm.maximum(T_cell, DEGC[0]), DEGC[-1])
+
+
+def table(values):
+    def over_soc(T_cell, current, soc):
+        return pybamm.Interpolant([DEGC, NODES], values, [within(T_cell), soc])
+
+    return over_soc
+
+
+def capacitance(values, tau):
+    resistance = table(values)
+
+    def over_soc(T_cell, current, soc):
+        return tau / resistance(T_cell, current, soc)
+
+    return over_soc
+
+
+def ocv_at(temperature_degc):
+    ocv_v = [np.interp(temperature_degc, DEGC, column) for column in OCV_V.T]
+
+    def over_soc(soc):
+        return pybamm.Interpolant(SOC, np.array(ocv_v), soc, name="open-circuit voltage")
+
+    return over_soc
+
+
+"""
+ONE_OCV = (
+    "PyBaMM's open-circuit voltage does not depend on temperature: it is that of the temperature "
+    "given to get_parameter_values, which is also the cell's; ask for another set where it changes."
+)
+
+
 def write_pybamm(result: Result) -> Export:
     """The module's source."""
     tables = tables_of(result)
+    axis = tables.over_temperature
     caveats = (
-        *unvisited_caveat(tables),
+        *table_caveats(tables),
         *hysteresis_is_left_out("PyBaMM's Thevenin model", tables),
         "PyBaMM ends a simulation where the SOC leaves 0 to 1; barnax goes on with the OCV's end "
         "values.",
         "A result has no cut-off voltages: they stand 1 V outside the OCV, where they end "
         "nothing. Give your cell's.",
         "A result has no thermal parameters and no entropic change: the placeholders hold the "
-        "cell at 25 degC.",
+        f"cell at {'the given temperature' if axis else '25 degC'}.",
+        *([ONE_OCV] if axis else []),
     )
+    functions = OCV + ("" if tables.over_soc is None else FUNCTIONS)
     content = TEMPLATE.format(
         notes=note_lines(tables.heading, caveats, "# "),
         pairs=tables.pairs,
         soc=numbers(tables.ocv.soc),
-        ocv=numbers(tables.ocv.voltage_v),
+        ocv=python_array(tables.ocv.voltage_v if axis is None else axis.ocv_v),
         circuit_tables=python_tables(tables),
-        functions="" if tables.over_soc is None else FUNCTIONS,
+        functions=functions if axis is None else OVER_TEMPERATURE,
+        argument="" if axis is None else f"temperature_degc={REFERENCE_DEGC}",
+        ocv_function="open_circuit_voltage" if axis is None else "ocv_at(temperature_degc)",
         values="\n".join(
             f'        "{name}": {value},'
             for name, value in (_circuit(tables) | _values(tables)).items()
@@ -129,11 +174,12 @@ def _circuit(tables: Tables) -> dict[str, str]:
     return named
 
 
-def _values(tables: Tables) -> dict[str, float]:
+def _values(tables: Tables) -> dict[str, float | str]:
     """What the parameter set has under every name, but for the circuit."""
     overpotentials = {
         f"Element-{pair} initial overpotential [V]": 0.0 for pair in range(1, tables.pairs + 1)
     }
+    kelvin = 298.15 if tables.over_temperature is None else "273.15 + temperature_degc"
     initial_soc = min(max(tables.initial_soc, NEAREST_TO_LIMIT), 1 - NEAREST_TO_LIMIT)
     return {
         "Initial SoC": initial_soc,
@@ -144,8 +190,8 @@ def _values(tables: Tables) -> dict[str, float]:
         "Upper voltage cut-off [V]": float(tables.ocv.voltage_v.max()) + CUTOFF_MARGIN_V,
         "Lower voltage cut-off [V]": float(tables.ocv.voltage_v.min()) - CUTOFF_MARGIN_V,
         "Entropic change [V/K]": 0.0,
-        "Initial temperature [K]": 298.15,
-        "Ambient temperature [K]": 298.15,
+        "Initial temperature [K]": kelvin,
+        "Ambient temperature [K]": kelvin,
         "Cell thermal mass [J/K]": 1e9,
         "Cell-jig heat transfer coefficient [W/K]": 1.0,
         "Jig thermal mass [J/K]": 1e9,
@@ -163,7 +209,8 @@ def simulate_pybamm(content: bytes, profile: Profile) -> Float[np.ndarray, "samp
     before_s = profile.time_s[1:] - JUMP_S
     time_s = np.insert(profile.time_s, np.arange(1, len(profile.time_s)), before_s)
     current_a = np.repeat(profile.current_a, 2)[:-1]
-    values = module["get_parameter_values"]()
+    degc = [profile.temperature_degc] if "DEGC" in module else []
+    values = module["get_parameter_values"](*degc)
     values["Current function [A]"] = lambda t: pybamm.Interpolant(time_s, current_a, t)
     simulation = pybamm.Simulation(
         module["get_model"](),

@@ -1,5 +1,7 @@
 """What every tool asks of a result: constants, and curves over SOC as tables read linearly."""
 
+import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -19,6 +21,9 @@ MOST_HALVINGS = 20
 DIGITS_SOC, DIGITS_V = 9, 7
 # An independent hysteresis fit steps at its knots; the lower side stands this far before them.
 STEP_SOC = 10.0**-DIGITS_SOC
+# Between measured temperatures there is one at least so often, so that a table read linearly
+# follows resistances that are exponential in 1/T within half a percent.
+BETWEEN_DEGC = 5.0
 EVERYWHERE = np.linspace(0.0, 1.0, 101)
 
 Hysteresis = Literal["none", "instant", "dynamic"]
@@ -37,6 +42,25 @@ class Table:
 
 
 @dataclass(frozen=True, eq=False)
+class TemperatureAxis:
+    """Tables at rising temperatures: the measured ones, and what is interpolated between them.
+
+    `ocv_v` is the corrected OCV at every temperature and every SOC of `Tables.ocv`.
+    """
+
+    degc: tuple[float, ...]
+    measured_degc: tuple[float, ...]
+    over_soc: tuple[SocTables, ...]
+    ocv_v: Float[np.ndarray, "temperatures points"]
+
+    @property
+    def resistances(self) -> dict[str, Float[np.ndarray, "temperatures nodes"]]:
+        """R0, R1 and so on in ohm."""
+        values = [np.array([each.r0_ohm, *each.r_ohm]) for each in self.over_soc]
+        return {f"R{number}": each for number, each in enumerate(np.stack(values, axis=1))}
+
+
+@dataclass(frozen=True, eq=False)
 class Tables:
     """A result as other tools take it. Discharge current is positive.
 
@@ -47,7 +71,8 @@ class Tables:
     `initial_direction` is the direction the simulation starts with, +1 charging. Where the circuit
     is tabulated, `over_soc` has its resistances and time constants and `parameters` are those of
     the constant circuit beside it; the OCV has the correction in it, and the hysteresis is the
-    tabulated one.
+    tabulated one. Where it is tabulated over temperature too, these are of the one nearest to
+    25 degC, and `over_temperature` has all.
     """
 
     model: str
@@ -61,6 +86,7 @@ class Tables:
     ocv: Table
     hysteresis: Table | None
     over_soc: SocTables | None = None
+    over_temperature: TemperatureAxis | None = None
 
     @property
     def pairs(self) -> int:
@@ -115,6 +141,7 @@ def tables_of(result: Result) -> Tables:
     ocv, hysteresis = linear_table(average_v, breakpoints), None
     if kind != "none":
         hysteresis = _hysteresis(circuit, cell, breakpoints)
+    axis = _temperature_axis(result, ocv)
     if over_soc is not None:
         ocv = _corrected(ocv, over_soc)
         if over_soc.half_hysteresis_v is not None:
@@ -131,23 +158,55 @@ def tables_of(result: Result) -> Tables:
         ocv=ocv,
         hysteresis=hysteresis,
         over_soc=over_soc,
+        over_temperature=axis,
     )
 
 
-def unvisited_caveat(tables: Tables) -> tuple[str, ...]:
-    """Which nodes mean nothing by themselves; nothing where every one was visited."""
-    over_soc = tables.over_soc
-    if over_soc is None or all(over_soc.visited):
+def _temperature_axis(result: Result, ocv: Table) -> TemperatureAxis | None:
+    """All temperatures of a result, and further ones between them."""
+    tables = result.tables and result.tables.found.tables
+    if tables is None:
+        return None
+    measured = tables.temperatures_degc
+    parts = [
+        np.linspace(low, high, math.ceil((high - low) / BETWEEN_DEGC), endpoint=False)
+        for low, high in itertools.pairwise(measured)
+    ]
+    degc = (*np.concatenate(parts).tolist(), measured[-1])
+    over_soc = tuple(tables.at(each) for each in degc)
+    ocv_v = np.array([_corrected(ocv, each).voltage_v for each in over_soc])
+    return TemperatureAxis(degc, measured, over_soc, ocv_v)
+
+
+def table_caveats(tables: Tables) -> tuple[str, ...]:
+    """Which nodes mean nothing by themselves, and which temperatures were not measured; nothing
+    where all were."""
+    over_soc, axis = tables.over_soc, tables.over_temperature
+    if over_soc is None:
         return ()
-    unseen = zip(over_soc.nodes, over_soc.visited, strict=True)
+    visited = [over_soc.visited] if axis is None else [each.visited for each in axis.over_soc]
+    unseen = zip(over_soc.nodes, np.all(visited, axis=0), strict=True)
     nodes = ", ".join(f"{node:g}" for node, is_visited in unseen if not is_visited)
-    return (
-        f"No sample is near the nodes at SOC {nodes}: their values follow from their neighbors'.",
+    where = "" if axis is None else ", at one temperature or more"
+    told = [
+        f"No sample is near the nodes at SOC {nodes}{where}: their values follow from their "
+        "neighbors'."
+    ]
+    if axis is None:
+        return tuple(told) if nodes else ()
+    measured = ", ".join(f"{each:.3g}" for each in axis.measured_degc)
+    text = (
+        f"Identified at {measured} degC. Tables between these are interpolated, the logarithm of "
+        "resistances over 1/T; beyond them hold those of the nearest."
     )
+    if over_soc.half_hysteresis_v is not None:
+        text += " The hysteresis voltage is that of the temperature nearest to 25 degC."
+    return (*(told if nodes else []), text)
 
 
 def _heading(result: Result) -> str:
     over = " with tables over SOC" if result.tables else ""
+    over += " and temperature" if result.tables and result.tables.over_temperature else ""
     errors = result.answer_metrics.identification
     return (
         f"Written by barnax {result.versions.get('barnax', '')}: circuit {result.model}{over}, "

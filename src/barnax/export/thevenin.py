@@ -11,9 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
+from ..over_soc.temperature import REFERENCE_DEGC
 from ..results import Result
-from .exporter import Export, Exporter, Profile, note_lines, numbers, python_tables
-from .tables import Tables, tables_of, unvisited_caveat
+from .exporter import Export, Exporter, Profile, note_lines, numbers, python_array, python_tables
+from .tables import Tables, table_caveats, tables_of
 
 # The rate, per unit of SOC, that turns the hysteresis within 1e-5 of the capacity: nearly at once.
 # A higher one turns with a tester's noise at rest: measured on the bundled trips, 1e5 has the
@@ -33,9 +34,7 @@ import numpy as np
 SOC = np.array([
 {soc}
 ])
-OCV_V = np.array([
-{ocv}
-])
+OCV_V = {ocv}
 HYSTERESIS_SOC = np.array([
 {hysteresis_soc}
 ])
@@ -47,11 +46,7 @@ INITIAL_HYSTERESIS_V = {initial_hysteresis!r}
 {circuit_tables}
 
 
-def ocv(soc):
-    return np.interp(soc, SOC, OCV_V)
-
-
-def half_hysteresis(soc):
+{ocv_function}def half_hysteresis(soc):
     return np.interp(soc, HYSTERESIS_SOC, HALF_HYSTERESIS_V)
 
 
@@ -59,15 +54,7 @@ def constant(value):
     return lambda soc, T_cell: value
 
 
-def table(values):
-    return lambda soc, T_cell: np.interp(soc, NODES, values)
-
-
-def capacitance(values, tau):
-    return lambda soc, T_cell: tau / np.interp(soc, NODES, values)
-
-
-def get_params():
+{functions}def get_params({argument}):
     """The parameters under thevenin's names."""
     return {{
         "num_RC_pairs": {pairs},
@@ -78,24 +65,73 @@ def get_params():
         "mass": 1.0,
         "isothermal": True,
         "Cp": 1000.0,
-        "T_inf": 298.15,
+        "T_inf": {kelvin},
         "h_therm": 0.0,
         "A_therm": 0.0,
-        "ocv": ocv,
+        "ocv": {ocv_name},
         "M_hyst": half_hysteresis,
 {circuit}
     }}
 '''
 
 
+OCV = """\
+def ocv(soc):
+    return np.interp(soc, SOC, OCV_V)
+
+
+"""
+FUNCTIONS = """\
+def table(values):
+    return lambda soc, T_cell: np.interp(soc, NODES, values)
+
+
+def capacitance(values, tau):
+    return lambda soc, T_cell: tau / np.interp(soc, NODES, values)
+
+
+"""
+# The package's OCV knows no temperature: it is that of the temperature asked for.
+OCV_AT = """\
+def ocv_at(temperature_degc):
+    ocv_v = [np.interp(temperature_degc, DEGC, column) for column in OCV_V.T]
+    return lambda soc: np.interp(soc, SOC, ocv_v)
+
+
+"""
+OVER_TEMPERATURE = """\
+def table(values):
+    def over_soc(soc, T_cell):
+        degc = min(max(float(T_cell) - 273.15, DEGC[0]), DEGC[-1])
+        above = min(max(int(np.searchsorted(DEGC, degc)), 1), len(DEGC) - 1)
+        share = (degc - DEGC[above - 1]) / (DEGC[above] - DEGC[above - 1])
+        return np.interp(soc, NODES, (1 - share) * values[above - 1] + share * values[above])
+
+    return over_soc
+
+
+def capacitance(values, tau):
+    resistance = table(values)
+    return lambda soc, T_cell: tau / resistance(soc, T_cell)
+
+
+"""
+ONE_OCV = (
+    "thevenin's open-circuit voltage does not depend on temperature: it is that of the temperature "
+    "given to get_params, which is also the cell's; ask for another set where it changes."
+)
+
+
 def write_thevenin(result: Result) -> Export:
     """The module's source."""
     tables = tables_of(result)
+    axis = tables.over_temperature
     caveats = (
-        *unvisited_caveat(tables),
+        *table_caveats(tables),
         *_hysteresis_caveats(tables),
         "A result has no thermal parameters: mass, Cp, h_therm and A_therm are placeholders, and "
         "the model is isothermal.",
+        *([ONE_OCV] if axis else []),
     )
     hysteresis_soc, half_hysteresis_v = np.array([0.0, 1.0]), np.zeros(2)
     if tables.hysteresis is not None:
@@ -104,7 +140,12 @@ def write_thevenin(result: Result) -> Export:
     content = TEMPLATE.format(
         notes=note_lines(tables.heading, caveats, "# "),
         soc=numbers(tables.ocv.soc),
-        ocv=numbers(tables.ocv.voltage_v),
+        ocv=python_array(tables.ocv.voltage_v if axis is None else axis.ocv_v),
+        ocv_function=OCV if axis is None else OCV_AT,
+        ocv_name="ocv" if axis is None else "ocv_at(temperature_degc)",
+        functions=FUNCTIONS if axis is None else OVER_TEMPERATURE,
+        argument="" if axis is None else f"temperature_degc={REFERENCE_DEGC}",
+        kelvin=298.15 if axis is None else "273.15 + temperature_degc",
         hysteresis_soc=numbers(hysteresis_soc),
         half_hysteresis=numbers(half_hysteresis_v),
         initial_hysteresis=tables.initial_hysteresis_v,
@@ -164,7 +205,8 @@ def simulate_thevenin(content: bytes, profile: Profile) -> Float[np.ndarray, "sa
     thevenin = importlib.import_module("thevenin")
     module: dict = {}
     exec(compile(content, THEVENIN.file_name, "exec"), module)
-    params = module["get_params"]()
+    degc = [profile.temperature_degc] if "DEGC" in module else []
+    params = module["get_params"](*degc)
     model = thevenin.Prediction(params)
     model.set_options(rtol=1e-8, atol=1e-10)
     state = thevenin.TransientState(

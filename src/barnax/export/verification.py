@@ -16,7 +16,7 @@ from ..over_soc import simulate_tables
 from ..records import Decision, Record
 from ..results import Result
 from ..search.evaluate import evaluate
-from .exporter import Exporter, Profile
+from .exporter import Exporter, Profile, Simulate
 
 INTERVAL_S = 2.0
 FINER = 16
@@ -30,15 +30,17 @@ UNUSED_SHARE = 0.1
 class Verification:
     """The largest and the rms difference of terminal voltage between a package and barnax, in V.
 
-    Two figures tell where the largest comes from: `without_hysteresis_v` is the same with the
-    hysteresis voltage taken out of barnax's circuit, `without_turns_v` leaves out the samples at
-    which the current turns. There an instant hysteresis has turned in barnax, while a hysteresis
-    that is a state has yet to see charge pass.
+    Of tables at several temperatures it is the largest over the pulse test at each of them. Two
+    figures tell where it comes from: `without_hysteresis_v` is the same with the hysteresis voltage
+    taken out of barnax's circuit, `without_turns_v` leaves out the samples at which the current
+    turns. There an instant hysteresis has turned in barnax, while a hysteresis that is a state has
+    yet to see charge pass.
     """
 
     package: str
     version: str
     samples: int
+    temperatures_degc: tuple[float, ...]
     largest_v: float
     rms_v: float
     without_hysteresis_v: float
@@ -72,19 +74,30 @@ def verify(
     if package is None or simulate is None:
         raise ValueError(f"the exporter {exporter.name} names no package to simulate in")
     profile = profile or pulse_profile(result)
-    there_v = simulate(content, profile)
-    difference_v = there_v - simulate_here(result, profile)
+    over = result.tables and result.tables.over_temperature
+    found = []
+    for degc in [profile.temperature_degc] if over is None else over.temperatures_degc:
+        there = replace(profile, temperature_degc=degc)
+        found.append(_differences(result.at_temperature(degc), simulate, content, there))
+    differences_v, without_v, turns_v = (np.concatenate(each) for each in zip(*found, strict=True))
     return Verification(
         package=package,
         version=importlib.metadata.version(package),
         samples=len(profile.time_s),
-        largest_v=_largest(difference_v),
-        rms_v=math.sqrt(np.mean(np.nan_to_num(difference_v, nan=math.inf) ** 2)),
-        without_hysteresis_v=_largest(
-            there_v - simulate_here(result, profile, without_hysteresis=True)
-        ),
-        without_turns_v=_largest(difference_v[~_turns(profile, result.start_direction)]),
+        temperatures_degc=() if over is None else over.temperatures_degc,
+        largest_v=_largest(differences_v),
+        rms_v=math.sqrt(np.mean(np.nan_to_num(differences_v, nan=math.inf) ** 2)),
+        without_hysteresis_v=_largest(without_v),
+        without_turns_v=_largest(turns_v),
     )
+
+
+def _differences(result: Result, simulate: Simulate, content: bytes, profile: Profile):
+    """The differences at all samples, without hysteresis, and without those of turns."""
+    there_v = simulate(content, profile)
+    difference_v = there_v - simulate_here(result, profile)
+    without_v = there_v - simulate_here(result, profile, without_hysteresis=True)
+    return difference_v, without_v, difference_v[~_turns(profile, result.start_direction)]
 
 
 def simulate_here(

@@ -202,11 +202,26 @@ def _correct(
 
 def _extended_move(advance: Callable[[Vector], Vector], belief: _Belief, walk: Vector) -> _Belief:
     slope, mean = jax.jacfwd(lambda state: (advance(state),) * 2, has_aux=True)(belief.mean)
-    # Sums of products compile into one kernel with what is around them, products of such small
-    # matrices into one each: a filter takes two thirds of the time.
-    half = jnp.sum(slope[:, :, None] * belief.covariance, axis=1)
-    moved = jnp.sum(half[:, None, :] * slope, axis=2)
+    moved = _carried(slope, belief.covariance)
     return _Belief(mean, moved + jnp.diag(walk))
+
+
+@jax.custom_batching.custom_vmap
+def _carried(slope: Matrix, covariance: Matrix) -> Matrix:
+    """The covariance after a linear move.
+
+    For one cell sums of products, which compile into one kernel with what is around them: products
+    of such small matrices are a kernel each, and the filter takes half as long again. For many
+    cells at once the products are twice as fast.
+    """
+    half = jnp.sum(slope[:, :, None] * covariance, axis=1)
+    return jnp.sum(half[:, None, :] * slope, axis=2)
+
+
+@_carried.def_vmap
+def _carried_together(axis_size: int, in_batched, slope, covariance):
+    del axis_size, in_batched
+    return slope @ covariance @ jnp.matrix_transpose(slope), True
 
 
 def _extended_see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen:

@@ -120,7 +120,7 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
         next(iter(_found(row.get(each), folder, missing)), None) for each in ("cell", "bounds")
     )
     if not row.get("records") and "problem" not in row:
-        raise InputError(f"{where}: names no record; give files in the column `records`")
+        raise InputError(f"{where}: names no record; give files in the column records")
     return FleetCell(
         id=name,
         records=records,

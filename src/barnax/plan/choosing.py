@@ -15,6 +15,7 @@ from ..over_soc.temperature import SAME_DEGC
 from .looking import Seen, files_of, look
 from .ocv import OCV_KINDS, OcvChoice, choose_ocv, ocv_reason
 from .parts import ROLES, Part, Plan, Use
+from .splitting import split
 
 ROOM_DEGC = 25.0
 # Ranges of charge within this share of the widest are as good, and other things decide.
@@ -55,7 +56,9 @@ class _Draft:
             kept = None if role == "not used" else each.source
             kind = each.kind(self.capacity_ah)
             part = Part(each.path, each.name, role, kind, reason, window)
-            parts.append(replace(part, temperature_degc=each.temperature_degc, source=kept))
+            span_s = each.source.span_s if each.source else None
+            degc = each.temperature_degc
+            parts.append(replace(part, temperature_degc=degc, source=kept, span_s=span_s))
         return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
 
 
@@ -85,13 +88,14 @@ def plan(
         for each in given
         if not isinstance(each, str | Path) or Path(each).resolve() not in settled
     ]
-    seen = list(look([*given, *tests, *others], reading or Reading(), watch))
-    refused = [each.refusal for each in seen if each.refusal]
-    if len(refused) == len(seen):
+    looked = list(look([*given, *tests, *others], reading or Reading(), watch))
+    refused = [each.refusal for each in looked if each.refusal]
+    if len(refused) == len(looked):
         raise InputError("\n".join(refused))
     first, last = len(given), len(given) + len(tests)
     with watch("Planning", 0):
-        return _decide(seen, seen[first:last], seen[last:])
+        free = [part for each in looked[:first] for part in split(each)]
+        return _decide([*free, *looked[first:]], looked[first:last], looked[last:])
 
 
 def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen]) -> Plan:
@@ -102,6 +106,8 @@ def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen])
         sha256 = each.source.sha256 if each.source else ""
         if each.refusal:
             draft.take(each, "not used", each.refusal.removeprefix(f"{each.name}: "))
+        elif each.source and each.source.span_s:
+            continue
         elif (same := first_of.setdefault(sha256, each)) is not each:
             draft.take(each, "not used", f"is {same.name}, byte for byte")
     for each in others:

@@ -19,6 +19,8 @@ from ..model.window import Window
 from ..records import Record, Source, read_record
 from ..records.dialects import is_ocv_table
 
+# Kinds of tests that have a role.
+SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
 # What lies in a folder beside measured files, and is no candidate for one.
 _BESIDE = (".toml",)
 _TEMPORARY = (".", "~$")
@@ -32,7 +34,8 @@ _ANOTHER = 0.05
 class Seen:
     """One file that was looked at; `refusal` says why it cannot be read, empty where it can.
 
-    `check` is None for a table of OCV and for what cannot be read.
+    `check` is None for a table of OCV and for what cannot be read. `starts_full` says that the file
+    shows a charge to full right before this part of it.
     """
 
     path: Path
@@ -41,6 +44,7 @@ class Seen:
     check: FileCheck | None = None
     refusal: str = ""
     is_table: bool = False
+    starts_full: bool = False
 
     @property
     def traits(self) -> Traits | None:
@@ -89,7 +93,12 @@ class Seen:
         """The window that the checks suggest."""
         role = self.role("validation")
         suggested = role.window if role else None
-        return Window() if suggested is None else Window(**suggested.options)
+        if suggested is None:
+            return Window()
+        window = Window(**suggested.options)
+        if self.starts_full and window.start_after_step is None:
+            return replace(window, start_time_s=None, initial_soc=1.0)
+        return window
 
     @property
     def is_settled(self) -> bool:
@@ -151,10 +160,18 @@ def look(sources: Sequence[Any], reading: Reading, watch: Watch) -> Iterator[See
 def _look_at(
     given: Any, path: Path, name: str, names: Mapping[Path, str], reading: Reading
 ) -> Seen:
-    seen = Seen(path, name)
     try:
         source = source_of(given, names, reading.columns)
-        seen = replace(seen, source=source)
+    except InputError as problem:
+        return Seen(path, name, refusal=str(problem))
+    return look_at_source(path, source)
+
+
+def look_at_source(path: Path, source: Source) -> Seen:
+    """What was read of a file, checked."""
+    name = source.name
+    seen = Seen(path, name, source)
+    try:
         if is_ocv_table(source.table.header):
             table = replace(seen, is_table=True)
             _ = table.ocv_test

@@ -3,12 +3,14 @@
 import functools
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
 from ..gather import Reading, listed, unwatched
 from ..model.window import Window
+from ..records import read_source
 from ..results import Result
 from .choosing import plan
 from .parts import Part, Plan, Use
@@ -86,4 +88,6 @@ def _sources(found: Plan, role: Use) -> list[Any]:
 
 
 def _source(part: Part) -> Any:
-    return part.source or part.path
+    if part.source is not None or part.span_s is None:
+        return part.source or part.path
+    return replace(read_source(part.path), name=part.name, span_s=part.span_s)

@@ -51,7 +51,12 @@ def _wholes(value: Any) -> tuple[int, ...]:
 
 
 # What a file's table may hold beside its window, and what each key takes.
-_OF_FILE: Mapping[str, Callable[[Any], Any]] = {"file": _text, "role": _text, "span": _pair}
+_OF_FILE: Mapping[str, Callable[[Any], Any]] = {
+    "file": _text,
+    "name": _text,
+    "role": _text,
+    "span": _pair,
+}
 # Options of the run, by the names of `barnax.identify`.
 _OPTIONS: Mapping[str, Callable[[Any], Any]] = {
     "capacity": _number,
@@ -111,6 +116,7 @@ def _table(part: Part) -> Table:
     table.add("file", str(part.path))
     table.add("role", part.role)
     if part.span_s is not None:
+        table.add("name", part.name)
         table.add("span", list(part.span_s))
     for option, name in _WINDOW.items():
         value = getattr(part.window, name)
@@ -155,19 +161,24 @@ def _part(shown: str, folder: Path, table: Mapping[str, Any]) -> Part:
         raise InputError(
             f"{shown}: role {role!r} of {file} is not known; there are {', '.join(ROLES)}"
         )
-    span = given.pop("span", None)
+    name, span = given.pop("name", ""), given.pop("span", None)
+    if span and not name:
+        raise InputError(f"{shown}: a part of {file} needs a 'name' beside its span")
     try:
         window = Window(**{_WINDOW[option]: value for option, value in given.items()})
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {problem}") from problem
     place = folder / file
-    return Part(place if os.path.isfile(place) else Path(file), "", role, "", "", window, span)
+    return Part(place if os.path.isfile(place) else Path(file), name, role, "", "", window, span)
 
 
 def _named(parts: tuple[Part, ...]) -> tuple[Part, ...]:
     """The parts by the names that results will call their files."""
     names = file_names([part.path for part in parts if part.role != "not used"])
-    return tuple(replace(part, name=names.get(part.path, part.path.name)) for part in parts)
+    return tuple(
+        part if part.name else replace(part, name=names.get(part.path, part.path.name))
+        for part in parts
+    )
 
 
 def _read(

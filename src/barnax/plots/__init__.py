@@ -15,6 +15,7 @@ from .pulses import plot_pulse_resistances, plot_pulses
 from .replay import plot_soc_replay
 from .soc_tables import plot_error_map, plot_tables
 from .style import column_width
+from .temperature import plot_over_temperature, plot_tables_by_temperature
 from .trajectories import plot_trajectories
 from .voltage import plot_condition, plot_voltage
 
@@ -31,10 +32,12 @@ __all__ = [
     "plot_hysteresis",
     "plot_landscape",
     "plot_ocv",
+    "plot_over_temperature",
     "plot_pulse_resistances",
     "plot_pulses",
     "plot_soc_replay",
     "plot_tables",
+    "plot_tables_by_temperature",
     "plot_trajectories",
     "plot_voltage",
 ]

@@ -137,7 +137,8 @@ class Source:
     """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
 
     `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
-    frame's names and values. `columns` are the user's own names of columns, by quantity.
+    frame's names and values. `columns` are the user's own names of columns, by quantity. A source
+    with `span_s` is the part of a file between two times of its own clock.
     """
 
     name: str
@@ -145,6 +146,13 @@ class Source:
     sha256: str
     findings: tuple[Finding, ...] = ()
     columns: Mapping[str, str] = field(default_factory=dict)
+    span_s: tuple[float, float] | None = None
+
+    def cut(self, samples: Samples) -> Samples:
+        """The samples of the part that is meant."""
+        if self.span_s is None:
+            return samples
+        return samples.keep((samples.time_s >= self.span_s[0]) & (samples.time_s <= self.span_s[1]))
 
 
 def read_source(path: str | Path, *, columns: Mapping[str, str] | str = NOTHING) -> Source:
@@ -279,7 +287,13 @@ def record_from_frame(
 
 
 def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision) -> Record:
-    """The record of a source's checked samples, turned to discharge-positive."""
+    """The record of a source's checked samples, turned to discharge-positive.
+
+    Sign and hold are those of the whole file, of which the source may be a part.
+    """
+    samples = source.cut(samples)
+    if short := _too_short(samples):
+        raise InputError(short.sentence(source.name))
     record = Record(
         name=source.name,
         time_s=samples.time_s,

@@ -19,9 +19,11 @@ from ..plots import (
     plot_hysteresis,
     plot_landscape,
     plot_ocv,
+    plot_over_temperature,
     plot_pulse_resistances,
     plot_pulses,
     plot_tables,
+    plot_tables_by_temperature,
     plot_trajectories,
     plot_voltage,
 )
@@ -74,9 +76,18 @@ WORDS = {
         "Error over time and over the state of charge",
     ),
     "tables": (
-        "The tables over the state of charge with the intervals of their nodes, and the constant "
+        "The tables over the state of charge{} with the intervals of their nodes, and the constant "
         "circuit behind. Hollow: nodes near no sample, whose values follow from their neighbors'.",
         "Resistances and OCV correction over the state of charge, with intervals",
+    ),
+    "by temperature": (
+        "The tables of each temperature over the state of charge, with their 95 % intervals.",
+        "Resistances and OCV correction over the state of charge, a line a temperature",
+    ),
+    "over temperature": (
+        "Resistances over temperature at some states of charge. Marks, with 95 % intervals: "
+        "measured temperatures; lines: what is interpolated between them.",
+        "Resistances over temperature, a line a state of charge",
     ),
     "map": (
         "RMSE by state of charge and current, over all scored samples {}.",
@@ -136,11 +147,20 @@ LIVE_WORDS = {
     "above the lowest of all, with what every seed ended with. {}" + DRAG,
 }
 # All others hold so many points that PNG is the smaller form.
-SPARSE = {"ocv", "hysteresis", "landscape", "parameters", "tables", "resistances"}
+SPARSE = {
+    "ocv",
+    "hysteresis",
+    "landscape",
+    "parameters",
+    "tables",
+    "resistances",
+    "by temperature",
+    "over temperature",
+}
 # What is written beside a result even where no report is.
 ALWAYS = (
     *("ocv", "hysteresis", "convergence", "voltage", "error"),
-    *("tables", "map", "pulses", "resistances"),
+    *("tables", "map", "pulses", "resistances", "temperature"),
 )
 
 
@@ -198,7 +218,15 @@ class Figures:
             return
         shown = (run.tables.found.reference, run.answer.parameters)
         draw, live = partial(plot_tables, *shown), partial(live_tables, *shown)
-        self.add("tables", "tables", "", draw, live)
+        over, where = run.tables.found.over_temperature, ""
+        if over is not None:
+            found = run.tables.found
+            where = f" at {over.temperatures_degc[found.fits.index(found.reference)]:.3g} degC"
+            draw_all = partial(plot_tables_by_temperature, found)
+            self.add("by temperature", "tables-by-temperature", "", draw_all)
+            draw_over = partial(plot_over_temperature, found)
+            self.add("over temperature", "tables-over-temperature", "", draw_over)
+        self.add("tables", "tables", where, draw, live)
         own = {"constant circuit": run.identification, "tables": run.tables.identification}
         self.add("map", "tables-map", "identified on", partial(plot_error_map, own))
         if run.validation:

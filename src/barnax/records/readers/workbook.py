@@ -83,7 +83,9 @@ def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str])
 
 def _body(workbook: fastexcel.ExcelReader, name: str, above: int) -> pl.DataFrame:
     """The rows of a sheet below its names."""
-    if workbook.load_sheet(name, header_row=None).height <= above:
+    # Cells of all rows may be of kinds that go into no one column.
+    first = workbook.load_sheet(name, header_row=None, n_rows=1, dtypes="string")
+    if first.total_height <= above:
         return pl.DataFrame()
     sheet = workbook.load_sheet(name, header_row=None, skip_rows=above, schema_sample_rows=None)
     return sheet.to_polars()

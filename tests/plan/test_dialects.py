@@ -1,0 +1,48 @@
+"""A folder of the bundled cell's files in any make's dialect gives the same circuit."""
+
+import polars as pl
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED
+from helpers.dialects import WRITERS
+
+FILES = {
+    "drive": BUNDLED.record,
+    "trip": BUNDLED.validation,
+    "up": BUNDLED.ocv[0],
+    "down": BUNDLED.ocv[1],
+}
+SMALL = {"seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
+# Of makes that are not among the default tests' two.
+QUICK = ("Maccor text", "BioLogic .mpt, German")
+CASES = [
+    pytest.param(write, id=name, marks=() if name in QUICK else pytest.mark.slow)
+    for name, write in WRITERS.items()
+]
+
+
+@pytest.fixture(scope="module")
+def by_hand():
+    return barnax.identify(
+        BUNDLED.record,
+        ocv=BUNDLED.ocv,
+        validate=BUNDLED.validation,
+        window=barnax.Window(initial_soc=1.0),
+        ocv_fit="interpolated",
+        current_hold="forward",
+        **SMALL,
+    )
+
+
+@pytest.mark.parametrize("write", CASES)
+def test_a_folder_in_a_dialect_gives_the_same_circuit(by_hand, tmp_path, write):
+    for name, path in FILES.items():
+        (tmp_path / name).write_bytes(write(pl.read_parquet(path)))
+    found = barnax.identify(tmp_path, current_hold="forward", **SMALL)
+    assert {each.name: each.role for each in found.inputs} == {
+        "drive": "identification", "trip": "validation", "up": "ocv", "down": "ocv",
+    }  # fmt: skip
+    assert found.parameters == pytest.approx(by_hand.parameters, rel=1e-6)
+    ours, theirs = (each.metrics.validation[0].rmse_v for each in (found, by_hand))
+    assert ours == pytest.approx(theirs, rel=1e-6)

@@ -1,0 +1,86 @@
+"""One file that holds a whole schedule is cut into its tests."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED, bundled_file
+from barnax.plan import plan, plan_from_toml, plan_to_toml
+from barnax.records import read_record
+from helpers.records import CURRENT, TIME, VOLTAGE
+
+SMALL = {"seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
+
+
+def charge_to_full():
+    """1 A to the cut-off, a taper there, and two hours of rest, every 10 s."""
+    amperes = np.concatenate([np.ones(600), np.exp(-np.arange(200) / 60), np.zeros(720)])
+    relaxed = 4.18 + 0.02 * np.exp(-np.arange(720) / 60)
+    volts = np.concatenate([np.linspace(3.4, 4.2, 600), np.full(200, 4.2), relaxed])
+    return pl.DataFrame({TIME: 10.0 * np.arange(1520), CURRENT: amperes, VOLTAGE: volts})
+
+
+@pytest.fixture(scope="module")
+def schedule(tmp_path_factory):
+    """An OCV test down and up, a drive cycle, a charge, and another drive cycle, in one file."""
+    begin_s, tables = 0.0, []
+    files = (BUNDLED.ocv[1], BUNDLED.ocv[0], BUNDLED.record, None, BUNDLED.validation)
+    for path in files:
+        table = charge_to_full() if path is None else pl.read_parquet(path)
+        clock = pl.col(TIME) - table[TIME][0] + begin_s
+        tables.append(table.select(clock, CURRENT, VOLTAGE))
+        begin_s = tables[-1][TIME][-1] + 10.0
+    path = tmp_path_factory.mktemp("schedule") / "schedule.parquet"
+    pl.concat(tables).write_parquet(path)
+    return path
+
+
+def test_each_test_of_a_schedule_has_a_role_of_its_own(schedule):
+    found = plan(schedule)
+    served = {part.role: part for part in found.parts if part.role != "not used"}
+    assert {role: part.name for role, part in served.items()} == {
+        "OCV test": "schedule.parquet#1",
+        "identification": "schedule.parquet#2",
+        "validation": "schedule.parquet#3",
+    }
+    # The charge before it ends full, whatever the rest after it was.
+    assert served["validation"].window.initial_soc == 1.0
+    begin_s, end_s = served["identification"].span_s
+    assert end_s - begin_s == pytest.approx(5.47 * 3600, rel=0.01)
+
+
+def test_a_cut_file_gives_the_circuit_of_its_parts(schedule, tmp_path):
+    found = barnax.identify(schedule, **SMALL)
+    alone = barnax.identify(
+        BUNDLED.record,
+        ocv=BUNDLED.ocv,
+        validate=BUNDLED.validation,
+        window=barnax.Window(initial_soc=1.0),
+        ocv_fit="interpolated",
+        **SMALL,
+    )
+    # One axis of charge for both directions is another OCV, by some millivolts.
+    assert found.metrics.identification.rmse_v == pytest.approx(
+        alone.metrics.identification.rmse_v, rel=0.05
+    )
+    path = tmp_path / "plan.toml"
+    path.write_text(plan_to_toml(plan(schedule)))
+    read = plan_from_toml(path)
+    assert [part.span_s for part in read.parts] == [part.span_s for part in plan(schedule).parts]
+    assert barnax.identify(path, **SMALL).parameters == found.parameters
+
+
+def test_a_file_of_one_test_stays_whole():
+    for path in (bundled_file("hppc_25degC"), BUNDLED.record, *BUNDLED.ocv):
+        (part,) = plan(path).parts
+        assert part.span_s is None
+
+
+def test_a_part_keeps_the_sign_and_the_hold_of_its_file(schedule):
+    whole = read_record(schedule)
+    (part,) = plan(schedule).of_role("validation")
+    record = read_record(part.source)
+    assert (record.sign, record.hold) == (whole.sign, whole.hold)
+    assert record.time_s[0] >= part.span_s[0]
+    assert record.samples < whole.samples / 3

@@ -27,6 +27,8 @@ from .simulate import simulate_tables
 
 # A constant is at a bound within this share of the logarithm of its range.
 AT_BOUND = 1e-3
+# This share of a record's samples is enough to tell a time constant of their interval.
+DENSE_QUANTILE = 0.05
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
 # Records that go less SOC than this without turning tell nothing of the branch of that direction.
@@ -217,8 +219,12 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
     interval_s = min(each.median_interval_s for each in prepared_records)
     duration_s = max(each.scored_duration_s for each in prepared_records)
     slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
-    # What is much faster than the sampling cannot be told from the ohmic resistance.
-    fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), interval_s / 2), slowest_s)
+    # What is much faster than the sampling cannot be told from the ohmic resistance. A pulse test
+    # logs its rests slowly and its pulses fast, which tell.
+    dense_s = min(
+        float(np.quantile(np.diff(each.time_s), DENSE_QUANTILE)) for each in prepared_records
+    )
+    fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
     names = [f"tau{pair + 1} [s]" for pair in range(circuit.pairs)]
     tau_ranges_s = tuple(ranges.get(name, (fastest_s, slowest_s)) for name in names)
     unknown = ranges.keys() - {*names, RATE, *(f"R{n} [Ohm]" for n in range(circuit.pairs + 1))}

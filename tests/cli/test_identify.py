@@ -86,7 +86,7 @@ def test_what_is_proposed_next_runs_as_printed(monkeypatch, result, tmp_path):
     monkeypatch.setattr(sys, "argv", ["barnax", *words])
     _, proposed = command._next(result)
     assert proposed == (
-        "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --trust full --out barnax-out"
+        "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --ocv-fit interpolated --out barnax-out"
     )
 
 

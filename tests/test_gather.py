@@ -61,7 +61,7 @@ def test_the_stored_command_has_the_names_of_the_results(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("setting", "value"), [("seeds", 0), ("population", 10**8), ("iterations", 0), ("key", -1)]
+    ("setting", "value"), [("seeds", -1), ("population", 10**8), ("iterations", 0), ("key", -1)]
 )
 def test_more_than_any_memory_holds_and_less_than_one_are_refused(setting, value):
     with pytest.raises(InputError, match=rf"`{setting}` {value:,} must be between"):

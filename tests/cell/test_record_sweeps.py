@@ -52,7 +52,7 @@ def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
 @pytest.mark.parametrize("slow", [steady(-1, 20), [*steady(-1, 20), *steady(+1, 20), *REST]])
 def test_rests_of_both_directions_come_before_slow_sweeps(slow):
     full = [] if len(slow) > 1200 else steady(+1, 2)
-    down, up = pulses(-1, 16, share=0.8), pulses(+1, 16, share=0.8)
+    down, up = pulses(-1, 16, share=0.85), pulses(+1, 16, share=0.85)
     parts = [REST, slow, full, REST, down, up]
     record = record_of(np.concatenate(parts), start_soc=1.0, direction=1)
     cell = characterize([record], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")

@@ -1,5 +1,6 @@
 """A cell and its circuit are stored by the one serializer, and come back bit for bit."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -50,7 +51,7 @@ def test_a_cell_survives_its_file_bit_for_bit(tmp_path, make, ocv_fit, hysteresi
 def test_a_cell_that_cannot_be_is_refused_under_the_files_name(tmp_path, old, new, words):
     path = tmp_path / "stored.json"
     stored(path)
-    text = path.read_text()
+    text = re.sub(r'("capacity \[A\.h\]"): [\d.]+', r"\1: 2.0", path.read_text())
     assert old in text
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=rf"stored\.json: .*{words}"):

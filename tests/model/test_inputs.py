@@ -123,7 +123,7 @@ def test_a_window_that_cannot_be_is_refused_with_the_option_and_its_value(option
         (Window(score_steps=(1,)), {"step": None}, "`score_steps` needs .*`score_from`"),
         (Window(start_time_s=120.0, score_to_s=90.0), {}, "no sample .* 120 s; widen `score_steps"),
         (Window(score_soc=(0.1, 0.2)), {}, "no sample .*`score_soc`"),
-        (Window(score_to_s=120.0), {}, "fewer than 10 samples .* widen the window"),
+        (Window(score_to_s=120.0), {}, "every current that counts is zero.* widen the window"),
         (Window(score_from_s=990.0), {}, "fewer than 10 samples"),
         (Window(start_time_s=1000.0), {}, "fewer than 10 samples"),
     ],

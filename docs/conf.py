@@ -30,6 +30,8 @@ nb_execution_timeout = 300
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+# Without execution no kernel says what language a cell is in.
+suppress_warnings = ["myst-nb.lexer"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
@@ -57,7 +59,8 @@ def copy_pages(app: Any) -> None:
     for copy, path in pages.items():
         up = "../" * (len(copy.relative_to(HERE).parts) - 1)
         text = path.read_text(encoding="utf-8")
-        for there, here in (("docs/", up), ("../../docs/", up), ("CHANGELOG.md", "changelog.md")):
+        moved = {"docs/": up, "../../docs/": up, "CHANGELOG.md": "changelog.md"}
+        for there, here in (moved | {"benchmarks/results/": "results/"}).items():
             text = text.replace(f"]({there}", f"]({here}")
         _write(copy, text)
     names = "\n".join(path.stem for path in results)

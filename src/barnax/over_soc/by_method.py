@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Float
-from scipy.optimize import differential_evolution, least_squares
+from scipy.optimize import least_squares
 
 from ..baselines.descent import LM, PSO_LM, STARTS
-from ..baselines.differential_evolution import DE, FEWEST
+from ..baselines.differential_evolution import DE, FEWEST, evolve_in_box
 from ..baselines.method import Budget, generator_of, latin_hypercube
 from ..execution import in_float64, one_blas_thread
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
@@ -149,21 +149,17 @@ def _descents(objective: Objective, starts: Sequence[Place], spent: int = 0) -> 
 
 def _evolution(objective: Objective, budget: Budget, seed: int) -> tuple[Place, int]:
     """SciPy's differential evolution, as of constant circuits."""
+    spent = 0
+
+    def errors(points: np.ndarray) -> np.ndarray:
+        nonlocal spent
+        spent += points.shape[1]
+        return roots_at(objective, points.T)
+
     low, high = box_of_axes(objective)
     generator, population = generator_of(budget.key, seed), max(budget.population, FEWEST)
-    start: Any = low + latin_hypercube(generator, population, len(low)) * (high - low)
-    end = differential_evolution(
-        lambda points: roots_at(objective, points.T),
-        list(zip(low, high, strict=True)),
-        maxiter=budget.iterations,
-        init=start,
-        rng=generator,
-        tol=0,
-        polish=False,
-        updating="deferred",
-        vectorized=True,
-    )
-    return tuple(end.x.tolist()), population * (budget.iterations + 1)
+    end = evolve_in_box(errors, low, high, generator, population, budget.iterations)
+    return tuple(end.tolist()), spent
 
 
 def box_of_axes(objective: Objective) -> tuple[Float[np.ndarray, "axes"], ...]:

@@ -267,7 +267,7 @@ def _opened(
 def _dask(address: str, workers: int) -> Iterator[Executor]:
     """Dask's own executor, on a scheduler that runs or on a cluster of this machine's processes."""
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
     except ImportError as problem:
         raise InputError(
             '`scheduler` needs Dask; install it with pip install "barnax[dask]"'

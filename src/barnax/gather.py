@@ -10,12 +10,20 @@ from typing import Any, Literal
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import CellModel, OcvTable, characterize, read_ocv_test
+from .cell import (
+    CellModel,
+    OcvTable,
+    characterize,
+    characterize_over_temperature,
+    read_ocv_test,
+)
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
+from .cell.temperature import group_near
 from .checks import FileCheck, SuggestedWindow, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
+from .model.inputs import temperature_of
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window
 from .records import Record, Source, read_record, read_source, source_from_frame
@@ -117,10 +125,11 @@ def read_inputs(
     hysteresis_fit: HysteresisFit,
     window: Window | Mapping[str, Window] | None,
     cell: CellModel | None = None,
+    over_temperature: bool = False,
     watch: Watch = unwatched,
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show,
-    unless that is known already."""
+    unless that is known already; `over_temperature` those of each temperature by themselves."""
     given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
     capacity = common.capacity_ah if capacity is None else capacity
@@ -163,8 +172,13 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
-        cell = cell or characterize(
-            ocv_records,
+        by_degc = group_tests(ocv_records, window) if over_temperature else {}
+        shown: Any = (
+            partial(characterize_over_temperature, by_degc)
+            if by_degc
+            else partial(characterize, ocv_records)
+        )
+        cell = cell or shown(
             capacity_ah=capacity,
             ocv_capacity_ah=ocv_capacity,
             ocv_fit=ocv_fit,
@@ -173,6 +187,33 @@ def read_inputs(
         )
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
+
+
+def group_tests(
+    tests: Sequence[Record | OcvTable], window: Window | Mapping[str, Window] | None
+) -> dict[float, list[Record | OcvTable]]:
+    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
+
+    Raises `InputError` for one of unknown temperature beside others of several.
+    """
+    own = window if isinstance(window, Mapping) else {}
+    degc = [
+        temperature_of(each, own.get(each.name, Window()))
+        if isinstance(each, Record)
+        else own.get(each.name, Window()).temperature_degc
+        for each in tests
+    ]
+    pairs = list(zip(degc, tests, strict=True))
+    found = group_near((known, each) for known, each in pairs if known is not None)
+    if len(found) < 2:
+        return {}
+    for known, each in pairs:
+        if known is None:
+            raise InputError(
+                f"{each.name}: has no column of temperatures, and the other OCV tests are of "
+                "several; say it with `temperature`"
+            )
+    return found
 
 
 def _checked(
@@ -190,14 +231,17 @@ def _checked(
         is_test = role == "OCV test"
         # A record's ampere-hours are judged by the capacity that it is simulated with.
         own_ah = capacity_ah
+        own_cell = cell
         if not is_test:
-            own_ah = window_of(window, source.name).capacity_ah or cell.capacity_ah
+            own_window = window_of(window, source.name)
+            own_cell = cell.at(temperature_of(taken, own_window))
+            own_ah = own_window.capacity_ah or own_cell.capacity_ah
         found = check_file(source, capacity_ah=own_ah)
         warnings += input_warnings(found, role, window)
         if found.traits is not None:
             degc[is_test].append((found.file, found.traits.temperature_degc))
         if not is_test:
-            against = compare_with_cell(taken, cell, own_ah)
+            against = compare_with_cell(taken, own_cell, own_ah)
             warnings += [each.sentence(found.file) for each in against]
     return warnings + compare_temperatures(degc[False], degc[True])
 
@@ -266,7 +310,7 @@ def windows_of(
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     if isinstance(window, Window | None):
         window = {"": window or Window()}
-    unknown = sorted(window.keys() - inputs.names - {""})
+    unknown = sorted(window.keys() - inputs.names - {each.name for each in inputs.ocv} - {""})
     if unknown:
         raise InputError(
             f"no record is called {unknown[0]!r}, for which options are given; there are "

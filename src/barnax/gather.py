@@ -172,19 +172,18 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
+        options: Any = {
+            "capacity_ah": capacity,
+            "ocv_capacity_ah": ocv_capacity,
+            "ocv_fit": ocv_fit,
+            "hysteresis_fit": hysteresis_fit,
+            "rest_current_a": common.rest_current_a,
+        }
         by_degc = group_tests(ocv_records, window) if over_temperature else {}
-        shown: Any = (
-            partial(characterize_over_temperature, by_degc)
-            if by_degc
-            else partial(characterize, ocv_records)
-        )
-        cell = cell or shown(
-            capacity_ah=capacity,
-            ocv_capacity_ah=ocv_capacity,
-            ocv_fit=ocv_fit,
-            hysteresis_fit=hysteresis_fit,
-            rest_current_a=common.rest_current_a,
-        )
+        if cell is None and by_degc:
+            cell = characterize_over_temperature(by_degc, **options)
+        elif cell is None:
+            cell = characterize(ocv_records, **options)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 

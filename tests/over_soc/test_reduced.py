@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, simulate_tables
 from barnax.over_soc.cross_validation import blocks_of
 from barnax.over_soc.fit import box_of
-from barnax.over_soc.intervals import _linearized
+from barnax.over_soc.intervals import _linearized, sag_of
 from barnax.over_soc.objective import Objective
 from barnax.over_soc.reduced import layout_of, reduce_records, together
 from barnax.over_soc.search import find_best, polish

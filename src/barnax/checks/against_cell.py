@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..cell import CellModel
 from ..records import Record
 from ..records.findings import Finding
-from ..records.samples import STEP_SHARE, step_resistance_ohm
+from ..records.samples import record_resistance_ohm
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
 _UNITS = {
@@ -67,9 +67,7 @@ def _source(
     record: Record, capacity_ah: float
 ) -> tuple[Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"]]:
     """The voltage without R I, and the charge taken out as a share of the capacity."""
-    step_a, step_v = np.diff(record.current_a), np.diff(record.voltage_v)
-    is_step = np.abs(step_a) > STEP_SHARE * np.abs(record.current_a).max()
-    resistance_ohm = step_resistance_ohm(step_a[is_step], step_v[is_step])
+    resistance_ohm = record_resistance_ohm(record)
     small_a = capacity_ah / _SMALL_HOURS
     at = np.flatnonzero(np.abs(record.current_a) < small_a)
     if len(at) < _SAMPLES:

@@ -19,11 +19,10 @@ from .cell import (
 )
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
-from .cell.temperature import group_near
 from .checks import FileCheck, SuggestedWindow, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
-from .model.inputs import temperature_of
+from .model.inputs import group_tests, temperature_of
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
@@ -187,33 +186,6 @@ def read_inputs(
             cell = characterize(ocv_records, **options)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
-
-
-def group_tests(
-    tests: Sequence[Record | OcvTable], window: Window | Mapping[str, Window] | None
-) -> dict[float, list[Record | OcvTable]]:
-    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
-
-    Raises `InputError` for one of unknown temperature beside others of several.
-    """
-    own = window if isinstance(window, Mapping) else {}
-    degc = [
-        temperature_of(each, own.get(each.name, Window()))
-        if isinstance(each, Record)
-        else own.get(each.name, Window()).temperature_degc
-        for each in tests
-    ]
-    pairs = list(zip(degc, tests, strict=True))
-    found = group_near((known, each) for known, each in pairs if known is not None)
-    if len(found) < 2:
-        return {}
-    for known, each in pairs:
-        if known is None:
-            raise InputError(
-                f"{each.name}: has no column of temperatures, and the other OCV tests are of "
-                "several; say it with `temperature`"
-            )
-    return found
 
 
 def _checked(

@@ -1,11 +1,13 @@
 """One record made ready to simulate: which part of it, its SOC, and a resting cell's voltage."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..cell import CellModel, get_circuit
+from ..cell import CellModel, OcvTable, get_circuit
+from ..cell.temperature import group_near
 from ..errors import InputError
 from ..execution import on_device
 from ..records import Record, current_direction, rest_current_a
@@ -171,6 +173,33 @@ def temperature_of(
     measured = record.temperature_degc[samples]
     known = measured[np.isfinite(measured)]
     return float(np.median(known)) if len(known) else None
+
+
+def group_tests(
+    tests: Sequence[Record | OcvTable], window: Window | Mapping[str, Window] | None
+) -> dict[float, list[Record | OcvTable]]:
+    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
+
+    Raises `InputError` for one of unknown temperature beside others of several.
+    """
+    own = window if isinstance(window, Mapping) else {}
+    degc = [
+        temperature_of(each, own.get(each.name, Window()))
+        if isinstance(each, Record)
+        else own.get(each.name, Window()).temperature_degc
+        for each in tests
+    ]
+    pairs = list(zip(degc, tests, strict=True))
+    found = group_near((known, each) for known, each in pairs if known is not None)
+    if len(found) < 2:
+        return {}
+    for known, each in pairs:
+        if known is None:
+            raise InputError(
+                f"{each.name}: has no column of temperatures, and the other OCV tests are of "
+                "several; say it with `temperature`"
+            )
+    return found
 
 
 def other_direction(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord | None:

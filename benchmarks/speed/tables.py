@@ -44,6 +44,7 @@ MORE_S, LONG_S = 3.0, 15.0
 # Of the record at 10 Hz.
 FINE_S, FINE_SAMPLES = 0.1, 141_000
 NOISE_V, SEED = 1e-3, 15
+IDENTIFY_TURNS = 1
 LENGTHS = (100_000, 1_000_000)
 RESULTS = Path(__file__).parents[1] / "results" / "table_speed.md"
 
@@ -133,14 +134,14 @@ def finer(samples: int, interval_s: float) -> barnax.Record:
     )
 
 
-def time_identify(turns: int) -> Iterator[str]:
+def time_identify() -> Iterator[str]:
     """A row for each record: wall and CPU seconds with and without tables, and the aim."""
     tests = [barnax.bundled_file(f"ocv_{way}") for way in ("discharge", "charge")]
     for record, limit_s in ((bundled_record(), None), (finer(FINE_SAMPLES, FINE_S), LONG_S)):
         spent = {name: [] for name in ("without", "with")}
         gap = ""
         # The first turn compiles.
-        for turn in range(turns + 1):
+        for turn in range(IDENTIFY_TURNS + 1):
             for name, over in (("without", None), ("with", "soc")):
                 wall_s, cpu_s = time.perf_counter(), time.process_time()
                 found = barnax.identify(record, ocv=tests, over=over)
@@ -193,12 +194,13 @@ def main(arguments: Sequence[str]) -> None:
         "",
         "`barnax.identify` in a warm process, `so-rc` with tables beside the constant `iso-rc`, "
         "everything included: search, proof, intervals, held-out blocks. Medians of "
-        f"{sizes.turns} turns. CPU seconds are of all cores together, and do not wait for others.",
+        f"{IDENTIFY_TURNS} turns. CPU seconds are of all cores together, and do not wait for "
+        "others.",
         "",
         "| samples | constant | with tables | tables add | CPU, constant | CPU, with tables "
         "| proved gap | aim | verdict |",
         "|---|---|---|---|---|---|---|---|---|",
-        *time_identify(sizes.turns),
+        *time_identify(),
         "",
         "Peak memory of a fresh process in MiB, the record and all libraries included, before and "
         "after `fit_tables`: reduction, search, proof, intervals and held-out blocks.",

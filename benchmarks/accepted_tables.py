@@ -159,7 +159,9 @@ def _prepared(folder: Path, cell: str, name: str) -> PreparedRecord:
     ocv = [barnax.read_record(place / f"{each}.parquet") for each in tests]
     capacity_ah = 2.0 if cell == SAMSUNG else None
     known = barnax.characterize(ocv, capacity_ah=capacity_ah, ocv_fit="interpolated")
-    return prepare_record(barnax.read_record(path), known, "so-rc", window)
+    # As the other program took it.
+    record = barnax.read_record(path, current_hold="backward")
+    return prepare_record(record, known, "so-rc", window)
 
 
 def _pair(values: Sequence[float] | None) -> str:

@@ -154,5 +154,5 @@ def test_what_is_no_file_is_refused(tmp_path, place):
 
 
 def test_a_file_of_version_1_says_how_to_get_version_2(read):
-    with pytest.raises(InputError, match="is of schema version 1; run the command that it stores"):
+    with pytest.raises(InputError, match="this file has schema version 1; run its stored command"):
         read({"schema_version": 1, "command": ["barnax", "identify"]})

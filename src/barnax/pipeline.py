@@ -135,7 +135,7 @@ def identify(
     reading = _with_options(reading or Reading(), options)
     tables = _with_options(tables or TableSettings(), options)
     if settings.over is None and tables != TableSettings():
-        raise InputError("tables are asked for with `over` 'soc'; give it too")
+        raise InputError("settings of tables need `over` 'soc'; give it too")
     if options:
         raise TypeError(f"identify() has no option {', '.join(sorted(options))}")
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
@@ -335,7 +335,7 @@ def _attempt(
         return function(*given, **more)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
         reason = str(problem) or type(problem).__name__
-        warnings.append(f"{what} could not be computed ({reason}); everything else stands")
+        warnings.append(f"{what} could not be computed ({reason}); the rest of the result is valid")
         return None
 
 
@@ -348,14 +348,14 @@ def _all_warnings(of_inputs: Sequence[str], run: Run) -> tuple[str, ...]:
         if each.metrics.r2 < 0:
             texts.append(
                 f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
-                f"would (R2 {each.metrics.r2:.3g}); what the checks of its file found is among "
-                "these warnings; look at its window, and at what `fix` and `bounds` hold"
+                f"would (R2 {each.metrics.r2:.3g}); see the other warnings about its file, and "
+                "check its window, `fix` and `bounds`"
             )
     for each in run.validation:
         texts += [*each.prepared.record.warnings, *each.prepared.warnings]
     whose = "" if run.tables is None else "the constant circuit's "
     texts += [
-        f"{whose}{each.name} is at its {each.side} bound: the bounds, not the data, set it"
+        f"{whose}{each.name} is at its {each.side} bound: the bounds set it, not the data"
         for each in run.answer.at_bound
     ]
     if run.tables is not None:
@@ -382,8 +382,8 @@ def validate_stored(
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
         warnings.append(
-            f"{measured.name}: is the record {own[measured.sha256]} that the circuit was "
-            "identified on, so it validates nothing"
+            f"{measured.name}: this is {own[measured.sha256]}, on which the circuit was "
+            "identified; validate on another record"
         )
     prepared = prepare_record(measured, cell, stored.model, window)
     evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)

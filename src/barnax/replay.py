@@ -68,7 +68,7 @@ class FilterSettings:
         if self.form not in ("joint", "dual"):
             raise InputError(f"`form` {self.form!r} is not known; there are joint, dual")
         if not 0 < self.soc_sd <= 1:
-            raise InputError(f"a soc_sd of {self.soc_sd:g} must be above 0 and at most 1")
+            raise InputError(f"`soc_sd` {self.soc_sd:g} must be above 0 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class SocReplay(Document):
         """Raises `InputError` for a replay that was read from a file."""
         if self._traces is None:
             raise InputError(
-                "this replay was read from a file, which holds no estimates over time; replay "
+                "this replay was read from a file, which has no estimates over time; replay "
                 "the record again"
             )
         return self._traces

@@ -266,8 +266,8 @@ class Result(Document):
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
         if document.get("schema_version") == 1:
             raise InputError(
-                f"{file}: is of schema version 1; run the command that it stores again, and barnax "
-                "writes version 2"
+                f"{file}: this file has schema version 1; run its stored command again to write "
+                "version 2"
             )
         return document
 
@@ -279,7 +279,7 @@ class Result(Document):
         """
         if self._run is None:
             raise InputError(
-                "this result was read from a file, which holds no records; identify again to have "
+                "this result was read from a file, which has no records; identify again to get "
                 "the search, the evaluations and the figures over time"
             )
         return self._run

@@ -87,7 +87,7 @@ def test_json_goes_to_stdout_alone(run, tmp_path):
         (("--models", "so-rc,rc"), "--models 'rc' is not known"),
         (("--methods", "ls,guess"), "--methods 'guess' is not known"),
         (("--ocv", "test.csv"), "give a record to identify on"),
-        (("missing.csv",), "an OCV test of the same cell is needed"),
+        (("missing.csv",), "an OCV test of the same cell is also needed"),
     ],
 )
 def test_bad_input_is_one_message(words, message, refuse):
@@ -118,5 +118,5 @@ def test_every_registered_optimizer_is_listed(run):
 
 def test_a_second_record_is_refused_rather_than_left_out():
     records = [BUNDLED.record, BUNDLED.validation]
-    with pytest.raises(InputError, match="on one record, and 2 were given"):
+    with pytest.raises(InputError, match="uses one record, but 2 were given"):
         compare_files(records, ocv=list(BUNDLED.ocv))

@@ -103,7 +103,7 @@ def test_verify_without_the_package_says_how_to_get_it(refuse, stored, monkeypat
 
 
 def test_verify_of_what_nothing_simulates_is_refused(refuse, stored):
-    assert "nothing here simulates csv" in refuse("export", stored, "--to", "csv", "--verify")
+    assert "not for csv" in refuse("export", stored, "--to", "csv", "--verify")
 
 
 @pytest.mark.parametrize("name", ["pybamm", "thevenin"])

@@ -125,7 +125,7 @@ def test_an_id_that_stands_twice_is_refused(tmp_path, made_rows):
 
 
 def test_an_unknown_method_is_refused_before_any_cell(tmp_path, made_rows):
-    with pytest.raises(InputError, match="`method` 'magic': there are"):
+    with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
         identify_fleet(cells_of("a"), tmp_path, executor=Inline(), settings={"method": "magic"})
     assert made_rows == []
 

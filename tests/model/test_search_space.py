@@ -175,7 +175,7 @@ NO_PAIR = "'R0 [Ohm]' must be two numbers, [lower, upper]"
         (b'[bounds]\n"R0 [Ohm]" = [1, 2, 3]\n', NO_PAIR),
         (b'[bounds]\n"R0 [Ohm]" = ["1", 2]\n', NO_PAIR),
         (b'[bounds]\n"R0 [Ohm]" = [true, 2]\n', NO_PAIR),
-        (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 401 + b"]\n", "a number beyond all bounds"),
+        (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 401 + b"]\n", "a number that is too large"),
         (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 5000 + b"]\n", "is not a TOML file"),
         (b"#" * 16_001, "is larger than any file of bounds"),
     ],

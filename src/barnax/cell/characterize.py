@@ -75,7 +75,7 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     columns = find_columns(source.table.header, OCV_QUANTITIES)
     if not is_ocv_table(source.table.header):
         raise InputError(
-            f"{source.name}: is no OCV table; name its columns, for example, 'SOC [-]' and "
+            f"{source.name}: not an OCV table; name its columns, for example, 'SOC [-]' and "
             "'OCV [V]', or 'SOC [-]', 'discharge OCV [V]' and 'charge OCV [V]'."
         )
     if "discharge OCV" in columns or "charge OCV" in columns:
@@ -108,11 +108,11 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
         point = OcvPoint(float(soc[line]), float(voltage_v[line]), file, int(lines.row[line]), 0.0)
         what = ""
         if not _SOC_RANGE[0] <= point.soc <= _SOC_RANGE[1]:
-            what = f"{lines.cell('SOC', line)!r} is no SOC between 0 and 1 (or 0 and 100 %)"
+            what = f"{lines.cell('SOC', line)!r} is not an SOC between 0 and 1 (or 0 and 100 %)"
         elif not _CELL_RANGE_V[0] <= point.voltage_v <= _CELL_RANGE_V[1]:
-            what = f"{lines.cell(name, line)!r} is no cell's voltage"
+            what = f"{lines.cell(name, line)!r} is not a cell voltage"
         elif points and point.soc == points[-1].soc:
-            what = f"SOC {point.soc:g} stands twice; keep one of the rows"
+            what = f"SOC {point.soc:g} occurs twice; keep one of the rows"
         if what:
             raise InputError(f"{found_at(lines, line, 'error', what).sentence(file)}.")
         points.append(point)
@@ -186,8 +186,7 @@ def characterize(
         capacity = Capacity(capacity_ah, "given", capacity_ah)
     else:
         raise InputError(
-            f"{tables[0].name}: an OCV table does not tell the capacity; give it as `capacity`, "
-            "in Ah"
+            f"{tables[0].name}: an OCV table has no capacity; give it as `capacity`, in Ah"
         )
     warnings.extend(_kind_warnings(sweeps, points))
     measured = {
@@ -238,8 +237,8 @@ def _require_one_each(
     if points and (points.keys() & more.keys() or EITHER in {*points, *more}):
         names = ", ".join(table.name for table in tables)
         raise InputError(
-            f"the OCV table {names} gives a branch that another OCV test gives too: give one of "
-            "them only"
+            f"the OCV table {names} has a branch that another OCV test also has; give only one of "
+            "them"
         )
 
 
@@ -260,8 +259,8 @@ def _shared_soc(charge: AbstractCurve, discharge: AbstractCurve) -> Float[np.nda
     if soc.size == 0:
         raise InputError(
             f"the charge covers SOC {charge.soc[0]:.3f} to {charge.soc[-1]:.3f}, the discharge "
-            f"{discharge.soc[0]:.3f} to {discharge.soc[-1]:.3f}: they share nothing, so they are "
-            "not one test"
+            f"{discharge.soc[0]:.3f} to {discharge.soc[-1]:.3f}: they do not overlap; give two "
+            "branches of the same cell"
         )
     return soc
 
@@ -304,6 +303,6 @@ def _kind_warnings(
     if len({sweep.kind for sweep in sweeps.values()}) == 2:
         return [
             f"{source}: one branch comes from rests, the other from a slow sweep: the hysteresis "
-            "voltage holds the overpotential of the slow current"
+            "voltage includes the overpotential of the slow sweep"
         ]
     return []

@@ -48,7 +48,7 @@ class CellModel:
 
     def __post_init__(self) -> None:
         if not 0 < self.capacity_ah < np.inf:
-            raise InputError(f"a capacity of {self.capacity_ah:g} Ah is no cell's")
+            raise InputError(f"the capacity {self.capacity_ah:g} Ah must be positive and finite")
         if not self.charge_points + self.discharge_points:
             raise InputError("a cell needs OCV points")
 
@@ -92,7 +92,7 @@ class CellModel:
         if not low_v - REST_VOLTAGE_MARGIN_V <= voltage_v <= high_v + REST_VOLTAGE_MARGIN_V:
             raise InputError(
                 f"the rested voltage {voltage_v:.4f} V is outside the OCV of this cell, "
-                f"{low_v:.4f} to {high_v:.4f} V: give the SOC there as `initial_soc`"
+                f"{low_v:.4f} to {high_v:.4f} V; give the SOC there as `initial_soc`"
             )
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])

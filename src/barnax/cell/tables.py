@@ -106,5 +106,5 @@ def require_nodes(nodes: Sequence[float]) -> None:
     if not len(nodes) or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0):
         raise InputError(
             f"the nodes {', '.join(f'{node:g}' for node in nodes)} must be states of charge, each "
-            "above the one before"
+            "above the previous one"
         )

@@ -51,7 +51,7 @@ def compare_files(
     """
     if isinstance(records, list | tuple) and len(records) > 1:
         raise InputError(
-            f"a comparison is on one record, and {len(records)} were given; give the others with "
+            f"a comparison uses one record, but {len(records)} were given; give the others with "
             "`validate`"
         )
     settings = settings or Settings()

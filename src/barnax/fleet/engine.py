@@ -117,7 +117,9 @@ def _require_known(settings: Mapping[str, Any]) -> None:
 
     for name, known in (("model", CIRCUITS), ("method", OPTIMIZERS)):
         if name in settings and settings[name] not in known:
-            raise InputError(f"`{name}` {settings[name]!r}: there are {', '.join(known)}")
+            raise InputError(
+                f"`{name}` {settings[name]!r} is not known; there are {', '.join(known)}"
+            )
 
 
 def _wanted(
@@ -133,7 +135,7 @@ def _wanted(
     for given in cells:
         cell = given if isinstance(given, FleetCell) else cell_of(given)
         if cell.id in seen:
-            raise InputError(f"the id {cell.id!r} stands twice; give each cell its own")
+            raise InputError(f"the id {cell.id!r} occurs twice; give each cell its own")
         seen.add(cell.id)
         if in_shard(cell, shard):
             print_ = cell.fingerprint(settings)

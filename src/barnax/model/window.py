@@ -79,9 +79,7 @@ class Window:
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"`{name}` {value} must be positive")
         if self.temperature_degc is not None and not -100 < self.temperature_degc < 200:
-            raise InputError(
-                f"`temperature` {self.temperature_degc:g} must be that of a cell, in degC"
-            )
+            raise InputError(f"`temperature` {self.temperature_degc:g} must be the cell's, in degC")
         if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
             raise InputError(
                 f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "

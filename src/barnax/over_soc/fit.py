@@ -231,15 +231,15 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
     if unknown or (RATE in ranges and not circuit.has_rate):
         raise InputError(
             f"the circuit {circuit.name} has no {', '.join(sorted(unknown)) or RATE} to bound or "
-            "to hold"
+            "fix"
         )
     if settings.half_hysteresis and not circuit.has_rate:
         raise InputError(
-            f"the circuit {circuit.name} has no dynamic hysteresis whose amplitude could be "
-            "fitted; choose the circuit esc"
+            f"the circuit {circuit.name} has no dynamic hysteresis, so `half_hysteresis` has no "
+            "amplitude to fit; choose the circuit esc"
         )
     if any(high < math.nextafter(low, 0) for low, high in tau_ranges_s):
-        raise InputError("the time constants have no range; widen their bounds")
+        raise InputError("the bounds leave no range for the time constants; widen them")
     return tau_ranges_s, _gamma_range(prepared_records, settings) if circuit.has_rate else None
 
 

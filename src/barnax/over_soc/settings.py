@@ -69,8 +69,8 @@ class TableSettings:
         known = {*RESISTANCES, *(tau for tau, _ in PAIRS), RATE}
         for name in {*self.bounds, *self.fixed} - known:
             raise InputError(
-                f"{name!r} cannot be bounded or held with tables over SOC; a resistance, a time "
-                "constant such as 'tau1 [s]' and gamma can"
+                f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, time "
+                "constants such as 'tau1 [s]' and gamma can"
             )
         for name in self.bounds.keys() & self.fixed.keys():
             raise InputError(f"{name!r} is both bounded and fixed; give one of them")

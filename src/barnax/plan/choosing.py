@@ -27,12 +27,12 @@ _FEWEST_STEPS = 10
 # To so many digits a capacity is known.
 _DIGITS = 4
 MAKE_OCV = (
-    "make one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
+    "measure one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
     "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
 )
 MAKE_RECORD = (
-    "there is no record to identify on: make a drive cycle, or pulses out of rests (HPPC), sampled "
-    "every second or so under load, over most of the state of charge"
+    "there is no record to identify on: measure a drive cycle, or pulses after rests (HPPC), "
+    "sampled about every second under load, over most of the state of charge"
 )
 
 
@@ -109,7 +109,7 @@ def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen])
         elif each.source and each.source.span_s:
             continue
         elif (same := first_of.setdefault(sha256, each)) is not each:
-            draft.take(each, "not used", f"is {same.name}, byte for byte")
+            draft.take(each, "not used", f"the same as {same.name}, byte for byte")
     for each in others:
         draft.take(each, "validation", "given", each.window)
     for each in tests:
@@ -194,14 +194,14 @@ def _without_ocv(draft: _Draft, dynamic: Sequence[Seen], free: Sequence[Seen]) -
     """A plan that lacks its OCV test."""
     elsewhere = [each for each in free if each.kind(None) in OCV_KINDS]
     for each in dynamic:
-        draft.take(each, "not used", f"waits for an OCV test: {_words(each)}")
-    missing = f"there is no OCV test: {MAKE_OCV}, and give its file too"
+        draft.take(each, "not used", f"usable once there is an OCV test: {_words(each)}")
+    missing = f"there is no OCV test: {MAKE_OCV}, and add its file"
     if dynamic and elsewhere:
         at = _named_degc(dynamic[0].temperature_degc)
         names = ", ".join(f"{each.name}{_named_degc(each.temperature_degc)}" for each in elsewhere)
         missing = (
-            f"there is no OCV test{at} as the records are, but {names}: {MAKE_OCV}; or give the "
-            "one there is with `ocv` all the same"
+            f"there is no OCV test{at}, the temperature of the records, but {names}: {MAKE_OCV}; "
+            "or use the one there is, with `ocv`"
         )
     elif not dynamic:
         missing = f"{MAKE_RECORD}; nor is there an OCV test: {MAKE_OCV}"
@@ -287,7 +287,9 @@ def _choose_validation(
     which = "the same profile again" if each.is_like(record) else "another profile"
     draft.take(each, "validation", f"{which}: {_words(each)}", window)
     for each, _ in others:
-        draft.take(each, "not used", "serves as well; give it with `validate` to validate on it")
+        draft.take(
+            each, "not used", "equally suitable; add it with `validate` to validate on it too"
+        )
 
 
 def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
@@ -301,7 +303,7 @@ def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
             draft.take(each, "not used", f"measured{at}, the OCV test{of}")
         elif each.kind(None) in OCV_KINDS:
             names = " and ".join(test.name for test in choice.tests)
-            reason = f"an OCV test too ({ocv_reason([each])}); {names} serves better"
+            reason = f"also an OCV test ({ocv_reason([each])}), but {names} is better"
             draft.take(each, "not used", reason)
         else:
             draft.take(each, "not used", _why_useless(each, draft.capacity_ah))
@@ -316,7 +318,7 @@ def _options(
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {"ocv_fit": "interpolated"}
-    reasons = {"ocv_fit": "the curves pass through every point that was measured"}
+    reasons = {"ocv_fit": "the curves pass through every measured point"}
     own_ah = _record_capacity_ah(record, window, choice)
     if own_ah is not None:
         options["capacity"] = own_ah
@@ -326,7 +328,7 @@ def _options(
         )
     elif choice.capacity_ah is not None:
         options["capacity"] = float(f"{choice.capacity_ah:.{_DIGITS}g}")
-        reasons["capacity"] = "in Ah; the longest discharge, for the OCV test does not tell it"
+        reasons["capacity"] = "in Ah; from the longest discharge, because the OCV test has none"
     return options, reasons
 
 

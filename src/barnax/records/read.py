@@ -186,7 +186,9 @@ def source_from_frame(
         whole = nw.from_native(table)
     except TypeError as error:
         kind = type(frame).__name__
-        raise InputError(f"{name}: is no data frame, but of type {kind}.") from error
+        raise InputError(
+            f"{name}: not a data frame, but of type {kind}; give a pandas, Polars or PyArrow frame."
+        ) from error
     whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
     series = tuple(_series(column) for column in whole.iter_columns())
     header = tuple(str(column) for column in whole.columns)
@@ -331,7 +333,7 @@ def _read_content(path: Path) -> bytes:
             # A pipe or a device has no size, and the latter no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
     except IsADirectoryError:
-        raise InputError(f"{shown}: is a directory; give one file of measured samples.") from None
+        raise InputError(f"{shown}: this is a folder; give one file of measured samples.") from None
     except FileNotFoundError:
         words = "there is no such file; check the name and the folder."
         raise InputError(f"{shown}: {words}") from None
@@ -340,7 +342,7 @@ def _read_content(path: Path) -> bytes:
         raise InputError(f"{shown}: cannot be read ({reason}).") from error
     if max(size, len(content)) > LARGEST_FILE:
         raise InputError(
-            f"{shown}: is larger than the {LARGEST_FILE / 1e9:g} GB that are read; give a part "
+            f"{shown}: larger than the limit of {LARGEST_FILE / 1e9:g} GB; give a part "
             "of the record."
         )
     return content

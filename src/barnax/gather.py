@@ -42,9 +42,10 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True)
 class Reading:
-    """How files are read: the signs of current in them, and their hold; "auto" finds out.
+    """How files are read: the sign of their current, and their hold; "auto" decides from the data.
 
-    `columns` names columns that barnax does not know, as `read_record` takes them.
+    A sign is "charge-positive" or "discharge-positive", a hold "forward" (the current flows until
+    the next sample) or "backward". `columns` names unknown columns, as for `read_record`.
     """
 
     current_sign: str = "auto"
@@ -56,10 +57,14 @@ class Reading:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is searched for, and how; `over` asks for tables beside the constant circuit.
+    """The circuit and how to search for it; `over` adds tables to the constant circuit.
 
-    Without a `model` the circuit is iso-rc; with tables, whose OCV correction takes up what a
-    switched hysteresis stands for, so-rc, or esc where hysteresis matters as it does for LFP.
+    Without `model`, the circuit is iso-rc; with tables, whose OCV correction replaces a switched
+    hysteresis, it is so-rc, or esc if hysteresis matters as much as for LFP. `method` is an
+    optimizer of `OPTIMIZERS`, run `seeds` times from `key`, with `population` candidates and
+    `iterations` generations, over R and C ("rc") or logarithms of R and tau ("log").
+
+    Raises `InputError` for a number out of range and an unknown `over`.
     """
 
     model: str | None = None

@@ -83,10 +83,14 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
 
 def test_where_a_test_is_missing_it_says_which_to_make(folder):
     lone = plan(BUNDLED.record)
-    assert lone.missing.startswith("there is no OCV test: measure one: from full, pulses of 5 to 10 %")
+    assert lone.missing.startswith(
+        "there is no OCV test: measure one: from full, pulses of 5 to 10 %"
+    )
     with pytest.raises(InputError, match=r"(?s)no OCV test.*drive cycle.*752 current steps"):
         barnax.identify(BUNDLED.record)
-    assert plan(BUNDLED.ocv).missing.startswith("there is no record to identify on: measure a drive")
+    assert plan(BUNDLED.ocv).missing.startswith(
+        "there is no record to identify on: measure a drive"
+    )
 
 
 def test_a_pulse_test_alone_is_both(folder):

@@ -43,10 +43,10 @@ _CELL_RANGE_V = (0.5, 6.0)
 
 @dataclass(frozen=True)
 class OcvTable:
-    """OCV over SOC as a file or data frame gives it.
+    """OCV over SOC from a file or data frame.
 
-    `branches` holds the points, by increasing SOC, of the discharge (-1), of the charge (+1), or
-    of a single curve that is neither (0).
+    `branches` has the points (SOC as a fraction, OCV in V), by increasing SOC, of the discharge
+    (-1), of the charge (+1), or of a single curve for both (0).
     """
 
     name: str
@@ -150,14 +150,15 @@ def characterize(
     hysteresis_fit: HysteresisFit = "continuous",
     rest_current_a: float | None = None,
 ) -> CellModel:
-    """The cell that an OCV test shows: one or several records or tables, in any order.
+    """The cell model from an OCV test: one or several records or tables, in any order.
 
-    Each record is a pulse-rest test or a slow sweep, of either direction or both. The cell rests
-    below `rest_current_a`, by default C/100 and never under five times the noise at rest.
-    `capacity_ah` is the cell's capacity where it is simulated. It does not stretch the SOC axis of
-    a test that spans both ends, which its own charge scales; `ocv_capacity_ah`, by default
-    `capacity_ah`, scales one that does not. A table has its SOC, and no capacity. Raises
-    `InputError` that names the record where it is no test, and `ValueError` for an unknown fit.
+    Each record is a test with pulses and rests or a slow sweep, in one direction or both. The cell
+    rests below `rest_current_a`, by default C/100 or five times the noise at rest, if that is more.
+    `capacity_ah` is the capacity in simulations. It does not change the SOC axis of a test from
+    full to empty, which is scaled by its own charge; `ocv_capacity_ah`, by default `capacity_ah`,
+    scales any other test. A table has an SOC, but no capacity. `ocv_fit` is "polynomial" (Li et
+    al., 2023, Eq. 21) or "interpolated". Raises `InputError` naming a record that is not an OCV
+    test, and `ValueError` for an unknown fit.
     """
     if not tests:
         raise InputError("an OCV test is needed; no record was given")

@@ -29,11 +29,11 @@ class FitError:
 
 @dataclass(frozen=True)
 class CellModel:
-    """What a candidate circuit does not change. Immutable; SOC is a fraction.
+    """A cell without its circuit: OCV curves, hysteresis voltage and capacity. Immutable.
 
-    `capacity_origin` says in words where the capacity comes from. A branch that was not measured
-    equals the other, and the hysteresis voltage is zero. `errors` holds the fit errors of
-    "charge", "discharge", "average" and "hysteresis".
+    SOC is a fraction. `capacity_origin` says where the capacity comes from. If a branch was not
+    measured, it equals the other, and the hysteresis voltage is zero. `errors` are the fit errors
+    of "charge", "discharge", "average" and "hysteresis", in V.
     """
 
     capacity_ah: float

@@ -64,17 +64,17 @@ def identify_fleet(
     batch: int | None = None,
     report: Callable[[Progress], None] = lambda progress: None,
 ) -> Progress:
-    """Identify many cells, a row each in the dataset `out`; what has a row already is skipped.
+    """Identify many cells into the dataset `out`, one row per cell; existing rows are skipped.
 
     `cells` are read lazily: those of a manifest, or mappings with an "id" and either a "problem"
-    or the columns of a manifest; what else they hold is carried into their rows. `settings` are
-    arguments of `identify` for all of them; without, no seeds search and the answer is the global
-    optimum. They run on `workers` processes, on the Dask `scheduler` at an address ("local" starts
-    one), or on an `executor` of your own. `shard` is which of how many parts of the fleet this is;
-    `retry` repeats those that failed. `report` is told of the progress after every batch.
+    or the columns of a manifest; their other items are copied to their rows. `settings` are
+    arguments of `identify` for all cells; by default no seeds are run and the answer is the global
+    optimum. Cells run on `workers` processes, on the Dask `scheduler` at an address ("local" starts
+    one), or on your own `executor`. `shard` is (part, parts) of the fleet; `retry` repeats failed
+    cells. `report` is called with the progress after every batch, which is returned at the end.
 
-    Raises `InputError` where `out` cannot be written to or an id stands twice. A cell that cannot
-    be identified has a row with the reason.
+    Raises `InputError` if `out` cannot be written to or an id occurs twice. If a cell cannot be
+    identified, its row says why.
     """
     out, chosen = Path(out), {"seeds": 0, **(settings or {})}
     count = workers or os.cpu_count() or 1

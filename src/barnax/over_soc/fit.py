@@ -57,7 +57,7 @@ class FitWarning:
 
 @dataclass(frozen=True)
 class TableFit:
-    """Tables over SOC and what is known of them.
+    """Tables over SOC, with their proof, intervals and errors.
 
     `objective_v` is sqrt(J), the penalties included; `errors` are those of each record, by scan.
     No tables with time constants in `tau_ranges_s` have a smaller sqrt(J) than `lower_bound_v`,
@@ -92,15 +92,15 @@ class TableFit:
 def fit_tables(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings | None = None
 ) -> TableFit:
-    """The tables that fit one or several records of one cell best, of the records' own circuit.
+    """The best tables over SOC for one or several prepared records of one cell and circuit.
 
-    Time constants are searched, and at every one of them all tables are the exact optimum of a
-    bounded least-squares problem. The source voltage is the records': the average OCV for `so-rc`,
-    with the switched hysteresis for `iso-rc`; `esc` has a dynamic one, of half the measured gap
-    unless its amplitude is fitted.
+    The time constants are searched; for each candidate, all tables are the exact optimum of a
+    bounded least-squares problem. The source voltage is that of the circuit: the average OCV for
+    `so-rc`, with switched hysteresis for `iso-rc`, and with dynamic hysteresis for `esc`, whose
+    amplitude is half the hysteresis voltage unless it is fitted.
 
-    Raises `InputError` where the box of time constants is empty or too wide, and where
-    `half_hysteresis` is asked for without a dynamic hysteresis.
+    Raises `InputError` if the box of time constants is empty or too wide, and for
+    `half_hysteresis` without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
     box = box_of(prepared_records, settings)

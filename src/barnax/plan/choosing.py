@@ -74,11 +74,11 @@ def plan(
     reading: Reading | None = None,
     watch: Watch = unwatched,
 ) -> Plan:
-    """What to do with a folder or some files of one cell, and why; nothing is run.
+    """The plan for a folder or some files of one cell, with reasons; nothing is run.
 
-    `ocv` and `validate` are files whose role is settled. Records of one temperature are joined
-    with an OCV test of the same. Raises `InputError` where there is no such file or none can be
-    read; where a test is missing, the plan says which.
+    `ocv` and `validate` are files whose role is given. Records are combined only with an OCV test
+    at the same temperature. Raises `InputError` if there is no such file or none can be
+    read; if a test is missing, the plan says which.
 
     >>> from barnax.bundled import BUNDLED
     >>> found = plan([BUNDLED.validation, *BUNDLED.ocv, BUNDLED.record])

@@ -227,15 +227,16 @@ def read_record(
     current_hold: Hold | Literal["auto"] = "auto",
     columns: Mapping[str, str] | str = NOTHING,
 ) -> Record:
-    """The record in a cycler's file, with discharge current positive.
+    """The record in a cycler file, with discharge current positive.
 
-    `current_sign` is the file's own ("charge-positive" or "discharge-positive"), `current_hold`
-    says whether a sample's current flowed "forward" or "backward" in time; "auto" finds both.
-    `columns` names columns that barnax does not know, with their units where the names lack them:
-    `{"time": "Zeit:min", "current": "I2:mA"}`, or the same as text, "time=Zeit:min,current=I2:mA".
+    `current_sign` is that of the file ("charge-positive" or "discharge-positive"); `current_hold`
+    says whether a sample's current flows until the next sample ("forward") or since the previous
+    one ("backward"); "auto" decides from the data. `columns` names unknown columns, with their
+    units if the names have none: `{"time": "Zeit:min", "current": "I2:mA"}`, or the same as text,
+    "time=Zeit:min,current=I2:mA".
 
-    Raises InputError when the file cannot be read or its content cannot be one cell's record,
-    and when the given sign contradicts strong evidence.
+    Raises `InputError` if the file cannot be read or is not a record of one cell,
+    and if the given sign contradicts strong evidence.
 
     >>> import pathlib, tempfile
     >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\\n" for k in range(20))
@@ -269,9 +270,9 @@ def record_from_frame(
     current_hold: Hold | Literal["auto"] = "auto",
     columns: Mapping[str, str] | str = NOTHING,
 ) -> Record:
-    """The record in a data frame of pandas, Polars or another library that narwhals reads.
+    """The record in a data frame of pandas, Polars or another library that narwhals supports.
 
-    The same names and units of columns are understood as in a file, and the same rules hold.
+    Columns, options and errors are those of `read_record`; messages call the frame `name`.
 
     >>> record = record_from_frame(
     ...     {

@@ -131,10 +131,10 @@ def known_words(start: "Start") -> dict[str, str]:
     rested, row = f"from the rested voltage {start.voltage_v:.4f} V", f"row {start.row}"
     return {
         "rested voltage": f"{rested} at {row}",
-        "full end": f"from the charge that ends full at {row}, and the ampere-hours between",
-        "empty end": f"from the discharge that ends empty at {row}, and the ampere-hours between",
+        "full end": f"counted in ampere-hours from the charge to full that ends at {row}",
+        "empty end": f"counted in ampere-hours from the discharge to empty that ends at {row}",
         "counters": "from the tester's counters, which began at full or empty; the voltage agrees",
-        "rest elsewhere": f"{rested} at {row}, and the ampere-hours between",
+        "rest elsewhere": f"{rested} at {row}, and the ampere-hours since",
     }
 
 

@@ -26,9 +26,9 @@ def hppc(
 
     Options are those of `identify`; tests at several
     temperatures give tables for each. Pulses and rests are found in the records. Without `ocv` the
-    rests of the test are the OCV, interpolated, and of several tests those of the one nearest to
-    25 degC, else of the first; the charge between its ends is the capacity, where none is given. A
-    simulation starts at the end of the rest before the first pulse, unless `window` says otherwise.
+    rests of the test are the OCV, interpolated; of several tests at one temperature, those of
+    the first. The charge between its ends is the capacity, if none is given. A simulation starts
+    at the end of the rest before the first pulse, unless `window` says otherwise.
     Without a record, the bundled cell's test at 25 degC is used, validated on its drive cycles.
 
     Raises `InputError` if a record has no pulses, and where `identify` does.

@@ -120,7 +120,7 @@ def test_two_commands_cannot_write_to_one_folder(tmp_path, made_rows, monkeypatc
 
 
 def test_an_id_that_stands_twice_is_refused(tmp_path, made_rows):
-    with pytest.raises(InputError, match="the id 'a' stands twice"):
+    with pytest.raises(InputError, match="the id 'a' occurs twice"):
         identify_fleet(cells_of("aba"), tmp_path, executor=Inline())
 
 

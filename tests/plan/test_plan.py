@@ -57,7 +57,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
     found = plan(folder)
     assert roles(found)["notes.txt"] == "not used"
     assert "columns" in reason(found, "notes.txt")
-    assert reason(found, "c.parquet") == "is again.parquet, byte for byte"
+    assert reason(found, "c.parquet") == "the same as again.parquet, byte for byte"
     assert ".hidden" not in roles(found)
     assert len(found.of_role("OCV test")) == 2
 
@@ -101,7 +101,7 @@ def test_a_pulse_test_alone_is_both(folder):
 
 
 def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):
-    with pytest.raises(InputError, match="holds no files"):
+    with pytest.raises(InputError, match="has no files"):
         plan(tmp_path)
     with pytest.raises(InputError, match="there is no such file"):
         plan(tmp_path / "missing.csv")

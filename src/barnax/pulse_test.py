@@ -24,8 +24,8 @@ def hppc(
 ) -> Result:
     """Tables over SOC from one or several pulse tests, and the resistances of every pulse.
 
-    Options are those of `identify`; tests at several
-    temperatures give tables for each. Pulses and rests are found in the records. Without `ocv` the
+    Options are those of `identify`. Tests at several temperatures give tables for each
+    temperature. Pulses and rests are found in the records. Without `ocv` the
     rests of the test are the OCV, interpolated; of several tests at one temperature, those of
     the first. The charge between its ends is the capacity, if none is given. A simulation starts
     at the end of the rest before the first pulse, unless `window` says otherwise.

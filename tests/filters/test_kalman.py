@@ -16,6 +16,7 @@ from barnax.filters import (
     mean_bounds,
     run_filter,
 )
+from barnax.filters.kalman import MANY_CELLS
 from barnax.filters.model import GRID
 from helpers.results import make_cell
 
@@ -282,6 +283,28 @@ def test_cells_and_tunings_run_in_one_call():
     together = jax.vmap(tuned)(white_v)
     np.testing.assert_allclose(together[1], filtered(model, drive, "ekf").soc, rtol=1e-12)
     assert not np.allclose(together[0], together[2])
+
+
+@pytest.mark.parametrize(("circuit", "slow"), [("esc", SLOW), ("iso-rc", ("R0", "R1", "tau2"))])
+@in_float64
+def test_many_cells_in_one_call_are_each_cell_alone(circuit, slow):
+    interval_s, current_a = profile(80)
+    voltage_v = np.random.default_rng(1).normal(3.75, 0.05, 80)
+    drive = drive_of(interval_s, current_a, voltage_v)
+    model = make_model(
+        make_cell(), circuit, CIRCUIT, ERRORS,
+        rest_current_a=REST_A, slow=slow, slow_sd=(0.02, 0.05, 0.1)[: len(slow)],
+    )  # fmt: skip
+
+    def one(capacity_ah, soc):
+        other = eqx.tree_at(lambda each: each.capacity_ah, model, capacity_ah)
+        return run_filter(other, other.start(soc, 0.1, 1.0, 0.3), drive)
+
+    capacities_ah, soc = jnp.linspace(1.8, 2.2, MANY_CELLS), jnp.linspace(0.1, 0.9, MANY_CELLS)
+    together, alone = jax.jit(jax.vmap(one))(capacities_ah, soc), jax.jit(one)
+    for cell in (0, 5, MANY_CELLS - 1):
+        for one_by_one, each in zip(alone(capacities_ah[cell], soc[cell]), together, strict=True):
+            np.testing.assert_allclose(each[cell], one_by_one, rtol=0, atol=1e-12)
 
 
 def test_correlated_innovations_are_not_white():

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 from barnax.optimizers import (
     AbstractPopulationMinimiser,
+    AdaptiveGenetic,
+    Ecosystem,
     GreyWolf,
     ParticleSwarm,
     SeagullSearch,
@@ -158,6 +160,32 @@ COMPARISONS = (
         "EvoloPy moves its whales one after the other and in place, so a random whale may have "
         "moved already in the same generation; ours all move from where the last one left them.",
     ),
+    Comparison(
+        "mealpy",
+        "aeo",
+        Ecosystem(POPULATION, ITERATIONS),
+        Ecosystem(POPULATION, ITERATIONS, bounded=False),
+        "bounded=False",
+        True,
+        "a candidate consumes the producer, a worse consumer or both, each by a third; all decay "
+        "about the best; a candidate gives way only to a better one.",
+        "mealpy's producer is made of the worst candidate and takes its place, better or not, "
+        "where the authors make it of the best; the best is what consumers eat, or a better "
+        "consumer, where the authors take a worse one; a consumption factor is one number for all "
+        "dimensions.",
+    ),
+    Comparison(
+        "mealpy",
+        "ga",
+        AdaptiveGenetic(POPULATION, ITERATIONS),
+        AdaptiveGenetic(POPULATION, ITERATIONS, mutation=0.05),
+        "mutation=0.05",
+        True,
+        "two parents are crossed, children mutate coordinate by coordinate.",
+        "mealpy's rates are constant (0.95 and 0.025), a fifth of the population fights for "
+        "parenthood, a child takes each coordinate from one of its parents, and a mutation is a "
+        "fresh coordinate; no library was found with rates that follow the losses.",
+    ),
 )
 
 # Read, not run: why these are no checks.
@@ -171,10 +199,6 @@ OTHER_RULES = (
     "mealpy 3.0.3, SFO: a sailfish moves only to a better place and about the best sardine; there "
     "are ten sardines a sailfish.",
     "mealpy 3.0.3, BMO: p is uniform, and the offspring replace their parents.",
-    "mealpy 3.0.3, AEO: the producer is made of the worst candidate and takes its place, better or "
-    "not, where the authors make it of the best; the best is what consumers eat; a consumption "
-    "factor is one number for all dimensions.",
-    "mealpy 3.0.3, GA: constant rates, a roulette, and one cut.",
     "NiaPy 2.7.1, PSO: the inertia is constant, and the common best changes within a generation.",
     "opytimizer 5.0.1: in WOA a random point stands for the random whale and l is normal; GWO has "
     "one A and C for all dimensions and moves only to better places; PSO has one number for all "

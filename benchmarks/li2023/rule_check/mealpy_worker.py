@@ -1,10 +1,10 @@
-"""mealpy's seagulls and opfunu's functions; run by the Python of an environment that has them."""
+"""mealpy's searches and opfunu's functions; run by the Python of an environment that has them."""
 
 # The library draws from NumPy's global state.
 # ruff: noqa: NPY002
 
 import numpy as np
-from mealpy import SOA, FloatVar
+from mealpy import AEO, GA, SOA, FloatVar
 from opfunu import name_based
 from opfunu.utils import operator
 from sizes import ITERATIONS, POPULATION
@@ -16,6 +16,19 @@ def seagulls(loss, half_width, dims, seed):
     # this height, makes both the same, and in the epoch more it is zero and nothing moves.
     epochs = ITERATIONS + 1
     search = SOA.OriginalSOA(epoch=epochs, pop_size=POPULATION, fc=2 * epochs / ITERATIONS)
+    return solve(search, loss, half_width, dims, seed)
+
+
+def ecosystem(*problem):
+    # An epoch of it evaluates everyone twice.
+    return solve(AEO.OriginalAEO(epoch=ITERATIONS // 2, pop_size=POPULATION), *problem)
+
+
+def genes(*problem):
+    return solve(GA.BaseGA(epoch=ITERATIONS, pop_size=POPULATION), *problem)
+
+
+def solve(search, loss, half_width, dims, seed):
     problem = {
         "obj_func": loss,
         "bounds": FloatVar(lb=[-half_width] * dims, ub=[half_width] * dims),
@@ -34,7 +47,7 @@ def quartic(x):
 
 
 work(
-    {"soa": seagulls},
+    {"soa": seagulls, "aeo": ecosystem, "ga": genes},
     {
         "F1": operator.sphere_func,
         "F5": quartic,

@@ -12,6 +12,7 @@ which keeps all weights positive.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -19,28 +20,16 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Scalar
 
-from .model import Drive, FilterModel
+from .cells import filter_in_scalars
+from .model import Drive, Estimate, FilterModel
 
 Kind = Literal["ekf", "ukf"]
 Form = Literal["joint", "dual"]
 Vector = Float[Array, "states"]
 Matrix = Float[Array, "states states"]
 KAPPA = 1.0
-
-
-class Estimate(NamedTuple):
-    """After every sample: SOC and slow parameters with deviations, and how the voltage came.
-
-    `innovation_v` is measured minus predicted voltage, `innovation_sd_v` what the filter expected
-    of it.
-    """
-
-    soc: Float[Array, "*samples"]
-    soc_sd: Float[Array, "*samples"]
-    slow: Float[Array, "*samples slow"]
-    slow_sd: Float[Array, "*samples slow"]
-    innovation_v: Float[Array, "*samples"]
-    innovation_sd_v: Float[Array, "*samples"]
+# From so many cells on, numbers over the cells are faster than matrices of each.
+MANY_CELLS = 16
 
 
 class _Belief(NamedTuple):
@@ -81,12 +70,11 @@ def run_filter(
         sensitivity = jnp.zeros((len(mean), len(slow)))
         step = _dual_step(model, kind, adapting)
         rows = lax.scan(step, (beliefs, sensitivity, jnp.ones_like(mean[0])), drive)[1]
-    else:
-        belief = _Belief(
-            jnp.concatenate([mean, slow]), jnp.diag(jnp.concatenate([variance, model.slow_sd**2]))
-        )
-        rows = lax.scan(_joint_step(model, kind), belief, drive)[1]
-    count = len(slow)
+        return _estimate(rows, len(slow))
+    return _extended(model, start, drive) if kind == "ekf" else _joint(model, start, drive, kind)
+
+
+def _estimate(rows: Float[Array, "samples kept"], count: int) -> Estimate:
     deviations = jnp.sqrt(rows[:, 2 + count :])
     return Estimate(
         *(rows[:, 0], deviations[:, 0], rows[:, 2 : 2 + count], deviations[:, 1:-1]),
@@ -102,6 +90,31 @@ def _row(belief: _Belief, slow: _Belief, innovation_v: Scalar, variance_v2: Scal
             *(belief.covariance[0, :1], jnp.diag(slow.covariance), variance_v2[None]),
         ]
     )
+
+
+def _joint(model: FilterModel, start: tuple[Vector, Vector], drive: Drive, kind: Kind) -> Estimate:
+    mean, variance = start
+    belief = _Belief(
+        jnp.concatenate([mean, jnp.zeros_like(model.slow_sd)]),
+        jnp.diag(jnp.concatenate([variance, model.slow_sd**2])),
+    )
+    return _estimate(lax.scan(_joint_step(model, kind), belief, drive)[1], len(model.slow_sd))
+
+
+@jax.custom_batching.custom_vmap
+def _extended(model: FilterModel, start: tuple[Vector, Vector], drive: Drive) -> Estimate:
+    return _joint(model, start, drive, "ekf")
+
+
+@_extended.def_vmap
+def _extended_of_cells(axis_size: int, in_batched, *given):
+    def batched(leaf, is_batched):
+        return leaf if is_batched else jnp.broadcast_to(leaf, (axis_size, *leaf.shape))
+
+    cells = jax.tree.map(batched, given, tuple(in_batched))
+    one = filter_in_scalars if axis_size >= MANY_CELLS else partial(_joint, kind="ekf")
+    found = jax.vmap(one)(*cells)
+    return found, jax.tree.map(lambda _: True, found)
 
 
 def _joint_step(model: FilterModel, kind: Kind):
@@ -202,26 +215,11 @@ def _correct(
 
 def _extended_move(advance: Callable[[Vector], Vector], belief: _Belief, walk: Vector) -> _Belief:
     slope, mean = jax.jacfwd(lambda state: (advance(state),) * 2, has_aux=True)(belief.mean)
-    moved = _carried(slope, belief.covariance)
+    # Sums of products compile into one kernel with what is around them; products of such small
+    # matrices are a kernel each, and the filter takes half as long again.
+    half = jnp.sum(slope[:, :, None] * belief.covariance, axis=1)
+    moved = jnp.sum(half[:, None, :] * slope, axis=2)
     return _Belief(mean, moved + jnp.diag(walk))
-
-
-@jax.custom_batching.custom_vmap
-def _carried(slope: Matrix, covariance: Matrix) -> Matrix:
-    """The covariance after a linear move.
-
-    For one cell sums of products, which compile into one kernel with what is around them: products
-    of such small matrices are a kernel each, and the filter takes half as long again. For many
-    cells at once the products are twice as fast.
-    """
-    half = jnp.sum(slope[:, :, None] * covariance, axis=1)
-    return jnp.sum(half[:, None, :] * slope, axis=2)
-
-
-@_carried.def_vmap
-def _carried_together(axis_size: int, in_batched, slope, covariance):
-    del axis_size, in_batched
-    return slope @ covariance @ jnp.matrix_transpose(slope), True
 
 
 def _extended_see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen:

@@ -77,6 +77,21 @@ class Drive(NamedTuple):
         )
 
 
+class Estimate(NamedTuple):
+    """After every sample: SOC and slow parameters with deviations, and how the voltage came.
+
+    `innovation_v` is measured minus predicted voltage, `innovation_sd_v` what the filter expected
+    of it.
+    """
+
+    soc: Float[Array, "*samples"]
+    soc_sd: Float[Array, "*samples"]
+    slow: Float[Array, "*samples slow"]
+    slow_sd: Float[Array, "*samples slow"]
+    innovation_v: Float[Array, "*samples"]
+    innovation_sd_v: Float[Array, "*samples"]
+
+
 class FilterModel(eqx.Module):
     """A cell as a filter sees it; all of it may be batched, over cells or over tunings.
 

@@ -10,12 +10,19 @@ from typing import Any, Literal
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import CellModel, OcvTable, characterize, read_ocv_test
+from .cell import (
+    CellModel,
+    OcvTable,
+    characterize,
+    characterize_over_temperature,
+    read_ocv_test,
+)
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .checks import FileCheck, SuggestedWindow, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
+from .model.inputs import group_tests, temperature_of
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
@@ -118,10 +125,11 @@ def read_inputs(
     hysteresis_fit: HysteresisFit,
     window: Window | Mapping[str, Window] | None,
     cell: CellModel | None = None,
+    over_temperature: bool = False,
     watch: Watch = unwatched,
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show,
-    unless that is known already."""
+    unless that is known already; `over_temperature` those of each temperature by themselves."""
     given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
     capacity = common.capacity_ah if capacity is None else capacity
@@ -164,14 +172,18 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
-        cell = cell or characterize(
-            ocv_records,
-            capacity_ah=capacity,
-            ocv_capacity_ah=ocv_capacity,
-            ocv_fit=ocv_fit,
-            hysteresis_fit=hysteresis_fit,
-            rest_current_a=common.rest_current_a,
-        )
+        options: Any = {
+            "capacity_ah": capacity,
+            "ocv_capacity_ah": ocv_capacity,
+            "ocv_fit": ocv_fit,
+            "hysteresis_fit": hysteresis_fit,
+            "rest_current_a": common.rest_current_a,
+        }
+        by_degc = group_tests(ocv_records, window) if over_temperature else {}
+        if cell is None and by_degc:
+            cell = characterize_over_temperature(by_degc, **options)
+        elif cell is None:
+            cell = characterize(ocv_records, **options)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 
@@ -201,7 +213,8 @@ def _checked(
         is_test = role == "OCV test"
         # A record's ampere-hours are judged by the capacity that it is simulated with.
         own = window_of(window, source.name)
-        own_ah = own.capacity_ah or capacity_ah or (None if is_test else cell.capacity_ah)
+        own_cell = cell if is_test else cell.at(temperature_of(taken, own))
+        own_ah = own.capacity_ah or capacity_ah or (None if is_test else own_cell.capacity_ah)
         found = check_file(
             source if is_test else _simulated(source, taken, own),
             capacity_ah=own_ah,
@@ -213,7 +226,7 @@ def _checked(
         if found.traits is not None:
             degc[is_test].append((found.file, found.traits.temperature_degc))
         if not is_test:
-            against = compare_with_cell(taken, cell, own_ah)
+            against = compare_with_cell(taken, own_cell, own_ah)
             warnings += [each.sentence(found.file) for each in against]
     return warnings + compare_temperatures(degc[False], degc[True])
 
@@ -300,7 +313,7 @@ def windows_of(
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     if isinstance(window, Window | None):
         window = {"": window or Window()}
-    unknown = sorted(window.keys() - inputs.names - {""})
+    unknown = sorted(window.keys() - inputs.names - {each.name for each in inputs.ocv} - {""})
     if unknown:
         raise InputError(
             f"no record is called {unknown[0]!r}, for which options are given; there are "

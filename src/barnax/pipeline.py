@@ -146,7 +146,8 @@ def identify(
         records, ocv, validate, reading,
         capacity=capacity, ocv_capacity=ocv_capacity,
         ocv_fit=ocv_fit or "polynomial", hysteresis_fit=hysteresis_fit,
-        window=window, cell=cell, watch=watch,
+        window=window, cell=cell, over_temperature=settings.over == OVER_TEMPERATURE,
+        watch=watch,
     )  # fmt: skip
     with telling(inputs.warnings), watch("Setting up the problem", 0):
         windows = windows_of(inputs, window, capacity)

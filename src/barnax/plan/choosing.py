@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..cell.temperature import SAME_DEGC
 from ..errors import InputError
 from ..gather import Reading, Watch, listed, unwatched
 from ..model.inputs import prepare_record
 from ..model.window import Window
-from ..over_soc.temperature import SAME_DEGC
 from .looking import Seen, files_of, look
 from .ocv import OCV_KINDS, OcvChoice, choose_ocv, ocv_reason
 from .parts import ROLES, Part, Plan, Use

@@ -57,6 +57,14 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
         yield f"A sample's current flows {FLOWS[hold.value]} in {joined(names)} ({_reason(hold)})."
     yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
     yield from ocv_sentences(cell)
+    for each in cell.elsewhere:
+        points = each.charge_points + each.discharge_points
+        tests = joined(list(dict.fromkeys(point.source for point in points)))
+        yield (
+            f"That is of {cell.temperature_degc:.3g} degC. Records at {each.temperature_degc:.3g} "
+            f"degC have the OCV of {tests} and {each.capacity_ah:.4f} Ah, and what lies between "
+            "is linear in temperature."
+        )
     simulated = [each for each in stored.inputs if each.start is not None]
     for window, names in _gathered((each.window, each.name) for each in simulated):
         yield from window_sentences(window, names)

@@ -39,7 +39,7 @@ def test_the_tables_and_the_verdict_are_printed(compared):
     outcome, _ = compared
     printed = " ".join(outcome.out.split())
     assert max(map(len, outcome.out.splitlines())) <= 80
-    for part in ("Parameters", "Search", "lowest error", "varpro so-rc"):
+    for part in ("Parameters", "Search", "lowest RMSE", "varpro so-rc"):
         assert part in printed
 
 

@@ -116,7 +116,7 @@ def test_verify_prints_the_largest_difference_in_volts(run, stored, name):
     assert outcome.status == 0
     words = " ".join(outcome.out.split())
     assert f"Largest difference from barnax in {name} " in words
-    assert re.search(r"pulse test: [0-9.e-]+ V \(rms [0-9.e-]+ V\)", words)
+    assert re.search(r"pulse test: [0-9.e-]+ V \(RMS [0-9.e-]+ V\)", words)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")

@@ -71,7 +71,7 @@ def test_files_are_found_by_name_and_known_by_content(run, altered, tmp_path, re
     result = altered(lambda document: document.update(command=words))
     outcome = run("rerun", result)
     assert outcome.status == 2
-    assert "is in none of" in outcome.err
+    assert "not found in" in outcome.err
     assert "give its folder with --data" in outcome.err
     run("rerun", result, "--data", files)
     assert repeats == [

@@ -2,7 +2,7 @@
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ from .groups import OUTPUT, SEARCH, grouped, option
 from .options import TableOptions, complete_circuits, complete_methods
 from .output import write_file
 from .record_options import Files, RecordOptions
-from .session import Session, as_flags, shown, use_compilation_cache
+from .session import Session, as_flags, shown
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
@@ -148,7 +148,9 @@ def fleet(
     """
     session = Session(is_quiet=output.quiet)
     from ..fleet.manifest import parse_shard, read_manifest
+    from ..fleet.worker import prepare_process
     from ..reporting.fleet import closing_lines, missing_lines, progress_remark
+    from ..reporting.words import counted
 
     cells, carried = read_manifest(manifest, _defaults(files, of_records, search))
     session.note(_what_is_there(cells, carried))
@@ -156,8 +158,10 @@ def fleet(
         lines = missing_lines(cells)
         session.show(map(shown, lines[:MOST_LISTED]))
         if lines:
-            raise InputError(f"{len(lines)} files or patterns are missing; correct {manifest}")
+            count = counted(len(lines), "missing file")
+            raise InputError(f"{manifest}: {count}; correct them")
         return
+    prepare_process()
     from ..fleet.engine import identify_fleet
 
     settings = _settings(search, tables, output)
@@ -180,9 +184,9 @@ def fleet(
             retry=engine.retry,
             report=report,
         )
-    lines = closing_lines(state, output.out, session.elapsed_s)
-    written = output.out / "report.html"
-    if state.finished or not written.exists():
+    lines = closing_lines(state, output.out, session.elapsed_s, engine.shard)
+    # Shards run beside each other: the command that takes them together writes the report.
+    if not engine.shard and (state.finished or not (output.out / "report.html").exists()):
         with session.watch("Writing the report"):
             lines[1] = _write_report(cells, carried, settings, output.out)
     session.show(shown(as_flags(line)) for line in lines)
@@ -192,7 +196,6 @@ def _write_report(
     cells: "list[FleetCell]", carried: tuple[str, ...], settings: dict[str, Any], out: Path
 ) -> str:
     """The report in the folder, and its sentence; fits that cannot be repeated are not drawn."""
-    use_compilation_cache()
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
     from ..reporting import to_html
@@ -204,10 +207,16 @@ def _write_report(
     worst = {}
     for name, _ in summary.worst:
         with suppress(InputError, KeyError):
-            worst[name] = identified(known[name], settings)[0].run.identification[0]
+            alone = replace(known[name], validate=())
+            worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
-    write_file(out / "report.html", to_html(document.spelled(as_flags)).encode())
+    write_file(out / "report.html", to_html(document.spelled(_as_columns)).encode())
     return fleet_sentence(summary)
+
+
+def _as_columns(text: str) -> str:
+    """A message with the options that it names as a manifest's columns are called."""
+    return text.replace("`", "")
 
 
 def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:

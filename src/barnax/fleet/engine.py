@@ -10,7 +10,14 @@ import multiprocessing
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from concurrent.futures.process import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -287,4 +294,10 @@ def _dask(address: str, workers: int) -> Iterator[Executor]:
                 f"`scheduler` {address!r}: cannot be reached ({problem}); give the address that "
                 "`dask scheduler` printed, or 'local'"
             ) from problem
-        yield client.get_executor(pure=False)
+        try:
+            yield client.get_executor(pure=False)
+        except CancelledError as problem:
+            raise InputError(
+                f"`scheduler` {address!r}: is gone; start it again, and the same command goes on "
+                "where it stopped"
+            ) from problem

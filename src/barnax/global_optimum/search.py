@@ -198,18 +198,22 @@ def find_global_optimum(
     constants; if that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
     "grid-verified". Raises `InputError` if the box is too wide to compress.
     """
-    reduced = Reduced.of(problem)
-    landscape = landscape_of(reduced)
     descent = Descent(problem)
-    starts = landscape.minima(FACTOR)[:MOST_MINIMA]
-    ends = _polish(descent, [landscape.circuit(point) for point in starts])
+    # Kept with the problem: where the direction before the start is open, it was looked for before.
+    if "minima" not in vars(problem):
+        reduced = Reduced.of(problem)
+        landscape = landscape_of(reduced)
+        starts = landscape.minima(FACTOR)[:MOST_MINIMA]
+        ends = _polish(descent, [landscape.circuit(point) for point in starts])
+        vars(problem)["minima"] = reduced, landscape, ends
+    reduced, landscape, ends = vars(problem)["minima"]
     certificate = None
     for _ in range(MOST_PROOFS if prove else 0):
         certificate = certify(reduced, min(end.rmse_v for end in ends), most_cells)
         if certificate.better is None:
             break
         # The grid can miss a basin; a proof cannot.
-        ends += _polish(descent, [certificate.better])
+        ends = [*ends, *_polish(descent, [certificate.better])]
     optima = distinct_optima(ends)
     optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(descent.objective.coordinates, optima[0].parameters)
@@ -219,7 +223,7 @@ def find_global_optimum(
 def _polish(descent: Descent, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
     """Levenberg-Marquardt from grid points, in blocks of one shape so that nothing recompiles."""
     missing = -len(circuits) % SEEDS_PER_BLOCK
-    ends = descent([*circuits, *circuits[-1:] * missing], SEED_TOLERANCE)
+    ends = descent([*circuits, *circuits[-1:] * missing], SEED_TOLERANCE, by_scan=False)
     for _ in range(FINAL_ROUNDS):
         starts = [end.parameters for end in ends]
         ends = descent(starts, FINAL_TOLERANCE, holds_bounds=True)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..execution import compile_for, in_float64, seed_blocks
+from ..execution import compile_for, in_float64, on_device, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
 from .inputs import PreparedRecord, prepare_record, require_changing_voltage
@@ -43,9 +43,9 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
 
 Kind = Literal["scan", "compressed"]
 KINDS: tuple[Kind, ...] = ("scan", "compressed")
-# What a problem keeps of its arrays.
+# What a problem keeps of its arrays, and of the search for its global optimum.
 COMPUTED = (
-    "all_inputs", "scan", "compressed", "coordinates", "padded_scan", "padded_compressed",
+    "all_inputs", "scan", "compressed", "coordinates", "padded_scan", "padded_compressed", "minima",
 )  # fmt: skip
 
 
@@ -167,7 +167,7 @@ class Problem:
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
     ) -> list[CircuitParameters]:
         """The circuits at some points, pairs ordered by tau where both have one box."""
-        circuits = jax.tree.map(np.asarray, _decode(jnp.asarray(np.stack(points)), coordinates))
+        circuits = jax.tree.map(np.asarray, _decode(on_device(points), coordinates))
         found = []
         for index in range(len(points)):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
@@ -199,7 +199,7 @@ def point_blocks(
     ]
     last = len(values) - 1
     blocks = [[values[min(at, last)] for at in block] for block in seed_blocks(len(values))]
-    return [_encode(jnp.asarray(np.array(block)), coordinates) for block in blocks]
+    return [_encode(on_device(block), coordinates) for block in blocks]
 
 
 def _rmse_of_all(points: Float[Array, "points free"], objective: Objective):
@@ -228,11 +228,8 @@ def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RC
 
 def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     """A circuit's values as the simulation takes them. Call inside float64."""
-    return RCParameters(
-        r0=jnp.asarray(parameters.r0),
-        r=tuple(jnp.asarray(r) for r in parameters.r),
-        tau=tuple(jnp.asarray(tau) for tau in parameters.tau_s),
-        gamma=None if parameters.gamma is None else jnp.asarray(parameters.gamma),
+    return jax.tree.map(
+        on_device, RCParameters(parameters.r0, parameters.r, parameters.tau_s, parameters.gamma)
     )
 
 

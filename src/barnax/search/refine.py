@@ -13,7 +13,14 @@ from jaxtyping import Array, Bool, Float, Scalar
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..execution import SEEDS_PER_BLOCK, compile_for, in_float64, run_blocks, wanted_rows
+from ..execution import (
+    SEEDS_PER_BLOCK,
+    compile_for,
+    in_float64,
+    on_device,
+    run_blocks,
+    wanted_rows,
+)
 from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
 from ..model.search_space import Coordinates
 from .seeds import Search
@@ -44,8 +51,8 @@ class Descent:
     """Levenberg-Marquardt on one problem, compiled once for blocks of `SEEDS_PER_BLOCK` starts.
 
     It runs on the compressed objective, whichever the search took, unless the box is too wide for
-    that or `kind` says otherwise; the errors it returns are the scan's. Compiling depends on the
-    problem alone, so it can be done beside the search.
+    that or `kind` says otherwise; the errors it returns are the scan's unless that is left out.
+    Compiling depends on the problem alone, so it can be done beside the search.
     """
 
     @in_float64
@@ -57,9 +64,9 @@ class Descent:
         except InputError:
             self.kind = "scan"
             self.objective = problem.padded_objective("scan")
-        template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
+        template = [np.asarray(self.objective.coordinates.lower)] * SEEDS_PER_BLOCK
         self._compiled = compile_for(
-            _descend, self.objective, template, jnp.asarray(0.0), jnp.asarray(False)
+            _descend, self.objective, *map(on_device, (template, 0.0, False))
         )
 
     @in_float64
@@ -69,6 +76,7 @@ class Descent:
         tolerance: float,
         *,
         holds_bounds: bool = False,
+        by_scan: bool = True,
         progress: Callable[[int], None] | None = None,
     ) -> list[RefinedSeed]:
         """Every circuit refined; `tolerance` is relative to the circuit's own error."""
@@ -76,13 +84,13 @@ class Descent:
 
         @in_float64  # the setting belongs to a thread
         def run(points):
-            settings = (jnp.asarray(tolerance), jnp.asarray(holds_bounds))
+            settings = on_device(tolerance), on_device(holds_bounds)
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
         ends = run_blocks(run, starts, wanted_rows(len(circuits)), progress)
         points, errors_v, converged, evaluations = zip(*ends, strict=True)
         found = self.problem.parameters_at(points, self.objective.coordinates)
-        if self.kind != "scan":
+        if by_scan and self.kind != "scan":
             errors_v = rmse_by_scan(self.problem, found)
         return [
             RefinedSeed(
@@ -280,11 +288,9 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
 
 def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, ...]:
     """Which parameters are at an end of a box in `log` coordinates."""
-    point = np.asarray(point_blocks([parameters], box)[0][0])
-    places = [
-        (name, value, low, high)
-        for name, value, low, high in zip(box.names, point, box.lower, box.upper, strict=True)
-    ]
+    point = np.asarray(point_blocks([parameters], box)[0])[0]
+    ends = np.asarray(box.lower), np.asarray(box.upper)
+    places = list(zip(box.names, point, *ends, strict=True))
     # A pair bounded in C can still end at the limits of its tau.
     for pair, tau_s in enumerate(parameters.tau_s):
         name, limits = f"tau{pair + 1} [s]", np.asarray(box.tau_limits_s)[pair]

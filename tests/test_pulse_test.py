@@ -56,10 +56,10 @@ def test_of_several_tests_the_first_is_the_ocv_test(asked, tmp_path):
     assert [source.name for source in asked["ocv"]] == ["again.parquet"]
 
 
-def test_tests_at_several_temperatures_share_the_ocv_of_the_one_nearest_to_25_degc(asked):
+def test_tests_at_several_temperatures_each_have_their_own_ocv(asked):
     hppc([bundled_file("hppc_10degC"), HPPC])
     assert asked["over"] == "soc,temperature"
-    assert [source.name for source in asked["ocv"]] == [HPPC.name]
+    assert [source.name for source in asked["ocv"]] == ["hppc_10degC.parquet", HPPC.name]
     # What is given of a test goes before what it measured.
     given = {"hppc_10degC.parquet": Window(temperature_degc=24.0)}
     hppc([bundled_file("hppc_10degC"), HPPC], window=given)
@@ -88,5 +88,5 @@ def test_without_any_record_it_is_the_bundled_test_validated_on_the_trips(asked)
 
 
 def test_a_record_without_pulses_is_refused():
-    with pytest.raises(InputError, match=r"identification\.parquet: shows no pulses"):
+    with pytest.raises(InputError, match=r"identification\.parquet: found no pulses"):
         hppc(bundled_file("identification"))

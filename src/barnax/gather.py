@@ -10,12 +10,19 @@ from typing import Any, Literal
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import CellModel, OcvTable, characterize, read_ocv_test
+from .cell import (
+    CellModel,
+    OcvTable,
+    characterize,
+    characterize_over_temperature,
+    read_ocv_test,
+)
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .checks import FileCheck, SuggestedWindow, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
+from .model.inputs import group_tests, temperature_of
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
@@ -42,9 +49,10 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True)
 class Reading:
-    """How files are read: the signs of current in them, and their hold; "auto" finds out.
+    """How files are read: the sign of their current, and their hold; "auto" decides from the data.
 
-    `columns` names columns that barnax does not know, as `read_record` takes them.
+    A sign is "charge-positive" or "discharge-positive", a hold "forward" (the current flows until
+    the next sample) or "backward". `columns` names unknown columns, as for `read_record`.
     """
 
     current_sign: str = "auto"
@@ -56,10 +64,14 @@ class Reading:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is searched for, and how; `over` asks for tables beside the constant circuit.
+    """The circuit and how to search for it; `over` adds tables to the constant circuit.
 
-    Without a `model` the circuit is iso-rc; with tables, whose OCV correction takes up what a
-    switched hysteresis stands for, so-rc, or esc where hysteresis matters as it does for LFP.
+    Without `model`, the circuit is iso-rc; with tables, whose OCV correction replaces a switched
+    hysteresis, it is so-rc, or esc if hysteresis matters as much as for LFP. `method` is an
+    optimizer of `OPTIMIZERS`, run `seeds` times from `key`, with `population` candidates and
+    `iterations` generations, over R and C ("rc") or logarithms of R and tau ("log").
+
+    Raises `InputError` for a number out of range and an unknown `over`.
     """
 
     model: str | None = None
@@ -79,7 +91,7 @@ class Settings:
                 raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
         if self.over not in (None, "soc", OVER_TEMPERATURE):
             raise InputError(
-                f"`over` {self.over!r} is not known; tables go over 'soc' or {OVER_TEMPERATURE!r}"
+                f"`over` {self.over!r} is not known; there are 'soc' and {OVER_TEMPERATURE!r}"
             )
 
     def circuit(self, cell: CellModel, over: str | None = None) -> str:
@@ -118,22 +130,22 @@ def read_inputs(
     hysteresis_fit: HysteresisFit,
     window: Window | Mapping[str, Window] | None,
     cell: CellModel | None = None,
+    over_temperature: bool = False,
     watch: Watch = unwatched,
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show,
-    unless that is known already."""
+    unless that is known already; `over_temperature` those of each temperature by themselves."""
     given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
     capacity = common.capacity_ah if capacity is None else capacity
     is_bundled = not given
     if is_bundled:
         if tests or others:
-            raise InputError("give a record to identify on; `ocv` and `validate` only go with one")
+            raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None:
         raise InputError(
-            f"{_name_of(given[0])}: an OCV test of the same cell is needed as well; give it with "
-            "`ocv`"
+            f"{_name_of(given[0])}: an OCV test of the same cell is also needed; give it with `ocv`"
         )
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
     looked_at: list[tuple[str, Source, Record | OcvTable]] = []
@@ -164,14 +176,18 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
-        cell = cell or characterize(
-            ocv_records,
-            capacity_ah=capacity,
-            ocv_capacity_ah=ocv_capacity,
-            ocv_fit=ocv_fit,
-            hysteresis_fit=hysteresis_fit,
-            rest_current_a=common.rest_current_a,
-        )
+        options: Any = {
+            "capacity_ah": capacity,
+            "ocv_capacity_ah": ocv_capacity,
+            "ocv_fit": ocv_fit,
+            "hysteresis_fit": hysteresis_fit,
+            "rest_current_a": common.rest_current_a,
+        }
+        by_degc = group_tests(ocv_records, window) if over_temperature else {}
+        if cell is None and by_degc:
+            cell = characterize_over_temperature(by_degc, **options)
+        elif cell is None:
+            cell = characterize(ocv_records, **options)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 
@@ -201,7 +217,8 @@ def _checked(
         is_test = role == "OCV test"
         # A record's ampere-hours are judged by the capacity that it is simulated with.
         own = window_of(window, source.name)
-        own_ah = own.capacity_ah or capacity_ah or (None if is_test else cell.capacity_ah)
+        own_cell = cell if is_test else cell.at(temperature_of(taken, own))
+        own_ah = own.capacity_ah or capacity_ah or (None if is_test else own_cell.capacity_ah)
         found = check_file(
             source if is_test else _simulated(source, taken, own),
             capacity_ah=own_ah,
@@ -213,7 +230,7 @@ def _checked(
         if found.traits is not None:
             degc[is_test].append((found.file, found.traits.temperature_degc))
         if not is_test:
-            against = compare_with_cell(taken, cell, own_ah)
+            against = compare_with_cell(taken, own_cell, own_ah)
             warnings += [each.sentence(found.file) for each in against]
     return warnings + compare_temperatures(degc[False], degc[True])
 
@@ -271,7 +288,7 @@ def input_warnings(
     texts = [each.sentence(found.file) for each in found.findings if each.counts]
     for each in found.roles:
         if each.name == role and not each.is_usable:
-            texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
+            texts.append(f"{found.file}: not suitable for {role}: {each.reason}")
         elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
             advice = window_advice(each.window)
             texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []
@@ -300,7 +317,7 @@ def windows_of(
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     if isinstance(window, Window | None):
         window = {"": window or Window()}
-    unknown = sorted(window.keys() - inputs.names - {""})
+    unknown = sorted(window.keys() - inputs.names - {each.name for each in inputs.ocv} - {""})
     if unknown:
         raise InputError(
             f"no record is called {unknown[0]!r}, for which options are given; there are "
@@ -356,6 +373,7 @@ def _require_different(records: Sequence[Record]) -> None:
         key = record.sha256, float(record.time_s[0])
         if record.sha256 and key in seen:
             first = seen[key]
-            twice = "is given twice" if first == record.name else f"is {first}, byte for byte"
+            same = f"the same as {first}, byte for byte"
+            twice = "given twice" if first == record.name else same
             raise InputError(f"{record.name}: {twice}; give each once, and validate on another")
         seen[key] = record.name

@@ -203,19 +203,18 @@ class TablesPart(Part):
 
 
 class Result(Document):
-    """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
+    """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    `parameters` are the best circuit known (`answer_source` says where it comes from), and metrics,
-    intervals, figures and exports are of it; `search` and `refined` tell what the seeds did, None
-    where there were none.
-    `global_optimum` is None where the box is too wide to look for it, `assessment` where it was
-    not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
-    asked for: then exports, figures of errors and validation are of it. Where they were not,
-    `expected_tables_v` is the RMSE that they would leave with this circuit's time constants.
-    `other_hold` is the answer under the other hold, where the records' own is only assumed.
-    `pulses` are those of the records identified on that are pulse tests. `plan` holds every file
-    where roles were found rather than given. A result that was just
-    computed has the objects behind it in `run`.
+    `parameters` are the best circuit known (`answer_source` says where it comes from), under
+    PyBaMM's names; metrics, intervals, figures and exports are of this circuit. `search` and
+    `refined` are what the seeds found, None without seeds.
+    `global_optimum` is None if the box is too wide to look for it, `assessment` if it was skipped
+    or failed. `tables` is the same circuit with tables over SOC, if `over` was given; exports,
+    figures of errors and validation are then of the tables. Without it,
+    `expected_tables_v` is the RMSE that tables would reach with this circuit's time constants.
+    `other_hold` is the answer under the other hold, if the hold of the records is only assumed.
+    `pulses` are those of the identification records that are pulse tests, `plan` every file of a
+    folder with its role. A result that was not read from a file has the objects behind it in `run`.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -280,8 +279,8 @@ class Result(Document):
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
         if document.get("schema_version") == 1:
             raise InputError(
-                f"{file}: is of schema version 1; run the command that it stores again, and barnax "
-                "writes version 2"
+                f"{file}: this file has schema version 1; run its stored command again to write "
+                "version 2"
             )
         return document
 
@@ -293,7 +292,7 @@ class Result(Document):
         """
         if self._run is None:
             raise InputError(
-                "this result was read from a file, which holds no records; identify again to have "
+                "this result was read from a file, which has no records; identify again to get "
                 "the search, the evaluations and the figures over time"
             )
         return self._run
@@ -308,14 +307,15 @@ class Result(Document):
         return self.metrics if self.tables is None else self.tables.metrics
 
     def at_temperature(self, temperature_degc: float) -> Self:
-        """The same with the tables over SOC of one temperature alone; itself where they are of no
-        other."""
+        """The same with the tables over SOC, the OCV and the capacity of one temperature alone;
+        itself where they are of no other."""
         part = self.tables
         if part is None or part.over_temperature is None:
             return self
         fit = replace(part.fit, tables=part.found.at(temperature_degc))
         own = part.model_copy(update={"fits": (fit,), "over_temperature": None})
-        return self.model_copy(update={"tables": own})
+        cell = self.cell.at(temperature_degc)
+        return self.model_copy(update={"tables": own, "cell": replace(cell, elsewhere=())})
 
     @property
     def cell_model(self) -> CellModel:

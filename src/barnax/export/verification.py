@@ -17,6 +17,7 @@ from ..records import Decision, Record
 from ..results import Result
 from ..search.evaluate import evaluate
 from .exporter import Exporter, Profile, Simulate
+from .tables import tables_of
 
 INTERVAL_S = 2.0
 FINER = 16
@@ -51,13 +52,12 @@ def require_package(exporter: Exporter) -> None:
     """Raise `InputError` where an export cannot be simulated here."""
     if exporter.package is None:
         raise InputError(
-            f"`verify` simulates what was exported, and nothing here simulates {exporter.name}; "
-            "leave it out"
+            f"`verify` works for pybamm and thevenin only, not for {exporter.name}; leave it out"
         )
     if importlib.util.find_spec(exporter.package) is None:
         raise InputError(
-            f"`verify` needs the package {exporter.package}, which is not installed; get it with "
-            'pip install ".[verify]" in a clone of barnax, or leave `verify` out'
+            f"`verify` needs the package {exporter.package}, which is not installed; install "
+            'it with pip install ".[verify]" in a clone of barnax, or leave `verify` out'
         )
 
 
@@ -78,7 +78,11 @@ def verify(
     found = []
     for degc in [profile.temperature_degc] if over is None else over.temperatures_degc:
         there = replace(profile, temperature_degc=degc)
-        found.append(_differences(result.at_temperature(degc), simulate, content, there))
+        here = result.at_temperature(degc)
+        # What an export holds of the capacity is one value, and said to be.
+        cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
+        here = here.model_copy(update={"cell": cell})
+        found.append(_differences(here, simulate, content, there))
     differences_v, without_v, turns_v = (np.concatenate(each) for each in zip(*found, strict=True))
     return Verification(
         package=package,

@@ -96,7 +96,7 @@ class Counters:
         least_ah = _QUANTA * self.quantum_ah
         best_ah, most = None, _AGREEING
         for begun_ah, counted_ah in self._candidates(np.sign(integrated_ah)):
-            sign = np.sign(counted_ah @ integrated_ah) or 1.0
+            sign = float(np.sign(counted_ah @ integrated_ah)) or 1.0
             turned_ah = counted_ah if sign > 0 else -counted_ah
             apart_ah = np.abs(np.add.reduceat(turned_ah, starts) - summed_ah)
             moves = np.maximum(apart_ah, flowed_ah) > least_ah

@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 RESULTS = Path(__file__).parent / "results" / "fleet.md"
 CELLS, ONE_BY_ONE, TINY = 24, 4, 300
@@ -62,7 +63,8 @@ def make_cells(folder: Path, count: int, lengths: tuple[int, int]) -> Path:
         tau = np.array([8.0, 150.0]) * np.exp(rng.normal(0, 0.2, 2))
         for r_ohm, tau_s in zip(r, tau, strict=True):
             kept = np.exp(-1 / tau_s)
-            voltage_v -= r_ohm * lfilter([0.0, 1 - kept], [1.0, -kept], current_a)
+            answer: Any = lfilter([0.0, 1 - kept], [1.0, -kept], current_a)
+            voltage_v -= r_ohm * answer
         columns = {"Test Time / s": np.arange(samples) * 1.0, "Current / A": -current_a}
         name = f"cell{place:05d}.parquet"
         pl.DataFrame(columns | {"Voltage / V": voltage_v}).write_parquet(folder / name)

@@ -110,9 +110,9 @@ class Cluster:
         return self
 
     def __exit__(self, *_):
+        # Workers without a scheduler would wait for it; each ends with its parent.
         for each in (self.workers, self.scheduler):
-            each.terminate()
-        for each in (self.workers, self.scheduler):
+            each.kill()
             each.wait()
 
 

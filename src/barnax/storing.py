@@ -40,7 +40,7 @@ VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy
 
 
 def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
-    """Everything a run found, as one value that can be stored; `command` is what was run."""
+    """A run as a `Result`, which can be stored; `command` is the command that was run, if any."""
     problem = run.problem
     result = Result(
         schema_version=SCHEMA_VERSION,

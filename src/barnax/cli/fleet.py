@@ -33,7 +33,7 @@ class FleetSearch:
         option(
             SEARCH,
             "iso-rc|so-rc|esc|...",
-            "Circuit of the cells for which the manifest names none (default: as in identify).",
+            "Circuit of the cells without one in the manifest (default: as in identify).",
             autocompletion=complete_circuits,
         ),
     ] = None
@@ -46,18 +46,18 @@ class FleetSearch:
         option(
             SEARCH,
             "N",
-            "Runs of the optimizer beside the certified optimum, which no seed has improved on.",
+            "Runs of the optimizer in addition to the global optimum, on which no seed improves.",
             min=0,
         ),
     ] = 0
     key: Annotated[int, option(SEARCH, "N", "Random key of the seeds.", min=0)] = 0
     trust: Annotated[
         Literal["none", "basic"],
-        option(SEARCH, "none|basic", "Whether intervals are computed."),
+        option(SEARCH, "none|basic", "Compute intervals (basic) or not (none)."),
     ] = "basic"
     bounds: Annotated[
         Path | None,
-        option(SEARCH, "FILE.toml", "Bounds of all cells for which the manifest names none."),
+        option(SEARCH, "FILE.toml", "Bounds of the cells without any in the manifest."),
     ] = None
     fix: Annotated[
         list[str] | None,
@@ -66,7 +66,9 @@ class FleetSearch:
     cell: Annotated[
         Path | None,
         option(
-            "Files", "RESULT", "result.json whose cell model all cells share, in place of --ocv."
+            "Files",
+            "RESULT",
+            "result.json whose OCV and capacity all cells use, instead of --ocv.",
         ),
     ] = None
 
@@ -80,7 +82,7 @@ class EngineOptions:
     ] = None
     scheduler: Annotated[
         str | None,
-        option(ENGINE, "ADDRESS|local", "Dask scheduler in place of processes; local starts one."),
+        option(ENGINE, "ADDRESS|local", "Dask scheduler instead of processes; local starts one."),
     ] = None
     shard: Annotated[
         str | None,
@@ -94,7 +96,7 @@ class EngineOptions:
         bool,
         typer.Option(
             "--dry-run",
-            help="List the cells and what is missing, and compute nothing.",
+            help="List the cells and missing files, and compute nothing.",
             rich_help_panel=ENGINE,
         ),
     ] = False
@@ -105,13 +107,13 @@ class FleetOutput:
     """Where the dataset goes, and what is printed."""
 
     out: Annotated[
-        Path, option(OUTPUT, "FOLDER", "Folder of the dataset; a run that stopped goes on there.")
+        Path, option(OUTPUT, "FOLDER", "Folder of the dataset; an interrupted run continues there.")
     ] = DEFAULT_FOLDER
     keep_results: Annotated[
         bool,
         typer.Option(
             "--keep-results",
-            help="Write each cell's result.json too, to results/ID.",
+            help="Also write each cell's result.json, to results/ID.",
             rich_help_panel=OUTPUT,
         ),
     ] = False
@@ -127,8 +129,8 @@ def fleet(
         Path,
         typer.Argument(
             metavar="MANIFEST",
-            help="Table in CSV, Parquet or TOML with a row for each cell: id, records, ocv and "
-            "what else is known; other columns are carried through.",
+            help="Table in CSV, Parquet or TOML with one row per cell: id, records, ocv and "
+            "further options; other columns are copied to the dataset.",
         ),
     ],
     files: Files,
@@ -138,11 +140,11 @@ def fleet(
     engine: EngineOptions,
     output: FleetOutput,
 ) -> None:
-    """Identify every cell of a fleet: one Parquet dataset with a row a cell.
+    """Identify every cell of a fleet, into one Parquet dataset with one row per cell.
 
-    Killed at any moment, the same command goes on where it stopped. A cell that cannot be
-    identified has a row that says why. Options of files and records are for the cells whose row
-    leaves them open.
+    If it is interrupted, the same command continues where it stopped. If a cell cannot be
+    identified, its row says why. Options on files and records apply to cells whose row does not
+    set them.
     """
     session = Session(is_quiet=output.quiet)
     from ..fleet.manifest import parse_shard, read_manifest
@@ -219,7 +221,7 @@ def _as_columns(text: str) -> str:
 
 def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
     text = f"{len(cells):,} cells, {sum(len(cell.records) for cell in cells):,} records"
-    return f"{text}; carried through: {', '.join(carried)}" if carried else text
+    return f"{text}; copied to the dataset: {', '.join(carried)}" if carried else text
 
 
 def _defaults(files: Files, of_records: RecordOptions, search: FleetSearch) -> dict[str, Any]:

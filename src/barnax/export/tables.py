@@ -133,8 +133,8 @@ def tables_of(result: Result) -> Tables:
     circuit = get_circuit(result.model)
     if circuit.has_memory:
         raise InputError(
-            f"{circuit.name} remembers where the current turned, which no tool's table over SOC "
-            "holds; identify esc or iso-rc to export it"
+            f"the hysteresis of {circuit.name} depends on where the current last changed "
+            "direction, which no tool can represent; identify esc or iso-rc to export it"
         )
     kind = _kind_of(circuit, cell)
     over_soc = result.tables.fit.tables if result.tables else None
@@ -209,8 +209,8 @@ def table_caveats(tables: Tables) -> tuple[str, ...]:
         return tuple(told) if nodes else ()
     measured = ", ".join(f"{each:.3g}" for each in axis.measured_degc)
     text = (
-        f"Identified at {measured} degC. Tables between these are interpolated, the logarithm of "
-        "resistances over 1/T; beyond them hold those of the nearest."
+        f"Identified at {measured} degC. Between these, the logarithm of the resistances is "
+        "interpolated over 1/T; beyond them, the tables of the nearest temperature apply."
     )
     if tables.kind != "none":
         text += " The hysteresis voltage is that of the temperature nearest to 25 degC."

@@ -246,7 +246,7 @@ class ErrorModel:
         """
         if result.assessment is None:
             raise InputError(
-                "this result says nothing of its residuals, from which a filter takes its noise; "
+                "this result has no residual statistics, which set the filter's noise; "
                 "identify again with `trust` 'basic'"
             )
         noise = result.assessment.uncertainty.noise
@@ -293,8 +293,8 @@ def make_model(
     kind = get_circuit(circuit)
     if kind.has_memory:
         raise InputError(
-            f"{circuit} remembers where the current turned, which a filter's state does not hold; "
-            "identify esc, whose hysteresis is a state"
+            f"the hysteresis of {circuit} depends on where the current last changed direction, "
+            "which is not in the filter's state; identify esc, whose hysteresis is a state"
         )
     source_v = [
         _straight(cell, kind.source_voltage(cell, GRID, side + 0 * GRID)) for side in (1, -1)

@@ -60,7 +60,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         found = identify_problem(cell.problem, Settings(**chosen), trust=trust)
         return found, found.warnings
     if cell.missing:
-        raise InputError(f"{', '.join(cell.missing)}: is not there; correct the manifest")
+        raise InputError(f"{', '.join(cell.missing)}: does not exist; correct the manifest")
     chosen |= cell.options
     window = Window(**cell.window)
     reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})

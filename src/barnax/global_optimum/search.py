@@ -132,10 +132,10 @@ def _grid(reduced: Reduced) -> list[Float[np.ndarray, "places"]]:
 
 @dataclass(frozen=True, eq=False)
 class GlobalOptimum:
-    """The best circuit of a box, what is proved of it, and the landscape around it.
+    """The best circuit in a box, what is proved about it, and the landscape around it.
 
     `optima` are the distinct local optima up to `FACTOR` times the best, which comes first; their
-    errors are the scan's. `certificate` is None where no proof was asked for.
+    errors are computed by the scan. `certificate` is None without a proof.
     """
 
     optima: tuple[Optimum, ...]
@@ -177,9 +177,9 @@ class GlobalOptimum:
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
-    """How far an RMSE is above the optimum's, as a share of it.
+    """How far an RMSE lies above that of the optimum, as a fraction of the latter; both in V.
 
-    An optimum below `SMALLEST_RMSE_V` counts as one of that: what is above it is rounding.
+    An optimum below `SMALLEST_RMSE_V` counts as that: smaller differences are rounding errors.
 
     >>> round(optimality_gap(10.1e-3, 10e-3), 6)
     0.01
@@ -191,12 +191,12 @@ def optimality_gap(rmse_v: float, optimum_v: float) -> float:
 def find_global_optimum(
     problem: Problem, *, prove: bool = True, most_cells: int = MOST_CELLS
 ) -> GlobalOptimum:
-    """The best circuit in the box: the landscape's minima polished, and a proof of it.
+    """The best circuit in the box, from the refined minima of a grid, and a proof of it.
 
-    It draws nothing and does not depend on the problem's own objective. `prove` adds a lower bound
-    on every circuit's RMSE by branch and bound over at most `most_cells` cells of time constants;
-    where that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
-    "grid-verified". Raises `InputError` where the box is too wide to compress.
+    It uses no random numbers and does not depend on the problem's own objective. `prove` adds a
+    lower bound on every circuit's RMSE by branch and bound over at most `most_cells` cells of time
+    constants; if that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
+    "grid-verified". Raises `InputError` if the box is too wide to compress.
     """
     descent = Descent(problem)
     # Kept with the problem: where the direction before the start is open, it was looked for before.

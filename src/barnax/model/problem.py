@@ -51,9 +51,10 @@ COMPUTED = (
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything a search needs and a report names. Several records share one circuit.
+    """Prepared records, cell, circuit and bounds: what a search needs. Records share one circuit.
 
-    `kind` says which of two ways to compute one objective the search takes.
+    `kind` says how the search computes its errors, by "scan" or "compressed"; `scale` are the
+    search coordinates, "rc" or "log".
     """
 
     prepared_records: tuple[PreparedRecord, ...]
@@ -68,7 +69,7 @@ class Problem:
 
     @property
     def prepared(self) -> PreparedRecord:
-        """The first course, and the only one unless records are identified jointly."""
+        """The first prepared record, and the only one unless records are identified jointly."""
         return self.prepared_records[0]
 
     @property
@@ -244,14 +245,14 @@ def make_problem(
     objective: Kind = "scan",
     source: str = "bounds",
 ) -> Problem:
-    """The problem of finding `circuit`'s parameters for a cell from one or several records.
+    """The problem of finding the parameters of `circuit` for a cell from one or several records.
 
     `window` is one for all records, or one for each. `bounds` and `fixed` change the default box
-    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); `source` names where they came
-    from in messages. `objective` is "scan", which simulates every sample for every candidate, or
+    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); messages call their origin
+    `source`. `objective` is "scan", which simulates every sample for every candidate, or
     "compressed", which reduces the records once and agrees with it to 1e-9.
 
-    Raises `InputError` where window, box or OCV range do not fit a record or the box is too wide to
+    Raises `InputError` if window, box or OCV range do not fit a record or the box is too wide to
     compress, `ValueError` for an unknown circuit or objective and for windows that do not match.
     """
     if objective not in KINDS:

@@ -33,7 +33,7 @@ def fleet_illustrations(
         if len(values) and values.min() > 0:
             spread[name] = values
     if spread:
-        caption = "How each quantity is spread over the cells; the dashed line is the median."
+        caption = "Distribution of each quantity over the cells; the dashed line is the median."
         found.append(
             Illustration("distributions", plot_distributions(spread), caption, caption, False)
         )
@@ -43,7 +43,7 @@ def fleet_illustrations(
         columns = both[each.by].to_physical().to_numpy(), both[each.name].to_numpy()
         trends.append((each.by, columns[0], each.name, columns[1]))
     if trends:
-        caption = "The clearest trends; a point is a cell."
+        caption = "The clearest trends; each point is a cell."
         figure = plot_fleet_trends(trends[:MOST_TRENDS])
         found.append(Illustration("trends", figure, caption, caption, False))
     for place, (name, evaluation) in enumerate(worst.items(), 1):
@@ -114,10 +114,10 @@ def _outliers(summary: "Summary") -> Table | Paragraph:
 
 def _trends(summary: "Summary") -> Table | Paragraph:
     if not summary.trends:
-        return Paragraph("No quantity changes with a carried column beyond chance.")
+        return Paragraph("No quantity has a significant trend over a column of the manifest.")
     return make_table(
-        "What changes with a carried column: Spearman's rank correlation, or the medians of groups "
-        "(Kruskal and Wallis); chance alone would show one such line in a hundred fleets.",
+        "Trends over columns of the manifest: Spearman's rank correlation, or the medians of "
+        "groups (Kruskal and Wallis). Chance alone would give one such line in a hundred fleets.",
         summary.trends[:MOST_TOLD],
         {
             "circuit": lambda each: each.circuit,
@@ -136,7 +136,7 @@ def _causes(causes: "Sequence[Cause]", which: str) -> Table | Paragraph:
     if not causes:
         return Paragraph("None.")
     return make_table(
-        f"{which}, by cause, in the words of the first.",
+        f"{which}, by cause, with the message of the first.",
         causes[:MOST_TOLD],
         {
             "cells": lambda each: f"{len(each.ids):,}",

@@ -196,10 +196,10 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """The refined answer and what the seeds agree on. `optima` begins with the best.
+    """Every seed's answer after refinement, and the distinct `optima`, the best first.
 
-    `evaluations` counts the simulations of the whole cross-check, a Jacobian as one per free
-    parameter; `objective` says how they were computed.
+    `parameters` and `rmse_v` (in V) are those of the best. `evaluations` counts all simulations, a
+    Jacobian as one per free parameter; `objective` says how they were computed.
     """
 
     search: Search
@@ -225,7 +225,7 @@ def refine(
     descent: Descent | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Refinement:
-    """Refine every seed's best circuit by optimistix's Levenberg-Marquardt.
+    """The best circuit of every seed, refined by optimistix's Levenberg-Marquardt.
 
     It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
     bounds hold exactly and an optimum at a bound is a stationary point. Every seed is taken to

@@ -114,8 +114,8 @@ def linearize(
     error_v, slope_v = unit * error[scored], unit * slope[scored]
     if not (np.all(np.abs(error_v) < LARGEST_NUMBER) and np.all(np.abs(slope_v) < LARGEST_NUMBER)):
         raise InputError(
-            "the circuit's voltage or its derivatives by the parameters are not finite, so nothing "
-            "can be said of its parameters; narrow the bounds"
+            "the circuit's voltage or its derivatives with respect to the parameters are not "
+            "finite, so its intervals cannot be computed; narrow the bounds"
         )
     is_seen = np.sqrt(np.mean(slope_v**2, axis=0)) > LEAST_V
     held: dict[str, Held] = dict.fromkeys(problem.bounds.fixed, "fixed")

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,7 @@ def measure_alone(manifest: str) -> dict:
 
     prepare_process()
     import jax
+    import polars as pl
 
     from barnax.fleet import read_manifest
     from barnax.fleet.rows import identify_cell
@@ -122,10 +124,10 @@ def measure_alone(manifest: str) -> dict:
         logger = logging.getLogger(f"jax._src.{part}{module}")
         logger.handlers, logger.propagate = [handler], False
     cells, _ = read_manifest(manifest)
-    spent, programs = [], []
+    rows, spent, programs = [], [], []
     for cell in cells:
         start_s = time.process_time()
-        identify_cell(cell, {"seeds": 0})
+        rows.append(identify_cell(cell, {"seeds": 0}))
         spent.append(time.process_time() - start_s)
         programs.append(sum(name.startswith("Compiling") for name in names))
     large = {"_descend", "_respond", "_rmse_of_all", "_errors_and_slopes", "terminal_voltage"}
@@ -138,6 +140,7 @@ def measure_alone(manifest: str) -> dict:
         "programs": programs[-1],
         "large": count,
         "later_programs": programs[-1] - programs[half],
+        "row_bytes": pl.DataFrame(rows, infer_schema_length=None).estimated_size() / len(rows),
     }
 
 
@@ -200,7 +203,10 @@ def measure_resuming(folder: str) -> dict:
     from barnax.fleet.dataset import dataset_path, read_rows, write_rows
 
     record = next(Path(folder).glob("*.parquet"))
+    tracemalloc.start()
     cells = [cell_of({"id": f"{n}", "records": str(record)}) for n in range(FINISHED)]
+    cell_bytes = tracemalloc.get_traced_memory()[0] / FINISHED
+    tracemalloc.stop()
     with tempfile.TemporaryDirectory() as out:
         rows = [
             {"id": each.id, "error": None, "fingerprint": each.fingerprint({"seeds": 0})}
@@ -211,7 +217,7 @@ def measure_resuming(folder: str) -> dict:
         state = identify_fleet(cells, out)
         taken = {"wall_s": time.perf_counter() - wall_s, "own_s": time.process_time() - cpu_s}
         assert state.skipped == FINISHED == len(read_rows(Path(out)))
-    return taken
+    return taken | {"cell_bytes": cell_bytes}
 
 
 MEASURES = {
@@ -233,7 +239,7 @@ def page(folder: Path, tiny: int) -> str:
     in_process("alone", mixed)  # fills the cache of compiled programs
     load = os.getloadavg()
     alone, loop = in_process("alone", mixed), in_process("loop", mixed, ONE_BY_ONE)
-    stages = in_process("stages", 12)
+    stages = in_process("stages", 25)
     # In turn, and a quarter of the cells first: what the others take beside it has no start in it.
     runs = [
         {name: in_process("engine", kind, cells, workers) for name, kind, workers, _ in ENGINES}
@@ -274,6 +280,11 @@ def page(folder: Path, tiny: int) -> str:
                 aim,
             )
             for name, words, aim in (("pool", "two processes", "1.6"), ("dask", "Dask", "1.4"))
+        ),
+        (
+            "CPU of two processes over one, the same cells",
+            f"{more('pool', 'cpu_s') / more('serial', 'cpu_s'):.2f}",
+            "",
         ),
         (
             "CPU on Dask over that of the pool",
@@ -320,7 +331,7 @@ def page(folder: Path, tiny: int) -> str:
         "",
         f"## Stages of a cell of {stages.pop('samples'):,} samples",
         "",
-        "The least of ten.",
+        "The least of twenty-three.",
         "",
         "| stage | CPU ms |",
         "|---|---|",
@@ -338,11 +349,14 @@ def page(folder: Path, tiny: int) -> str:
         f"| batches of 50 | {NIGHT_CELLS // 50:,}, {NIGHT_CELLS / 50 / NIGHT_S:.1f} a second |",
         f"| part files | {NIGHT_CELLS // 50:,} until they are put together |",
         f"| dataset | {NIGHT_CELLS * row_bytes / 1e9:.0f} GB |",
-        f"| one driver looking at what is done | {NIGHT_CELLS * skipped_ms / 3.6e6:.1f} h |",
+        f"| one driver asking what is done | {NIGHT_CELLS * skipped_ms / 6e4:.1f} min |",
+        f"| its list of cells | {NIGHT_CELLS * resuming['cell_bytes'] / 1e9:.0f} GB |",
+        f"| all rows at once, when parts are put together | "
+        f"{NIGHT_CELLS * alone['row_bytes'] / 1e9:.0f} GB, twice while they are joined |",
         "",
-        "The driver breaks first: it holds all cells and puts the parts together in memory, and it "
-        "alone looks at every file before anything starts. Hence `--shard`: a hundred shards of a "
-        "hundred thousand cells each, every one with a driver, a lock and a file of its own.",
+        "The driver's memory breaks first: at the start for its list of cells, at the end for the "
+        "rows. `--shard` divides both: of a hundred shards each has a hundred thousand cells, a "
+        "driver and a file of its own, and their files are a dataset as they are.",
         "",
     ]
     return "\n".join(lines)

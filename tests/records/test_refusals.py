@@ -197,3 +197,17 @@ def test_what_is_no_file_is_refused(tmp_path):
             read_record(path)
         assert words in str(caught.value)
         assert "\0" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "told"),
+    [
+        ("Zeit,Klemme\n0,3.7\n", "time=Uhr:s", "no column is called 'Uhr:s'.*'Zeit', 'Klemme'"),
+        ("Zeit,Klemme\n0,3.7\n", "time=Zeit:fortnight", "unknown unit 'fortnight'.*s, ms, min"),
+        ("Dear Sir, hello\n\nI write, because, of, things\nYours, me\n", "", "no table of meas"),
+    ],
+)
+def test_a_wrong_column_unit_or_a_letter_is_told_as_such(tmp_path, text, columns, told):
+    (tmp_path / "odd.csv").write_text(text)
+    with pytest.raises(InputError, match=told):
+        read_record(tmp_path / "odd.csv", columns=columns)

@@ -23,6 +23,8 @@ def test_the_end_is_three_lines_that_count_what_was_done():
 
 
 def test_progress_tells_throughput_and_failures():
+    tiny = closing_lines(Progress(finished=1), Path("out"), 60.0)
+    assert tiny[0] == "1 cell identified, 0 failed, in 60 s."
     assert progress_remark(Progress(finished=10), 4.0) == "2.5 cells a second"
     assert progress_remark(Progress(finished=10, failed=1), 4.0) == "2.5 cells a second, 1 failed"
 

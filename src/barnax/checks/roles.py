@@ -13,7 +13,7 @@ from jaxtyping import Int
 
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
 from ..cell.soc_axis import WORD, Sweep, decide_capacity, join_sweeps
-from ..errors import InputError
+from ..errors import InputError, counted
 from .check_input import CheckInput
 
 Kind = Literal[
@@ -87,17 +87,15 @@ class Traits:
         if capacity_ah is not None and self.span_ah < LEAST_SHARE * capacity_ah:
             share = 100 * self.span_ah / capacity_ah
             return f"it moves {self.span_ah:.3g} Ah, {share:.2g} % of the capacity"
+        steps = counted(self.steps, "current step")
         if self.steps < fewest:
-            return f"{self.steps} current steps sampled finely enough; {fewest} are wanted"
+            return f"{steps} sampled finely enough; {fewest} are wanted"
         # Without a capacity a dither gives itself away by how often it turns.
         whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
         if self.reach_ah < LEAST_SHARE * whole_ah:
             share = 100 * self.reach_ah / whole_ah
             of = "the capacity" if capacity_ah else "what it passes"
-            return (
-                f"its {self.steps} current steps lie within {self.reach_ah:.2g} Ah, {share:.2g} % "
-                f"of {of}"
-            )
+            return f"its {steps} lie within {self.reach_ah:.2g} Ah, {share:.2g} % of {of}"
         return ""
 
 
@@ -352,7 +350,8 @@ def _sweep_words(sweep: Sweep) -> str:
 
 def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     window = suggest_window(given)
-    seen = f"{traits.steps} current steps, sampled every {traits.interval_s:.3g} s under load"
+    steps = counted(traits.steps, "current step")
+    seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
     moves = f"{seen}; it moves {given.span_ah:.3g} Ah; {window.reason}"
     roles = []
     for name, fewest in (("identification", STEPS), ("validation", _VALIDATION_STEPS)):

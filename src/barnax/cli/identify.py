@@ -95,7 +95,9 @@ def _run(
     command: Literal["identify", "hppc"], options: Identification, records: list[Path]
 ) -> None:
     chosen, output = options.chosen, options.output
-    session, folder = output.begun(DEFAULT_FOLDER)
+    files = options.files
+    inputs = [*records, *(files.ocv or ()), *(files.validate or ())]
+    session, folder = output.begun(DEFAULT_FOLDER, inputs)
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..cell import CIRCUITS

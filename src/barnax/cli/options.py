@@ -9,7 +9,7 @@ import typer
 
 from ..errors import InputError
 from .groups import OUTPUT, SEARCH, TABLES, flag, option
-from .output import require_free
+from .output import require_free, require_there
 from .record_options import Files, RecordOptions
 from .session import Session, command_line
 
@@ -280,7 +280,10 @@ class Output:
     """Where results go, and what is printed."""
 
     out: Annotated[
-        Path | None, option(OUTPUT, "FOLDER", "Folder for the results (default: barnax-out).")
+        Path | None,
+        option(
+            OUTPUT, "FOLDER", "Folder for the results (default: barnax-out; barnax-soc for soc)."
+        ),
     ] = None
     force: Annotated[bool, flag(OUTPUT, "--force", "Replace the result in the folder.")] = False
     as_json: Annotated[
@@ -291,11 +294,13 @@ class Output:
     ] = False
     quiet: Quiet = False
 
-    def begun(self, default: Path) -> tuple[Session, Path | None]:
+    def begun(self, default: Path, inputs: Iterable[Path] = ()) -> tuple[Session, Path | None]:
         """The session of a run, and the folder of its results, None where they are only printed.
 
-        Raises `InputError` where results cannot go there.
+        Raises `InputError` where an input is missing, or results cannot go there.
         """
+        for path in inputs:
+            require_there(path)
         folder = self.out or (None if self.as_json else default)
         if folder is not None:
             require_free(folder, self.force)

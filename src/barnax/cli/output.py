@@ -25,6 +25,20 @@ OURS = {*RESULTS, "timings.json", "report.html", "report.md", LIST}
 PREFIX = ".barnax-"
 
 
+def require_there(path: Path) -> None:
+    """Raise `InputError` where there is no such file; "-" is the standard input."""
+    if path == Path("-"):
+        return
+    try:
+        os.lstat(path)
+    except FileNotFoundError:
+        words = "there is no such file; check the name and the folder."
+        raise InputError(f"{path}: {words}") from None
+    except (OSError, ValueError):
+        # Whoever reads it says why it cannot be.
+        return
+
+
 def require_free(folder: Path, is_forced: bool) -> None:
     """Raise `InputError` where results cannot go to `folder`. Called before any work is done."""
     another = "give `out` another folder"

@@ -78,7 +78,7 @@ def soc(
     with a wrong capacity. The window of the identification applies, unless
     options change it.
     """
-    session, folder = output.begun(FOLDER)
+    session, folder = output.begun(FOLDER, (result, record))
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..replay import FilterSettings, replay_soc

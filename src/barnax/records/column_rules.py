@@ -66,12 +66,15 @@ def examine_columns(
         remedy = "give the file of samples over time"
         raise InputError(f"{file}: {what}, not a record of time, current and voltage; {remedy}.")
     found = columns_of(table.header, given)
+    wrong = list(_not_there(table, found, given))
     is_nameless = any(map(_is_number, table.header[:1]))
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
     if not is_like and not is_nameless:
+        if wrong:
+            raise InputError(wrong[0].sentence(file))
         raise InputError(_no_record(table, file))
     findings = [Finding("note", note, is_told=True) for note in table.notes]
-    findings.extend(_not_there(table, found, given))
+    findings.extend(wrong)
     for name in found.keys() & CLOCKS:
         if found[name].is_unit_assumed and is_clock(table.columns[found[name].index]):
             seconds = QUANTITY_OF[name].base_unit
@@ -106,10 +109,18 @@ def _not_there(table: Table, found: Columns, given: Mapping[str, str]) -> Iterat
     for name, wanted in given.items():
         column = named_column(table.header, QUANTITY_OF[name], wanted)
         if column is None:
+            own, _, unit = wanted.rpartition(":")
             what = f"no column is called '{wanted}', which `columns` gives for the {name}"
+            if own and named_column(table.header, QUANTITY_OF[name], own):
+                known = _symbols(QUANTITY_OF[name])
+                what = f"unknown unit '{unit}' of '{own}' in `columns`; known are {known}"
+            else:
+                what += f"; the file has {_quoted(list(table.header))}"
             taken = f"; '{found[name].header}' is taken" if name in found else ""
-            remedy = "leave it out for this file"
-            yield Finding("warning", what + taken, remedy, row=table.names_row)
+            is_missing = QUANTITY_OF[name].is_required and name not in found
+            remedy = "correct `columns`" if is_missing else "leave it out for this file"
+            severity = "error" if is_missing else "warning"
+            yield Finding(severity, what + taken, remedy, row=table.names_row)
 
 
 def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
@@ -185,7 +196,8 @@ def _missing(
     likely = likely_names(quantity, free)
     if likely:
         return f"{what}; likely: {_quoted(likely)}", f"rename the right one to {names}"
-    return f"{what} among {_quoted(list(table.header))}", f"export it, or name it {names}"
+    remedy = f"export it, name it {names}, or give its name with `columns`"
+    return f"{what} among {_quoted(list(table.header))}", remedy
 
 
 def _examples(quantity: Quantity) -> str:

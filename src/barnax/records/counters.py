@@ -134,6 +134,8 @@ class Counters:
             return
         steps_ah, begun_ah = np.diff(self.net_ah), float(self.net_ah[0])
         yield begun_ah, steps_ah
+        # One that a new step sets to nothing counted nothing there.
+        yield begun_ah, np.where(self.net_ah[1:] == 0, 0.0, steps_ah)
         shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
         yield begun_ah, np.where(shrinks, self.net_ah[1:], steps_ah)
         # What a new step counts is of its own direction, whatever the hold says of the interval.

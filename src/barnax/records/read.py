@@ -41,7 +41,7 @@ _SHORTEST_S = 1e-6
 
 STDIN, STDIN_NAME = Path("-"), "standard input"
 _CONTENT = {
-    b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm")),
+    b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm", ".ndax")),
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
     b"PAR1": ("a Parquet table", (".parquet", ".pq")),
 }

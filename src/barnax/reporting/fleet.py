@@ -187,5 +187,7 @@ def closing_lines(
     if not state.finished:
         return [f"Nothing to do: {skipped}.", rest or "The dataset is unchanged.", where]
     done = f"{counted(state.finished - state.failed, 'cell')} identified, {state.failed:,} failed"
-    rate = f"in {duration(elapsed_s)}, {state.finished / elapsed_s:.1f} a second"
+    rate = f"in {duration(elapsed_s)}"
+    if state.finished >= 0.1 * elapsed_s:
+        rate += f", {state.finished / elapsed_s:.1f} a second"
     return [", ".join(filter(None, (done, skipped, rate))) + ".", rest, where]

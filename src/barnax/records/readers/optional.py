@@ -25,11 +25,12 @@ def _reader(name: str, start: bytes, extra: str, export: str, parse: Callable[[b
 
     def read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         del given
+        article = "an" if name[0] in "AEIOU" else "a"
         try:
             columns = parse(content)
         except ImportError as error:
             raise InputError(
-                f"{file}: this is a {name} file; install the package that reads it with "
+                f"{file}: this is {article} {name} file; install the package that reads it with "
                 f"pip install 'barnax[{extra}]', or export the record as {export}."
             ) from error
         except Exception as error:

@@ -103,6 +103,11 @@ def _within_the_names(table: Table, file: str) -> Table:
     wide = np.flatnonzero(beyond.is_not_null())
     if not len(wide):
         return table
+    if not any(column.dtype.is_numeric() for column in columns) and not columns_of(table.header):
+        raise InputError(
+            f"{file}: no row of names with numbers below, so this is no table of measurements; "
+            "export the record as CSV, Parquet or a workbook."
+        )
     where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
     if len(wide) > 0.5 * len(table.row):
         if _fits(table.header, columns) and not _fits(table.header, [*columns[1:], beyond]):

@@ -122,14 +122,17 @@ class Tables:
         return float(self.initial_direction * w_v / 2)
 
 
-def tables_of(result: Result) -> Tables:
-    """A result's constants and tables. Raises `InputError` where no curve over SOC says them."""
+def tables_of(result: Result, may_remember: bool = False) -> Tables:
+    """A result's constants and tables. Raises `InputError` where no curve over SOC says them.
+
+    A format that itself remembers where the current turned says so by `may_remember`.
+    """
     cell = result.cell_model
     circuit = get_circuit(result.model)
-    if circuit.has_memory:
+    if circuit.turning is not None and not may_remember:
         raise InputError(
             f"{circuit.name} remembers where the current turned, which no tool's table over SOC "
-            "holds; identify esc or iso-rc to export it"
+            "holds; export it `to` 'c-filter', or identify esc or iso-rc"
         )
     kind = _kind_of(circuit, cell)
     over_soc = result.tables.fit.tables if result.tables else None

@@ -245,6 +245,10 @@ class ErrorModel:
         OCV test and the record identified on disagree, and on another record either may hold. The
         errors left on the one record, which it was fitted to, would say that it is known.
 
+        The size in a tenth of SOC is that over it and its neighbors. What a circuit misses of the
+        OCV changes sign over SOC, and so is small by itself in some tenth; on another drive it
+        crosses zero elsewhere, and a filter that believed the voltage there would read the
+        difference for a capacity.
 
         Raises `InputError` for a result without an assessment.
         """
@@ -267,13 +271,14 @@ class ErrorModel:
         if result.tables is not None and OCV_CORRECTION in result.tables.fit.tables.tables:
             moved_v = result.tables.fit.tables.at(OCV_CORRECTION, TENTHS)
             error_v = {at: float(np.hypot(each, moved_v[at])) for at, each in error_v.items()}
-        at = {tenth: each / rmse_v for tenth, each in error_v.items()}
+        # Where the fit has seen nothing, its error as a whole has to do.
+        tenths = np.array([error_v.get(tenth, rmse_v) / rmse_v for tenth in range(10)])
+        around = [tenths[max(tenth - 1, 0) : tenth + 2] for tenth in range(10)]
         return cls(
             max(rmse_v, LEAST_NOISE_V),
             *(zip(*parts, strict=True) if parts else ((), ())),
             soc=tuple(TENTHS.tolist()),
-            # Where the fit has seen nothing, its error as a whole has to do.
-            scale=tuple(at.get(tenth, 1.0) for tenth in range(10)),
+            scale=tuple(float(np.sqrt(np.mean(each**2))) for each in around),
         )
 
 

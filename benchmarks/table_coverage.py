@@ -11,7 +11,6 @@ import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from barnax.model.inputs import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, simulate_tables
 from barnax.records import read_record
 from benchmarks.coverage.simulated import Noise
-from benchmarks.pages import save_page
+from benchmarks.pages import as_markdown, provenance, save_page
 
 RESULTS = Path(__file__).parent / "results" / "table_coverage.md"
 TRUTHS, SEED = 200, 15
@@ -34,6 +33,7 @@ TAU_S = (15.0, 150.0)
 LEVELS = {"R0": (0.05, 0.1, 0.3), "R1": (0.015, 0.2, 1.0), "R2": (0.025, 0.2, 1.0)}
 CORRECTION_V = 5e-3
 EMPTY_SOC = 0.08
+WAVINESS = {"R0 varies by 10 %, R1 and R2 by 20 %": 1.0, "Twice as much": 2.0}
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -41,10 +41,28 @@ def main(arguments: Sequence[str]) -> None:
     truths = int(arguments[0]) if arguments else TRUTHS
     cell = characterize([read_record(path) for path in BUNDLED.ocv])
     prepared = prepare_record(read_record(BUNDLED.record), cell, "so-rc", Window())
-    hits, biased = defaultdict(list), []
+    lines = [
+        "# Do the intervals of tables over SOC hold?",
+        "",
+        as_markdown(provenance(f"python -m benchmarks.table_coverage {truths}", SEED)),
+        "",
+        f"{truths} random truths on the bundled cell's current, {int(prepared.scored.sum())} "
+        f"samples each, noise of {NOISE.name}. Shares of truths that the 95 % interval of a node "
+        "holds.",
+        "",
+    ]
+    for name, waviness in WAVINESS.items():
+        lines += _section(name, prepared, truths, waviness)
+    text = "\n".join(lines)
+    save_page(RESULTS, text)
+    print(text)
+
+
+def _section(title: str, prepared: PreparedRecord, truths: int, waviness: float) -> list[str]:
+    hits, reaches, biased = defaultdict(list), defaultdict(list), []
     for number in range(truths):
         rng = np.random.default_rng([SEED, number])
-        truth = _truth(rng)
+        truth = _truth(rng, waviness)
         fit = fit_tables([_measured(prepared, truth, rng)], TableSettings(folds=0, most_cells=0))
         for each in fit.intervals:
             if each.soc is None:
@@ -55,44 +73,40 @@ def main(arguments: Sequence[str]) -> None:
             is_held = low is not None and high is not None and low <= value <= high
             hits[each.name, each.soc].append(is_held)
             biased.append(each.is_biased)
+            if low is not None and high is not None:
+                reaches[each.name].append((high - low) / 2)
         print(number, {name: np.mean(held) for name, held in hits.items()}, file=sys.stderr)
-    text = "\n".join(_page(hits, float(np.mean(biased)), truths, prepared))
-    save_page(RESULTS, text)
-    print(text)
-
-
-def _page(hits, biased: float, truths: int, prepared: PreparedRecord) -> list[str]:
     shares = {name: float(np.mean(held)) for name, held in hits.items()}
     nodes = {name: share for name, share in shares.items() if name[1] is not None}
     worst, lowest = min(nodes.items(), key=lambda each: each[1])
     tables = list(dict.fromkeys(name for name, soc in nodes))
     at = sorted({soc for _, soc in nodes})
     lines = [
-        "# Do the intervals of tables over SOC hold?",
+        f"## {title}",
         "",
-        f"Printed by `python -m benchmarks.table_coverage {truths}`, {date.today()}.",
+        f"{100 * np.mean(list(nodes.values())):.1f} % over all nodes, "
+        f"at worst {100 * lowest:.1f} %, {worst[0]} at {worst[1]:g} SOC. Smoothing and straight "
+        f"lines may have moved {100 * np.mean(biased):.0f} % of the values further than their "
+        "standard error.",
         "",
-        f"{truths} random truths on the bundled cell's current, {int(prepared.scored.sum())} "
-        f"samples each, noise of {NOISE.name}, seed {SEED}. Shares of truths that the 95 % "
-        f"interval of a node holds: {100 * np.mean(list(nodes.values())):.1f} % over all nodes, "
-        f"at worst {100 * lowest:.1f} %, {worst[0]} at {worst[1]:g} SOC. Smoothing may have moved "
-        f"{100 * biased:.0f} % of the values further than their standard error.",
-        "",
-        f"| table | {' | '.join(f'{soc:g}' for soc in at)} |",
-        f"|---|{'---|' * len(at)}",
+        f"| table | half an interval (median) | {' | '.join(f'{soc:g}' for soc in at)} |",
+        f"|---|---|{'---|' * len(at)}",
     ]
     for table in tables:
         cells = [f"{100 * nodes[table, soc]:.0f} %" if (table, soc) in nodes else "-" for soc in at]
-        lines.append(f"| {table} | {' | '.join(cells)} |")
+        unit = "mV" if table.endswith("[V]") else "mOhm"
+        reach = f"{1e3 * np.median(reaches[table]):.2g} {unit}"
+        lines.append(f"| {table} | {reach} | {' | '.join(cells)} |")
     held = [f"{name} {100 * share:.1f} %" for (name, soc), share in shares.items() if soc is None]
     return [*lines, "", f"Time constants: {', '.join(held)}.", ""]
 
 
-def _truth(rng: np.random.Generator) -> SocTables:
+def _truth(rng: np.random.Generator, waviness: float) -> SocTables:
     """Smooth random curves over SOC, resistances rising toward empty."""
     empty = np.exp(-np.maximum(FINE, 0.0) / EMPTY_SOC)
     curves = {
-        name: level * (1 + spread * _curve(rng) + rise * rng.uniform(0.5, 1.5) * empty)
+        name: level
+        * (np.exp(waviness * spread * _curve(rng)) + rise * rng.uniform(0.5, 1.5) * empty)
         for name, (level, spread, rise) in LEVELS.items()
     }
     return SocTables(

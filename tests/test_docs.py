@@ -13,10 +13,13 @@ from barnax.optimizers import OPTIMIZERS
 
 FOLDER = Path(__file__).parents[1] / "docs"
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.md"))}
+# A joint fit of pulse tests, and a filter's replay.
+SLOW = {"pulses.md-0", "filters.md-0"}
 BLOCKS = [
-    pytest.param(block, id=f"{name}-{number}")
+    pytest.param(block, id=each, marks=[pytest.mark.slow] if each in SLOW else [])
     for name, page in PAGES.items()
     for number, block in enumerate(re.findall(r"^```python\n(.*?)^```", page, re.M | re.S))
+    for each in [f"{name}-{number}"]
 ]
 # The searches of the pages, as small as they can be and still run.
 SMALLER = {

@@ -56,10 +56,10 @@ def test_of_several_tests_the_first_is_the_ocv_test(asked, tmp_path):
     assert [source.name for source in asked["ocv"]] == ["again.parquet"]
 
 
-def test_tests_at_several_temperatures_share_the_ocv_of_the_one_nearest_to_25_degc(asked):
+def test_tests_at_several_temperatures_each_have_their_own_ocv(asked):
     hppc([bundled_file("hppc_10degC"), HPPC])
     assert asked["over"] == "soc,temperature"
-    assert [source.name for source in asked["ocv"]] == [HPPC.name]
+    assert [source.name for source in asked["ocv"]] == ["hppc_10degC.parquet", HPPC.name]
     # What is given of a test goes before what it measured.
     given = {"hppc_10degC.parquet": Window(temperature_degc=24.0)}
     hppc([bundled_file("hppc_10degC"), HPPC], window=given)

@@ -9,6 +9,8 @@ from rich.console import Console
 
 from barnax import Result, identify
 from barnax.errors import InputError
+from barnax.model.inputs import group_tests
+from barnax.model.window import Window
 from barnax.pipeline import validate_stored
 from barnax.pulse_test import hppc
 from barnax.reporting import identification_document
@@ -28,7 +30,7 @@ def arrhenius(degc):
 
 
 def at(degc):
-    return made_record(2.0, factor=arrhenius(degc), degc=degc)
+    return made_record(2.0, factor=arrhenius(degc), degc=degc, lift_v=1e-3 * (degc - 25))
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +95,24 @@ def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(resu
     assert evaluation.metrics.rmse_v == pytest.approx(result.tables.metrics.validation[0].rmse_v)
     rows = list(csv.DictReader(tables_csv(again).decode().splitlines()))
     assert {float(row["temperature [degC]"]) for row in rows} == set(DEGC)
+
+
+def test_each_temperature_has_the_ocv_of_its_own_test(result):
+    for degc in (*DEGC, 15.0):
+        own_v = result.cell.at(degc).average_ocv_v(np.array([0.1, 0.5]))
+        assert own_v == pytest.approx(3.2 + (0.875 + 1e-3 * degc) * np.array([0.1, 0.5]), abs=1e-5)
+    # So no correction is left to make.
+    for fit in result.tables.fits:
+        assert np.abs(fit.tables.ocv_correction_v).max() < 1e-3
+
+
+def test_an_ocv_test_of_unknown_temperature_beside_others_is_refused():
+    tests = [at(5.0), at(45.0), made_record(2.0)]
+    with pytest.raises(InputError, match=r"made: .*`temperature`"):
+        group_tests(tests, None)
+    known = group_tests(tests, {"made": Window(temperature_degc=24.0)})
+    assert list(known) == [5.0, 24.0, 45.0]
+    assert group_tests(tests[:1], None) == {}
 
 
 def test_pulses_stand_by_temperature(result):

@@ -1,9 +1,24 @@
-"""The search of tables over SOC against NumPy and SciPy: `python -m benchmarks.speed.tables`."""
+"""How fast tables over SOC are: `python -m benchmarks.speed.tables`, about three minutes.
 
+The search against NumPy and SciPy, the whole of `identify` with and without tables, a record at
+10 Hz, and how memory grows with the record. Writes benchmarks/results/table_speed.md.
+"""
+
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import jax
 import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
+import barnax
 from barnax.cell.tables import hats
 from barnax.model.inputs import PreparedRecord, Window, prepare_record
 from barnax.over_soc.cross_validation import blocks_of
@@ -11,7 +26,9 @@ from barnax.over_soc.objective import Objective
 from barnax.over_soc.reduced import layout_of, reduce_records, together
 from barnax.over_soc.search import find_best
 from barnax.over_soc.settings import TableSettings
+from benchmarks.pages import as_markdown, provenance, save_page
 
+from . import report
 from .case import bundled_cell, bundled_record
 from .row import Row
 from .sizes import Sizes
@@ -22,6 +39,13 @@ TAU_RANGE_S = (2.0, 1000.0)
 # Seconds between samples of the bundled record.
 INTERVAL_S = 1.0
 AIM = 10.0
+# Tables may add this to the constant circuit's time, and a record at 10 Hz take so long.
+MORE_S, LONG_S = 3.0, 15.0
+# Of the record at 10 Hz.
+FINE_S, FINE_SAMPLES = 0.1, 141_000
+NOISE_V, SEED = 1e-3, 15
+LENGTHS = (100_000, 1_000_000)
+RESULTS = Path(__file__).parents[1] / "results" / "table_speed.md"
 
 
 def time_tables(sizes: Sizes) -> list[Row]:
@@ -89,6 +113,105 @@ def _solved(prepared: PreparedRecord, penalty, whole, place):
     )
 
 
+def finer(samples: int, interval_s: float) -> barnax.Record:
+    """The bundled trips sampled at another rate, so that the SOC stays what it is, with noise."""
+    record = bundled_record()
+    time_s = record.time_s[0] + interval_s * np.arange(samples)
+    at = np.searchsorted(record.time_s, time_s, side="right") - 1
+    noise_v = np.random.default_rng(SEED).normal(0, NOISE_V, samples)
+    return replace(
+        record,
+        name=f"{samples:,} samples",
+        time_s=time_s,
+        # A sample's current flows until the next one.
+        current_a=record.current_a[at],
+        voltage_v=np.interp(time_s, record.time_s, record.voltage_v) + noise_v,
+        temperature_degc=None,
+        step=None,
+        row=np.arange(samples) + 2,
+        sha256="",
+    )
+
+
+def time_identify(turns: int) -> Iterator[str]:
+    """A row for each record: wall and CPU seconds with and without tables, and the aim."""
+    tests = [barnax.bundled_file(f"ocv_{way}") for way in ("discharge", "charge")]
+    for record, limit_s in ((bundled_record(), None), (finer(FINE_SAMPLES, FINE_S), LONG_S)):
+        spent = {name: [] for name in ("without", "with")}
+        gap = ""
+        # The first turn compiles.
+        for turn in range(turns + 1):
+            for name, over in (("without", None), ("with", "soc")):
+                wall_s, cpu_s = time.perf_counter(), time.process_time()
+                found = barnax.identify(record, ocv=tests, over=over)
+                if found.tables is not None:
+                    gap = f"{100 * found.tables.fit.proved_gap:.2g} %"
+                taken = time.perf_counter() - wall_s, time.process_time() - cpu_s
+                if turn:
+                    spent[name].append(taken)
+        without, own = (np.median(spent[name], axis=0) for name in ("without", "with"))
+        more = np.median(np.subtract(spent["with"], spent["without"]), axis=0)
+        taken_s, aim = (more[0], MORE_S) if limit_s is None else (own[0], limit_s)
+        wanted = f"{MORE_S:g} s more" if limit_s is None else f"{limit_s:g} s"
+        verdict = "met" if taken_s <= aim else f"missed by a factor of {taken_s / aim:.2g}"
+        yield (
+            f"| {record.samples:,} | {without[0]:.1f} s | {own[0]:.1f} s | {more[0]:.1f} s | "
+            f"{without[1]:.1f} s | {own[1]:.1f} s | {gap} | at most {wanted} | {verdict} |"
+        )
+
+
+def measure_memory(samples: int) -> None:
+    """Print what this process took at most before and after a fit, in MiB, and its CPU seconds."""
+    prepared = prepare_record(finer(samples, 19_679 / samples), bundled_cell(), "so-rc", Window())
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    begin_s = time.process_time()
+    barnax.fit_tables([prepared])
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(before, after, time.process_time() - begin_s)
+
+
+def memory_rows() -> Iterator[str]:
+    for samples in LENGTHS:
+        command = [sys.executable, "-m", "benchmarks.speed.tables", str(samples)]
+        ran = subprocess.run(command, capture_output=True, text=True, check=True)
+        before, after, cpu_s = map(float, ran.stdout.split())
+        yield f"| {samples:,} | {before:.0f} | {after:.0f} | {after - before:.0f} | {cpu_s:.1f} s |"
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure, print the page and write it; with a number of samples the memory of one fit."""
+    if arguments:
+        measure_memory(int(arguments[0]))
+        return
+    facts = provenance("python -m benchmarks.speed.tables", SEED)
+    facts["load average at the start"] = ", ".join(f"{load:.1f}" for load in os.getloadavg())
+    sizes = Sizes(turns=3)
+    lines = ["# How fast are tables over SOC?", "", as_markdown(facts), ""]
+    with jax.enable_x64(True):
+        lines += report.work_table(time_tables(sizes))
+    lines += [
+        "",
+        "`barnax.identify` in a warm process, `so-rc` with tables beside the constant `iso-rc`, "
+        "everything included: search, proof, intervals, held-out blocks. Medians of "
+        f"{sizes.turns} turns. CPU seconds are of all cores together, and do not wait for others.",
+        "",
+        "| samples | constant | with tables | tables add | CPU, constant | CPU, with tables "
+        "| proved gap | aim | verdict |",
+        "|---|---|---|---|---|---|---|---|---|",
+        *time_identify(sizes.turns),
+        "",
+        "Peak memory of a fresh process in MiB, the record and all libraries included, before and "
+        "after `fit_tables`: reduction, search, proof, intervals and held-out blocks.",
+        "",
+        "| samples | before | after | added | CPU of the fit |",
+        "|---|---|---|---|---|",
+        *memory_rows(),
+        "",
+    ]
+    text = "\n".join(lines)
+    save_page(RESULTS, text)
+    print(text)
+
+
 if __name__ == "__main__":
-    for row in time_tables(Sizes()):
-        print(row, row.verdict)
+    main(sys.argv[1:])

@@ -1,7 +1,7 @@
 """From files to checked records and the cell they show: each file is read once."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,15 +10,23 @@ from typing import Any, Literal
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import CellModel, OcvTable, characterize, read_ocv_test
+from .cell import (
+    CellModel,
+    OcvTable,
+    characterize,
+    characterize_over_temperature,
+    read_ocv_test,
+)
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .checks import FileCheck, SuggestedWindow, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
+from .model.inputs import group_tests, temperature_of
 from .model.search_space import Range, Scale, read_bounds
-from .model.window import Window
+from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
+from .records.read import STDIN, STDIN_NAME
 
 # A file or what was read of one, a `Record`, or a data frame.
 Given = Any
@@ -117,10 +125,11 @@ def read_inputs(
     hysteresis_fit: HysteresisFit,
     window: Window | Mapping[str, Window] | None,
     cell: CellModel | None = None,
+    over_temperature: bool = False,
     watch: Watch = unwatched,
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show,
-    unless that is known already."""
+    unless that is known already; `over_temperature` those of each temperature by themselves."""
     given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
     capacity = common.capacity_ah if capacity is None else capacity
@@ -163,15 +172,19 @@ def read_inputs(
         _require_different([*dynamic, *further])
         _require_different(ocv_records)
     with watch("Characterizing the cell", 0):
-        cell = cell or characterize(
-            ocv_records,
-            capacity_ah=capacity,
-            ocv_capacity_ah=ocv_capacity,
-            ocv_fit=ocv_fit,
-            hysteresis_fit=hysteresis_fit,
-            rest_current_a=common.rest_current_a,
-        )
-    warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window)
+        options: Any = {
+            "capacity_ah": capacity,
+            "ocv_capacity_ah": ocv_capacity,
+            "ocv_fit": ocv_fit,
+            "hysteresis_fit": hysteresis_fit,
+            "rest_current_a": common.rest_current_a,
+        }
+        by_degc = group_tests(ocv_records, window) if over_temperature else {}
+        if cell is None and by_degc:
+            cell = characterize_over_temperature(by_degc, **options)
+        elif cell is None:
+            cell = characterize(ocv_records, **options)
+    warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
     return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
 
 
@@ -180,8 +193,18 @@ def _checked(
     cell: CellModel,
     capacity_ah: float | None,
     window: Window | Mapping[str, Window] | None,
+    reading: Reading,
 ) -> list[str]:
-    """What the checks have against the files, by themselves and against each other."""
+    """What the checks have against the files, by themselves and against each other.
+
+    Of what was given nothing is advised again, and what is not simulated is left out.
+    """
+    signs: dict[str, Any] = {
+        "OCV test": reading.ocv_current_sign,
+        "identification": reading.current_sign,
+        "validation": reading.validate_current_sign,
+    }
+    hold: Any = reading.current_hold
     warnings: list[str] = []
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
     for role, source, taken in looked_at:
@@ -189,17 +212,41 @@ def _checked(
             continue
         is_test = role == "OCV test"
         # A record's ampere-hours are judged by the capacity that it is simulated with.
-        own_ah = capacity_ah
-        if not is_test:
-            own_ah = window_of(window, source.name).capacity_ah or cell.capacity_ah
-        found = check_file(source, capacity_ah=own_ah)
+        own = window_of(window, source.name)
+        own_cell = cell if is_test else cell.at(temperature_of(taken, own))
+        own_ah = own.capacity_ah or capacity_ah or (None if is_test else own_cell.capacity_ah)
+        found = check_file(
+            source if is_test else _simulated(source, taken, own),
+            capacity_ah=own_ah,
+            current_sign=signs[role],
+            current_hold=hold,
+            rest_current_a=own.rest_current_a,
+        )
         warnings += input_warnings(found, role, window)
         if found.traits is not None:
             degc[is_test].append((found.file, found.traits.temperature_degc))
         if not is_test:
-            against = compare_with_cell(taken, cell, own_ah)
+            against = compare_with_cell(taken, own_cell, own_ah)
             warnings += [each.sentence(found.file) for each in against]
     return warnings + compare_temperatures(degc[False], degc[True])
+
+
+def _simulated(source: Source, record: Record, window: Window) -> Source:
+    """The part of a file from the start of the simulation to the last sample that is scored."""
+    if not window.is_chosen or source.span_s is not None:
+        return source
+    scored = scored_samples(record, replace(window, score_soc=None), 0, record.time_s)
+    first, last = first_sample(record, window), int(np.flatnonzero(scored)[-1])
+    return replace(source, span_s=(float(record.time_s[first]), float(record.time_s[last])))
+
+
+@contextmanager
+def telling(warnings: Sequence[str]) -> Iterator[None]:
+    """What an `InputError` says goes before what the checks found, which may be its cause."""
+    try:
+        yield
+    except InputError as problem:
+        raise InputError("\n".join([str(problem), *warnings])) from problem
 
 
 def read_validation(
@@ -215,7 +262,7 @@ def read_validation(
     sign: Any = reading.validate_current_sign
     hold: Any = reading.current_hold
     record = read_record(source, current_sign=sign, current_hold=hold)
-    return record, _checked([("validation", source, record)], cell, None, window)
+    return record, _checked([("validation", source, record)], cell, None, window, reading)
 
 
 def source_of(
@@ -266,7 +313,7 @@ def windows_of(
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     if isinstance(window, Window | None):
         window = {"": window or Window()}
-    unknown = sorted(window.keys() - inputs.names - {""})
+    unknown = sorted(window.keys() - inputs.names - {each.name for each in inputs.ocv} - {""})
     if unknown:
         raise InputError(
             f"no record is called {unknown[0]!r}, for which options are given; there are "
@@ -302,7 +349,8 @@ def _name_of(source: Given) -> str:
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:
     """What each file is called: its name, with folders where names are shared."""
     distinct = {Path(path) for path in paths}
-    return {path: printable(_shortest_own_name(path, distinct - {path})) for path in distinct}
+    names = {path: printable(_shortest_own_name(path, distinct - {path})) for path in distinct}
+    return names | ({STDIN: STDIN_NAME} if STDIN in distinct else {})
 
 
 def _shortest_own_name(path: Path, others: set[Path]) -> str:

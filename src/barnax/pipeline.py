@@ -28,6 +28,7 @@ from .gather import (
     ranges_of,
     read_inputs,
     read_validation,
+    telling,
     unwatched,
     windows_of,
 )
@@ -145,9 +146,10 @@ def identify(
         records, ocv, validate, reading,
         capacity=capacity, ocv_capacity=ocv_capacity,
         ocv_fit=ocv_fit or "polynomial", hysteresis_fit=hysteresis_fit,
-        window=window, cell=cell, watch=watch,
+        window=window, cell=cell, over_temperature=settings.over == OVER_TEMPERATURE,
+        watch=watch,
     )  # fmt: skip
-    with watch("Setting up the problem", 0):
+    with telling(inputs.warnings), watch("Setting up the problem", 0):
         windows = windows_of(inputs, window, capacity)
         problem = _problem(inputs, windows, settings, bounds, fix)
         # A validation record that does not fit its window is refused before the search, not after.
@@ -385,7 +387,8 @@ def validate_stored(
             f"{measured.name}: is the record {own[measured.sha256]} that the circuit was "
             "identified on, so it validates nothing"
         )
-    prepared = prepare_record(measured, cell, stored.model, window)
+    with telling(warnings):
+        prepared = prepare_record(measured, cell, stored.model, window)
     evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)
     if stored.tables is not None:
         evaluation = evaluate_tables(

@@ -26,10 +26,10 @@ def hppc(
 
     As `identify` with tables over SOC, which see for all other options; tests at several
     temperatures give tables for each. Pulses and rests are found in the records. Without `ocv` the
-    rests of the test are the OCV, interpolated, and of several tests those of the one nearest to
-    25 degC, else of the first; the charge between its ends is the capacity, where none is given. A
-    simulation starts at the end of the rest before the first pulse, unless `window` says otherwise.
-    Without any record the bundled cell's test at 25 degC is identified and validated on its trips.
+    rests of the test are the OCV, interpolated, and of several tests of one temperature those of
+    the first; the charge between its ends is the capacity, where none is given. A simulation starts
+    at the end of the rest before the first pulse, unless `window` says otherwise. Without any
+    record the bundled cell's test at 25 degC is identified and validated on its trips.
 
     Raises `InputError` where a record has no pulses, and where `identify` does.
     """

@@ -294,14 +294,15 @@ class Result(Document):
         return self.metrics if self.tables is None else self.tables.metrics
 
     def at_temperature(self, temperature_degc: float) -> Self:
-        """The same with the tables over SOC of one temperature alone; itself where they are of no
-        other."""
+        """The same with the tables over SOC, the OCV and the capacity of one temperature alone;
+        itself where they are of no other."""
         part = self.tables
         if part is None or part.over_temperature is None:
             return self
         fit = replace(part.fit, tables=part.found.at(temperature_degc))
         own = part.model_copy(update={"fits": (fit,), "over_temperature": None})
-        return self.model_copy(update={"tables": own})
+        cell = self.cell.at(temperature_degc)
+        return self.model_copy(update={"tables": own, "cell": replace(cell, elsewhere=())})
 
     @property
     def cell_model(self) -> CellModel:

@@ -25,6 +25,7 @@ def said(record, cell, **options):
         ("time_s", 1 / 60, "60 times the charge: its time is in minutes"),
         ("time_s", 1 / 3600, "3600 times the charge: its time is in hours"),
         ("current_a", 1000.0, "0.001 times the charge: its current is in mA"),
+        ("current_a", 1e-3, "1000 times the charge: its current is a thousand times too small"),
         ("current_a", 0.5, "2 times the charge: its current is half of what flowed"),
         ("current_a", 2.0, "0.5 times the charge: its current is twice what flowed"),
     ],

@@ -70,7 +70,7 @@ def test_quiet_gives_a_line_a_finding_and_nothing_else(run, faulty):
     lines = outcome.err.splitlines()
     assert len(lines) == 2
     assert all(line.startswith("warning: faulty.csv: row ") for line in lines)
-    assert "[rename the column to 'Current / mA']" in lines[1]
+    assert "[rename the column to 'Current / mA', or give" in lines[1]
 
 
 def test_quiet_is_silent_about_clean_files(run):

@@ -20,9 +20,6 @@ from helpers import golden
 from .conftest import BUDGET, OCV, contents, run_command
 
 ALWAYS = {
-    "ocv",
-    "hysteresis",
-    "convergence",
     "identification-voltage",
     "identification-error",
     "validation-1-voltage",

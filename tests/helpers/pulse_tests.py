@@ -15,10 +15,10 @@ def r0_ohm(soc):
     return np.interp(soc, (0.0, 0.5, 1.0), (0.06, 0.05, 0.052))
 
 
-def made_record(interval_s=0.5, factor=1.0, degc=None) -> Record:
+def made_record(interval_s=0.5, factor=1.0, degc=None, lift_v=0.0) -> Record:
     """Eleven levels of pulses at 1C and of C/2 in between, with a linear OCV and no noise.
 
-    All resistances are `factor` times as high.
+    All resistances are `factor` times as high, the OCV by `lift_v` higher when full.
     """
     level = [(10, 2.0), (40, 0.0), (10, -1.5), (600, 0.0)]
     loads = [(1900, 0.0)]
@@ -35,7 +35,7 @@ def made_record(interval_s=0.5, factor=1.0, degc=None) -> Record:
     current_a = np.array(current_a)
     dt = np.diff(time_s, append=time_s[-1] + 1)
     soc = 1 - np.concatenate([[0], np.cumsum(current_a * dt)[:-1]]) / 3600 / CAPACITY_AH
-    voltage_v = 3.2 + 0.9 * soc - factor * r0_ohm(soc) * current_a
+    voltage_v = 3.2 + (0.9 + lift_v) * soc - factor * r0_ohm(soc) * current_a
     for r, tau_s in zip((R1_OHM, R2_OHM), TAU_S, strict=True):
         u, course = 0.0, []
         for amps, gap_s in zip(current_a, dt, strict=True):

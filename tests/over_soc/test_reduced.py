@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, simulate_tables
 from barnax.over_soc.cross_validation import blocks_of
 from barnax.over_soc.fit import box_of
-from barnax.over_soc.intervals import _linearized
+from barnax.over_soc.intervals import _linearized, sag_of
 from barnax.over_soc.objective import Objective
 from barnax.over_soc.reduced import layout_of, reduce_records, together
 from barnax.over_soc.search import find_best, polish
@@ -183,3 +184,9 @@ def test_intervals_are_of_visited_nodes_and_hold_their_values(prepared):
             assert each.low is None or each.low <= each.value <= each.high
     assert [each.name for each in fit.intervals[-2:]] == ["tau1 [s]", "tau2 [s]"]
     assert fit.parameters == 4 * len(nodes) + 2
+
+
+def test_sag_is_what_least_squares_lines_miss_of_a_parabola_at_their_nodes():
+    nodes, soc = np.linspace(0.2, 1.0, 9), np.linspace(0.2, 1.0, 8001)
+    values = np.linalg.lstsq(hats(soc, nodes), 1 - 3 * soc**2)[0]
+    np.testing.assert_allclose(sag_of(nodes, values), 1 - 3 * nodes**2 - values, rtol=2e-3)

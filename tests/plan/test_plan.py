@@ -9,6 +9,7 @@ import barnax
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.errors import InputError
 from barnax.plan import plan
+from helpers.records import with_counters
 
 TEMPERATURE = "Ambient Temperature / degC"
 # Names that tell nothing.
@@ -111,3 +112,24 @@ def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_i
     taken_ah = 1.08 * barnax.read_record(BUNDLED.record).discharged_ah.max()
     assert taken_ah > 2.0
     assert plan(folder).options["capacity"] == pytest.approx(taken_ah, abs=5e-4)
+
+
+def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
+    # Its counters began at neither full nor empty.
+    table = with_counters(pl.read_parquet(bundled_file("identification"))).with_columns(
+        pl.col("Discharging Capacity / Ah") + 0.7
+    )
+    half = len(table) // 2
+    while abs(table["Current / A"][half]) < 0.5:
+        half += 1
+    table[: half + 1].write_parquet(folder / "first.parquet")
+    table[half:].write_parquet(folder / "second.parquet")
+    for name in ("a", "c"):
+        (folder / f"{name}.parquet").unlink()
+    found = plan(folder)
+    second = next(part for part in found.parts if part.name == "second.parquet")
+    assert second.is_simulated
+    assert "it starts under load, where first.parquet ends" in second.reason
+    whole = barnax.read_record(bundled_file("identification"))
+    expected = 1 - whole.discharged_ah[half] / 2.0
+    assert second.window.initial_soc == pytest.approx(expected, abs=0.005)

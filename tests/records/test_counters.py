@@ -41,7 +41,11 @@ MEANINGS = {
 
 @pytest.mark.parametrize("counters", MEANINGS.values(), ids=MEANINGS)
 def test_a_counter_gives_the_charge_whatever_it_begins_with(counters):
-    np.testing.assert_allclose(counters.charge_ah(FLOWED_AH), CHARGE_AH, atol=1e-12)
+    charge_ah = counters.charge_ah(FLOWED_AH)
+    np.testing.assert_allclose(charge_ah - charge_ah[0], CHARGE_AH, atol=1e-12)
+    # It begins where the tester's does, in the sign of the current.
+    begun_ah = -0.7 if counters is MEANINGS["net, not from zero"] else 0.0
+    assert charge_ah[0] == pytest.approx(begun_ah)
 
 
 def test_the_counter_knows_of_a_discharge_that_was_not_logged():

@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from barnax.records import read_record
@@ -51,6 +51,8 @@ def decided(folder, frame, **options):
     net=st.booleans(),
     sign=st.sampled_from([1.0, -1.0]),
 )
+# The net counter begins anew at nearly zero, where its fall looks like any other interval.
+@example("backward", 60545, pl.Float32, 5, True, True, -1.0)
 def test_counters_prove_the_hold(tmp_path_factory, hold, seed, dtype, digits, resets, net, sign):
     frame = counted(hold, seed=seed, dtype=dtype, digits=digits, resets=resets, net=net, sign=sign)
     decision = decided(tmp_path_factory.mktemp("hold"), frame)

@@ -7,9 +7,11 @@ from barnax.model.window import Window
 from barnax.records import Decision
 from barnax.reporting.decisions import (
     box_sentences,
+    carried_sentences,
     decision_sentences,
     files_table,
     guess_sentences,
+    known_words,
     ocv_sentences,
     start_sentence,
     window_sentences,
@@ -57,6 +59,9 @@ def test_every_decision_is_told_as_firmly_as_it_was_made():
                 start_sentence(result.inputs[0].name, start),
                 *list(guess_sentences(result))[1:],
             ]
+    for soc_source in list(known_words(STORED.start))[1:]:
+        start = replace(STORED.start, soc_source=soc_source)
+        told += carried_sentences(with_inputs(start=start))
     for window in WINDOWS:
         told += window_sentences(window, ["a.csv", "b.csv"])
     cell = STORED.cell_model

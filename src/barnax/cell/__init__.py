@@ -1,6 +1,12 @@
 """One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
 
-from .characterize import OcvTable, characterize, read_ocv_table, read_ocv_test
+from .characterize import (
+    OcvTable,
+    characterize,
+    characterize_over_temperature,
+    read_ocv_table,
+    read_ocv_test,
+)
 from .circuits import CIRCUITS, Circuit, get_circuit
 from .curves import AbstractCurve, InterpolatedCurve, OcvFit, PolynomialCurve
 from .hysteresis import HysteresisFit, SegmentedHysteresis
@@ -27,6 +33,7 @@ __all__ = [
     "SocTables",
     "TemperatureTables",
     "characterize",
+    "characterize_over_temperature",
     "get_circuit",
     "parameter_names",
     "read_ocv_table",

@@ -1,9 +1,9 @@
 """From an OCV test, as records or as a table, to a characterized cell."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +32,7 @@ from .soc_axis import (
     place_on_soc,
     scale_warnings,
 )
+from .temperature import REFERENCE_DEGC
 
 # Of a voltage that was not measured in one direction only.
 EITHER = 0
@@ -215,6 +216,22 @@ def characterize(
         errors=_errors(measured, hysteresis),
         warnings=tuple(warnings),
     )
+
+
+def characterize_over_temperature(
+    by_degc: Mapping[float, Sequence[Record | OcvTable]], **options: Any
+) -> CellModel:
+    """The cell that OCV tests at several temperatures show: as at the one nearest to 25 degC, and
+    with `CellModel.at` at the others. Options are those of `characterize`, which raises what it
+    does for the tests of one temperature."""
+    cells = {
+        degc: replace(characterize(tests, **options), temperature_degc=degc)
+        for degc, tests in sorted(by_degc.items())
+    }
+    nearest = min(cells, key=lambda degc: abs(degc - REFERENCE_DEGC))
+    others = tuple(each for degc, each in cells.items() if degc != nearest)
+    warnings = dict.fromkeys(text for each in cells.values() for text in each.warnings)
+    return replace(cells[nearest], elsewhere=others, warnings=tuple(warnings))
 
 
 def _require_positive(option: str, value: float | None, unit: str) -> None:

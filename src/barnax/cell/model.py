@@ -1,20 +1,24 @@
 """One characterized cell: capacity, OCV branches and hysteresis voltage."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .curves import Curve
+from .curves import Curve, InterpolatedCurve
 from .hysteresis import SegmentedHysteresis
 from .soc_axis import OcvPoint
+from .temperature import SAME_DEGC
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
 # Of the state of charge, what half the gap is worth where hysteresis matters as it does for LFP.
 FLAT = 0.08
+# Points of an OCV curve between two measured temperatures, beside those that were measured.
+MIXED_POINTS = 501
+NEAR_DEGC = SAME_DEGC / 2
 
 Soc = Float[np.ndarray, "*any"]
 
@@ -33,7 +37,8 @@ class CellModel:
 
     `capacity_origin` says in words where the capacity comes from. A branch that was not measured
     equals the other, and the hysteresis voltage is zero. `errors` holds the fit errors of
-    "charge", "discharge", "average" and "hysteresis".
+    "charge", "discharge", "average" and "hysteresis". `elsewhere` is the cell as tests at other
+    temperatures show it, and `temperature_degc` then its own.
     """
 
     capacity_ah: float
@@ -45,12 +50,30 @@ class CellModel:
     discharge_points: tuple[OcvPoint, ...]
     errors: Mapping[str, FitError]
     warnings: tuple[str, ...] = ()
+    temperature_degc: float | None = None
+    elsewhere: tuple["CellModel", ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 < self.capacity_ah < np.inf:
             raise InputError(f"a capacity of {self.capacity_ah:g} Ah is no cell's")
         if not self.charge_points + self.discharge_points:
             raise InputError("a cell needs OCV points")
+
+    def at(self, temperature_degc: float | None) -> "CellModel":
+        """The cell at a temperature: as measured within `NEAR_DEGC` of it, in between with OCV,
+        hysteresis and capacity linear in temperature, beyond as at the nearest. Itself where all
+        tests are of one."""
+        if not self.elsewhere or temperature_degc is None:
+            return self
+        known = sorted((self, *self.elsewhere), key=lambda each: each.temperature_degc or 0.0)
+        degc = np.array([each.temperature_degc for each in known], float)
+        above = int(np.searchsorted(degc, temperature_degc))
+        nearest = int(np.argmin(np.abs(degc - temperature_degc)))
+        is_near = abs(degc[nearest] - temperature_degc) <= NEAR_DEGC
+        if is_near or above in (0, len(known)):
+            return known[nearest]
+        share = (temperature_degc - degc[above - 1]) / (degc[above] - degc[above - 1])
+        return _between(known[above - 1], known[above], float(share))
 
     def average_ocv_v(self, soc: Soc) -> Soc:
         """The mean of both branches in V, each constant beyond its end points."""
@@ -97,6 +120,29 @@ class CellModel:
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])
         return float(np.interp(voltage_v, ocv_v[rises], soc[rises]))
+
+
+def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
+    """The cell at a temperature that lies this share of the way from one to another."""
+
+    def mixed(first: Curve, second: Curve) -> InterpolatedCurve:
+        ends = min(first.soc[0], second.soc[0]), max(first.soc[-1], second.soc[-1])
+        soc = np.unique([*first.soc, *second.soc, *np.linspace(*ends, MIXED_POINTS)])
+        # Points closer than rounding would give a step, not a curve.
+        soc = soc[np.append(True, np.diff(soc) > 1e-9)]
+        return InterpolatedCurve.fit(soc, (1 - share) * first(soc) + share * second(soc))
+
+    ends_v = (1 - share) * np.array(cold.hysteresis.ends_v) + share * np.array(
+        warm.hysteresis.ends_v
+    )
+    return replace(
+        cold,
+        capacity_ah=(1 - share) * cold.capacity_ah + share * warm.capacity_ah,
+        charge=mixed(cold.charge, warm.charge),
+        discharge=mixed(cold.discharge, warm.discharge),
+        hysteresis=replace(cold.hysteresis, ends_v=tuple(map(tuple, ends_v.tolist()))),
+        elsewhere=(),
+    )
 
 
 def fit_error(errors_v: Float[np.ndarray, "points"]) -> FitError:

@@ -1,7 +1,8 @@
 """Tables over state of charge at several temperatures, and what lies between them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -9,8 +10,14 @@ from ..errors import InputError
 from .tables import SocTables, Table
 
 ZERO_DEGC_K = 273.15
+# What was measured within this is of one temperature.
+SAME_DEGC = 5.0
+# Where one temperature stands for all, it is that nearest to this.
+REFERENCE_DEGC = 25.0
 # Below this a resistance is at its bound of zero, which has no logarithm.
 LEAST_OHM = 1e-7
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,22 @@ class TemperatureTables:
             gamma=cold.gamma,
             visited=tuple(a and b for a, b in zip(cold.visited, warm.visited, strict=True)),
         )
+
+
+def group_near(known: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
+    """What is within `SAME_DEGC` of the coldest together, under the mean of their temperatures.
+
+    >>> group_near([(25.0, "a"), (0.0, "b"), (27.0, "c")])
+    {0.0: ['b'], 26.0: ['a', 'c']}
+    """
+    groups: list[list[tuple[float, Item]]] = []
+    for degc, each in sorted(known, key=lambda pair: pair[0]):
+        if not groups or degc - groups[-1][0][0] > SAME_DEGC:
+            groups.append([])
+        groups[-1].append((degc, each))
+    return {
+        float(np.mean([degc for degc, _ in group])): [each for _, each in group] for group in groups
+    }
 
 
 def _mixed(mix: Callable, first: Table, second: Table, share: float) -> Table:

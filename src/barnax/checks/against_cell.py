@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..cell import CellModel
 from ..records import Record
 from ..records.findings import Finding
-from ..records.samples import STEP_SHARE, step_resistance_ohm
+from ..records.samples import record_resistance_ohm
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
 _UNITS = {
@@ -24,6 +24,7 @@ _CAPACITIES = np.geomspace(0.5, 2, 25)
 # What most of the voltage must leave the OCV by before anything is said of it, and what share of
 # that must vanish with another charge; and what no unit explains.
 _APART_V, _VANISHES, _ELSEWHERE_V = 0.03, 0.5, 0.15
+_LEFT, _FAR_V = 0.2, 0.25
 _MOST = 0.75
 # So many samples tell, best those of a small current.
 _SAMPLES, _SMALL_HOURS = 400, 5.0
@@ -67,9 +68,7 @@ def _source(
     record: Record, capacity_ah: float
 ) -> tuple[Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"]]:
     """The voltage without R I, and the charge taken out as a share of the capacity."""
-    step_a, step_v = np.diff(record.current_a), np.diff(record.voltage_v)
-    is_step = np.abs(step_a) > STEP_SHARE * np.abs(record.current_a).max()
-    resistance_ohm = step_resistance_ohm(step_a[is_step], step_v[is_step])
+    resistance_ohm = record_resistance_ohm(record)
     small_a = capacity_ah / _SMALL_HOURS
     at = np.flatnonzero(np.abs(record.current_a) < small_a)
     if len(at) < _SAMPLES:
@@ -94,11 +93,14 @@ def compare_with_cell(
     apart = "its charge goes beyond full and empty"
     if np.isfinite(own.apart_v):
         apart = f"the voltage leaves the OCV by {1e3 * own.apart_v:.3g} mV wherever it starts"
-    if best.apart_v < min(_VANISHES * own.apart_v, _APART_V):
+    # A large load leaves the OCV by some more, whatever its unit.
+    allowed_v = max(_APART_V, _LEFT * min(own.apart_v, _FAR_V))
+    if best.apart_v < min(_VANISHES * own.apart_v, allowed_v):
         remedy = "check `capacity`, and that the OCV test is of this cell"
         meaning = f"as if the cell held {capacity_ah / best.factor:.3g} Ah"
         if best.factor in _UNITS:
-            remedy, meaning = "correct the unit, or give the right column", _UNITS[best.factor]
+            remedy = "correct the unit, here or in the OCV test, or give the right column"
+            meaning = _UNITS[best.factor]
         what = (
             f"{apart}, and by {1e3 * best.apart_v:.2g} mV with {best.factor:.4g} times the charge: "
             f"{meaning}"

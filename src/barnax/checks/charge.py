@@ -191,7 +191,7 @@ def find_rests(given: CheckInput) -> Iterator[Finding]:
     rests = _rests(given)
     if rests:
         yield from _offset(given, rests)
-    if given.rest_current_a > 1.01 * given.scale_ah / 100:
+    if given.given_rest_a is None and given.rest_current_a > 1.01 * given.scale_ah / 100:
         what = (
             f"the current is noisy at rest: below {1e3 * given.rest_current_a:.3g} mA counts as "
             "rest, C/100 does not"
@@ -282,7 +282,8 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
     )
     turnover_ah, remedy = _turnover_ah(given), "subtract it from the current"
     if abs(offset_a) >= turnover_ah / 100:
-        remedy += f", or `rest_current={1.5 * abs(offset_a):.2g}` to see the rests"
+        if given.given_rest_a is None:
+            remedy += f", or `rest_current={1.5 * abs(offset_a):.2g}` to see the rests"
         yield given.at(first, "warning", what, remedy)
     elif drift_ah > _DRIFT * turnover_ah:
         yield given.at(first, "warning", what, remedy)

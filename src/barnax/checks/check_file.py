@@ -3,15 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ..errors import InputError
+from ..records import Hold
+from ..records.dialects import Sign
 from ..records.findings import Finding, named
 from ..records.hold import decide_hold
 from ..records.read import Source, examine, make_record, read_source
-from ..records.samples import Samples
 from ..records.sign import decide_sign
 from .channels import (
     find_clipped_current,
@@ -139,14 +140,18 @@ def check_file(
     *,
     capacity_ah: float | None = None,
     columns: Mapping[str, str] | str = "",
+    current_sign: Sign | Literal["auto"] = "auto",
+    current_hold: Hold | Literal["auto"] = "auto",
+    rest_current_a: float | None = None,
 ) -> FileCheck:
     """Everything that is wrong with a cycler's file, and what it can serve as.
 
     The rules are those of `read_record`, which raises the first error, and more that look at the
     record as a whole. Each fault is mended as far as it can be before the next is looked for, so
     that one does not hide another. `capacity_ah` lets the charge be judged, and `columns` names
-    columns as for `read_record`. Raises InputError where there is no table to look at, or the
-    capacity is not positive.
+    columns as for `read_record`; sign, hold and the current below which the cell rests are found
+    unless they are given. Raises InputError where there is no table to look at, or the capacity is
+    not positive.
 
     >>> from barnax.bundled import bundled_file
     >>> checked = check_file(bundled_file("identification"))
@@ -165,13 +170,16 @@ def check_file(
         if examined.mended is not None:
             samples, found = find_turn(examined.mended)
             findings += named("sign", found)
-            given = _check_input(source, samples, capacity_ah)
+            sign, doubts = decide_sign(samples, current_sign, source.name)
+            record = make_record(source, samples, sign, decide_hold(samples, current_hold))
+            own = source.cut(samples)
+            given = CheckInput(own, record, tuple(doubts), capacity_ah, rest_current_a)
             if any(finding.check == "sign" for finding in examined.findings):
                 # A current without any sign has been told of.
                 given = replace(given, sign_doubts=())
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
-            findings += named("twin columns", find_twins(source.table, given))
+            findings += named("twin columns", find_twins(source, given))
         findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
         traits = traits_of(given) if given else None
         return FileCheck(
@@ -181,9 +189,3 @@ def check_file(
             roles=find_roles(given, traits) if given and traits else (),
             traits=traits,
         )
-
-
-def _check_input(source: Source, samples: Samples, capacity_ah: float | None) -> CheckInput:
-    sign, doubts = decide_sign(samples, "auto", source.name)
-    record = make_record(source, samples, sign, decide_hold(samples, "auto"))
-    return CheckInput(source.cut(samples), record, tuple(doubts), capacity_ah)

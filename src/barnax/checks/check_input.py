@@ -22,13 +22,14 @@ class CheckInput:
     """A file's samples, in its own sign of current, and the record made of them.
 
     Both have the same samples. `sign_doubts` is what was found when the sign was decided;
-    `capacity_ah` is the one the user gave.
+    `capacity_ah` and `given_rest_a`, the current below which the cell rests, are the user's.
     """
 
     samples: Samples
     record: Record
     sign_doubts: tuple[Finding, ...]
     capacity_ah: float | None
+    given_rest_a: float | None = None
 
     @cached_property
     def span_ah(self) -> float:
@@ -57,7 +58,7 @@ class CheckInput:
 
     @cached_property
     def rest_current_a(self) -> float:
-        return rest_current_a(self.record, self.scale_ah)
+        return self.given_rest_a or rest_current_a(self.record, self.scale_ah)
 
     @cached_property
     def is_rested(self) -> Bool[np.ndarray, "samples"]:

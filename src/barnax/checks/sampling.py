@@ -55,7 +55,7 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         elif is_lost or doubt_ah < _HIDDEN_SHARE * given.scale_ah:
             lost = "what passed meanwhile was not logged"
         what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
-        remedy = "score one side only (`score_from`, `score_to`), or start behind it (`start_time`)"
+        remedy = "score up to it only (`score_to`), or start behind it (`start_time`)"
         yield given.at(first, "warning", what, remedy)
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")
@@ -105,7 +105,7 @@ def find_breaks(given: CheckInput) -> Iterator[Finding]:
             f"in {record.interval_s[at - 1]:.3g} s, stays there, and no current explains it "
             f"({counted(len(places), 'such place')}): rows are missing, or another run begins"
         )
-        remedy = "split the file here, or score one side only (`score_from`, `score_to`)"
+        remedy = "split the file, score up to here (`score_to`), or start behind it (`start_time`)"
         yield given.at(at, "warning", what, remedy)
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from ..records.columns import QUANTITIES, Column, find_columns, likely_column
 from ..records.findings import Finding
+from ..records.read import Source
 from ..records.table import Table, take_lines
 from .check_input import CheckInput
 
@@ -17,14 +18,19 @@ from .check_input import CheckInput
 _EXPLAINED, _LEAST_V = 0.8, 3e-3
 _PROPORTIONAL, _EQUAL = 0.999, 0.01
 _MOST_NAMES = 200
-_REMEDY = "leave only the right one in the file"
 
 Channel = Float[np.ndarray, "samples"]
 
 
-def find_twins(table: Table, given: CheckInput) -> Iterator[Finding]:
-    """Other columns of voltage and current that differ as only a wrong one does."""
+def find_twins(source: Source, given: CheckInput) -> Iterator[Finding]:
+    """Other columns of voltage and current that differ as only a wrong one does.
+
+    What the user has named is the right one.
+    """
+    table = source.table
     for name, judge in (("voltage", _lead), ("current", _scale)):
+        if name in source.columns:
+            continue
         own = getattr(given.samples, f"{name}_{'v' if name == 'voltage' else 'a'}")
         for column in _others(table, name, given.samples.columns[name]):
             lines = take_lines(table, {name: column})
@@ -61,7 +67,7 @@ def _lead(given: CheckInput, own: Channel, other: Channel, column: Column) -> It
             f"times the current, up to {1e3 * swing_v:.3g} mV: one of them holds the drop of the "
             f"leads, and R0 with it; '{header}' is used"
         )
-        yield given.at(int(np.argmax(np.abs(apart_v))), "warning", what, _REMEDY)
+        yield given.at(int(np.argmax(np.abs(apart_v))), "warning", what, _remedy(column))
 
 
 def _scale(given: CheckInput, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
@@ -76,4 +82,8 @@ def _scale(given: CheckInput, own: Channel, other: Channel, column: Column) -> I
             f"the currents '{header}' and '{column.header}' disagree: the second is {ratio:.4g} "
             f"times the first throughout; '{header}' is used"
         )
-        yield given.at(int(np.argmax(np.abs(own))), "warning", what, _REMEDY)
+        yield given.at(int(np.argmax(np.abs(own))), "warning", what, _remedy(column))
+
+
+def _remedy(other: Column) -> str:
+    return f"`columns='{other.quantity.name}={other.header}'` takes the other"

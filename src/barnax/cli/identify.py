@@ -218,5 +218,7 @@ def _next(result: "Result") -> tuple[str, str]:
     replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
     given = without_options(sys.argv[1:], {**APPEARANCE, **replaced})
     words = [word for pair in flags.items() for word in pair]
+    if any(word == "-" or word.startswith("/dev/") for word in given):
+        return f"{as_flags(advice)}: {shlex.join(words)}, with what was piped saved as a file", ""
     command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
     return as_flags(advice), command

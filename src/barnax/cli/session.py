@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -38,7 +39,7 @@ def as_flags(text: str) -> str:
 
     def flag(found: re.Match[str]) -> str:
         name = "--" + found[1].replace("_", "-")
-        return name if found[2] is None else f"{name} {found[2].strip(chr(39))}"
+        return name if found[2] is None else f"{name} {shlex.quote(found[2].strip(chr(39)))}"
 
     return _OPTION.sub(flag, text)
 
@@ -144,7 +145,7 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
     kept = ["barnax"]
     for word in without_options(sys.argv[1:], {**APPEARANCE, "--report": 1, "--paper": 1}):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-        if value.rpartition("=")[0] not in names.values():
+        if value != "-" and value.rpartition("=")[0] not in names.values():
             value = names.get(Path(value), _file_name(value))
         kept.append(printable(option + equals + value))
     return kept

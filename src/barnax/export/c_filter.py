@@ -249,15 +249,25 @@ static void barnax_filter_step(barnax_filter *f, barnax_real interval_s, barnax_
 @in_float64
 def write_c_filter(result: Result) -> Export:
     """The header's source. Raises `InputError` for a result without an assessment."""
+    over, caveats = result.tables and result.tables.found.tables, ()
+    if result.tables is not None and over is not None:
+        degc = result.tables.found.reference_degc or 0.0
+        result = result.at_temperature(degc)
+        others = ", ".join(f"{each:.3g}" for each in over.temperatures_degc if each != degc)
+        caveats = (
+            f"The filter holds one temperature: everything in it is of {degc:.3g} degC, and "
+            f"nothing of what was identified at {others} degC.",
+        )
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
+    caveats = (*caveats, *table_caveats(tables))
     content = TEMPLATE.format(
-        notes=note_lines(tables.heading, table_caveats(tables), " * "),
+        notes=note_lines(tables.heading, caveats, " * "),
         pairs=model.pairs,
         errors=len(model.error_s),
         kind=REMEMBERS if get_circuit(result.model).turning else HYSTERESIS[model.hysteresis],
         declarations="\n".join(_declarations(model, tables.rest_current_a, result.start_direction)),
     )
-    return Export(content.encode(), table_caveats(tables))
+    return Export(content.encode(), caveats)
 
 
 def _declarations(model: FilterModel, rest_current_a: float, direction: int) -> Iterator[str]:

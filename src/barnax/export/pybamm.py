@@ -9,7 +9,7 @@ import importlib
 import numpy as np
 from jaxtyping import Float
 
-from ..over_soc.temperature import REFERENCE_DEGC
+from ..cell.temperature import REFERENCE_DEGC
 from ..results import Result
 from .exporter import (
     Export,

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -45,12 +45,15 @@ class Table:
 class TemperatureAxis:
     """Tables at rising temperatures: the measured ones, and what is interpolated between them.
 
-    `ocv_v` is the corrected OCV at every temperature and every SOC of `Tables.ocv`.
+    `capacities_ah` are those at the measured ones. `ocv_v` is the corrected OCV at every
+    temperature and every `soc`, those of `Tables.ocv`.
     """
 
     degc: tuple[float, ...]
     measured_degc: tuple[float, ...]
+    capacities_ah: tuple[float, ...]
     over_soc: tuple[SocTables, ...]
+    soc: Values
     ocv_v: Float[np.ndarray, "temperatures points"]
 
     @property
@@ -128,6 +131,8 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     A format that itself remembers where the current turned says so by `may_remember`.
     """
     cell = result.cell_model
+    if result.tables is not None:
+        cell = cell.at(result.tables.found.reference_degc)
     circuit = get_circuit(result.model)
     if circuit.turning is not None and not may_remember:
         raise InputError(
@@ -137,16 +142,12 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     kind = _kind_of(circuit, cell)
     over_soc = result.tables.fit.tables if result.tables else None
     breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])
-
-    def average_v(soc: Values) -> Values:
-        return np.mean(_sources_v(circuit, cell, soc), axis=0)
-
-    ocv, hysteresis = linear_table(average_v, breakpoints), None
+    ocv, hysteresis = _average(circuit, cell), None
     if kind != "none":
         hysteresis = _hysteresis(circuit, cell, breakpoints)
-    axis = _temperature_axis(result, ocv)
+    axis = _temperature_axis(result, circuit)
     if over_soc is not None:
-        ocv = _corrected(ocv, over_soc)
+        ocv = _corrected(ocv, over_soc, () if axis is None else axis.soc)
         if over_soc.half_hysteresis_v is not None:
             hysteresis = _on_nodes(over_soc, 2 * np.array(over_soc.half_hysteresis_v))
     return Tables(
@@ -165,7 +166,13 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     )
 
 
-def _temperature_axis(result: Result, ocv: Table) -> TemperatureAxis | None:
+def _average(circuit: Circuit, cell: CellModel) -> Table:
+    """The mean of the source after charging and after discharging."""
+    breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])
+    return linear_table(lambda soc: np.mean(_sources_v(circuit, cell, soc), axis=0), breakpoints)
+
+
+def _temperature_axis(result: Result, circuit: Circuit) -> TemperatureAxis | None:
     """All temperatures of a result, and further ones between them."""
     tables = result.tables and result.tables.found.tables
     if tables is None:
@@ -177,8 +184,14 @@ def _temperature_axis(result: Result, ocv: Table) -> TemperatureAxis | None:
     ]
     degc = (*np.concatenate(parts).tolist(), measured[-1])
     over_soc = tuple(tables.at(each) for each in degc)
-    ocv_v = np.array([_corrected(ocv, each).voltage_v for each in over_soc])
-    return TemperatureAxis(degc, measured, over_soc, ocv_v)
+    averages = [_average(circuit, result.cell.at(each)) for each in degc]
+    soc = np.unique(np.concatenate([each.soc for each in averages]))
+    corrected = [
+        _corrected(average, each, soc) for average, each in zip(averages, over_soc, strict=True)
+    ]
+    ocv_v = np.array([each.voltage_v for each in corrected])
+    capacities_ah = tuple(result.cell.at(each).capacity_ah for each in measured)
+    return TemperatureAxis(degc, measured, capacities_ah, over_soc, corrected[0].soc, ocv_v)
 
 
 def table_caveats(tables: Tables) -> tuple[str, ...]:
@@ -202,8 +215,11 @@ def table_caveats(tables: Tables) -> tuple[str, ...]:
         f"Identified at {measured} degC. Tables between these are interpolated, the logarithm of "
         "resistances over 1/T; beyond them hold those of the nearest."
     )
-    if over_soc.half_hysteresis_v is not None:
+    if tables.kind != "none":
         text += " The hysteresis voltage is that of the temperature nearest to 25 degC."
+    if len(set(axis.capacities_ah)) > 1:
+        own_ah = ", ".join(f"{each:.4g}" for each in axis.capacities_ah)
+        text += f" So is the capacity; at {measured} degC it was {own_ah} Ah."
     return (*(told if nodes else []), text)
 
 
@@ -218,10 +234,10 @@ def _heading(result: Result) -> str:
     )
 
 
-def _corrected(ocv: Table, over_soc: SocTables) -> Table:
-    """The OCV with its correction: exact, as every node is a point of it."""
+def _corrected(ocv: Table, over_soc: SocTables, more: Iterable[float] = ()) -> Table:
+    """The OCV with its correction: exact, as every node is a point of it; `more` are too."""
     nodes = np.array(over_soc.nodes)
-    soc = np.unique(np.round(np.concatenate([ocv.soc, nodes]), DIGITS_SOC))
+    soc = np.unique(np.round(np.concatenate([ocv.soc, nodes, np.asarray(more)]), DIGITS_SOC))
     correction_v = over_soc.ocv_correction_v
     added_v = 0.0 if correction_v is None else np.interp(soc, nodes, correction_v)
     return Table(soc, np.round(ocv(soc) + added_v, DIGITS_V))

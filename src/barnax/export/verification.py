@@ -17,6 +17,7 @@ from ..records import Decision, Record
 from ..results import Result
 from ..search.evaluate import evaluate
 from .exporter import Exporter, Profile, Simulate
+from .tables import tables_of
 
 INTERVAL_S = 2.0
 FINER = 16
@@ -78,7 +79,11 @@ def verify(
     found = []
     for degc in [profile.temperature_degc] if over is None else over.temperatures_degc:
         there = replace(profile, temperature_degc=degc)
-        found.append(_differences(result.at_temperature(degc), simulate, content, there))
+        here = result.at_temperature(degc)
+        # What an export holds of the capacity is one value, and said to be.
+        cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
+        here = here.model_copy(update={"cell": cell})
+        found.append(_differences(here, simulate, content, there))
     differences_v, without_v, turns_v = (np.concatenate(each) for each in zip(*found, strict=True))
     return Verification(
         package=package,

@@ -1,11 +1,13 @@
 """One record made ready to simulate: which part of it, its SOC, and a resting cell's voltage."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from ..cell import CellModel, get_circuit
+from ..cell import CellModel, OcvTable, get_circuit
+from ..cell.temperature import group_near
 from ..errors import InputError
 from ..execution import on_device
 from ..records import Record, current_direction, rest_current_a
@@ -71,11 +73,8 @@ class PreparedRecord:
     @property
     def temperature_degc(self) -> float | None:
         """The given temperature, else the median of those measured at scored samples."""
-        if self.window.temperature_degc is not None or self.record.temperature_degc is None:
-            return self.window.temperature_degc
-        measured = self.record.temperature_degc[self.span][self.scored]
-        known = measured[np.isfinite(measured)]
-        return float(np.median(known)) if len(known) else None
+        here = np.arange(self.record.samples)[self.span][self.scored]
+        return temperature_of(self.record, self.window, here)
 
     def simulation_input(
         self, shortest_tau_s: float, highest_gamma: float | None = None
@@ -116,12 +115,14 @@ class PreparedRecord:
 def prepare_record(
     record: Record, cell: CellModel, circuit: str, window: Window | None = None
 ) -> PreparedRecord:
-    """A record made ready. Raises `InputError` where window, SOC or OCV range do not fit it."""
+    """A record made ready, with the cell as it is at the record's temperature. Raises `InputError`
+    where window, SOC or OCV range do not fit it."""
     window = window or Window()
+    cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah
     rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
     first = first_sample(record, window)
-    start = find_start(record, cell, window, first, rest_a)
+    start = find_start(record, cell, window, capacity_ah, first, rest_a)
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)
     warnings = start_warnings(record, cell, window, first, start, rest_a)
@@ -161,6 +162,44 @@ def prepare_record(
         capacity_ah=capacity_ah,
         warnings=tuple(warnings),
     )
+
+
+def temperature_of(
+    record: Record, window: Window, samples: slice | Int[np.ndarray, "_"] = slice(None)
+) -> float | None:
+    """The temperature given for a record in degC, else the median of those measured, if any."""
+    if window.temperature_degc is not None or record.temperature_degc is None:
+        return window.temperature_degc
+    measured = record.temperature_degc[samples]
+    known = measured[np.isfinite(measured)]
+    return float(np.median(known)) if len(known) else None
+
+
+def group_tests(
+    tests: Sequence[Record | OcvTable], window: Window | Mapping[str, Window] | None
+) -> dict[float, list[Record | OcvTable]]:
+    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
+
+    Raises `InputError` for one of unknown temperature beside others of several.
+    """
+    own = window if isinstance(window, Mapping) else {}
+    degc = [
+        temperature_of(each, own.get(each.name, Window()))
+        if isinstance(each, Record)
+        else own.get(each.name, Window()).temperature_degc
+        for each in tests
+    ]
+    pairs = list(zip(degc, tests, strict=True))
+    found = group_near((known, each) for known, each in pairs if known is not None)
+    if len(found) < 2:
+        return {}
+    for known, each in pairs:
+        if known is None:
+            raise InputError(
+                f"{each.name}: has no column of temperatures, and the other OCV tests are of "
+                "several; say it with `temperature`"
+            )
+    return found
 
 
 def other_direction(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord | None:

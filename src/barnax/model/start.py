@@ -9,6 +9,7 @@ from ..cell import CellModel
 from ..cell.ocv_points import MINIMUM_REST_S
 from ..errors import InputError
 from ..records import Record, is_rested
+from .ends import SocSource, known_soc
 from .window import Window
 
 # So near full or empty, the last current was the one that leads there.
@@ -29,13 +30,13 @@ DirectionSource = Literal[
 class Start:
     """The state in which a simulation starts, and where that is known from.
 
-    `voltage_v` and `row` are those of the rested sample that the SOC comes from. `direction` is the
-    last current before the start, +1 charging, -1 discharging; where both were tried, the RMSE
-    with the other is `other_rmse_v`.
+    `voltage_v` and `row` are those of the sample that the SOC comes from, at rest or at an end of
+    the state of charge. `direction` is the last current before the start, +1 charging, -1
+    discharging; where both were tried, the RMSE with the other is `other_rmse_v`.
     """
 
     soc: float
-    soc_source: Literal["given", "rested voltage"]
+    soc_source: Literal["given", "rested voltage"] | SocSource
     direction: Literal[-1, 1]
     direction_source: DirectionSource
     row: int
@@ -43,18 +44,32 @@ class Start:
     other_rmse_v: float | None = None
 
 
-def find_start(record: Record, cell: CellModel, window: Window, first: int, rest_a: float) -> Start:
+def find_start(
+    record: Record, cell: CellModel, window: Window, capacity_ah: float, first: int, rest_a: float
+) -> Start:
     """The state at the start. Raises `InputError` where the SOC is neither given nor shown.
 
-    A rested cell is on the OCV branch of the direction it comes from.
+    A rested cell is on the OCV branch of the direction it comes from. Where it has not rested, the
+    SOC is carried to the start from where the record shows it.
     """
     direction, source = _direction_before(record, window, first, rest_a)
     row, voltage_v = int(record.row[first]), float(record.voltage_v[first])
+    unrested = _unrested(record, first, rest_a)
+    is_short = record.time_s[first] - record.time_s[0] < MINIMUM_REST_S
+    known = None
+    if window.initial_soc is None and (unrested or is_short):
+        # Of a record's opening rest nobody knows how long it was; counters tell more.
+        only = not unrested
+        known = known_soc(record, cell, capacity_ah, first, rest_a, only_counters=only)
     if window.initial_soc is not None:
         soc, soc_source = window.initial_soc, "given"
-    else:
-        _require_rest(record, first, rest_a)
+    elif known is not None:
+        soc, soc_source = known.soc, known.source
+        row, voltage_v = int(record.row[known.known_at]), float(record.voltage_v[known.known_at])
+    elif not unrested:
         soc, soc_source = _soc_from_rest(record, cell, first, direction), "rested voltage"
+    else:
+        raise InputError(f"{unrested}; give `initial_soc`")
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
         direction, source = (1 if soc > 0.5 else -1), "full or empty"
         if soc_source == "rested voltage":
@@ -77,24 +92,25 @@ def _direction_before(
     return -1 if record.current_a[first] >= rest_a else 1, "assumed"
 
 
-def _require_rest(record: Record, first: int, rest_a: float) -> None:
-    """Raise `InputError` where the cell has not rested at the start, as far as the record shows."""
+def _unrested(record: Record, first: int, rest_a: float) -> str:
+    """Why the voltage at the start does not tell the state of charge; empty where it does."""
     row = record.row[first]
     is_loaded = ~is_rested(record, rest_a)[: first + 1]
     if is_loaded[first]:
-        raise InputError(
+        return (
             f"{record.name}: the simulation starts at row {row} under "
             f"{record.current_a[first]:+.3g} A (discharge positive), so the voltage there does "
-            "not tell the state of charge; give `initial_soc`"
+            "not tell the state of charge"
         )
     if np.any(is_loaded):
         rest_s = record.time_s[first] - record.time_s[np.flatnonzero(is_loaded)[-1]]
         if rest_s < MINIMUM_REST_S:
-            raise InputError(
+            return (
                 f"{record.name}: at row {row}, where the simulation starts, the cell has rested "
                 f"for {rest_s:.0f} s only, and its voltage tells the state of charge after "
-                f"{MINIMUM_REST_S:.0f} s; give `initial_soc`"
+                f"{MINIMUM_REST_S:.0f} s"
             )
+    return ""
 
 
 def _soc_from_rest(record: Record, cell: CellModel, first: int, direction: int) -> float:
@@ -108,9 +124,7 @@ def start_warnings(
     record: Record, cell: CellModel, window: Window, first: int, start: Start, rest_a: float
 ) -> list[str]:
     """What a rested voltage at the start has against the SOC that is taken for it."""
-    try:
-        _require_rest(record, first, rest_a)
-    except InputError:
+    if _unrested(record, first, rest_a):
         return []
     branch = cell.charge if start.direction > 0 else cell.discharge
     low_v, high_v = (float(branch(np.array([end]))[0]) for end in cell.soc_range)

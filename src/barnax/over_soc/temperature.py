@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import SocTables, TemperatureTables
+from ..cell.temperature import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
@@ -24,11 +25,6 @@ from .objective import Axis, Objective, Place, Solution
 from .search import find_best, polish
 from .settings import TableSettings
 from .simulate import simulate_tables
-
-# Records whose temperatures are within this share one set of tables.
-SAME_DEGC = 5.0
-# Where one set of tables stands for all, it is that of the temperature nearest to this.
-REFERENCE_DEGC = 25.0
 
 
 @dataclass(frozen=True)
@@ -103,11 +99,19 @@ class TableFits:
 
     @property
     def reference(self) -> TableFit:
-        """That of the temperature nearest to `REFERENCE_DEGC`."""
-        if self.over_temperature is None:
+        """That of `reference_degc`."""
+        if self.over_temperature is None or self.reference_degc is None:
             return self.fits[0]
-        degc = self.over_temperature.temperatures_degc
-        return self.fits[int(np.argmin(np.abs(np.array(degc) - REFERENCE_DEGC)))]
+        return self.fits[self.over_temperature.temperatures_degc.index(self.reference_degc)]
+
+    @property
+    def reference_degc(self) -> float | None:
+        """The temperature nearest to `REFERENCE_DEGC`, None where there is one only."""
+        if self.over_temperature is None:
+            return None
+        return min(
+            self.over_temperature.temperatures_degc, key=lambda degc: abs(degc - REFERENCE_DEGC)
+        )
 
     @cached_property
     def tables(self) -> TemperatureTables | None:
@@ -230,17 +234,7 @@ def group_by_temperature(
 ) -> dict[float, list[PreparedRecord]]:
     """Records by temperature in degC, those within `SAME_DEGC` of each other together, at the mean
     of theirs. Raises `InputError` where a record's temperature is not known."""
-    known = sorted(
-        ((require_temperature(each), each) for each in prepared_records), key=lambda each: each[0]
-    )
-    groups: list[list[tuple[float, PreparedRecord]]] = []
-    for degc, each in known:
-        if not groups or degc - groups[-1][0][0] > SAME_DEGC:
-            groups.append([])
-        groups[-1].append((degc, each))
-    return {
-        float(np.mean([degc for degc, _ in group])): [each for _, each in group] for group in groups
-    }
+    return group_near((require_temperature(each), each) for each in prepared_records)
 
 
 def require_temperatures(by_degc: Mapping[float, Sequence[PreparedRecord]]) -> None:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..cell.temperature import SAME_DEGC
 from ..errors import InputError
 from ..gather import Reading, Watch, listed, unwatched
 from ..model.inputs import prepare_record
 from ..model.window import Window
-from ..over_soc.temperature import SAME_DEGC
 from .looking import Seen, files_of, look
 from .ocv import OCV_KINDS, OcvChoice, choose_ocv, ocv_reason
 from .parts import ROLES, Part, Plan, Use
@@ -26,6 +26,8 @@ _FULL = 0.005
 _FEWEST_STEPS = 10
 # To so many digits a capacity is known.
 _DIGITS = 4
+# A file goes on from another where its counters agree to this share of the capacity, so soon after.
+_SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
 MAKE_OCV = (
     "make one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
     "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
@@ -43,6 +45,8 @@ class _Draft:
     seen: Sequence[Seen]
     taken: dict[Seen, tuple[Use, str, Window]] = field(default_factory=dict)
     capacity_ah: float | None = None
+    # Which file each of some goes on from.
+    goes_on_from: dict[Seen, str] = field(default_factory=dict)
 
     def take(self, seen: Seen, role: Use, reason: str, window: Window | None = None) -> None:
         """Settle a file's role, unless it is settled."""
@@ -135,7 +139,7 @@ def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen])
     record, window = runs[0]
     is_own = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record])}; " if is_own else ""
-    draft.take(record, "identification", why + _words(record), window)
+    draft.take(record, "identification", why + _words(draft, record), window)
     for each in choice.tests:
         draft.take(each, "OCV test", ocv_reason([each]))
     _choose_validation(draft, record, runs[1:], is_given=bool(others))
@@ -194,7 +198,7 @@ def _without_ocv(draft: _Draft, dynamic: Sequence[Seen], free: Sequence[Seen]) -
     """A plan that lacks its OCV test."""
     elsewhere = [each for each in free if each.kind(None) in OCV_KINDS]
     for each in dynamic:
-        draft.take(each, "not used", f"waits for an OCV test: {_words(each)}")
+        draft.take(each, "not used", f"waits for an OCV test: {_words(draft, each)}")
     missing = f"there is no OCV test: {MAKE_OCV}, and give its file too"
     if dynamic and elsewhere:
         at = _named_degc(dynamic[0].temperature_degc)
@@ -225,7 +229,7 @@ def _runnable(
         window = each.window
         if not lacks and not is_pulsed:
             try:
-                window = _started(each, window, choice)
+                window = _started(draft, each, window, choice)
             except InputError as problem:
                 lacks = str(problem).removeprefix(f"{each.name}: ")
         if lacks:
@@ -248,15 +252,45 @@ def _runnable(
     return sorted(found, key=rank)
 
 
-def _started(seen: Seen, window: Window, choice: OcvChoice) -> Window:
-    """The window with its start at full where it rests there. Raises `InputError` if none fits."""
+def _started(draft: _Draft, seen: Seen, window: Window, choice: OcvChoice) -> Window:
+    """The window with its start at full where it rests there, or where another file ends that it
+    goes on from. Raises `InputError` if none fits."""
     capacity_ah = _record_capacity_ah(seen, window, choice)
-    prepared = prepare_record(
-        seen.record, choice.cell, "so-rc", replace(window, capacity_ah=capacity_ah)
-    )
+    own = replace(window, capacity_ah=capacity_ah)
+    try:
+        prepared = prepare_record(seen.record, choice.cell, "so-rc", own)
+    except InputError:
+        before = next((each for each in draft.seen if _goes_on(each, seen, choice)), None)
+        soc = None if before is None else _final_soc(before, choice)
+        if before is None or soc is None or window != Window():
+            raise
+        prepare_record(seen.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
+        draft.goes_on_from[seen] = before.name
+        return replace(window, initial_soc=soc)
     if window.initial_soc is None and prepared.start.soc >= 1 - _FULL:
         return replace(window, initial_soc=1.0)
     return window
+
+
+def _goes_on(before: Seen, seen: Seen, choice: OcvChoice) -> bool:
+    """Whether a file's clock and counters go on where those of another end."""
+    if before.traits is None or seen.traits is None or before is seen:
+        return False
+    first, second = before.record, seen.record
+    if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
+        return False
+    apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
+    apart_s = float(second.time_s[0] - first.time_s[-1])
+    return apart_ah <= _SAME_COUNT * choice.cell.capacity_ah and 0 <= apart_s <= _PAUSE_S
+
+
+def _final_soc(seen: Seen, choice: OcvChoice) -> float | None:
+    """The state of charge at the end of a file, where it shows that anywhere."""
+    try:
+        prepared = prepare_record(seen.record, choice.cell, "so-rc")
+    except InputError:
+        return None
+    return float(f"{prepared.soc[-1]:.{_DIGITS}g}")
 
 
 def _record_capacity_ah(seen: Seen, window: Window, choice: OcvChoice) -> float | None:
@@ -285,7 +319,7 @@ def _choose_validation(
         return
     each, window = min(others, key=lambda run: (run[0].is_like(record), -_reach_ah(run[0])))
     which = "the same profile again" if each.is_like(record) else "another profile"
-    draft.take(each, "validation", f"{which}: {_words(each)}", window)
+    draft.take(each, "validation", f"{which}: {_words(draft, each)}", window)
     for each, _ in others:
         draft.take(each, "not used", "serves as well; give it with `validate` to validate on it")
 
@@ -330,12 +364,13 @@ def _options(
     return options, reasons
 
 
-def _words(seen: Seen) -> str:
-    """Why a record serves, as the checks say."""
+def _words(draft: _Draft, seen: Seen) -> str:
+    """Why a record serves, as the checks say, and where its start is known from."""
+    before = draft.goes_on_from.get(seen)
     for name in ("identification", "validation"):
         role = seen.role(name)
         if role is not None and role.is_usable:
-            return role.reason
+            return role.reason + (f", where {before} ends" if before else "")
     return ""
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..cell import CellModel, OcvPoint, characterize
+from ..cell import CellModel, OcvPoint, characterize_over_temperature
+from ..cell.temperature import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..gather import (
     OVER_TEMPERATURE,
@@ -19,9 +20,8 @@ from ..gather import (
     source_of,
     unwatched,
 )
-from ..model.inputs import OCV_MARGIN, soc_along
+from ..model.inputs import OCV_MARGIN, soc_along, temperature_of
 from ..model.window import Window
-from ..over_soc.temperature import REFERENCE_DEGC, SAME_DEGC
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record
 
@@ -57,17 +57,22 @@ def prepare_pulse_tests(
         chosen = {"": window or Window()} if isinstance(window, Window | None) else dict(window)
         ocv_tests, cell = listed(ocv), None
         if not ocv_tests:
-            base = min(tests, key=lambda each: abs(_degc(each, chosen) - REFERENCE_DEGC))
             given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
             # A polynomial would swing between ten points.
             options["ocv_fit"] = "interpolated"
-            cell = characterize([base.record], capacity_ah=given_ah, ocv_fit="interpolated")
-            ocv_tests = [base.source]
+            by_degc = group_near((_degc(each, chosen), each) for each in tests)
+            own = {degc: each[:1] for degc, each in by_degc.items()}
+            cell = characterize_over_temperature(
+                {degc: [first.record] for degc, (first,) in own.items()},
+                capacity_ah=given_ah,
+                ocv_fit="interpolated",
+            )
+            ocv_tests = [first.source for (first,) in own.values()]
             reading = replace(reading, ocv_current_sign=reading.current_sign)
         windows = _windows(tests, cell, chosen)
-        degc = [_degc(each, chosen) for each in tests]
+        is_one = len(group_near((_degc(each, chosen), each) for each in tests)) == 1
     return {
-        "over": "soc" if max(degc) - min(degc) <= SAME_DEGC else OVER_TEMPERATURE,
+        "over": "soc" if is_one else OVER_TEMPERATURE,
         **options,
         "records": [each.source for each in tests],
         "ocv": ocv_tests,
@@ -103,11 +108,9 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
 
 def _degc(test: _Test, chosen: Mapping[str, Window]) -> float:
     """The temperature given for a test, else its median; the reference where none is known."""
-    given = chosen.get(test.record.name, chosen.get("", Window())).temperature_degc
-    measured = test.record.temperature_degc
-    if given is not None or measured is None:
-        return REFERENCE_DEGC if given is None else given
-    return float(np.nanmedian(measured))
+    window = chosen.get(test.record.name, chosen.get("", Window()))
+    known = temperature_of(test.record, window)
+    return REFERENCE_DEGC if known is None else known
 
 
 def _windows(
@@ -131,6 +134,8 @@ def _own_window(test: _Test, cell: CellModel | None, window: Window) -> Window:
     if window.start_time_s is not None or window.start_after_step is not None:
         return window
     record = test.record
+    if cell is not None:
+        cell = cell.at(temperature_of(record, window))
     branches = () if cell is None else (*cell.charge_points, *cell.discharge_points)
     points = [point for point in branches if point.source == record.name]
     if cell is not None and points:

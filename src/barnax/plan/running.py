@@ -67,7 +67,12 @@ def arguments(
     if found.missing:
         raise InputError("\n".join([found.missing, *found.lines]))
     found = found.changed(window, capacity=capacity)
-    windows = {each.name: each.window for each in found.parts if each.is_simulated}
+    windows = {
+        each.name: each.window
+        for each in found.parts
+        # Of an OCV test its temperature counts.
+        if each.is_simulated or each.window.temperature_degc is not None
+    }
     # Windows for names that are not simulated are refused further on.
     others = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
     given = {

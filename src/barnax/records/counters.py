@@ -81,11 +81,12 @@ class Counters:
         return _joined(self.net_ah) if falls.any() and is_anew[falls].mean() > 0.5 else None
 
     def charge_ah(self, integrated_ah: Increments) -> Charge | None:
-        """The net charge by the counters since the first sample, signed as `integrated_ah` is.
+        """The net charge by the counters, signed as `integrated_ah` is, from where they began.
 
         That is the charge by integration of the intervals. Counters that begin anew with a step or
-        a cycle are joined; one that counts without a sign takes the current's. None where the file
-        has none, or one that does not count.
+        a cycle are joined; one that counts without a sign takes the current's, and tells nothing
+        of what came before the first sample. None where the file has none, or one that does not
+        count.
         """
         if not self.written:
             return None
@@ -94,16 +95,18 @@ class Counters:
         flowed_ah = np.add.reduceat(np.abs(integrated_ah), starts)
         least_ah = _QUANTA * self.quantum_ah
         best_ah, most = None, _AGREEING
-        for counted_ah in self._candidates(np.sign(integrated_ah)):
-            turned_ah = counted_ah * (np.sign(np.sum(counted_ah * integrated_ah)) or 1.0)
+        for begun_ah, counted_ah in self._candidates(np.sign(integrated_ah)):
+            sign = np.sign(np.sum(counted_ah * integrated_ah)) or 1.0
+            turned_ah = counted_ah * sign
             apart_ah = np.abs(np.add.reduceat(turned_ah, starts) - summed_ah)
             moves = np.maximum(apart_ah, flowed_ah) > least_ah
             agrees = (apart_ah <= _NEAR * flowed_ah + least_ah)[moves]
             if len(agrees) and agrees.mean() > most:
-                best_ah, most = turned_ah, float(agrees.mean())
+                best_ah = np.concatenate([[begun_ah * sign], turned_ah])
+                most = float(agrees.mean())
             if most == 1:
                 break
-        return None if best_ah is None else np.concatenate([np.zeros(1), np.cumsum(best_ah)])
+        return None if best_ah is None else np.cumsum(best_ah)
 
     def net_ratio(self, integrated_ah: Increments) -> float | None:
         """How many times what a lone net counter counted the integral is, in every part alike.
@@ -114,26 +117,28 @@ class Counters:
             return None
         starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
         summed_ah = np.add.reduceat(integrated_ah, starts)
-        for counted_ah in self._candidates(np.sign(integrated_ah)):
+        for _, counted_ah in self._candidates(np.sign(integrated_ah)):
             blocks_ah = np.add.reduceat(counted_ah, starts)
             size = float(np.sqrt(np.sum(blocks_ah**2) * np.sum(summed_ah**2)))
             if size and abs(float(np.sum(blocks_ah * summed_ah))) > _PROPORTIONAL * size:
                 return float(np.sqrt(np.sum(summed_ah**2) / np.sum(blocks_ah**2)))
         return None
 
-    def _candidates(self, direction: Increments) -> Iterator[Increments]:
-        """What the counters may mean, the plainest first."""
+    def _candidates(self, direction: Increments) -> Iterator[tuple[float, Increments]]:
+        """What the counters may mean, the plainest first: their first value, and what they gain."""
         if self.both:
-            yield _joined(self.both[0]) - _joined(self.both[1])
+            charged_ah, discharged_ah = self.both
+            begun_ah = float(charged_ah[0] - discharged_ah[0])
+            yield begun_ah, _joined(charged_ah) - _joined(discharged_ah)
         if self.both or self.net_ah is None:
             return
-        steps_ah = np.diff(self.net_ah)
-        yield steps_ah
+        steps_ah, begun_ah = np.diff(self.net_ah), float(self.net_ah[0])
+        yield begun_ah, steps_ah
         shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
-        yield np.where(shrinks, self.net_ah[1:], steps_ah)
+        yield begun_ah, np.where(shrinks, self.net_ah[1:], steps_ah)
         # What a new step counts is of its own direction, whatever the hold says of the interval.
         own = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
-        yield _joined(np.abs(self.net_ah)) * own
+        yield 0.0, _joined(np.abs(self.net_ah)) * own
 
 
 def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) -> Increments | None:

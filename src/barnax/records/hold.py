@@ -20,6 +20,8 @@ Increments = Float[np.ndarray, "intervals"]
 _AT_CHANGES = {"fewest": 2, "margin": 0.5}
 _ANYWHERE = {"fewest": 20, "margin": 0.05}
 _AGREEING = 0.8
+# So many intervals may hold a fall of a counter that was not seen as one.
+_FALLS = 0.05
 
 
 @dataclass(frozen=True)
@@ -95,8 +97,8 @@ def _verdict(ledger: _Ledger, words: str, *, fewest: int, margin: float) -> Deci
     count = len(ledger.counted_ah)
     if count < fewest:
         return None
-    backward = _rms(ledger.counted_ah - ledger.backward_ah)
-    forward = _rms(ledger.counted_ah - ledger.forward_ah)
+    backward = _spread(ledger.counted_ah - ledger.backward_ah)
+    forward = _spread(ledger.counted_ah - ledger.forward_ah)
     hold, which = ("backward", "last") if backward < forward else ("forward", "first")
     better, worse = sorted((backward, forward))
     agreeing = float(np.mean((ledger.fractions() > 0.5) == (hold == "backward")))
@@ -141,5 +143,7 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Bool[np.ndarray, "intervals"]]:
     return _Ledger(counted_ah, backward_ah, forward_ah), tells
 
 
-def _rms(values: Increments) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _spread(values: Increments) -> float:
+    """The RMS without the largest few: a net counter that begins anew near zero hides the fall."""
+    smallest = np.sort(np.abs(values))[: len(values) - int(_FALLS * len(values))]
+    return float(np.sqrt(np.mean(smallest**2)))

@@ -38,7 +38,7 @@ from .units import (
 _FEWEST_SAMPLES = 5
 _SHORTEST_S = 1e-6
 
-_STDIN = Path("-")
+STDIN, STDIN_NAME = Path("-"), "standard input"
 _CONTENT = {
     b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm")),
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
@@ -163,7 +163,7 @@ def read_source(path: str | Path, *, columns: Mapping[str, str] | str = NOTHING)
     """
     given = read_columns(columns)
     path = Path(path)
-    name = "standard input" if path == _STDIN else printable(path.name)
+    name = STDIN_NAME if path == STDIN else printable(path.name)
     content = _read_content(path)
     sha256 = hashlib.sha256(content).hexdigest()
     table = read_table(content, name, given)
@@ -326,7 +326,7 @@ def _read_content(path: Path) -> bytes:
     """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
     shown = printable(str(path))
     try:
-        with sys.stdin.buffer if path == _STDIN else path.open("rb") as file:
+        with sys.stdin.buffer if path == STDIN else path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             # A pipe or a device has no size, and the latter no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)

@@ -29,12 +29,12 @@ class Record:
 
     `hold` says whether a sample's current flowed in the interval after it ("forward") or before
     it ("backward"). `row` is each sample's row in the source file, the header being row 1, so
-    that a message can name it. `charge_ah` is the tester's own net charge out of the cell since the
-    first sample, by its counters. `skipped_ah` is what they counted in intervals whose load was not
-    logged, beyond what the current tells. `state` is +1 where the file says that a step
-    discharges, -1 where it charges, 0 where it rests, and `OTHER_STATE` where it says anything
-    else. `sign` holds the file's own convention ("charge-positive" or "discharge-positive") and
-    the reason for it.
+    that a message can name it. `charge_ah` is the tester's own net charge out of the cell since its
+    counters began, which may be before the first sample. `skipped_ah` is what they counted in
+    intervals whose load was not logged, beyond what the current tells. `state` is +1 where the file
+    says that a step discharges, -1 where it charges, 0 where it rests, and `OTHER_STATE` where it
+    says anything else. `sign` holds the file's own convention ("charge-positive" or
+    "discharge-positive") and the reason for it.
     """
 
     name: str

@@ -11,6 +11,7 @@ from .columns import Column
 from .counters import Counters
 from .dialects import dialect_of
 from .dialects.dialect import Dialect
+from .record import Record
 from .table import Lines
 
 # A current step changes by more than this share of the largest current; a current that stands
@@ -175,6 +176,13 @@ def voltage_noise_v(
         return 0.0
     spread_v = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
     return max(spread_v, float(moved.min()) / 2)
+
+
+def record_resistance_ohm(record: Record) -> float:
+    """The resistance at a record's current steps; zero where they do not tell it."""
+    step_a, step_v = np.diff(record.current_a), np.diff(record.voltage_v)
+    is_step = np.abs(step_a) > STEP_SHARE * np.abs(record.current_a).max()
+    return step_resistance_ohm(step_a[is_step], step_v[is_step])
 
 
 def step_resistance_ohm(

@@ -43,7 +43,7 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     if middle_v > _MILLIVOLT_V:
         # Beside a current in milliamperes, that is how the tester was set.
         is_milli = samples.columns["current"].unit.symbol == "mA" and middle_v < 1e3 * _MODULE_V
-        remedy = "rename the column to 'Voltage / mV'"
+        remedy = _read_as(samples, "voltage", "mV")
         what = f"{middle_v:.6g}: millivolts, not volts"
         if is_milli:
             what += f", as '{samples.header('current')}' is in mA; converted"
@@ -56,6 +56,14 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
         remedy = "multiply it by 1000, or name the unit that its values have"
         samples = mended(f"{middle_v:.4g} V: kilovolts, not volts", remedy, 1e3)
     return samples, findings
+
+
+def _read_as(samples: Samples, quantity: str, symbol: str) -> str:
+    """How to say that a column is in another unit than its name says."""
+    column = samples.columns[quantity]
+    label = column.quantity.examples[0].partition(" / ")[0]
+    option = f"`columns='{quantity}={column.header}:{symbol}'`"
+    return f"rename the column to '{label} / {symbol}', or give {option} if all files are so"
 
 
 def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:
@@ -117,7 +125,7 @@ def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
         return samples, []
     words, symbol, factor, severity, reason = suspicion
     name = samples.header("time")
-    remedy = f"rename the column to 'Test Time / {symbol}'"
+    remedy = _read_as(samples, "time", symbol)
     if not symbol:
         remedy = f"divide it by {1 / factor:.0f}"
     if severity == "warning":
@@ -226,7 +234,7 @@ def examine_current_unit(
         if reason:
             what = f"'{name}' looks like {words}: {reason}"
             at = int(np.argmax(np.abs(samples.current_a)))
-            remedy = f"rename the column to 'Current / {symbol}'"
+            remedy = _read_as(samples, "current", symbol)
             mended = replace(samples, current_a=samples.current_a * factor)
             return mended, [found_at(samples, at, "error", what, remedy)]
     return samples, []

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ..cell import CellModel, PolynomialCurve
 from .document import Bullets, Listing, Paragraph, Section, Table, make_table
 from .tables import pairs_table
-from .words import joined, millivolt, significant, symbol, with_unit
+from .words import joined, millivolt, percent, significant, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -57,6 +57,14 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
         yield f"A sample's current flows {FLOWS[hold.value]} in {joined(names)} ({_reason(hold)})."
     yield f"The capacity is {cell.capacity_ah:.4f} Ah ({cell.capacity_origin})."
     yield from ocv_sentences(cell)
+    for each in cell.elsewhere:
+        points = each.charge_points + each.discharge_points
+        tests = joined(list(dict.fromkeys(point.source for point in points)))
+        yield (
+            f"That is of {cell.temperature_degc:.3g} degC. Records at {each.temperature_degc:.3g} "
+            f"degC have the OCV of {tests} and {each.capacity_ah:.4f} Ah, and what lies between "
+            "is linear in temperature."
+        )
     simulated = [each for each in stored.inputs if each.start is not None]
     for window, names in _gathered((each.window, each.name) for each in simulated):
         yield from window_sentences(window, names)
@@ -108,10 +116,7 @@ def _would_be(found: "OtherHold") -> str:
 
 def start_sentence(name: str, start: "Start") -> str:
     """Where one record starts, and how that is known."""
-    known = {
-        "given": "given",
-        "rested voltage": f"from the rested voltage {start.voltage_v:.4f} V at row {start.row}",
-    }[start.soc_source]
+    known = {"given": "given", **known_words(start)}[start.soc_source]
     came = CAME[start.direction]
     direction = {
         "given": f"coming from a {came}, as given",
@@ -125,6 +130,26 @@ def start_sentence(name: str, start: "Start") -> str:
         f"The simulation of {name} starts at a state of charge of {start.soc:.3f} ({known}), "
         f"{direction}."
     )
+
+
+def known_words(start: "Start") -> dict[str, str]:
+    """What the state of charge at the start is from, by its source."""
+    rested, row = f"from the rested voltage {start.voltage_v:.4f} V", f"row {start.row}"
+    return {
+        "rested voltage": f"{rested} at {row}",
+        "full end": f"from the charge that ends full at {row}, and the ampere-hours between",
+        "empty end": f"from the discharge that ends empty at {row}, and the ampere-hours between",
+        "counters": "from the tester's counters, which began at full or empty; the voltage agrees",
+        "rest elsewhere": f"{rested} at {row}, and the ampere-hours between",
+    }
+
+
+def carried_sentences(stored: "Result") -> Iterator[str]:
+    """Starts whose state of charge comes from another place of the record."""
+    for each in stored.inputs:
+        if each.start is not None and each.start.soc_source not in ("given", "rested voltage"):
+            known = known_words(each.start)[each.start.soc_source]
+            yield f"{each.name} starts at {percent(each.start.soc)} SOC, {known}."
 
 
 def ocv_sentences(cell: CellModel) -> Iterator[str]:

@@ -56,7 +56,9 @@ def identification_document(
     """
     pictures = Pictures(illustrations)
     roles = _roles(result)
-    answer = Section("Parameters", (parameters_table(result),))
+    # The tables over SOC have a section of their own.
+    whose = "Parameters" if result.tables is None else "Parameters of the constant circuit"
+    answer = Section(whose, (parameters_table(result),))
     errors = Section(
         "Errors",
         (

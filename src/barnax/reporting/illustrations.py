@@ -157,11 +157,8 @@ SPARSE = {
     "by temperature",
     "over temperature",
 }
-# What is written beside a result even where no report is.
-ALWAYS = (
-    *("ocv", "hysteresis", "convergence", "voltage", "error"),
-    *("tables", "map", "pulses", "resistances", "temperature"),
-)
+# What is written beside a result even where no report is; drawing takes longer than the search.
+ALWAYS = ("voltage", "error", "tables", "map", "pulses", "resistances", "temperature")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from rich.table import Table as Shown
 from rich.text import Text
 
 from ..errors import printable
+from .decisions import carried_sentences, guess_sentences
 from .document import Bullets, Document, Listing, Paragraph, Table
 from .pulses import middle_heads as middle_heads_of_pulses
 from .pulses import middle_pulses
@@ -64,7 +65,8 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     weakest = weakest_point(result)
     if weakest:
         lines.append(("Weakest point", weakest))
-    lines += [("Assumed", text) for text in guesses(result)]
+    lines += [("Start", text) for text in carried_sentences(result)]
+    lines += [("Assumed", text) for text in guess_sentences(result)]
     for head, text in lines:
         yield indented(headed_line(head, spell(text)))
 
@@ -87,13 +89,6 @@ def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
     yield indented(headed_line("Next", f"{advice}:" if command else advice))
     if command:
         yield Text(f"    {printable(command)}", no_wrap=True)
-
-
-def guesses(result: "Result") -> list[str]:
-    """The decisions that were guesses, and that the answer depends on."""
-    from .decisions import guess_sentences
-
-    return list(guess_sentences(result))
 
 
 def to_terminal(document: Document) -> Iterator[RenderableType]:

@@ -1,0 +1,154 @@
+"""What identify advises ends the matter: followed, it is not advised again, nor its opposite."""
+
+import re
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax.cli.record_options import RecordOptions
+from barnax.errors import InputError
+from barnax.gather import Reading, read_inputs, read_validation
+from barnax.records import source_from_frame
+from checks.test_findings import CAPACITY_AH, FAULTS
+from helpers.records import CURRENT, changed, frame, with_counters
+
+OPTION = re.compile(r"`([a-z_]+)=([^`]+)`")
+HOW_READ = ("current_sign", "current_hold", "columns")
+MORE = {
+    "counters that prove the other hold": with_counters(frame()).with_columns(
+        pl.col("Charging Capacity / Ah", "Discharging Capacity / Ah").shift(-1, fill_value=0.0)
+    ),
+    "an offset that hides the rests": changed(
+        frame("ocv_discharge"), CURRENT, frame("ocv_discharge")[CURRENT].to_numpy() - 0.03
+    ),
+    "a record within a test": frame()[4000:],
+}
+# What leads to a gap or a break is told with options whose values are the user's.
+TABLES = {name: table for name, (table, _) in FAULTS.items()} | MORE
+
+
+def warned(table, cell, capacity_ah, given):
+    """What identify says of a record before it searches; an error is the only thing said."""
+    how = {name: value.strip("'") for name, value in given.items() if name in HOW_READ}
+    others = {name: [value] for name, value in given.items() if name not in HOW_READ}
+    window = RecordOptions(**others).windows()
+    source = source_from_frame(table, "cell", columns=how.get("columns", ""))
+    try:
+        inputs = read_inputs(
+            source, (), (), Reading(**how),
+            capacity=capacity_ah, ocv_capacity=None, ocv_fit="polynomial",
+            hysteresis_fit="continuous", window=window, cell=cell,
+        )  # fmt: skip
+    except InputError as problem:
+        return [str(problem)]
+    return list(inputs.warnings)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_advice_is_not_given_again_once_it_is_followed(name, bundled_cell):
+    table, capacity_ah = TABLES[name], CAPACITY_AH.get(name)
+    given: dict[str, str] = {}
+    for _ in range(3):
+        texts = warned(table, bundled_cell, capacity_ah, given)
+        assert not any("barnax check" in text for text in texts)
+        advised = dict(OPTION.findall(" ".join(texts)))
+        # An option that was given is in nobody's advice any more, whatever its value.
+        assert not advised.keys() & given.keys()
+        if not advised:
+            break
+        given |= advised
+    assert not advised
+
+
+def test_what_lies_outside_the_window_is_told_no_more(bundled_cell):
+    gap = FAULTS["a gap under load"][0]
+    assert any("a gap of" in text for text in warned(gap, bundled_cell, None, {}))
+    for option, value in (("score_to", "2900"), ("start_time", "3700")):
+        given = {option: value, "initial_soc": "0.8"}
+        assert not any("a gap of" in text for text in warned(gap, bundled_cell, None, given))
+    assert np.diff(gap["Test Time / s"].to_numpy()).max() > 600
+
+
+DRIVE = frame()
+TIME_S, CURRENT_A, VOLTAGE_V = (DRIVE[name].to_numpy() for name in DRIVE.columns[:3])
+# Away from its first and last minutes, one in so many samples.
+SPIKED = np.arange(200, len(DRIVE) - 200, 550)[:35]
+# What a record is damaged by, what is said of it, and the option that mends it, if one does.
+DAMAGED = {
+    "counters prove that the current is half": (
+        changed(with_counters(DRIVE), CURRENT, CURRENT_A / 2),
+        "the current is 0.5 times what the tester counted, throughout",
+        "",
+    ),
+    "0.28 Ah lie in a hole": (
+        FAULTS["a gap under load"][0],
+        "a gap of 601 s; the voltage moves by up to 71.6 mV across, and up to 0.28 Ah are in doubt",
+        "`start_time`",
+    ),
+    "35 spikes of 0.3 V": (
+        changed(DRIVE, "Voltage / V", VOLTAGE_V[SPIKED] + 0.3, SPIKED),
+        "no current explains it (35 samples)",
+        "delete these rows",
+    ),
+    "its time is in minutes": (
+        changed(DRIVE, "Test Time / s", TIME_S / 60),
+        "'Test Time / s' looks like minutes",
+        "`columns='time=Test Time / s:min'`",
+    ),
+    "two voltages differ by a lead": (
+        DRIVE.with_columns(pl.Series("Voltage 2 [V]", VOLTAGE_V + 0.02 * CURRENT_A)),
+        "differ by 20 mohm times the current",
+        "`columns='voltage=Voltage 2 [V]'`",
+    ),
+    "amperes and milliamperes disagree": (
+        DRIVE.with_columns(pl.Series("I [mA]", 900 * CURRENT_A)),
+        "disagree: the second is 0.9 times the first",
+        "`columns='current=I [mA]'`",
+    ),
+    "a current a thousand times too small": (
+        changed(DRIVE, CURRENT, CURRENT_A / 1000),
+        "its current is a thousand times too small",
+        "",
+    ),
+    "a capacity that it does not have": (
+        changed(DRIVE, CURRENT, CURRENT_A * 0.75),
+        "as if the cell held 1.5",
+        "`capacity`",
+    ),
+}
+
+
+@pytest.mark.parametrize("role", ["identification", "validation"])
+@pytest.mark.parametrize("name", DAMAGED)
+def test_what_check_knows_is_told_of_every_record_with_what_mends_it(name, role, bundled_cell):
+    table, what, remedy = DAMAGED[name]
+    if role == "identification":
+        texts = warned(table, bundled_cell, None, {})
+    else:
+        source = source_from_frame(table, "cell")
+        try:
+            _, texts = read_validation(source, Reading(), None, bundled_cell)
+        except InputError as problem:
+            texts = [str(problem)]
+    (text,) = [each for each in texts if what in each]
+    assert remedy in text
+
+
+def test_an_error_that_a_damaged_record_leads_to_stands_before_what_was_found(bundled_cell):
+    table = changed(frame("validation"), CURRENT, 2 * frame("validation")[CURRENT].to_numpy())
+    with pytest.raises(InputError) as problem:
+        barnax.identify(source_from_frame(table, "cell"), cell=bundled_cell, seeds=0)
+    first, *others = str(problem.value).splitlines()
+    assert "is scored at a state of charge of -0.05" in first
+    assert any("its current is twice what flowed" in text for text in others)
+
+
+def test_the_column_that_is_named_is_the_right_one(bundled_cell):
+    table, _, _ = DAMAGED["two voltages differ by a lead"]
+    columns = {"voltage": "Voltage 2 [V]"}
+    source = source_from_frame(table, "cell", columns=columns)
+    record, texts = read_validation(source, Reading(), None, bundled_cell)
+    assert texts == []
+    np.testing.assert_array_equal(record.voltage_v, VOLTAGE_V + 0.02 * CURRENT_A)

@@ -1,0 +1,88 @@
+"""A start under load is found from ends, counters and rests elsewhere in the record."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barnax.errors import InputError
+from barnax.model.inputs import prepare_record
+from barnax.model.window import Window
+from helpers.problems import simulated_record
+from reference import make_record
+
+INTERVAL_S = 10.0
+
+
+def made(cell, pieces, soc):
+    """A record of pieces of current in A and seconds, and its true state of charge."""
+    current_a = np.concatenate([np.full(round(s / INTERVAL_S), a) for a, s in pieces])
+    time_s = INTERVAL_S * np.arange(len(current_a))
+    record = simulated_record(cell, time_s, current_a, soc, 1.0)
+    return record, soc - record.discharged_ah / cell.capacity_ah
+
+
+def start(cell, record, at):
+    return prepare_record(record, cell, "so-rc", Window(start_time_s=record.time_s[at])).start
+
+
+# 1 A are C/2; the pulses move little charge.
+PULSES = [(1.5, 100), (-1.5, 100)] * 3
+
+
+@pytest.mark.parametrize("at", [20, 800])
+def test_a_discharge_to_empty_at_half_c_tells_the_charge_before_and_after_it(bundled_cell, at):
+    pieces = [*PULSES, (1.0, 0.5 * 7200), (0.0, 300), (-1.0, 3000), (1.0, 2000)]
+    record, soc = made(bundled_cell, pieces, 0.5)
+    found = start(bundled_cell, record, at)
+    assert (found.soc_source, found.row) == ("empty end", record.row[419])
+    assert found.soc == pytest.approx(soc[at], abs=0.002)
+
+
+def test_a_fast_discharge_to_the_same_voltage_is_no_empty_cell(bundled_cell):
+    record, _ = made(bundled_cell, [*PULSES, (2.0, 1750), (0.0, 300), (-1.0, 3000)], 0.5)
+    with pytest.raises(InputError, match="give `initial_soc`"):
+        start(bundled_cell, record, 300)
+
+
+def with_full_charge(cell, last_a=0.05):
+    """A charge held at a voltage until its current has tapered, a short rest, and a discharge."""
+    taper_a = -1.0 * last_a ** (np.arange(600) / 599)
+    full_v = float(cell.charge(np.array([1.0]))[0])
+    after, _ = made(cell, [(0.0, 300), (1.0, 1800), *PULSES], 1.0)
+    current_a = np.concatenate([taper_a, after.current_a])
+    voltage_v = np.concatenate([np.full(600, full_v + 0.01), after.voltage_v])
+    return make_record(INTERVAL_S * np.arange(len(current_a)), current_a, voltage_v)
+
+
+def test_a_charge_that_tapers_ends_full(bundled_cell):
+    record = with_full_charge(bundled_cell)
+    found = start(bundled_cell, record, 720)
+    assert (found.soc_source, found.row) == ("full end", record.row[599])
+    # The last interval of the taper, and 90 intervals of the discharge.
+    assert found.soc == pytest.approx(1 - (90 - 0.05) * INTERVAL_S / 3600 / 2.0, abs=1e-4)
+    with pytest.raises(InputError, match="give `initial_soc`"):
+        start(bundled_cell, with_full_charge(bundled_cell, last_a=0.5), 720)
+
+
+def counting(record, begun_ah):
+    return replace(record, charge_ah=begun_ah + record.discharged_ah)
+
+
+@pytest.mark.parametrize("begun", [0.3, -0.7])
+def test_counters_that_began_at_an_end_tell_the_charge_if_the_voltage_agrees(bundled_cell, begun):
+    record, soc = made(bundled_cell, [(1.0, 100), *PULSES], 0.7)
+    begun_ah = begun * bundled_cell.capacity_ah
+    found = start(bundled_cell, counting(record, begun_ah), 0)
+    assert found.soc_source == "counters"
+    assert found.soc == pytest.approx(soc[0], abs=1e-9)
+    with pytest.raises(InputError, match="give `initial_soc`"):
+        start(bundled_cell, counting(record, begun_ah + 0.4), 0)
+
+
+def test_a_long_rest_elsewhere_tells_the_charge(bundled_cell):
+    record, soc = made(bundled_cell, [*PULSES, (1.0, 900), (0.0, 3600), *PULSES], 0.6)
+    found = start(bundled_cell, record, 0)
+    assert (found.soc_source, found.row) == ("rest elsewhere", record.row[509])
+    # The rest is read on the curve of the branch, the record follows the fitted hysteresis.
+    assert found.soc == pytest.approx(soc[0], abs=0.01)

@@ -102,6 +102,19 @@ def test_subspaces_find_a_circuit_without_noise_exactly(model, hold, known_probl
     assert values_of(answer) == pytest.approx(values(CIRCUITS[model]), rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("current_a", "says"),
+    [(np.ones(600), "current never changes"), (np.arange(170) % 7, "there are 111")],
+)
+def test_subspaces_refuse_a_record_without_turns_and_a_short_one(bundled_cell, current_a, says):
+    count = len(current_a)
+    voltage_v = 3.7 + 0.01 * np.random.default_rng(0).normal(size=count)
+    record = make_record(np.arange(count), current_a, voltage_v)
+    problem = make_problem(record, bundled_cell, "so-rc", window=Window(initial_soc=0.9))
+    with pytest.raises(MethodFailure, match=says):
+        answer_of("n4sid", problem)
+
+
 def test_subspaces_need_no_first_state():
     """A loop from a state that is not zero; poles as they are."""
     matrix, drive = np.diag([0.9, 0.5]), np.random.default_rng(0).normal(size=500)

@@ -147,7 +147,7 @@ def times(folder: Path, result: barnax.Result) -> Iterator[str]:
             together_s = best_s(jax.jit(jax.vmap(run_filter)), *many, drives)
             ratio = together_s / best_s(single, model, start, short)
             yield (
-                f"| {CELLS:,} cells in one call over one cell, {SAMPLES // 10:,} samples each, "
+                f"| {CELLS:,} cells in one call over one cell, {SAMPLES // 10:,} samples each "
                 f"| {ratio:.0f} times, {ratio * 100 / CELLS:.1f} per 100 cells |"
             )
     for precision in ("double", "float"):

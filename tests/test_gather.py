@@ -145,7 +145,7 @@ def test_a_slow_sweep_is_no_dynamic_record(told, role):
     time_s = np.arange(0.0, 72_000.0, 30.0)
     current_a = np.where((time_s > 600) & (time_s < 70_000), -0.1, 0.0)
     found = told(time_s, current_a, 4.18 - 1.2 * np.cumsum(-current_a) / 240, role)
-    assert any(f"drive.csv: is not fit for {role}" in text for text in found)
+    assert any(f"drive.csv: not suitable for {role}" in text for text in found)
 
 
 def test_a_window_is_proposed_where_none_is_chosen(real_data):

@@ -106,9 +106,13 @@ def test_records_give_what_their_files_give(few):
 @pytest.mark.parametrize(
     ("records", "validate", "told"),
     [
-        (["{copy}"], [BUNDLED.record], "identification.parquet: is copy.parquet, byte for byte"),
-        ([BUNDLED.record, "{copy}"], [], "copy.parquet: is identification.parquet, byte for byte"),
-        ([BUNDLED.record], [BUNDLED.record], "identification.parquet: is given twice"),
+        (["{copy}"], [BUNDLED.record], "identification.parquet: the same as copy.parquet, byte"),
+        (
+            [BUNDLED.record, "{copy}"],
+            [],
+            "copy.parquet: the same as identification.parquet, byte",
+        ),
+        ([BUNDLED.record], [BUNDLED.record], "identification.parquet: given twice"),
     ],
 )
 def test_the_same_bytes_twice_are_refused_by_both_names(tmp_path, records, validate, told):
@@ -154,7 +158,8 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     assert result.assessment is None
     reason = str(failure) or "LinAlgError"
     assert (
-        f"the intervals could not be computed ({reason}); everything else stands" in result.warnings
+        f"the intervals could not be computed ({reason}); the rest of the result is valid"
+        in result.warnings
     )
     assert Result.model_validate_json(result.to_json()).to_json() == result.to_json()
 
@@ -172,7 +177,7 @@ def test_a_failure_beside_the_search_is_not_swallowed(monkeypatch, name):
 def test_an_initial_soc_against_the_rested_voltage_is_said(few):
     result = barnax.identify(window=replace(SHORT, initial_soc=0.95), **SMALL)
     (told,) = (text for text in result.warnings if text.startswith("identification.parquet"))
-    assert "tells a state of charge of 0.999, but `initial_soc` is 0.95" in told
+    assert "corresponds to a state of charge of 0.999, but `initial_soc` is 0.95" in told
     assert any(text.startswith("validation.parquet") for text in result.warnings)
     assert not any("initial_soc" in text for text in few.warnings)
 
@@ -207,7 +212,7 @@ def test_a_figure_is_drawn_by_its_name_and_a_stored_result_says_it_has_no_run(ma
     (tmp_path / "result.json").write_text(many.to_json())
     stored = Result.from_json(tmp_path / "result.json")
     assert stored.to_json() == many.to_json()
-    with pytest.raises(InputError, match="holds no records; identify again"):
+    with pytest.raises(InputError, match="has no records; identify again"):
         stored.figure("voltage")
 
 
@@ -265,7 +270,7 @@ def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
     assert found.r0 == pytest.approx(TRUTH["R0 [Ohm]"], rel=0.02)
     assert found.r == pytest.approx((TRUTH["R1 [Ohm]"], TRUTH["R2 [Ohm]"]), rel=0.02)
     shown = result._repr_html_()
-    assert "cut.csv comes from a discharge" in shown
+    assert "the cell was last discharged before cut.csv" in shown
     assert result.metrics.identification.rmse_v == pytest.approx(5e-4, rel=0.1)
 
 

@@ -51,7 +51,7 @@ def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
     assert "Overconfident" not in dict(soc_lines(replay))
     part = replay.scenarios[0].model_copy(update={"in_band": 0.131})
     told = dict(soc_lines(replay.model_copy(update={"scenarios": (part,)})))
-    assert "holds the counter 13 % of the time" in told["Overconfident"]
+    assert "contains the reference 13 % of the time" in told["Overconfident"]
 
 
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):
@@ -82,7 +82,7 @@ def test_convergence_must_hold_ten_minutes_or_to_the_end():
     [
         ({"kind": "pf"}, "`filter` 'pf' is not known; there are ekf, ukf"),
         ({"form": "triple"}, "`form` 'triple' is not known"),
-        ({"soc_sd": 0.0}, "a soc_sd of 0 must be above 0"),
+        ({"soc_sd": 0.0}, "`soc_sd` 0 must be above 0"),
     ],
 )
 def test_unknown_settings_are_refused(given, says):

@@ -130,7 +130,7 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
     with pytest.raises(InputError) as caught:
         read(put(place, value))
     message = str(caught.value)
-    assert "result.json: is no barnax result: " in message
+    assert "result.json: not a barnax result: " in message
     assert message.endswith("give the result.json that barnax identify wrote")
     assert "\n" not in message
 
@@ -143,7 +143,7 @@ CONTENTS = [
 
 @pytest.mark.parametrize("content", CONTENTS, ids=lambda content: repr(content[:12]))
 def test_content_that_is_no_result_is_refused_under_the_files_name(read, content):
-    with pytest.raises(InputError, match=r"result.json: (is no barnax result|cannot be read)"):
+    with pytest.raises(InputError, match=r"result.json: (not a barnax result|cannot be read)"):
         read(content)
 
 
@@ -154,5 +154,5 @@ def test_what_is_no_file_is_refused(tmp_path, place):
 
 
 def test_a_file_of_version_1_says_how_to_get_version_2(read):
-    with pytest.raises(InputError, match="is of schema version 1; run the command that it stores"):
+    with pytest.raises(InputError, match="this file has schema version 1; run its stored command"):
         read({"schema_version": 1, "command": ["barnax", "identify"]})

@@ -49,9 +49,10 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True)
 class Reading:
-    """How files are read: the signs of current in them, and their hold; "auto" finds out.
+    """How files are read: the sign of their current, and their hold; "auto" decides from the data.
 
-    `columns` names columns that barnax does not know, as `read_record` takes them.
+    A sign is "charge-positive" or "discharge-positive", a hold "forward" (the current flows until
+    the next sample) or "backward". `columns` names unknown columns, as for `read_record`.
     """
 
     current_sign: str = "auto"
@@ -63,10 +64,14 @@ class Reading:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is searched for, and how; `over` asks for tables beside the constant circuit.
+    """The circuit and how to search for it; `over` adds tables to the constant circuit.
 
-    Without a `model` the circuit is iso-rc; with tables, whose OCV correction takes up what a
-    switched hysteresis stands for, so-rc, or esc where hysteresis matters as it does for LFP.
+    Without `model`, the circuit is iso-rc; with tables, whose OCV correction replaces a switched
+    hysteresis, it is so-rc, or esc if hysteresis matters as much as for LFP. `method` is an
+    optimizer of `OPTIMIZERS`, run `seeds` times from `key`, with `population` candidates and
+    `iterations` generations, over R and C ("rc") or logarithms of R and tau ("log").
+
+    Raises `InputError` for a number out of range and an unknown `over`.
     """
 
     model: str | None = None
@@ -86,7 +91,7 @@ class Settings:
                 raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
         if self.over not in (None, "soc", OVER_TEMPERATURE):
             raise InputError(
-                f"`over` {self.over!r} is not known; tables go over 'soc' or {OVER_TEMPERATURE!r}"
+                f"`over` {self.over!r} is not known; there are 'soc' and {OVER_TEMPERATURE!r}"
             )
 
     def circuit(self, cell: CellModel, over: str | None = None) -> str:
@@ -136,12 +141,11 @@ def read_inputs(
     is_bundled = not given
     if is_bundled:
         if tests or others:
-            raise InputError("give a record to identify on; `ocv` and `validate` only go with one")
+            raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None:
         raise InputError(
-            f"{_name_of(given[0])}: an OCV test of the same cell is needed as well; give it with "
-            "`ocv`"
+            f"{_name_of(given[0])}: an OCV test of the same cell is also needed; give it with `ocv`"
         )
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
     looked_at: list[tuple[str, Source, Record | OcvTable]] = []
@@ -284,7 +288,7 @@ def input_warnings(
     texts = [each.sentence(found.file) for each in found.findings if each.counts]
     for each in found.roles:
         if each.name == role and not each.is_usable:
-            texts.append(f"{found.file}: is not fit for {role}: {each.reason}")
+            texts.append(f"{found.file}: not suitable for {role}: {each.reason}")
         elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
             advice = window_advice(each.window)
             texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []
@@ -369,6 +373,7 @@ def _require_different(records: Sequence[Record]) -> None:
         key = record.sha256, float(record.time_s[0])
         if record.sha256 and key in seen:
             first = seen[key]
-            twice = "is given twice" if first == record.name else f"is {first}, byte for byte"
+            same = f"the same as {first}, byte for byte"
+            twice = "given twice" if first == record.name else same
             raise InputError(f"{record.name}: {twice}; give each once, and validate on another")
         seen[key] = record.name

@@ -70,7 +70,7 @@ FITTING_AGAIN = "fitting again"
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Everything behind a result: problem, search, refinement, global optimum and evaluations."""
+    """The objects behind a result; `identification` and `validation` have one item per record."""
 
     problem: Problem
     search: Search | None
@@ -113,19 +113,19 @@ def identify(
 ) -> Result:
     """The circuit of a cell, identified, proved, assessed and validated.
 
-    `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each;
-    without any record the bundled cell's are taken. Of a folder, a plan or files without `ocv`
-    roles and windows are found (`barnax.plan`). `window` is one for all records, or a mapping
-    from a record's name to its own, "" for the others. `capacity` is the cell's in Ah when the
-    records were measured, `ocv_capacity` that in the OCV test, where it does not span both ends.
-    `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` holds parameters. `trust`
-    says how far the answer is looked into: "full" fits again. A known `cell` needs no `ocv`.
-    Without `advise` nothing is said of tables; with `over="soc"` the circuit is also fitted with
-    tables over SOC, by `tables`, with `over="soc,temperature"` for each temperature of the records.
-    With 0 `seeds` the answer is the global optimum. Fields of `Settings`, `Reading` and
-    `TableSettings` may be given by name. `watch` gives a context for every stage.
+    `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each.
+    Without a record, the bundled cell is used; for a folder, a plan, or files without `ocv`, roles
+    and windows are chosen (`barnax.plan`). `window` is one for all records, or a mapping from
+    record names to windows, with "" for the others. `capacity` is that of the cell in Ah when the
+    records were measured, `ocv_capacity` that in the OCV test if it does not span full to empty.
+    `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` sets parameters to a value.
+    `trust` is "none", "basic" (intervals) or "full" (further fits). A known `cell` needs no `ocv`.
+    `over="soc"` also fits tables over SOC, with the settings in `tables`; `over="soc,temperature"`
+    fits them for each temperature. `advise=False` skips the estimate of what tables would gain.
+    With 0 `seeds`, the answer is the global optimum. Fields of `Settings`, `Reading` and
+    `TableSettings` can be given by name. `watch` returns a context manager for every stage.
 
-    Raises `InputError` where an input cannot be used, naming file, row, value and remedy.
+    Raises `InputError` if an input cannot be used, naming file, row, value and remedy.
 
     >>> import barnax
     >>> result = barnax.identify(seeds=2, iterations=5, trust="none")
@@ -136,7 +136,7 @@ def identify(
     reading = _with_options(reading or Reading(), options)
     tables = _with_options(tables or TableSettings(), options)
     if settings.over is None and tables != TableSettings():
-        raise InputError("tables are asked for with `over` 'soc'; give it too")
+        raise InputError("settings of tables need `over` 'soc'; give it too")
     if options:
         raise TypeError(f"identify() has no option {', '.join(sorted(options))}")
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
@@ -177,7 +177,7 @@ def identify_problem(
     *,
     trust: Literal["none", "basic"] = "basic",
 ) -> Result:
-    """The same for one problem that is ready, by default without seeds; raises as `identify`."""
+    """`identify` for a `Problem` from `make_problem`; without `settings`, no seeds are run."""
     settings = settings or Settings(seeds=0)
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
     better = with_better_directions(problem)
@@ -337,7 +337,7 @@ def _attempt(
         return function(*given, **more)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
         reason = str(problem) or type(problem).__name__
-        warnings.append(f"{what} could not be computed ({reason}); everything else stands")
+        warnings.append(f"{what} could not be computed ({reason}); the rest of the result is valid")
         return None
 
 
@@ -350,14 +350,14 @@ def _all_warnings(of_inputs: Sequence[str], run: Run) -> tuple[str, ...]:
         if each.metrics.r2 < 0:
             texts.append(
                 f"{each.prepared.record.name}: the circuit does worse than a constant voltage "
-                f"would (R2 {each.metrics.r2:.3g}); what the checks of its file found is among "
-                "these warnings; look at its window, and at what `fix` and `bounds` hold"
+                f"would (R2 {each.metrics.r2:.3g}); see the other warnings about its file, and "
+                "check its window, `fix` and `bounds`"
             )
     for each in run.validation:
         texts += [*each.prepared.record.warnings, *each.prepared.warnings]
     whose = "" if run.tables is None else "the constant circuit's "
     texts += [
-        f"{whose}{each.name} is at its {each.side} bound: the bounds, not the data, set it"
+        f"{whose}{each.name} is at its {each.side} bound: the bounds set it, not the data"
         for each in run.answer.at_bound
     ]
     if run.tables is not None:
@@ -374,7 +374,11 @@ def validate_stored(
     current_hold: Any = "auto",
     columns: Mapping[str, str] | str = "",
 ) -> tuple[Evaluation, list[str]]:
-    """A stored circuit on another record, and warnings about that record and its window."""
+    """The evaluation of a stored circuit on another record, and the warnings about that record.
+
+    `window` is by default the one on which the identification records agree. Raises `InputError`
+    if the record or its window cannot be used.
+    """
     reading = Reading(
         validate_current_sign=current_sign, current_hold=current_hold, columns=columns
     )
@@ -384,8 +388,8 @@ def validate_stored(
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
         warnings.append(
-            f"{measured.name}: is the record {own[measured.sha256]} that the circuit was "
-            "identified on, so it validates nothing"
+            f"{measured.name}: this is {own[measured.sha256]}, on which the circuit was "
+            "identified; validate on another record"
         )
     with telling(warnings):
         prepared = prepare_record(measured, cell, stored.model, window)

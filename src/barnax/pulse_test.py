@@ -22,16 +22,16 @@ def hppc(
     watch: Watch = unwatched,
     **options: Any,
 ) -> Result:
-    """The tables over SOC that one or several pulse tests show, and every pulse's resistances.
+    """Tables over SOC from one or several pulse tests, and the resistances of every pulse.
 
-    As `identify` with tables over SOC, which see for all other options; tests at several
-    temperatures give tables for each. Pulses and rests are found in the records. Without `ocv` the
-    rests of the test are the OCV, interpolated, and of several tests of one temperature those of
-    the first; the charge between its ends is the capacity, where none is given. A simulation starts
-    at the end of the rest before the first pulse, unless `window` says otherwise. Without any
-    record the bundled cell's test at 25 degC is identified and validated on its trips.
+    Options are those of `identify`. Tests at several temperatures give tables for each
+    temperature. Pulses and rests are found in the records. Without `ocv` the
+    rests of the test are the OCV, interpolated; of several tests at one temperature, those of
+    the first. The charge between its ends is the capacity, if none is given. A simulation starts
+    at the end of the rest before the first pulse, unless `window` says otherwise.
+    Without a record, the bundled cell's test at 25 degC is used, validated on its drive cycles.
 
-    Raises `InputError` where a record has no pulses, and where `identify` does.
+    Raises `InputError` if a record has no pulses, and where `identify` does.
     """
     if not listed(records):
         records, validate = BUNDLED.hppc[1], validate or BUNDLED.validation

@@ -45,15 +45,15 @@ BAND = 1.959964
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """Which filter replays a record.
+    """The Kalman filter that replays a record.
 
     `kind` is the extended ("ekf") or the unscented ("ukf") Kalman filter. `estimate` are parameters
-    that it estimates beside the state: "offset" of the current, "capacity", and resistances and
-    time constants such as "R0" or "tau1"; "joint" as states of the one filter, or in a second,
-    "dual" one. `soc_sd` is how far the SOC at the start may be off, one standard deviation.
-    `tables` uses the tables over SOC where a result has them.
+    to estimate besides the state: "offset" (of the current), "capacity", and resistances and
+    time constants such as "R0" or "tau1"; with `form` "joint" as states of the same filter, with
+    "dual" in a second one. `soc_sd` is the standard deviation of the SOC at the start, a fraction.
+    `tables` uses the tables over SOC if the result has them.
 
-    Raises `InputError` for an unknown kind or form, and a deviation that is not positive.
+    Raises `InputError` for an unknown kind or form, and for `soc_sd` outside 0 to 1.
     """
 
     kind: Kind = "ekf"
@@ -68,7 +68,7 @@ class FilterSettings:
         if self.form not in ("joint", "dual"):
             raise InputError(f"`form` {self.form!r} is not known; there are joint, dual")
         if not 0 < self.soc_sd <= 1:
-            raise InputError(f"a soc_sd of {self.soc_sd:g} must be above 0 and at most 1")
+            raise InputError(f"`soc_sd` {self.soc_sd:g} must be above 0 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -115,9 +115,10 @@ class ScenarioPart(Part):
 
 
 class SocReplay(Document):
-    """The whole of `soc.json`. `innovations` are those of the right start, None if it diverged.
+    """The contents of `soc.json`: how well a filter tracked the SOC of a record.
 
-    A replay that was just made has its `traces`.
+    `innovations` are those from the right start, None if it diverged. Only a replay that was not
+    read from a file has `traces`.
     """
 
     schema_version: Annotated[int, Field(ge=1, le=1)] = 1
@@ -143,7 +144,7 @@ class SocReplay(Document):
         """Raises `InputError` for a replay that was read from a file."""
         if self._traces is None:
             raise InputError(
-                "this replay was read from a file, which holds no estimates over time; replay "
+                "this replay was read from a file, which has no estimates over time; replay "
                 "the record again"
             )
         return self._traces
@@ -173,11 +174,12 @@ def replay_soc(
     current_sign: Any = "auto",
     current_hold: Any = "auto",
 ) -> SocReplay:
-    """What a battery manager with this circuit would have known of the SOC along a record.
+    """How well a Kalman filter with this circuit tracks the SOC of a record, for each scenario.
 
-    All scenarios run in one call. `window` is by default what those of the identification agree on.
-    Raises `InputError` where the record, its window or what is to be estimated cannot be used, and
-    for a result without an assessment, from which the filter takes its noise.
+    The reference is the record's ampere-hour count, which the filter does not see. `window` is by
+    default the one on which the identification records agree. Raises `InputError` if the record,
+    its window or `settings.estimate` cannot be used, and for a result without an assessment, from
+    which the filter takes its noise.
     """
     settings, window = settings or FilterSettings(), window or result.common_window
     reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)

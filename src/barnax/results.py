@@ -191,18 +191,18 @@ class TablesPart(Part):
 
 
 class Result(Document):
-    """The whole of `result.json`. Equal runs give equal bytes: no times, dates or folders.
+    """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    `parameters` are the best circuit known (`answer_source` says where it comes from), and metrics,
-    intervals, figures and exports are of it; `search` and `refined` tell what the seeds did, None
-    where there were none.
-    `global_optimum` is None where the box is too wide to look for it, `assessment` where it was
-    not asked for or failed. `tables` is the same circuit with tables over SOC, where those were
-    asked for: then exports, figures of errors and validation are of it. Where they were not,
-    `expected_tables_v` is the RMSE that they would leave with this circuit's time constants.
-    `other_hold` is the answer under the other hold, where the records' own is only assumed.
-    `pulses` are those of the records identified on that are pulse tests. A result that was just
-    computed has the objects behind it in `run`.
+    `parameters` are the best circuit known (`answer_source` says where it comes from), under
+    PyBaMM's names; metrics, intervals, figures and exports are of this circuit. `search` and
+    `refined` are what the seeds found, None without seeds.
+    `global_optimum` is None if the box is too wide to look for it, `assessment` if it was skipped
+    or failed. `tables` is the same circuit with tables over SOC, if `over` was given; exports,
+    figures of errors and validation are then of the tables. Without it,
+    `expected_tables_v` is the RMSE that tables would reach with this circuit's time constants.
+    `other_hold` is the answer under the other hold, if the hold of the records is only assumed.
+    `pulses` are those of the identification records that are pulse tests. A result that was not
+    read from a file has the objects behind it in `run`.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -266,8 +266,8 @@ class Result(Document):
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:
         if document.get("schema_version") == 1:
             raise InputError(
-                f"{file}: is of schema version 1; run the command that it stores again, and barnax "
-                "writes version 2"
+                f"{file}: this file has schema version 1; run its stored command again to write "
+                "version 2"
             )
         return document
 
@@ -279,7 +279,7 @@ class Result(Document):
         """
         if self._run is None:
             raise InputError(
-                "this result was read from a file, which holds no records; identify again to have "
+                "this result was read from a file, which has no records; identify again to get "
                 "the search, the evaluations and the figures over time"
             )
         return self._run

@@ -144,7 +144,7 @@ class Document(Part):
             return cls.model_validate(document)
         except (ValidationError, InputError) as problem:
             reason = cut(_reason(problem), LONGEST_REASON)
-            raise InputError(f"{path}: is no {cls.what}: {reason}; {cls.remedy}") from problem
+            raise InputError(f"{path}: not a {cls.what}: {reason}; {cls.remedy}") from problem
 
     @classmethod
     def _of_this_version(cls, document: dict[str, Any], file: str) -> dict[str, Any]:

@@ -40,7 +40,7 @@ VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy
 
 
 def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
-    """Everything a run found, as one value that can be stored; `command` is what was run."""
+    """A run as a `Result`, which can be stored; `command` is the command that was run, if any."""
     problem = run.problem
     result = Result(
         schema_version=SCHEMA_VERSION,
@@ -65,7 +65,7 @@ def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
             fits=run.tables.found.fits,
             over_temperature=run.tables.found.over_temperature,
             metrics=_metrics_block(problem.name, run.tables.identification, run.tables.validation),
-            by_soc=_soc_bands(run.tables.identification),
+            by_soc=bands_by_soc(run.tables.identification),
         ),
         pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
         expected_tables_v=run.expected_tables_v,
@@ -98,7 +98,8 @@ def _metrics_block(
     )
 
 
-def _soc_bands(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
+def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
+    """The errors of several records together in each tenth of the state of charge."""
     scored = [each.prepared.scored for each in evaluations]
     soc = [each.prepared.soc[s] for each, s in zip(evaluations, scored, strict=True)]
     error_v = [each.error_v[s] for each, s in zip(evaluations, scored, strict=True)]

@@ -77,27 +77,27 @@ def _fit_warning(each: FitWarning) -> str:
     share = f"{100 * each.value:.0f} %"
     if each.kind == "at bound" and each.name.startswith("tau"):
         return (
-            f"{each.name} ended at its bound of {each.value:.4g} s; with an OCV correction a slow "
-            "pair imitates a wrong capacity, so check `capacity`, or give `bounds` for it"
+            f"{each.name} ended at its bound of {each.value:.4g} s; with an OCV correction, a slow "
+            "pair imitates a wrong capacity, so check `capacity`, or widen its `bounds`"
         )
     if each.kind == "at bound":
         return f"{each.name} ended at its bound of {each.value:.4g}: the data do not set it"
     if each.kind == "one direction":
         return (
-            f"the amplitude of the hysteresis was fitted, but the records go only {share} SOC in "
-            "one of both directions; such a table spoils what was not fitted, so leave "
-            "`half_hysteresis` out, or add a record of the other direction"
+            f"the amplitude of the hysteresis was fitted, but in one direction the records go only "
+            f"{share} SOC; such a table raises the error on other records, so leave "
+            "`half_hysteresis` out, or add a record in the other direction"
         )
     if each.kind == "gamma held":
         return (
-            f"the records go only {share} SOC in one of both directions, which tells nothing of "
-            f"how fast hysteresis turns, so gamma is held at {HELD_GAMMA:g} and half the measured "
-            "gap is its amplitude; add a record of the other direction, or give gamma with `fix` "
-            "or `bounds`"
+            f"in one direction the records go only {share} SOC, which does not show how fast the "
+            f"hysteresis follows the charge, so gamma is held at {HELD_GAMMA:g} and the amplitude "
+            "is half the hysteresis voltage; add a record in the other direction, or give gamma "
+            "with `fix` or `bounds`"
         )
     return (
-        f"{share} of their nodes are near no sample; what stands there follows from their "
-        "neighbors, and says nothing of the cell"
+        f"{share} of their nodes have no sample near them; the values there follow from the "
+        "neighbors and say nothing about the cell"
     )
 
 
@@ -116,7 +116,7 @@ def _reversal_warnings(run: TableRun) -> Iterator[str]:
         yield (
             f"{name.partition(' ')[0]} is not monotone over temperature at {len(found)} of "
             f"{len(run.found.fits[0].tables.nodes)} nodes: {values} mOhm at {degc} degC and "
-            f"{100 * each.soc:.3g} % SOC; what is interpolated between temperatures may be far off"
+            f"{100 * each.soc:.3g} % SOC; interpolation between temperatures may be far off"
         )
 
 

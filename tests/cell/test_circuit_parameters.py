@@ -78,7 +78,7 @@ def test_resistances_without_capacitances_are_refused():
 @pytest.mark.parametrize("name", ["R5 [Ohm]", "R9 [Ohm]", "x"])
 def test_an_unknown_parameter_is_named(name):
     values = CircuitParameters(0.05, (0.02,), (500.0,)).to_dict() | {name: 1.0}
-    with pytest.raises(InputError, match=re.escape(f"no circuit parameters: {name}")):
+    with pytest.raises(InputError, match=re.escape(f"not circuit parameters: {name}")):
         CircuitParameters.from_dict(values)
 
 

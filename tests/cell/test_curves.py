@@ -76,7 +76,7 @@ def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
     curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.31), (1.0, 3.6)))
     (text,) = curve_warnings(curve, "charge")
     assert "falls by 40.0 mV from SOC 0.400 to 0.600" in text
-    assert "look at the points there" in text
+    assert "check the points there" in text
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -95,7 +95,7 @@ def test_a_curve_that_leaves_the_range_of_neighboring_points_is_warned_about(sid
     whole = in_gap(Polynomial([-1.0, 4.0]))
     points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.25, 0.5, 0.75))
     found = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
-    assert any("leaves its points by 36.1 mV between SOC 0.250 and 0.500" in text for text in found)
+    assert any("overshoots by 36.1 mV between SOC 0.250 and 0.500" in text for text in found)
 
 
 @given(

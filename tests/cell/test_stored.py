@@ -39,7 +39,7 @@ def test_a_cell_survives_its_file_bit_for_bit(tmp_path, make, ocv_fit, hysteresi
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"capacity [A.h]": 2.0', '"capacity [A.h]": 0.0', "capacity of 0 Ah is no cell's"),
+        ('"capacity [A.h]": 2.0', '"capacity [A.h]": 0.0', "the capacity 0 Ah must be positive"),
         ('"capacity [A.h]": 2.0', '"capacity [A.h]": NaN', "cell.capacity"),
         ('"kind": "continuous"', '"kind": "cubic"', "hysteresis.kind"),
         ('"R1 [Ohm]": 0.02', '"R1 [Ohm]": -0.02', r"R1 \[Ohm\] must be positive"),

@@ -39,7 +39,7 @@ def test_the_tables_and_the_verdict_are_printed(compared):
     outcome, _ = compared
     printed = " ".join(outcome.out.split())
     assert max(map(len, outcome.out.splitlines())) <= 80
-    for part in ("Parameters", "Search", "lowest error", "varpro so-rc"):
+    for part in ("Parameters", "Search", "lowest RMSE", "varpro so-rc"):
         assert part in printed
 
 
@@ -87,7 +87,7 @@ def test_json_goes_to_stdout_alone(run, tmp_path):
         (("--models", "so-rc,rc"), "--models 'rc' is not known"),
         (("--methods", "ls,guess"), "--methods 'guess' is not known"),
         (("--ocv", "test.csv"), "give a record to identify on"),
-        (("missing.csv",), "an OCV test of the same cell is needed"),
+        (("missing.csv",), "an OCV test of the same cell is also needed"),
     ],
 )
 def test_bad_input_is_one_message(words, message, refuse):
@@ -118,5 +118,5 @@ def test_every_registered_optimizer_is_listed(run):
 
 def test_a_second_record_is_refused_rather_than_left_out():
     records = [BUNDLED.record, BUNDLED.validation]
-    with pytest.raises(InputError, match="on one record, and 2 were given"):
+    with pytest.raises(InputError, match="uses one record, but 2 were given"):
         compare_files(records, ocv=list(BUNDLED.ocv))

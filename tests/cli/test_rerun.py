@@ -38,7 +38,7 @@ def repeats(finished, monkeypatch):
 
 def test_the_same_machine_gives_the_same_bytes(run, finished):
     outcome = run("rerun", finished.folder / "result.json")
-    assert (outcome.status, outcome.out) == (0, "The same bytes came out.\n")
+    assert (outcome.status, outcome.out) == (0, "The result is the same, byte for byte.\n")
 
 
 @pytest.mark.usefixtures("repeats")
@@ -71,7 +71,7 @@ def test_files_are_found_by_name_and_known_by_content(run, altered, tmp_path, re
     result = altered(lambda document: document.update(command=words))
     outcome = run("rerun", result)
     assert outcome.status == 2
-    assert "is in none of" in outcome.err
+    assert "not found in" in outcome.err
     assert "give its folder with --data" in outcome.err
     run("rerun", result, "--data", files)
     assert repeats == [
@@ -86,4 +86,4 @@ def test_files_are_found_by_name_and_known_by_content(run, altered, tmp_path, re
 @pytest.mark.parametrize("command", [[], ["barnax"]])
 def test_a_result_without_a_command_says_so(refuse, altered, command):
     path = altered(lambda document: document.update(command=command))
-    assert "stores no command to repeat" in refuse("rerun", path)
+    assert "has no stored command" in refuse("rerun", path)

@@ -47,8 +47,8 @@ def test_json_reproduces_the_metrics_of_the_result_exactly(run, stored, tmp_path
     assert contents(tmp_path) == {}
     outcome = run("validate", stored, BUNDLED.record, "--json")
     assert json.loads(outcome.out) == metrics["identification"]
-    assert "warning: identification.parquet: is the record" in outcome.err
-    assert "validates nothing" in outcome.err
+    assert "warning: identification.parquet: this is identification.parquet" in outcome.err
+    assert "validate on another record" in outcome.err
 
 
 def test_the_table_is_one_line_and_quiet_prints_nothing(run, stored):

@@ -69,7 +69,7 @@ def test_stored_and_told(found, comparison, tmp_path):
     assert ComparisonResult.from_json(path) == result
     text = to_markdown(comparison_document(result))
     assert "lm so-rc:soc" in text
-    assert "on records not used" in text
+    assert "on the validation records" in text
 
 
 def test_a_model_without_an_answer_is_refused(comparison):
@@ -78,5 +78,5 @@ def test_a_model_without_an_answer_is_refused(comparison):
 
 
 def test_what_tables_do_not_have_cannot_be_held(comparison):
-    with pytest.raises(InputError, match="cannot be bounded or held"):
+    with pytest.raises(InputError, match="cannot be bounded or fixed"):
         tabulate(comparison, ["so-rc"], SMALL, fixed={"C1 [F]": 500.0})

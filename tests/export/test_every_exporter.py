@@ -26,7 +26,7 @@ def test_every_circuit_is_tested():
 
 
 def test_a_circuit_that_remembers_its_turns_is_refused():
-    with pytest.raises(InputError, match="no tool's table over SOC"):
+    with pytest.raises(InputError, match="which no table over SOC holds"):
         tables_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
 
 

@@ -120,12 +120,12 @@ def test_two_commands_cannot_write_to_one_folder(tmp_path, made_rows, monkeypatc
 
 
 def test_an_id_that_stands_twice_is_refused(tmp_path, made_rows):
-    with pytest.raises(InputError, match="the id 'a' stands twice"):
+    with pytest.raises(InputError, match="the id 'a' occurs twice"):
         identify_fleet(cells_of("aba"), tmp_path, executor=Inline())
 
 
 def test_an_unknown_method_is_refused_before_any_cell(tmp_path, made_rows):
-    with pytest.raises(InputError, match="`method` 'magic': there are"):
+    with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
         identify_fleet(cells_of("a"), tmp_path, executor=Inline(), settings={"method": "magic"})
     assert made_rows == []
 

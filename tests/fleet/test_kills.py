@@ -1,11 +1,13 @@
 """Nothing is lost, torn or twice, whoever is killed when; and a pool's rows have the same bits."""
 
+import json
 import os
 import random
 import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import polars as pl
@@ -23,6 +25,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="looks for workers in /proc"),
 ]
 KILLS = 20
+DASK_KILLS = 9
 COPIES = 8
 
 
@@ -83,7 +86,68 @@ def test_twenty_kills_lose_nothing(many, alone, tmp_path):
     require_the_same(tmp_path, alone)
 
 
-def test_dask_gives_the_same_rows(many, alone, tmp_path):
+class Cluster:
+    """A Dask scheduler and two workers, started as a user starts them."""
+
+    def __init__(self, folder, number):
+        pytest.importorskip("distributed")
+        file = folder / f"scheduler{number}.json"
+        self.scheduler = self.start("scheduler", "--port", "0", file)
+        self.workers = self.start("worker", "--nworkers", "2", "--nthreads", "1", file)
+        for _ in range(600):
+            if file.exists():
+                break
+            time.sleep(0.1)
+        self.address = json.loads(file.read_text())["address"]
+
+    def start(self, *words):
+        *words, file = words
+        more = ["--no-dashboard", "--scheduler-file", str(file)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        return subprocess.Popen([sys.executable, "-m", "dask", *words, *more], **quiet)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for each in (self.workers, self.scheduler):
+            each.terminate()
+        for each in (self.workers, self.scheduler):
+            each.wait()
+
+
+@pytest.mark.parametrize("is_started_here", [True, False], ids=["local", "existing"])
+def test_dask_gives_the_same_rows(many, alone, tmp_path, is_started_here):
     pytest.importorskip("distributed")
-    assert command(many, tmp_path, "--scheduler", "local").wait() == 0
-    require_the_same(tmp_path, alone)
+    with ExitStack() as stack:
+        address = "local"
+        if not is_started_here:
+            address = stack.enter_context(Cluster(tmp_path, 0)).address
+        assert command(many, tmp_path / "out", "--scheduler", address).wait() == 0
+    require_the_same(tmp_path / "out", alone)
+
+
+def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(many, alone, tmp_path):
+    draw = random.Random(1)
+    out = tmp_path / "out"
+    for number in range(DASK_KILLS):
+        with Cluster(tmp_path, number) as cluster:
+            running = command(many, out, "--scheduler", cluster.address)
+            time.sleep(draw.uniform(4.0, 16.0))
+            victims = {
+                "worker": workers_of(cluster.workers.pid),
+                "scheduler": [cluster.scheduler.pid],
+                "command": [running.pid],
+            }
+            at = victims[("worker", "scheduler", "command")[number % 3]]
+            for victim in at[:1]:
+                os.kill(victim, signal.SIGKILL)
+            # Without a scheduler the command ends by itself, and says so.
+            time.sleep(draw.uniform(1.0, 4.0))
+            if number % 3 == 1 and running.poll() != 0:
+                assert running.wait(60) == 2
+            running.kill()
+            running.wait()
+    with Cluster(tmp_path, DASK_KILLS) as cluster:
+        assert command(many, out, "--scheduler", cluster.address).wait() == 0
+    require_the_same(out, alone)

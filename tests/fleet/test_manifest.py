@@ -80,11 +80,11 @@ def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("records\nb.csv\n", "row 2: has no id"),
-        ("id,age\nx,3\n", r"row 2 \(x\): names no record"),
+        ("records\nb.csv\n", "row 2: no id"),
+        ("id,age\nx,3\n", r"row 2 \(x\): no record"),
         ("id,records,capacity\nx,b.csv,much\n", r"row 2 \(x\): `capacity` 'much': write it like 5"),
-        ("id,records\nx,b.csv\nx,b.csv\n", "the id 'x' stands twice"),
-        ("id,records\n", "holds no cell"),
+        ("id,records\nx,b.csv\nx,b.csv\n", "the id 'x' occurs twice"),
+        ("id,records\n", "has no cells"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_row(folder, content, message):

@@ -40,7 +40,8 @@ def rows():
 def test_the_summary_finds_what_was_put_in(rows):
     found = summarize(rows, ["age", "maker"])
     assert (found.cells, found.identified, found.certified) == (43, 40, 39)
-    assert (found.at_bound, found.with_warnings) == (1, 5)
+    assert found.at_bound == 1
+    assert [(each.text, len(each.ids)) for each in found.warnings] == [("look", 5)]
     r0 = next(each for each in found.distributions if each.name == "R0 [Ohm]")
     assert r0.median == pytest.approx(0.02 * np.exp(0.002 * 195), rel=0.03)
     assert [each.name for each in found.distributions] == ["R0 [Ohm]", "tau1 [s]", "RMSE [V]"]
@@ -58,8 +59,8 @@ def test_the_summary_finds_what_was_put_in(rows):
 def test_the_report_tells_it(rows):
     found = summarize(rows, ["age"])
     text = to_html(fleet_document(found, fleet_illustrations(found, rows, {})))
-    assert "40 of 43 cells identified, 39 certified, 3 failed, 1 outlier." in text
-    for part in ("cell 17", "row 7 is empty", "bad 0, bad 1", "cell 39"):
+    assert "40 of 43 cells identified, 39 certified, 1 with a parameter at a bound, 3 fail" in text
+    for part in ("cell 17", "row 7 is empty", "bad 0, bad 1", "cell 39", "look"):
         assert part in text
     assert text.count("<svg") + text.count("data:image") >= 2
 

@@ -123,7 +123,11 @@ def test_a_window_that_cannot_be_is_refused_with_the_option_and_its_value(option
         (Window(score_steps=(1,)), {"step": None}, "`score_steps` needs .*`score_from`"),
         (Window(start_time_s=120.0, score_to_s=90.0), {}, "no sample .* 120 s; widen `score_steps"),
         (Window(score_soc=(0.1, 0.2)), {}, "no sample .*`score_soc`"),
-        (Window(score_to_s=120.0), {}, "every current that counts is zero.* widen the window"),
+        (
+            Window(score_to_s=120.0),
+            {},
+            "the current of every scored sample is zero.* widen the window",
+        ),
         (Window(score_from_s=990.0), {}, "fewer than 10 samples"),
         (Window(start_time_s=1000.0), {}, "fewer than 10 samples"),
     ],
@@ -196,7 +200,7 @@ def test_a_given_state_of_charge_is_taken(bundled_cell):
     ("window", "voltage_v", "message"),
     [
         (Window(start_time_s=300.0), 3.7, r"row 27 under \+2 A .* give `initial_soc`"),
-        (Window(start_time_s=600.0), 3.7, r"row 57, .* has rested for 60 s only.*`initial_soc`"),
+        (Window(start_time_s=600.0), 3.7, r"row 57, .* has rested for only 60 s.*`initial_soc`"),
         (Window(), 5.0, r"row 2: .* 5\.0000 V is outside .* `initial_soc`"),
     ],
 )
@@ -220,7 +224,9 @@ def test_a_given_state_of_charge_that_the_rested_voltage_denies_is_doubted(
 ):
     rested_v = ocv_v(bundled_cell.charge, 0.999)
     warnings = rested_at(bundled_cell, rested_v, initial_soc=given_soc).warnings
-    expected = f"made.csv: the cell rests at {rested_v:.4f} V at row 2, which tells a state of "
+    expected = (
+        f"made.csv: the cell rests at {rested_v:.4f} V at row 2, which corresponds to a state of "
+    )
     expected += "charge of 0.999, but `initial_soc` is 0.95; leave it out"
     assert [warning[: len(expected)] for warning in warnings] == [expected] * is_doubted
 

@@ -125,9 +125,9 @@ def test_a_capacitance_leaves_only_resistances_whose_time_constant_can_be_seen()
         ),
         ({"C2 [F]": (1.0, 2.0)}, {"tau2 [s]": 1.5}, "give 'tau2 [s]' or 'C2 [F]', not both"),
         # Time constants that the record cannot show.
-        ({"C1 [F]": (0.01, 0.1)}, {}, "R C leaves 0.5 to 1000 s"),
-        ({}, {"C2 [F]": 1e-3}, "R C leaves 0.5 to 1000 s"),
-        ({}, {"R1 [Ohm]": 1e-3, "C1 [F]": 1.0}, "R C leaves 0.5 to 1000 s"),
+        ({"C1 [F]": (0.01, 0.1)}, {}, "R C is outside 0.5 to 1000 s"),
+        ({}, {"C2 [F]": 1e-3}, "R C is outside 0.5 to 1000 s"),
+        ({}, {"R1 [Ohm]": 1e-3, "C1 [F]": 1.0}, "R C is outside 0.5 to 1000 s"),
     ],
 )
 def test_a_box_that_cannot_be_is_refused_with_its_source_name_and_value(ranges, fixed, message):
@@ -175,7 +175,7 @@ NO_PAIR = "'R0 [Ohm]' must be two numbers, [lower, upper]"
         (b'[bounds]\n"R0 [Ohm]" = [1, 2, 3]\n', NO_PAIR),
         (b'[bounds]\n"R0 [Ohm]" = ["1", 2]\n', NO_PAIR),
         (b'[bounds]\n"R0 [Ohm]" = [true, 2]\n', NO_PAIR),
-        (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 401 + b"]\n", "a number beyond all bounds"),
+        (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 401 + b"]\n", "a number that is too large"),
         (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 5000 + b"]\n", "is not a TOML file"),
         (b"#" * 16_001, "is larger than any file of bounds"),
     ],

@@ -57,7 +57,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
     found = plan(folder)
     assert roles(found)["notes.txt"] == "not used"
     assert "columns" in reason(found, "notes.txt")
-    assert reason(found, "c.parquet") == "is again.parquet, byte for byte"
+    assert reason(found, "c.parquet") == "the same as again.parquet, byte for byte"
     assert ".hidden" not in roles(found)
     assert len(found.of_role("OCV test")) == 2
 
@@ -76,17 +76,21 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
     (folder / "a.parquet").unlink()
     lacking = plan(folder)
     assert "no OCV test at -5 degC" in lacking.missing
-    assert "with `ocv` all the same" in lacking.missing
+    assert "use the one there is, with `ocv`" in lacking.missing
     given = plan(folder, ocv=[folder / "b.parquet", folder / "d.parquet"])
     assert roles(given)["cold.parquet"] == "identification"
 
 
 def test_where_a_test_is_missing_it_says_which_to_make(folder):
     lone = plan(BUNDLED.record)
-    assert lone.missing.startswith("there is no OCV test: make one: from full, pulses of 5 to 10 %")
+    assert lone.missing.startswith(
+        "there is no OCV test: measure one: from full, pulses of 5 to 10 %"
+    )
     with pytest.raises(InputError, match=r"(?s)no OCV test.*drive cycle.*752 current steps"):
         barnax.identify(BUNDLED.record)
-    assert plan(BUNDLED.ocv).missing.startswith("there is no record to identify on: make a drive")
+    assert plan(BUNDLED.ocv).missing.startswith(
+        "there is no record to identify on: measure a drive"
+    )
 
 
 def test_a_pulse_test_alone_is_both(folder):
@@ -97,7 +101,7 @@ def test_a_pulse_test_alone_is_both(folder):
 
 
 def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):
-    with pytest.raises(InputError, match="holds no files"):
+    with pytest.raises(InputError, match="has no files"):
         plan(tmp_path)
     with pytest.raises(InputError, match="there is no such file"):
         plan(tmp_path / "missing.csv")

@@ -88,7 +88,7 @@ def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
     [
         ("capacity = ", "cannot be read as a plan"),
         ("capacity = 'x'\n", "`capacity` is 'x'; it takes a number"),
-        ("colour = 1\n", "'colour' is no key of a plan"),
+        ("colour = 1\n", "'colour' is not a key of a plan"),
         ("command = 'fly'\n", "there are identify, hppc"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
         ("[[files]]\nfile = 'a'\nrole = 'other'\n", "there are identification, OCV test"),

@@ -226,9 +226,7 @@ def test_every_seed_s_parameters_are_drawn_beside_the_median_and_the_refined():
     np.testing.assert_allclose(line(panels["RMSE [mV]"], "one seed").get_xdata(), [20, 20.2, 20.4])
     np.testing.assert_allclose(line(panels["R0 [mOhm]"], "one seed").get_xdata(), [50, 50, 50])
     np.testing.assert_allclose(line(panels["R0 [mOhm]"], "median seed").get_xdata(), [50, 50])
-    np.testing.assert_allclose(
-        line(panels["R0 [mOhm]"], "the median seed, refined").get_xdata(), [70]
-    )
+    np.testing.assert_allclose(line(panels["R0 [mOhm]"], "median seed, refined").get_xdata(), [70])
 
 
 def test_equal_seeds_do_not_hide_each_other():

@@ -50,7 +50,7 @@ def test_everyone_stands_at_their_time_constants_the_shorter_first():
 def test_what_was_found_beyond_the_box_stands_at_its_edge_and_is_said_to():
     answers = {"ls so-rc": [make_circuit(0.2, 5000.0)], "ibmo so-rc": [make_circuit(9.0, 90.0)]}
     axes = plot_landscape(make_landscape(), answers=answers).axes[0]
-    beyond = line(axes, "ls so-rc (beyond the box)")
+    beyond = line(axes, "ls so-rc (outside the bounds)")
     np.testing.assert_allclose(beyond.get_xydata(), [[1.0, 1000.0]])
     np.testing.assert_allclose(line(axes, "ibmo so-rc").get_xydata(), [[9.0, 90.0]])
 

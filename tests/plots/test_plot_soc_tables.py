@@ -23,7 +23,7 @@ def test_there_is_a_panel_for_every_table_with_its_unit():
 
 def test_visited_nodes_are_filled_and_the_others_hollow():
     axes = plot_tables(make_fit()).axes[0]
-    visited, others = line(axes, "node"), line(axes, "node near no sample")
+    visited, others = line(axes, "node"), line(axes, "node without samples")
     np.testing.assert_allclose(visited.get_xdata(), NODES[2:])
     np.testing.assert_allclose(visited.get_ydata(), 1e3 * np.array(TABLE_OHM[0][2:]))
     np.testing.assert_allclose(others.get_xdata(), NODES[:2])
@@ -51,7 +51,7 @@ def test_resistances_are_drawn_from_zero_and_what_is_beyond_is_said():
     axes = plot_tables(replace(fit, tables=steep)).axes[0]
     assert axes.get_ylim()[0] == 0.0
     assert axes.get_ylim()[1] < 80
-    assert axes.get_title(loc="right") == "2 nodes beyond the scale"
+    assert axes.get_title(loc="right") == "2 nodes off the scale"
 
 
 def test_a_cell_of_the_map_is_the_rmse_of_its_samples():

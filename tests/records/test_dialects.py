@@ -216,7 +216,7 @@ def test_cells_of_a_workbook_shown_as_durations_are_times(tmp_path):
 def test_numbers_cut_by_their_own_commas_are_refused(tmp_path):
     text = "Zeit [s],Strom [A],Spannung [V],Time / s,Current / A,Voltage / V\n"
     rows = "".join(f"{k},0,1,5,3,7,0,1,5,3,7,1\n" for k in range(30))
-    with pytest.raises(InputError, match="commas stand both between the cells and in the numbers"):
+    with pytest.raises(InputError, match="commas separate cells and also decimals"):
         read(tmp_path, (text + rows).encode())
 
 

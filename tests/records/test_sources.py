@@ -75,7 +75,7 @@ def test_sign_and_hold_of_a_data_frame_can_be_given():
 
 @pytest.mark.parametrize("frame", [3, "cell.csv", [1.0, 2.0], None])
 def test_what_is_no_data_frame_is_refused(frame):
-    with pytest.raises(InputError, match=r"^data frame: is no data frame, but of type"):
+    with pytest.raises(InputError, match=r"^data frame: not a data frame, but of type"):
         record_from_frame(frame)
 
 

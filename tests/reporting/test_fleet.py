@@ -9,12 +9,16 @@ from barnax.reporting.fleet import closing_lines, missing_lines, progress_remark
 def test_the_end_is_three_lines_that_count_what_was_done():
     state = Progress(finished=40, failed=2, skipped=3)
     assert closing_lines(state, Path("out"), 20.0) == [
-        "38 cells identified, 2 failed, 3 were there already, in 20 s, 2.0 a second.",
+        "38 cells identified, 2 failed, 3 already done, in 20 s, 2.0 a second.",
         "",
         "out/report.html   cells.parquet",
     ]
+    assert (
+        "the same command without it writes the report"
+        in (closing_lines(state, Path("out"), 20.0, "3/10")[1])
+    )
     assert closing_lines(Progress(skipped=5), Path("out"), 1.0)[0] == (
-        "Nothing was left to do: 5 were there already."
+        "Nothing to do: 5 already done."
     )
 
 
@@ -24,4 +28,4 @@ def test_progress_tells_throughput_and_failures():
 
 
 def test_what_is_missing_is_named_with_its_cell():
-    assert missing_lines([FleetCell("a", missing=("x.csv",))]) == ["a: x.csv is not there"]
+    assert missing_lines([FleetCell("a", missing=("x.csv",))]) == ["a: x.csv does not exist"]

@@ -62,8 +62,8 @@ def test_its_first_lines_say_who_leads_and_whether_the_model_pays(comparison):
     summary = comparison_document(comparison).summary
     assert summary == (
         "Lowest error: ibmo iso-rc on drive.csv (23.70 mV); ibmo so-rc on city.csv (13.00 mV). "
-        "By ibmo, the hysteresis correction (iso-rc) lowers the identification error by 1.30 mV "
-        "and raises the validation error by 0.50 mV: on these data it does not pay."
+        "With ibmo, the hysteresis correction (iso-rc) lowers the identification error by 1.30 mV "
+        "and raises the validation error by 0.50 mV: on these data it does not help."
     )
 
 

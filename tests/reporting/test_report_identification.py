@@ -114,10 +114,10 @@ def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen(stored):
     start = replace(stored.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
     told = " ".join(screen(changed(stored, start=start)).split())
     assert (
-        "Assumed: identification.parquet comes from a discharge: from a charge "
-        "(--initial-direction +1) the RMSE would be 31.20 mV." in told
+        "Assumed: the cell was last discharged before identification.parquet. If it was charged "
+        "(--initial-direction +1), the RMSE would be 31.20 mV." in told
     )
-    assert "Assumed: identification.parquet comes" not in " ".join(screen(stored).split())
+    assert "Assumed: the cell was last" not in " ".join(screen(stored).split())
 
 
 def test_what_the_bounds_decide_is_on_the_first_screen(stored):
@@ -189,11 +189,11 @@ def test_the_verdict_comes_first_and_what_was_made_from_python_has_no_command(jo
 @pytest.mark.parametrize(
     ("own_mv", "other_mv", "said"),
     [
-        (20.0, 30.0, "it errs by 30.00 mV, 50 % more than on what it was fitted to."),
-        (20.0, 15.0, "it errs by 15.00 mV, 25 % less than on what it was fitted to."),
-        (20.0, 20.1, "it errs by 20.10 mV, as on the record it was fitted to."),
-        (0.0, 20.0, "which it was not fitted to, it errs by 20.00 mV."),
-        (20.0, None, "nothing tells how it does on others."),
+        (20.0, 30.0, "it is 30.00 mV, 50 % more than in identification."),
+        (20.0, 15.0, "it is 15.00 mV, 25 % less than in identification."),
+        (20.0, 20.1, "it is 20.10 mV, the same as in identification."),
+        (0.0, 20.0, "a validation record, it is 20.00 mV."),
+        (20.0, None, "so the error on other records is not known."),
     ],
 )
 def test_errors_on_other_records_are_held_against_its_own(stored, own_mv, other_mv, said):

@@ -15,8 +15,8 @@ def told(*rows, differences=()):
 def test_the_issue_s_own_sentence():
     rows = make_row("ibmo so-rc", 25.0, 13.0), make_row("ibmo iso-rc", 23.7, 13.5)
     assert told(*rows) == [
-        "By ibmo, the hysteresis correction (iso-rc) lowers the identification error by 1.30 mV "
-        "and raises the validation error by 0.50 mV: on these data it does not pay."
+        "With ibmo, the hysteresis correction (iso-rc) lowers the identification error by 1.30 mV "
+        "and raises the validation error by 0.50 mV: on these data it does not help."
     ]
 
 
@@ -27,8 +27,8 @@ def test_a_difference_that_chance_explains_does_not_count():
         make_difference("ibmo so-rc", "ibmo iso-rc", (-1.5, 0.5), record=CITY),
     ]
     (sentence,) = told(*rows, differences=differences)
-    assert "raises the validation error by 0.50 mV (no more than chance)" in sentence
-    assert sentence.endswith("the gain does not carry over, so on these data it does not pay.")
+    assert "raises the validation error by 0.50 mV (not significant)" in sentence
+    assert sentence.endswith("the gain does not carry over, so on these data it does not help.")
 
 
 @pytest.mark.parametrize(
@@ -36,13 +36,13 @@ def test_a_difference_that_chance_explains_does_not_count():
     [
         ({"so-rc": 23.4, "iso-rc": 23.2}, "it lowers the identification error by 0.20 mV."),
         ({"so-rc": 23.2, "iso-rc": 23.4}, "it raises the identification error by 0.20 mV."),
-        ({"so-rc": 23.2, "iso-rc": 23.2}, "it leaves the identification error as it is."),
+        ({"so-rc": 23.2, "iso-rc": 23.2}, "it does not change the identification error."),
     ],
 )
 def test_known_optima_tell_the_model_s_worth_from_the_method_s(optima_mv, said):
     rows = make_row("bmo so-rc", 26.0), make_row("bmo iso-rc", 27.0)
     (sentence,) = model_sentences(make_comparison(rows, optima_mv=optima_mv))
-    assert sentence.endswith(f"which no method has a part in, {said}")
+    assert sentence.endswith(f"whatever the method, {said}")
 
 
 def test_one_optimum_alone_says_nothing_of_the_other_model():
@@ -54,8 +54,8 @@ def test_one_optimum_alone_says_nothing_of_the_other_model():
 def test_equal_errors_are_left_as_they_are():
     rows = make_row("ls so-rc", 25.0, 13.0), make_row("ls iso-rc", 25.0, 12.0)
     (sentence,) = told(*rows)
-    assert "leaves the identification error as it is and lowers the validation error" in sentence
-    assert sentence.endswith(": on these data it pays.")
+    assert "does not change the identification error and lowers the validation error" in sentence
+    assert sentence.endswith(": on these data it helps.")
 
 
 def test_several_records_to_validate_on_are_named():
@@ -63,7 +63,7 @@ def test_several_records_to_validate_on_are_named():
     (sentence,) = told(*rows)
     assert "lowers the validation error on city.csv by 1.00 mV" in sentence
     assert "raises the validation error on city-1.csv by 1.00 mV" in sentence
-    assert sentence.endswith(": on some of these records it pays, on others it does not.")
+    assert sentence.endswith(": it helps on some of these records, but not on others.")
 
 
 def test_the_method_that_fits_both_best_is_asked():
@@ -73,7 +73,7 @@ def test_the_method_that_fits_both_best_is_asked():
         make_row("lm so-rc", 24.0, 10.0),
         make_row("lm iso-rc", 25.0, 10.0),
     ]
-    assert told(*rows)[0].startswith("By lm, the hysteresis correction (iso-rc) raises")
+    assert told(*rows)[0].startswith("With lm, the hysteresis correction (iso-rc) raises")
 
 
 def test_models_that_no_method_shares_are_not_judged():
@@ -87,15 +87,15 @@ def test_dynamic_hysteresis_is_held_against_both_others():
     ]
     sentences = told(*rows)
     assert [sentence.partition(" lowers")[0] for sentence in sentences] == [
-        "By lm, the hysteresis correction (iso-rc)",
-        "By lm, the dynamic hysteresis (esc)",
-        "By lm, hysteresis that takes charge to turn (esc in place of iso-rc)",
+        "With lm, the hysteresis correction (iso-rc)",
+        "With lm, the dynamic hysteresis (esc)",
+        "With lm, hysteresis that follows the charge passed (esc instead of iso-rc)",
     ]
 
 
 def test_models_without_a_name_for_what_they_add_are_set_side_by_side():
     (sentence,) = told(make_row("lm 1rc", 3.0), make_row("lm 3rc", 2.0))
-    assert sentence.startswith("By lm, 3rc in place of 1rc lowers")
+    assert sentence.startswith("With lm, 3rc instead of 1rc lowers")
 
 
 def test_one_model_alone_needs_no_sentence():
@@ -106,19 +106,19 @@ def test_one_model_alone_needs_no_sentence():
 @pytest.mark.parametrize(
     ("identified", "validated", "said"),
     [
-        ("better", [], "whether that carries over is not known"),
-        ("worse", [], "on this record it does not pay"),
-        ("same", [], "no difference that counts"),
-        ("better", ["better"], "on these data it pays"),
-        ("same", ["better", "same"], "on these data it pays"),
-        ("worse", ["better"], "it pays on what it has not seen"),
-        ("better", ["worse"], "on these data it does not pay"),
-        ("same", ["worse"], "on these data it does not pay"),
-        ("worse", ["worse"], "on these data it does not pay"),
-        ("worse", ["same"], "on these data it does not pay"),
+        ("better", [], "it is not known whether the gain carries over"),
+        ("worse", [], "on this record it does not help"),
+        ("same", [], "no significant difference"),
+        ("better", ["better"], "on these data it helps"),
+        ("same", ["better", "same"], "on these data it helps"),
+        ("worse", ["better"], "it helps in validation, but not in identification"),
+        ("better", ["worse"], "on these data it does not help"),
+        ("same", ["worse"], "on these data it does not help"),
+        ("worse", ["worse"], "on these data it does not help"),
+        ("worse", ["same"], "on these data it does not help"),
         ("better", ["same"], "the gain does not carry over"),
-        ("same", ["same"], "no difference that counts"),
-        ("better", ["better", "worse"], "on some of these records it pays"),
+        ("same", ["same"], "no significant difference"),
+        ("better", ["better", "worse"], "it helps on some of these records"),
     ],
 )
 def test_every_combination_of_changes_has_its_conclusion(identified, validated, said):
@@ -128,4 +128,4 @@ def test_every_combination_of_changes_has_its_conclusion(identified, validated, 
 def test_it_never_pays_where_every_other_record_gets_worse():
     for identified in ("better", "same", "worse"):
         for validated in itertools.product(["worse"], ["worse", "same"]):
-            assert conclusion(identified, validated).endswith("does not pay")
+            assert conclusion(identified, validated).endswith("does not help")

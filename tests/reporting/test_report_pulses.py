@@ -44,8 +44,8 @@ def test_the_section_says_what_was_found_and_what_a_resistance_is():
     text = " ".join(bullets.items)
     assert "3 pulses between 80 and 40 % SOC, out of rests of 40 s to 60 min" in text
     assert "2 in discharge at 1C (2 A) and 1 in charge at 0.75C (1.5 A)." in text
-    assert "change of voltage over the change of current" in text
-    assert "1 pulse met a limit" in text
+    assert "change of voltage divided by the change of current" in text
+    assert "1 pulse reached a limit" in text
     assert first.rows == (("80.0", "50.0", "60.0", "70.0"), ("40.0", "70.0", "80.0", "90.0"))
     assert [column.head for column in second.columns][1:] == ["at once [mOhm]", "2 s [mOhm]"]
 

@@ -20,8 +20,8 @@ def optimality_gaps(*rows, optima_mv=None):
 def test_rows_at_the_optimum_are_said_to_reach_it():
     rows = [make_row(f"{name} so-rc", 20.0, optimality_gap=0.0005) for name in ("lm", "varpro")]
     assert optimality_gaps(*rows, optima_mv={"so-rc": 20.0}) == [
-        "By itself, every row reaches the global optimum of so-rc, 20.00 mV, to 0.1 %. Refined, "
-        "every row reaches it, to 0.1 %."
+        "Before refinement, every row reaches the global optimum of so-rc, 20.00 mV, to 0.1 %. "
+        "After refinement, every row reaches it, to 0.1 %."
     ]
 
 
@@ -32,9 +32,9 @@ def test_rows_above_the_optimum_are_told_by_how_much():
         make_row("pso so-rc", 21.0, optimality_gap=0.05, refined_rmse_v=0.023),
     ]
     assert optimality_gaps(*rows, optima_mv={"so-rc": 20.0}) == [
-        "By itself, lm so-rc reaches the global optimum of so-rc, 20.00 mV, to 0.1 %; the excess "
-        "is 10 % for bmo so-rc and 5 % for pso so-rc. Refined, bmo so-rc and lm so-rc reach it, "
-        "to 0.1 %; the excess is 15 % for pso so-rc."
+        "Before refinement, lm so-rc reaches the global optimum of so-rc, 20.00 mV, to 0.1 %; the "
+        "optimality gap is 10 % for bmo so-rc and 5 % for pso so-rc. After refinement, bmo so-rc "
+        "and lm so-rc reach it, to 0.1 %; the optimality gap is 15 % for pso so-rc."
     ]
 
 
@@ -44,8 +44,8 @@ def test_where_no_row_reaches_the_optimum_it_is_said():
         optima_mv={"so-rc": 20.0},
     )
     assert sentence == (
-        "By itself, no row reaches the global optimum of so-rc, 20.00 mV; the excess is 10 % for "
-        "bmo so-rc."
+        "Before refinement, no row reaches the global optimum of so-rc, 20.00 mV; the optimality "
+        "gap is 10 % for bmo so-rc."
     )
 
 
@@ -86,7 +86,7 @@ def test_a_bound_is_told_with_the_rows_that_are_at_it():
     place = AtBound("tau2 [s]", "upper")
     rows = [make_row("a so-rc", 1.0, at_bound=(place,)), make_row("b so-rc", 1.0)]
     assert list(bound_sentences(make_comparison(rows))) == [
-        "tau2 at its upper bound in a so-rc: there the bounds decide, not the data."
+        "tau2 at its upper bound in a so-rc: set by the bounds, not by the data."
     ]
     rows = [
         make_row("a so-rc", 1.0, at_bound=(place,)),
@@ -105,18 +105,18 @@ def test_failures_and_notes_say_whose_they_are():
 def test_the_share_of_the_error_at_a_low_state_of_charge_is_that_of_the_squares():
     # 100 samples with twice the error hold 400 of 1300 parts of the squares.
     assert soc_sentence(make_comparison([make_row("lm so-rc", 20.0)]), 0) == (
-        "10 % of the samples lie below 20 % state of charge, and they hold 31 % of the squared "
+        "10 % of the samples lie below 20 % state of charge, and they have 31 % of the squared "
         "error of lm so-rc."
     )
 
 
 def test_a_record_without_low_states_of_charge_is_said_to_have_none():
     row = make_row("lm so-rc", 20.0, identification=make_errors("drive.csv", 0.02, low_samples=0))
-    assert soc_sentence(make_comparison([row]), 0).startswith("No sample of drive.csv that counts")
+    assert soc_sentence(make_comparison([row]), 0).startswith("No scored sample of drive.csv")
 
 
 def test_an_answer_without_any_error_has_no_share_of_it():
-    assert "hold 0 % of" in soc_sentence(make_comparison([make_row("lm so-rc", 0.0)]), 0)
+    assert "have 0 % of" in soc_sentence(make_comparison([make_row("lm so-rc", 0.0)]), 0)
 
 
 def test_the_budget_is_told_in_full():

@@ -118,7 +118,7 @@ def test_differences_stand_with_their_interval_and_the_seeds():
         ("a so-rc", "b so-rc", "-2.000", "-3.000", "-1.000", "yes", "3–0", "0.25"),
         ("b so-rc", "c so-rc", "0.000", "-1.000", "1.000", "no†", "–", "–"),
     )
-    assert "†: the residual autocorrelation outlasts the blocks" in table.caption
+    assert "†: the residuals stay correlated longer than a block" in table.caption
 
 
 def test_of_very_many_pairs_only_those_asked_for_are_shown():

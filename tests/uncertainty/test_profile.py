@@ -51,7 +51,7 @@ def test_an_end_that_the_data_leave_open_is_not_made_up(short_problem):
 
 
 def test_a_parameter_the_circuit_does_not_have_is_refused(white):
-    with pytest.raises(InputError, match=r"'R7 \[Ohm\]' is no parameter"):
+    with pytest.raises(InputError, match=r"'R7 \[Ohm\]' is not a parameter"):
         profile(white.problem, white.parameters, "R7 [Ohm]", **white.known)
 
 

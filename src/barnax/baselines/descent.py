@@ -27,8 +27,8 @@ def population_method(name: str) -> Method:
         iterations = (budget.evaluations - budget.population) // cost
         if iterations < 1:
             raise MethodFailure(
-                f"it evaluates {cost} candidates a generation, more than the budget of "
-                f"{budget.evaluations} a seed holds; raise `iterations`"
+                f"it evaluates {cost} candidates per generation, more than the budget of "
+                f"{budget.evaluations} per seed; raise `iterations`"
             )
         return [
             Answer(seed.parameters, seed.rmse_v, seed.evaluations, seed.history_v)
@@ -107,7 +107,8 @@ def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> 
     iterations = (budget.evaluations - _dearest(problem)) // budget.population - 1
     if iterations < 1:
         raise MethodFailure(
-            f"the budget of {budget.evaluations} evaluations a seed holds no swarm and a descent; "
+            f"the budget of {budget.evaluations} evaluations per seed is too small for a swarm and "
+            "a descent; "
             "raise `iterations`"
         )
     seeds = _search(problem, "pso", iterations, budget, progress)

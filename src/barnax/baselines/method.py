@@ -50,10 +50,10 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Budget:
-    """What a method may spend: per seed, the evaluations of a population search.
+    """What a method may spend: `seeds` runs of `iterations` generations of `population` candidates.
 
-    All randomness comes from `key`. Methods that draw nothing run once; a method that needs less
-    says what it spent.
+    All randomness comes from `key`. Methods without random numbers run once; a method that needs
+    less reports what it spent.
     """
 
     population: int = 30
@@ -63,7 +63,7 @@ class Budget:
 
     @property
     def evaluations(self) -> int:
-        """Simulations a seed, the first population included."""
+        """Simulations per seed, including the first population."""
         return self.population * (self.iterations + 1)
 
 

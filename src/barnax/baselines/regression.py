@@ -60,7 +60,7 @@ def even_samples(prepared: PreparedRecord, lags: int) -> EvenSamples:
     """
     if prepared.hysteresis_amplitude_v is not None:
         raise MethodFailure(
-            "it needs the open-circuit voltage beforehand, and a dynamic hysteresis moves it"
+            "it needs the open-circuit voltage in advance, but a dynamic hysteresis changes it"
         )
     interval_s = np.diff(prepared.time_s)
     scored = prepared.scored
@@ -148,8 +148,8 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
     """The circuit of these values. Raises `MethodFailure` where they are no circuit's."""
     if not np.all(np.isfinite(np.hstack([r0, r, tau_s]))):
         raise MethodFailure(
-            "the difference equation it finds has complex, negative or unstable poles, which no "
-            "time constants have; noise and what the circuit cannot follow do that"
+            "the difference equation it finds has complex, negative or unstable poles, which are "
+            "not time constants; noise and model error cause this"
         )
     resistances = [float(r0), *(float(each) for each in r)]
     if min(resistances) <= 0:
@@ -171,7 +171,7 @@ def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, .
         for name, (low, high) in problem.bounds.ranges.items()
         if not low * (1 - ROUNDING) <= values[name] <= high * (1 + ROUNDING)
     )
-    return (f"outside the search box, which it does not know: {outside}",) if outside else ()
+    return (f"outside the search box, which it does not use: {outside}",) if outside else ()
 
 
 def answer_of(
@@ -278,7 +278,7 @@ def averaged(
     counted = late & is_circuit
     if not np.any(counted):
         raise MethodFailure(
-            "the equation it tracks belongs to a circuit at no sample: its poles are complex, "
+            "the equation it tracks is not a circuit at any sample: its poles are complex, "
             "negative or unstable, or a resistance is negative"
         )
     parameters = circuit_of(
@@ -295,7 +295,7 @@ def averaged(
     )
     note = (
         f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} samples at "
-        "which its equation belongs to a circuit"
+        "which its equation is a circuit"
     )
     return answer_of(problem, parameters, (note, *samples.notes), trajectory)
 
@@ -331,7 +331,7 @@ RLS = Method(
 
 WRLS = Method(
     "wrls",
-    "Recursive least squares, a forgetting factor a coefficient (Verbrugge and Koch, 2006)",
+    "Recursive least squares, a forgetting factor per coefficient (Verbrugge and Koch, 2006)",
     is_deterministic=True,
     run=weighted_least_squares,
 )

@@ -43,8 +43,8 @@ def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> lis
     if np.any(poles.imag != 0) or np.any((poles.real <= 0) | (poles.real >= 1)):
         shown = ", ".join(f"{pole:.4g}" for pole in poles)
         raise MethodFailure(
-            f"the poles it finds ({shown}) are no decay, and no time constants have them; noise "
-            "and what the circuit cannot follow do that"
+            f"the poles it finds ({shown}) are not decays, so they are not time constants; noise "
+            "and model error cause this"
         )
     tau_s = np.sort(-samples.interval_s / np.log(poles.real))
     search = OuterSearch(problem)

@@ -44,10 +44,10 @@ _CELL_RANGE_V = (0.5, 6.0)
 
 @dataclass(frozen=True)
 class OcvTable:
-    """OCV over SOC as a file or data frame gives it.
+    """OCV over SOC from a file or data frame.
 
-    `branches` holds the points, by increasing SOC, of the discharge (-1), of the charge (+1), or
-    of a single curve that is neither (0).
+    `branches` has the points (SOC as a fraction, OCV in V), by increasing SOC, of the discharge
+    (-1), of the charge (+1), or of a single curve for both (0).
     """
 
     name: str
@@ -76,7 +76,7 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     columns = find_columns(source.table.header, OCV_QUANTITIES)
     if not is_ocv_table(source.table.header):
         raise InputError(
-            f"{source.name}: is no OCV table; name its columns, for example, 'SOC [-]' and "
+            f"{source.name}: not an OCV table; name its columns, for example, 'SOC [-]' and "
             "'OCV [V]', or 'SOC [-]', 'discharge OCV [V]' and 'charge OCV [V]'."
         )
     if "discharge OCV" in columns or "charge OCV" in columns:
@@ -109,11 +109,11 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
         point = OcvPoint(float(soc[line]), float(voltage_v[line]), file, int(lines.row[line]), 0.0)
         what = ""
         if not _SOC_RANGE[0] <= point.soc <= _SOC_RANGE[1]:
-            what = f"{lines.cell('SOC', line)!r} is no SOC between 0 and 1 (or 0 and 100 %)"
+            what = f"{lines.cell('SOC', line)!r} is not an SOC between 0 and 1 (or 0 and 100 %)"
         elif not _CELL_RANGE_V[0] <= point.voltage_v <= _CELL_RANGE_V[1]:
-            what = f"{lines.cell(name, line)!r} is no cell's voltage"
+            what = f"{lines.cell(name, line)!r} is not a cell voltage"
         elif points and point.soc == points[-1].soc:
-            what = f"SOC {point.soc:g} stands twice; keep one of the rows"
+            what = f"SOC {point.soc:g} occurs twice; keep one of the rows"
         if what:
             raise InputError(f"{found_at(lines, line, 'error', what).sentence(file)}.")
         points.append(point)
@@ -151,14 +151,15 @@ def characterize(
     hysteresis_fit: HysteresisFit = "continuous",
     rest_current_a: float | None = None,
 ) -> CellModel:
-    """The cell that an OCV test shows: one or several records or tables, in any order.
+    """The cell model from an OCV test: one or several records or tables, in any order.
 
-    Each record is a pulse-rest test or a slow sweep, of either direction or both. The cell rests
-    below `rest_current_a`, by default C/100 and never under five times the noise at rest.
-    `capacity_ah` is the cell's capacity where it is simulated. It does not stretch the SOC axis of
-    a test that spans both ends, which its own charge scales; `ocv_capacity_ah`, by default
-    `capacity_ah`, scales one that does not. A table has its SOC, and no capacity. Raises
-    `InputError` that names the record where it is no test, and `ValueError` for an unknown fit.
+    Each record is a test with pulses and rests or a slow sweep, in one direction or both. The cell
+    rests below `rest_current_a`, by default C/100 or five times the noise at rest, if that is more.
+    `capacity_ah` is the capacity in simulations. It does not change the SOC axis of a test from
+    full to empty, which is scaled by its own charge; `ocv_capacity_ah`, by default `capacity_ah`,
+    scales any other test. A table has an SOC, but no capacity. `ocv_fit` is "polynomial" (Li et
+    al., 2023, Eq. 21) or "interpolated". Raises `InputError` naming a record that is not an OCV
+    test, and `ValueError` for an unknown fit.
     """
     if not tests:
         raise InputError("an OCV test is needed; no record was given")
@@ -187,8 +188,7 @@ def characterize(
         capacity = Capacity(capacity_ah, "given", capacity_ah)
     else:
         raise InputError(
-            f"{tables[0].name}: an OCV table does not tell the capacity; give it as `capacity`, "
-            "in Ah"
+            f"{tables[0].name}: an OCV table has no capacity; give it as `capacity`, in Ah"
         )
     warnings.extend(_kind_warnings(sweeps, points))
     measured = {
@@ -255,8 +255,8 @@ def _require_one_each(
     if points and (points.keys() & more.keys() or EITHER in {*points, *more}):
         names = ", ".join(table.name for table in tables)
         raise InputError(
-            f"the OCV table {names} gives a branch that another OCV test gives too: give one of "
-            "them only"
+            f"the OCV table {names} has a branch that another OCV test also has; give only one of "
+            "them"
         )
 
 
@@ -277,8 +277,8 @@ def _shared_soc(charge: AbstractCurve, discharge: AbstractCurve) -> Float[np.nda
     if soc.size == 0:
         raise InputError(
             f"the charge covers SOC {charge.soc[0]:.3f} to {charge.soc[-1]:.3f}, the discharge "
-            f"{discharge.soc[0]:.3f} to {discharge.soc[-1]:.3f}: they share nothing, so they are "
-            "not one test"
+            f"{discharge.soc[0]:.3f} to {discharge.soc[-1]:.3f}: they do not overlap; give two "
+            "branches of the same cell"
         )
     return soc
 
@@ -321,6 +321,6 @@ def _kind_warnings(
     if len({sweep.kind for sweep in sweeps.values()}) == 2:
         return [
             f"{source}: one branch comes from rests, the other from a slow sweep: the hysteresis "
-            "voltage holds the overpotential of the slow current"
+            "voltage includes the overpotential of the slow sweep"
         ]
     return []

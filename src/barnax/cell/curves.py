@@ -160,7 +160,7 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
     gap = int(np.argmax(beyond_v - margin_v))
     if beyond_v[gap] > margin_v[gap]:
         found.append(
-            f"the {name}OCV curve leaves its points by {1e3 * beyond_v[gap]:.1f} mV between SOC "
+            f"the {name}OCV curve overshoots by {1e3 * beyond_v[gap]:.1f} mV between SOC "
             f"{curve.soc[gap]:.3f} and {curve.soc[gap + 1]:.3f}"
         )
     errors_v = np.abs(curve.errors_v)
@@ -171,7 +171,7 @@ def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:
             f"at SOC {curve.soc[missed]:.3f}"
         )
     is_polynomial = isinstance(curve, PolynomialCurve)
-    remedy = "try `ocv_fit='interpolated'`" if is_polynomial else "look at the points there"
+    remedy = "try `ocv_fit='interpolated'`" if is_polynomial else "check the points there"
     return tuple(f"{text}: {remedy}" for text in found)
 
 

@@ -33,12 +33,12 @@ class FitError:
 
 @dataclass(frozen=True)
 class CellModel:
-    """What a candidate circuit does not change. Immutable; SOC is a fraction.
+    """A cell without its circuit: OCV curves, hysteresis voltage and capacity. Immutable.
 
-    `capacity_origin` says in words where the capacity comes from. A branch that was not measured
-    equals the other, and the hysteresis voltage is zero. `errors` holds the fit errors of
-    "charge", "discharge", "average" and "hysteresis". `elsewhere` is the cell as tests at other
-    temperatures show it, and `temperature_degc` then its own.
+    SOC is a fraction. `capacity_origin` says where the capacity comes from. If a branch was not
+    measured, it equals the other, and the hysteresis voltage is zero. `errors` are the fit errors
+    of "charge", "discharge", "average" and "hysteresis", in V. `elsewhere` is the cell by OCV tests
+    at other temperatures, and `temperature_degc` then its own.
     """
 
     capacity_ah: float
@@ -55,7 +55,7 @@ class CellModel:
 
     def __post_init__(self) -> None:
         if not 0 < self.capacity_ah < np.inf:
-            raise InputError(f"a capacity of {self.capacity_ah:g} Ah is no cell's")
+            raise InputError(f"the capacity {self.capacity_ah:g} Ah must be positive and finite")
         if not self.charge_points + self.discharge_points:
             raise InputError("a cell needs OCV points")
 
@@ -115,7 +115,7 @@ class CellModel:
         if not low_v - REST_VOLTAGE_MARGIN_V <= voltage_v <= high_v + REST_VOLTAGE_MARGIN_V:
             raise InputError(
                 f"the rested voltage {voltage_v:.4f} V is outside the OCV of this cell, "
-                f"{low_v:.4f} to {high_v:.4f} V: give the SOC there as `initial_soc`"
+                f"{low_v:.4f} to {high_v:.4f} V; give the SOC there as `initial_soc`"
             )
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])

@@ -280,8 +280,8 @@ def find_sweeps(
         threshold_a = usual_rest_current_a(record, provisional_ah)
     elif threshold_a > np.abs(record.current_a).max():
         raise InputError(
-            f"{record.name}: no current reaches {threshold_a:.4g} A, so all of it is rest: give a "
-            "lower `rest_current`"
+            f"{record.name}: no current reaches {threshold_a:.4g} A, so the whole record counts as "
+            "rest; give a lower `rest_current`"
         )
     slow = find_slow_sweeps(record, threshold_a, MINIMUM_REST_S)
     if not slow:
@@ -310,7 +310,7 @@ def _ignored_warning(used: Sweep, ignored: Sweep) -> str:
     words = {"rests": "rests between pulses", "slow": "a slow sweep"}
     first, last = ignored.points[0].row, ignored.points[-1].row
     return (
-        f"{ignored.source} holds two OCV tests: the {WORD[ignored.direction]} by "
+        f"{ignored.source} has two OCV tests: the {WORD[ignored.direction]} by "
         f"{words[ignored.kind]} in rows {first} to {last}, {ignored.passed_ah:.4g} Ah, is ignored "
-        f"beside {words[used.kind]}; cut the record to use it instead"
+        f"in favor of the {words[used.kind].removeprefix('a ')}; cut the record to use it instead"
     )

@@ -90,7 +90,7 @@ class CircuitParameters:
             raise InputError(f"circuit parameters are missing: {', '.join(missing)}")
         unknown = sorted(values.keys() - set(names))
         if unknown:
-            raise InputError(f"these are no circuit parameters: {', '.join(unknown)}")
+            raise InputError(f"these are not circuit parameters: {', '.join(unknown)}")
         try:
             r0, *rest = (float(values[name]) for name in names)
             gamma = rest.pop() if RATE in values else None

@@ -81,7 +81,7 @@ def join_sweeps(sweeps: list[Sweep]) -> Sweep:
     word = WORD[sweeps[0].direction]
     names = ", ".join(sweep.source for sweep in sweeps)
     if any(sweep.kind == "slow" for sweep in sweeps):
-        raise InputError(f"there are {len(sweeps)} {word} sweeps ({names}): give one of them only")
+        raise InputError(f"there are {len(sweeps)} {word} sweeps ({names}); give only one of them")
     ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)
     joined = ordered[0]
     for part in ordered[1:]:
@@ -90,7 +90,7 @@ def join_sweeps(sweeps: list[Sweep]) -> Sweep:
             raise InputError(
                 f"the {word} sweeps of {before.source} and {after.source} do not join: one ends "
                 f"at a rest of {before.voltage_v:.4f} V, the next begins at {after.voltage_v:.4f} "
-                "V. Give one test only, or all of its files."
+                "V. Give only one test, or all of its files."
             )
         shift_ah = before.discharged_ah - after.discharged_ah
         moved = tuple(
@@ -164,7 +164,7 @@ def decide_capacity(
         if len(sweeps) == 2 and not _agree(sweeps, AGREEMENT) and main.kind != "slow":
             raise InputError(
                 f"{main.source}: the OCV test discharged {sweeps[DISCHARGE].passed_ah:.4g} Ah but "
-                f"charged {sweeps[CHARGE].passed_ah:.4g} Ah, so it does not tell the capacity: "
+                f"charged {sweeps[CHARGE].passed_ah:.4g} Ah, so its capacity is not known; "
                 "give it as `capacity`, in Ah"
             )
         if spans:
@@ -235,7 +235,7 @@ def scale_warnings(
         if sweep.kind == "slow" or _is_near(sweep.passed_ah, capacity.axis_ah, CLOSURE):
             continue
         scale_ah = _scale_ah(sweep, sweeps.get(-direction), capacity)
-        by = "the capacity" if scale_ah == capacity.axis_ah else "its own charge, as both agree"
+        by = "the capacity" if scale_ah == capacity.axis_ah else "its own charge, since both agree"
         found.append(
             f"{sweep.source}: the {WORD[direction]} passed {sweep.passed_ah:.4g} Ah, the "
             f"capacity is {capacity.axis_ah:.4g} Ah: its SOC is scaled by {by}"
@@ -311,6 +311,7 @@ def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
         return ()
     names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
     return (
-        f"{names}: the OCV test does not close: {out_ah:.4g} Ah out, {in_ah:.4g} Ah in "
+        f"{names}: charge and discharge of the OCV test differ: {out_ah:.4g} Ah out, "
+        f"{in_ah:.4g} Ah in "
         f"({100 * error:+.1f} %)",
     )

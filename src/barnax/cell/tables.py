@@ -37,16 +37,16 @@ def hat(
 
 @dataclass(frozen=True)
 class SocTables:
-    """A circuit tabulated over SOC: one value a node, linear between nodes, constant beyond.
+    """A circuit with tables over SOC: one value per node, linear between nodes, constant beyond.
 
-    `r0_ohm` is the ohmic resistance, `r_ohm` holds one table for each RC pair, and `tau_s` their
+    `r0_ohm` is the ohmic resistance, `r_ohm` has one table for each RC pair, and `tau_s` are their
     time constants, which are the same at every SOC. `ocv_correction_v` is added to the average
-    OCV, None without. `half_hysteresis_v` replaces half the measured gap between the OCV branches
-    as the amplitude of a dynamic hysteresis of rate `gamma`; None takes the measured one.
-    `visited` says which nodes some scored sample is nearest to: the others' values follow from
-    their neighbors and mean nothing by themselves.
+    OCV; None means no correction. `half_hysteresis_v` replaces half the hysteresis voltage as the
+    amplitude of a dynamic hysteresis of rate `gamma`; None uses the measured one. `visited` says
+    which nodes are the nearest of some scored sample: the values of the others follow from their
+    neighbors and mean nothing by themselves.
 
-    Raises `InputError` where nodes do not rise or a table has another length.
+    Raises `InputError` if nodes do not rise or a table has another length.
 
     >>> tables = SocTables((0.0, 1.0), (60.0,), (0.06, 0.04), ((0.02, 0.01),), visited=(True, True))
     >>> float(tables.at("R0 [Ohm]", np.array([0.5]))[0])
@@ -106,5 +106,5 @@ def require_nodes(nodes: Sequence[float]) -> None:
     if not len(nodes) or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0):
         raise InputError(
             f"the nodes {', '.join(f'{node:g}' for node in nodes)} must be states of charge, each "
-            "above the one before"
+            "above the previous one"
         )

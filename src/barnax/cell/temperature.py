@@ -40,7 +40,7 @@ class TemperatureTables:
         if not self.tables or len(self.tables) != len(self.temperatures_degc):
             raise InputError("tables over temperature need one set of tables for each temperature")
         if np.any(np.diff(self.temperatures_degc) <= 0):
-            raise InputError("the temperatures of tables must each be above the one before")
+            raise InputError("the temperatures of tables must each be above the previous one")
         first = self.tables[0]
         for each in self.tables:
             alike = (each.nodes, each.constants, each.tables.keys())

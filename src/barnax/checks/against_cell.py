@@ -1,6 +1,6 @@
 """Whether a record is of the cell that the OCV test shows, by charge, voltage and temperature."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +43,8 @@ class Followed:
     apart_v: float
 
 
-def follow(record: Record, cell: CellModel, capacity_ah: float) -> tuple[Followed, Followed]:
-    """How the record follows the cell's OCV as it is, and with the best factor on its charge."""
+def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], Followed]:
+    """How the record follows the cell's OCV, for any factor on its charge."""
     source_v, passed = _source(record, capacity_ah)
     soc = np.linspace(*cell.soc_range, 501)
     ocv_v = (cell.charge(soc) + cell.discharge(soc)) / 2
@@ -59,9 +59,7 @@ def follow(record: Record, cell: CellModel, capacity_ah: float) -> tuple[Followe
         apart_v = np.quantile(np.abs(source_v - modeled_v), _MOST, axis=1)
         return Followed(factor, float(apart_v.min()))
 
-    own = followed(1.0)
-    others = [followed(float(factor)) for factor in (*_UNITS, *_CAPACITIES)]
-    return own, min(others, key=lambda each: each.apart_v)
+    return followed
 
 
 def _source(
@@ -87,9 +85,11 @@ def compare_with_cell(
 ) -> list[Finding]:
     """A warning where the record's charge or voltage is not of the cell that the OCV test shows."""
     capacity_ah = capacity_ah or cell.capacity_ah
-    own, best = follow(record, cell, capacity_ah)
+    followed = follow(record, cell, capacity_ah)
+    own = followed(1.0)
     if own.apart_v <= _APART_V:
         return []
+    best = min(map(followed, (*_UNITS, *_CAPACITIES)), key=lambda each: each.apart_v)
     apart = "its charge goes beyond full and empty"
     if np.isfinite(own.apart_v):
         apart = f"the voltage leaves the OCV by {1e3 * own.apart_v:.3g} mV wherever it starts"

@@ -91,10 +91,10 @@ class Facts:
 
 @dataclass(frozen=True)
 class FileCheck:
-    """What was found in one file. `facts` is None, and `roles` empty, where too little is left.
+    """What was found in one file. `facts` is None, and `roles` empty, if too little can be read.
 
     `findings` are ordered by severity, then by row. The roles are those of the file once its
-    errors are mended.
+    errors are fixed.
     """
 
     file: str
@@ -144,14 +144,13 @@ def check_file(
     current_hold: Hold | Literal["auto"] = "auto",
     rest_current_a: float | None = None,
 ) -> FileCheck:
-    """Everything that is wrong with a cycler's file, and what it can serve as.
+    """Every problem in a cycler file, and what the file can be used for.
 
-    The rules are those of `read_record`, which raises the first error, and more that look at the
-    record as a whole. Each fault is mended as far as it can be before the next is looked for, so
-    that one does not hide another. `capacity_ah` lets the charge be judged, and `columns` names
-    columns as for `read_record`; sign, hold and the current below which the cell rests are found
-    unless they are given. Raises InputError where there is no table to look at, or the capacity is
-    not positive.
+    The rules are those of `read_record`, which raises the first error, and others on the
+    record as a whole. Each problem is fixed as far as possible before looking for the next, so
+    that one does not hide another. With `capacity_ah`, the charge is checked too. `columns`,
+    `current_sign` and `current_hold` are as for `read_record`; `rest_current_a` is by default found
+    from the data. Raises `InputError` if the file is not a table or the capacity is not positive.
 
     >>> from barnax.bundled import bundled_file
     >>> checked = check_file(bundled_file("identification"))

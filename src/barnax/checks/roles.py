@@ -205,7 +205,7 @@ def _ocv_test(given: CheckInput) -> Role:
         return Role(name, False, str(problem))
     reason = "; ".join(_sweep_words(sweep) for sweep in by_direction.values())
     if len(by_direction) == 1:
-        reason += "; one direction only, so the hysteresis stays unknown without the other"
+        reason += "; one direction only, so the hysteresis voltage stays unknown"
     return Role(name, True, reason)
 
 

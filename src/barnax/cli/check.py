@@ -18,7 +18,7 @@ SCHEMA_VERSION = 1
 def check(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE", help="Files from a cycler; - is the standard input."),
+        typer.Argument(metavar="FILE", help="Files from a cycler; - is standard input."),
     ],
     capacity: Annotated[
         float | None,
@@ -38,14 +38,14 @@ def check(
         typer.Option(
             "--quiet",
             "-q",
-            help="Print no tables and no notes; findings go to stderr, one a line.",
+            help="Print no tables and no notes; findings go to stderr, one per line.",
             rich_help_panel=OUTPUT,
         ),
     ] = False,
 ) -> None:
-    """List everything that is wrong with measured files, and what to do about it.
+    """List every problem in measured files, and how to fix it.
 
-    Exit status: 0 for nothing but notes, 1 for findings, 2 for a file that is no table.
+    Exit status: 0 for notes only, 1 for errors or warnings, 2 for a file that is not a table.
     """
     session = Session(is_quiet=quiet or as_json)
     with session.watch("Loading"):

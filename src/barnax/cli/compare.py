@@ -49,7 +49,7 @@ def compare(
     All get the same data, bounds, budget and key. A row is a method's own answer,
     before refinement.
 
-    Without arguments it compares the paper's five rows on the bundled cell.
+    Without arguments, it runs the paper's five rows on the bundled cell.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
@@ -164,13 +164,13 @@ def _report(
 
 
 def optimizers() -> None:
-    """List the optimizers that --method takes."""
+    """List the optimizers that --method accepts."""
     from ..optimizers import summarize_optimizers
     from ..reporting.document import Column, Table
     from ..reporting.terminal import terminal_table
 
     table = Table(
-        caption="Evaluations of one iteration with a population of 30.",
+        caption="Evaluations per iteration, with a population of 30.",
         columns=(
             Column("name", role="text"),
             Column("evaluations"),

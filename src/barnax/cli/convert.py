@@ -14,7 +14,7 @@ from .session import Session, shown
 
 def convert(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File from a cycler; - is the standard input.")
+        Path, typer.Argument(metavar="FILE", help="File from a cycler; - is standard input.")
     ],
     to: Annotated[
         Literal["bdf"],
@@ -24,7 +24,7 @@ def convert(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="File to write, .parquet or .csv (default: FILE's name with .bdf.parquet).",
+            help="File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).",
             rich_help_panel=OUTPUT,
         ),
     ] = None,
@@ -37,9 +37,9 @@ def convert(
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a cycler's file in SI units, on one clock, with charge positive.
+    """Convert a cycler file to SI units, on one clock, with charge positive.
 
-    Where it comes from, and what was decided and changed, stands in the Parquet file's metadata, or
+    Its origin, and what was decided and changed, is in the metadata of the Parquet file, or
     in a JSON file beside the CSV.
     """
     session = Session(is_quiet=quiet)

@@ -2,7 +2,7 @@
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ from .groups import OUTPUT, SEARCH, grouped, option
 from .options import TableOptions, complete_circuits, complete_methods
 from .output import write_file
 from .record_options import Files, RecordOptions
-from .session import Session, as_flags, shown, use_compilation_cache
+from .session import Session, as_flags, shown
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
@@ -33,7 +33,7 @@ class FleetSearch:
         option(
             SEARCH,
             "iso-rc|so-rc|esc|...",
-            "Circuit of the cells for which the manifest names none (default: as in identify).",
+            "Circuit of the cells without one in the manifest (default: as in identify).",
             autocompletion=complete_circuits,
         ),
     ] = None
@@ -46,18 +46,18 @@ class FleetSearch:
         option(
             SEARCH,
             "N",
-            "Runs of the optimizer beside the certified optimum, which no seed has improved on.",
+            "Runs of the optimizer in addition to the global optimum, on which no seed improves.",
             min=0,
         ),
     ] = 0
     key: Annotated[int, option(SEARCH, "N", "Random key of the seeds.", min=0)] = 0
     trust: Annotated[
         Literal["none", "basic"],
-        option(SEARCH, "none|basic", "Whether intervals are computed."),
+        option(SEARCH, "none|basic", "Compute intervals (basic) or not (none)."),
     ] = "basic"
     bounds: Annotated[
         Path | None,
-        option(SEARCH, "FILE.toml", "Bounds of all cells for which the manifest names none."),
+        option(SEARCH, "FILE.toml", "Bounds of the cells without any in the manifest."),
     ] = None
     fix: Annotated[
         list[str] | None,
@@ -66,7 +66,9 @@ class FleetSearch:
     cell: Annotated[
         Path | None,
         option(
-            "Files", "RESULT", "result.json whose cell model all cells share, in place of --ocv."
+            "Files",
+            "RESULT",
+            "result.json whose OCV and capacity all cells use, instead of --ocv.",
         ),
     ] = None
 
@@ -80,7 +82,7 @@ class EngineOptions:
     ] = None
     scheduler: Annotated[
         str | None,
-        option(ENGINE, "ADDRESS|local", "Dask scheduler in place of processes; local starts one."),
+        option(ENGINE, "ADDRESS|local", "Dask scheduler instead of processes; local starts one."),
     ] = None
     shard: Annotated[
         str | None,
@@ -94,7 +96,7 @@ class EngineOptions:
         bool,
         typer.Option(
             "--dry-run",
-            help="List the cells and what is missing, and compute nothing.",
+            help="List the cells and missing files, and compute nothing.",
             rich_help_panel=ENGINE,
         ),
     ] = False
@@ -105,13 +107,13 @@ class FleetOutput:
     """Where the dataset goes, and what is printed."""
 
     out: Annotated[
-        Path, option(OUTPUT, "FOLDER", "Folder of the dataset; a run that stopped goes on there.")
+        Path, option(OUTPUT, "FOLDER", "Folder of the dataset; an interrupted run continues there.")
     ] = DEFAULT_FOLDER
     keep_results: Annotated[
         bool,
         typer.Option(
             "--keep-results",
-            help="Write each cell's result.json too, to results/ID.",
+            help="Also write each cell's result.json, to results/ID.",
             rich_help_panel=OUTPUT,
         ),
     ] = False
@@ -127,8 +129,8 @@ def fleet(
         Path,
         typer.Argument(
             metavar="MANIFEST",
-            help="Table in CSV, Parquet or TOML with a row for each cell: id, records, ocv and "
-            "what else is known; other columns are carried through.",
+            help="Table in CSV, Parquet or TOML with one row per cell: id, records, ocv and "
+            "further options; other columns are copied to the dataset.",
         ),
     ],
     files: Files,
@@ -138,15 +140,17 @@ def fleet(
     engine: EngineOptions,
     output: FleetOutput,
 ) -> None:
-    """Identify every cell of a fleet: one Parquet dataset with a row a cell.
+    """Identify every cell of a fleet, into one Parquet dataset with one row per cell.
 
-    Killed at any moment, the same command goes on where it stopped. A cell that cannot be
-    identified has a row that says why. Options of files and records are for the cells whose row
-    leaves them open.
+    If it is interrupted, the same command continues where it stopped. If a cell cannot be
+    identified, its row says why. Options on files and records apply to cells whose row does not
+    set them.
     """
     session = Session(is_quiet=output.quiet)
     from ..fleet.manifest import parse_shard, read_manifest
+    from ..fleet.worker import prepare_process
     from ..reporting.fleet import closing_lines, missing_lines, progress_remark
+    from ..reporting.words import counted
 
     cells, carried = read_manifest(manifest, _defaults(files, of_records, search))
     session.note(_what_is_there(cells, carried))
@@ -154,8 +158,10 @@ def fleet(
         lines = missing_lines(cells)
         session.show(map(shown, lines[:MOST_LISTED]))
         if lines:
-            raise InputError(f"{len(lines)} files or patterns are missing; correct {manifest}")
+            count = counted(len(lines), "missing file")
+            raise InputError(f"{manifest}: {count}; correct them")
         return
+    prepare_process()
     from ..fleet.engine import identify_fleet
 
     settings = _settings(search, tables, output)
@@ -178,9 +184,9 @@ def fleet(
             retry=engine.retry,
             report=report,
         )
-    lines = closing_lines(state, output.out, session.elapsed_s)
-    written = output.out / "report.html"
-    if state.finished or not written.exists():
+    lines = closing_lines(state, output.out, session.elapsed_s, engine.shard)
+    # Shards run beside each other: the command that takes them together writes the report.
+    if not engine.shard and (state.finished or not (output.out / "report.html").exists()):
         with session.watch("Writing the report"):
             lines[1] = _write_report(cells, carried, settings, output.out)
     session.show(shown(as_flags(line)) for line in lines)
@@ -190,7 +196,6 @@ def _write_report(
     cells: "list[FleetCell]", carried: tuple[str, ...], settings: dict[str, Any], out: Path
 ) -> str:
     """The report in the folder, and its sentence; fits that cannot be repeated are not drawn."""
-    use_compilation_cache()
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
     from ..reporting import to_html
@@ -202,15 +207,21 @@ def _write_report(
     worst = {}
     for name, _ in summary.worst:
         with suppress(InputError, KeyError):
-            worst[name] = identified(known[name], settings)[0].run.identification[0]
+            alone = replace(known[name], validate=())
+            worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
-    write_file(out / "report.html", to_html(document.spelled(as_flags)).encode())
+    write_file(out / "report.html", to_html(document.spelled(_as_columns)).encode())
     return fleet_sentence(summary)
+
+
+def _as_columns(text: str) -> str:
+    """A message with the options that it names as a manifest's columns are called."""
+    return text.replace("`", "")
 
 
 def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
     text = f"{len(cells):,} cells, {sum(len(cell.records) for cell in cells):,} records"
-    return f"{text}; carried through: {', '.join(carried)}" if carried else text
+    return f"{text}; copied to the dataset: {', '.join(carried)}" if carried else text
 
 
 def _defaults(files: Files, of_records: RecordOptions, search: FleetSearch) -> dict[str, Any]:

@@ -33,9 +33,9 @@ def identify(
         list[Path] | None,
         typer.Argument(
             metavar="[RECORD]...",
-            help="Dynamic record to identify on; several give one circuit for all of them. A "
-            "folder, files without --ocv, or a plan: roles and windows are found. "
-            "Without any, the bundled cell is identified.",
+            help="Dynamic record to identify on; several give one circuit for all of them. For a "
+            "folder, or files without --ocv, barnax chooses roles and windows; a plan is run as it "
+            "is. Without any, the bundled cell is identified.",
             show_default=False,
         ),
     ] = None,
@@ -43,14 +43,15 @@ def identify(
         bool,
         typer.Option(
             "--plan",
-            help="Only print, as TOML, what would be done with which file; identify takes it back.",
+            help="Only print the plan, as TOML: what would be done with which file. identify "
+            "accepts it in place of the folder.",
             rich_help_panel=INPUT,
         ),
     ] = False,
 ) -> None:
     """Identify the circuit of a cell, say how good it is, and write result.json and figures.
 
-    Without arguments it identifies the bundled virtual cell.
+    Without arguments, it identifies the bundled cell.
     """
     if plan:
         return _print_plan(files, of_records, search, chosen, tables, records or [], output)
@@ -91,14 +92,14 @@ def hppc(
         typer.Argument(
             metavar="[RECORD]...",
             help="Pulse test (HPPC); several give one circuit. Without any, the bundled cell's "
-            "test at 25 degC is taken, and its trips to validate on.",
+            "test at 25 degC is used, and its drive cycles for validation.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
     """Identify tables over SOC from a pulse test, and print every pulse's resistances.
 
-    Pulses, rests, capacity and OCV are found in the test itself; --ocv gives another OCV.
+    Pulses, rests, capacity and OCV come from the test itself; --ocv sets another OCV.
     """
     _run("hppc", records, files, of_records, search, chosen, tables, output)
 

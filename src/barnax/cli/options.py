@@ -44,8 +44,8 @@ class SearchOptions:
             SEARCH,
             "auto|scan|compressed",
             "How the search computes errors: scan simulates every sample, compressed reduces the "
-            "record once. auto: compressed where the bounds allow it, in compare scan. Reported "
-            "errors are always the scan's.",
+            "record once. auto: compressed if the bounds allow it; in compare, scan. Reported "
+            "errors are always computed by scan.",
         ),
     ] = "auto"
     coordinates: Annotated[
@@ -53,16 +53,16 @@ class SearchOptions:
         option(
             SEARCH,
             "rc|log",
-            "Search raw R and C, as the paper does (rc), or logarithms of R and tau (log).",
+            "Search R and C themselves, as in the paper (rc), or logarithms of R and tau (log).",
         ),
     ] = "rc"
     seeds: Annotated[
         int,
         option(
-            SEARCH, "N", "Independent runs of the optimizer; 0: the global optimum alone.", min=0
+            SEARCH, "N", "Independent runs of the optimizer; 0: only the global optimum.", min=0
         ),
     ] = 30
-    population: Annotated[int, option(SEARCH, "N", "Candidates in a generation.", min=4)] = 30
+    population: Annotated[int, option(SEARCH, "N", "Candidates per generation.", min=4)] = 30
     iterations: Annotated[int, option(SEARCH, "N", "Generations.", min=1)] = 500
     key: Annotated[
         int,
@@ -75,7 +75,7 @@ class SearchOptions:
         option(
             SEARCH,
             "FILE.toml",
-            'Bounds: a table \\[bounds] with lines such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
+            'Bounds: a file with a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
         ),
     ] = None
     fix: Annotated[
@@ -100,8 +100,9 @@ class Choices:
             SEARCH,
             "iso-rc|so-rc|esc|...",
             "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
-            "hysteresis; 1rc, 3rc and 4rc have that many pairs and no hysteresis (default: "
-            "iso-rc; with tables so-rc, or esc where half the OCV gap is worth 8 % SOC).",
+            "hysteresis; 1rc, 3rc and 4rc have one, three and four pairs and no hysteresis "
+            "(default: iso-rc; with tables so-rc, or esc if half the hysteresis voltage is worth "
+            "8 % SOC or more).",
             autocompletion=complete_circuits,
         ),
     ] = None
@@ -120,9 +121,9 @@ class Choices:
         option(
             SEARCH,
             "none|basic|full",
-            "How closely the answer is examined: basic gives intervals, identifiability and "
-            "residuals; full also profile likelihoods, a block bootstrap, and what would lower "
-            "the error.",
+            "How closely to examine the answer: basic gives intervals, identifiability and "
+            "residuals; full also gives profile likelihoods, a block bootstrap, and what would "
+            "lower the error.",
         ),
     ] = "basic"
     report: Annotated[
@@ -137,8 +138,8 @@ class Choices:
         bool,
         typer.Option(
             "--paper",
-            help="Also write figures/paper: every figure as PDF and SVG, as wide as a column of a "
-            "journal (89 mm, 7 pt).",
+            help="Also write figures/paper: every figure as PDF and SVG, one journal column wide "
+            "(89 mm, 7 pt).",
             rich_help_panel=OUTPUT,
         ),
     ] = False
@@ -153,15 +154,15 @@ class TableOptions:
         option(
             TABLES,
             "soc|soc,temperature",
-            "Also fit the circuit with its resistances and an OCV correction as tables over SOC, "
-            "or for each temperature of the records with shared time constants.",
+            "Also fit the resistances and an OCV correction as tables over SOC; with temperature, "
+            "one set of tables per temperature, with shared time constants.",
         ),
     ] = None
     ocv_correction: Annotated[
         bool | None,
         typer.Option(
             "--ocv-correction/--no-ocv-correction",
-            help="Whether a table corrects the OCV (default: yes).",
+            help="Fit a table that corrects the OCV, or not (default: yes).",
             rich_help_panel=TABLES,
         ),
     ] = None
@@ -169,31 +170,31 @@ class TableOptions:
         bool | None,
         typer.Option(
             "--half-hysteresis",
-            help="Fit the amplitude of a dynamic hysteresis as a table, instead of taking half "
-            "the measured gap; needs records of both directions.",
+            help="Fit the amplitude of a dynamic hysteresis as a table, instead of using half "
+            "the hysteresis voltage; needs records in both directions.",
             rich_help_panel=TABLES,
         ),
     ] = None
     nodes: Annotated[
         str | None,
-        option(TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17 from -0.05 to 1)."),
+        option(TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17, from -0.05 to 1)."),
     ] = None
     roughness: Annotated[
         float | None,
         option(TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."),
     ] = None
     resistance_ridge: Annotated[
-        float | None, option(TABLES, "WEIGHT", "Weight of resistances' squares (default: 1e-9).")
+        float | None, option(TABLES, "WEIGHT", "Weight of squared resistances (default: 1e-9).")
     ] = None
     voltage_ridge: Annotated[
-        float | None, option(TABLES, "WEIGHT", "Weight of voltages' squares (default: 1e-7).")
+        float | None, option(TABLES, "WEIGHT", "Weight of squared voltages (default: 1e-7).")
     ] = None
     folds: Annotated[
         int | None,
         option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."),
     ] = None
     block_s: Annotated[
-        float | None, option(TABLES, "S", "Length of the blocks that are held out (default: 400).")
+        float | None, option(TABLES, "S", "Length of the held-out blocks in s (default: 400).")
     ] = None
 
     def chosen(self) -> dict[str, Any]:
@@ -218,8 +219,8 @@ class Rows:
         option(
             SEARCH,
             "NAME,NAME",
-            "Circuits, each with every method (default: the paper's five rows); one as so-rc:soc "
-            "with tables over SOC too.",
+            "Circuits, each with every method (default: the five rows of the paper); so-rc:soc "
+            "adds so-rc with tables over SOC.",
         ),
     ] = None
     methods: Annotated[
@@ -242,7 +243,7 @@ class ExportChoices:
         option(
             OUTPUT,
             "pybamm|thevenin|simscape|c-header|csv|json|c-filter",
-            "The tool or format to write for.",
+            "The tool or format to export to.",
             autocompletion=complete_exporters,
         ),
     ]

@@ -32,8 +32,8 @@ Hold = Annotated[
     option(
         INPUT,
         "HOLD",
-        "Whether a sample's current flows until the next sample (forward), since the one "
-        "before (backward), or auto (decided from the data).",
+        "When a sample's current flows: until the next sample (forward), since the previous one "
+        "(backward), or auto (decided from the data).",
     ),
 ]
 
@@ -42,8 +42,8 @@ Columns = Annotated[
     option(
         INPUT,
         "NAMES",
-        "Columns that are not found by themselves: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME, "
-        "with units where the names lack them.",
+        "Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME, "
+        "with a unit if the name has none.",
     ),
 ]
 
@@ -65,15 +65,15 @@ class Files:
     ] = None
     ocv_capacity: Annotated[
         float | None,
-        option(INPUT, "AH", "Capacity in the OCV test, where it does not span full to empty."),
+        option(INPUT, "AH", "Capacity in the OCV test, if it does not span full to empty."),
     ] = None
     ocv_fit: Annotated[
         Literal["polynomial", "interpolated"] | None,
         option(
             INPUT,
             "FIT",
-            "OCV curves: polynomial of degree 7, or interpolated (PCHIP) (default: polynomial, in "
-            "a plan interpolated).",
+            "OCV curves: polynomial of degree 7, or interpolated (PCHIP) (default: polynomial; in "
+            "a plan, interpolated).",
         ),
     ] = None
     hysteresis_fit: Annotated[
@@ -100,12 +100,13 @@ class RecordOptions:
     capacity: Annotated[
         PerRecord,
         _of_a_record(
-            "AH", "Capacity of the cell when the record was measured (default: the OCV test's)."
+            "AH",
+            "Capacity of the cell when the record was measured (default: that of the OCV test).",
         ),
     ] = None
     temperature: Annotated[
         PerRecord,
-        _of_a_record("DEGC", "Temperature (default: the median of the record's own column)."),
+        _of_a_record("DEGC", "Temperature in degC (default: the median of the record's column)."),
     ] = None
     start_time: Annotated[
         PerRecord, _of_a_record("S", "Time at which the simulation starts, on the file's clock.")
@@ -121,20 +122,18 @@ class RecordOptions:
         PerRecord,
         _of_a_record(
             "+1|-1",
-            "What the cell did before the start, where the record does not show it: +1 charge, "
+            "Last direction before the start, if the record does not show it: +1 charge, "
             "-1 discharge (default: both are tried).",
         ),
     ] = None
     score_steps: Annotated[
-        PerRecord, _of_a_record("N,N", "Count errors only in these steps, such as 7,8.")
+        PerRecord, _of_a_record("N,N", "Score only these steps, such as 7,8.")
     ] = None
-    score_from: Annotated[PerRecord, _of_a_record("S", "Count errors from this time on.")] = None
-    score_to: Annotated[PerRecord, _of_a_record("S", "Count errors up to this time.")] = None
+    score_from: Annotated[PerRecord, _of_a_record("S", "Score from this time on.")] = None
+    score_to: Annotated[PerRecord, _of_a_record("S", "Score up to this time.")] = None
     score_soc: Annotated[
         PerRecord,
-        _of_a_record(
-            "LOW,HIGH", "Count errors only between these states of charge, such as 0.1,1."
-        ),
+        _of_a_record("LOW,HIGH", "Score only between these states of charge, such as 0.1,1."),
     ] = None
     rest_current: Annotated[
         PerRecord, _of_a_record("A", "Current below which the cell is at rest (default: C/100).")

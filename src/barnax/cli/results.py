@@ -65,7 +65,7 @@ def validate(
         bool,
         typer.Option(
             "--whole-record",
-            help="Simulate and score the whole record, whatever the stored window.",
+            help="Simulate and score the whole record, ignoring the stored window.",
             rich_help_panel=WINDOW,
         ),
     ] = False,
@@ -76,8 +76,8 @@ def validate(
 ) -> None:
     """Simulate an identified circuit on another record, and print its errors.
 
-    The window of the identification applies, except where options change it.
-    Another start drops the stored state of charge.
+    The window of the identification applies, unless options change it.
+    With another start, the stored state of charge is not used.
     """
     session = Session(is_quiet=quiet or as_json)
     with session.watch("Loading JAX"):
@@ -145,9 +145,9 @@ def rerun(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Run the command that a result stores again, and say whether the same comes out.
+    """Run the stored command of a result again, and say whether the result is the same.
 
-    Exit status: 0 if it does, bit for bit or to 1e-9 of the RMSE; 1 if not.
+    Exit status: 0 if it is, bit for bit or to 1e-9 of the RMSE; 1 if not.
     """
     session = Session(is_quiet=quiet)
     stored = load(result)
@@ -156,7 +156,7 @@ def rerun(
     with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
         repeated = _run(command, Path(folder, "repeated"))
     if repeated.to_json() == stored.to_json():
-        session.show(["The same bytes came out."])
+        session.show(["The result is the same, byte for byte."])
         return
     old_v, new_v = (each.metrics.identification.rmse_v for each in (stored, repeated))
     session.show(_differences(stored, repeated))
@@ -171,7 +171,7 @@ def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str
     """The stored command with every file's name replaced by where it lies."""
     if len(stored.command) < 2 or stored.command[1] not in ("identify", "hppc"):
         raise InputError(
-            f"{result}: stores no command to repeat (it was made from Python); run it again there"
+            f"{result}: has no stored command (it was made from Python); repeat it in Python"
         )
     # A part of a file is named by its number.
     hashes = {re.sub(r"#\d+$", "", each.name): each.sha256 for each in stored.inputs}
@@ -191,7 +191,7 @@ def _places(name: str, folders: list[Path]) -> list[Path]:
     places = [folder / name for folder in folders if (folder / name).is_file()]
     if not places:
         raise InputError(
-            f"{name}: is in none of {', '.join(str(folder) for folder in folders)}; give its "
+            f"{name}: not found in {', '.join(str(folder) for folder in folders)}; give its "
             "folder with `data`"
         )
     return places
@@ -204,8 +204,8 @@ def _find(result: Path, name: str, sha256: str, folders: list[Path]) -> Path:
         if sha256 == hashlib.sha256(place.read_bytes()).hexdigest():
             return place
     raise InputError(
-        f"{places[0]}: is not the file that {result} was made from (its SHA-256 differs); give "
-        "the folder of the right one with `data`"
+        f"{places[0]}: not the file that {result} was made from (its SHA-256 differs); give "
+        "the folder of the original with `data`"
     )
 
 
@@ -231,7 +231,7 @@ def _differences(stored: "Result", repeated: "Result") -> list[str]:
     entries = [set(_entries(json.loads(each.to_json()))) for each in (stored, repeated)]
     names = list(dict.fromkeys(place for place, _ in sorted(entries[0] ^ entries[1])))
     first = ", ".join(names[:3])
-    return [*lines, f"{len(names)} entries are not what is stored, such as {shown(first)}."]
+    return [*lines, f"{len(names)} entries differ from the stored ones, such as {shown(first)}."]
 
 
 def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
@@ -251,9 +251,9 @@ def export(
     chosen: ExportChoices,
     quiet: Quiet = False,
 ) -> None:
-    """Write an identified circuit for another tool.
+    """Export an identified circuit to another tool.
 
-    What the tool cannot hold is named on stderr, and in the file where its format has comments.
+    What the tool cannot represent is named on stderr and, if the format has comments, in the file.
     """
     session = Session(is_quiet=quiet)
     # PyBaMM would ask, and then report, what it is used for.
@@ -270,7 +270,7 @@ def export(
     # Names that are no files are refused elsewhere, with the reason.
     with suppress(OSError):
         if path.samefile(result / "result.json" if result.is_dir() else result):
-            raise InputError(f"{path}: is the result itself; give `out` another file")
+            raise InputError(f"{path}: this is the result itself; choose another file with `out`")
     require_free_file(path, chosen.force)
     stored = load(result)
     content, caveats = exporter.write(stored)
@@ -290,11 +290,11 @@ def _verification(found: "Verification") -> str:
     at = f" at each of {degc} degC" if degc else ""
     text = (
         f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
-        f"samples of a pulse test{at}: {found.largest_v:.3g} V (rms {found.rms_v:.3g} V)"
+        f"samples of a pulse test{at}: {found.largest_v:.3g} V (RMS {found.rms_v:.3g} V)"
     )
     remainders = {
         "without the hysteresis voltage": found.without_hysteresis_v,
-        "apart from the samples at which the current turns": found.without_turns_v,
+        "without the samples at which the current changes sign": found.without_turns_v,
     }
     reason, remainder_v = min(remainders.items(), key=lambda item: item[1])
     if remainder_v < found.largest_v / 2:

@@ -33,7 +33,7 @@ class FilterOptions:
         option(
             FILTER,
             "joint|dual",
-            "Whether what is estimated is part of the filter's state, or of a second filter.",
+            "Estimate parameters in the filter's own state (joint) or in a second filter (dual).",
         ),
     ] = "joint"
     estimate: Annotated[
@@ -41,15 +41,15 @@ class FilterOptions:
         option(
             FILTER,
             "NAME,NAME",
-            "What is estimated beside the state: offset, capacity, R0, R1, tau1 and so on; '' for "
-            "nothing.",
+            "Parameters to estimate: offset (of the current), capacity, R0, R1, tau1 and so on; '' "
+            "for none.",
         ),
     ] = "offset,capacity"
     tables: Annotated[
         bool,
         typer.Option(
             "--tables/--no-tables",
-            help="Use the tables over SOC where the result has any.",
+            help="Use the tables over SOC if the result has them, or not.",
             rich_help_panel=FILTER,
         ),
     ] = True
@@ -72,15 +72,15 @@ def soc(
         bool,
         typer.Option(
             "--whole-record",
-            help="Replay the whole record, whatever the stored window.",
+            help="Replay the whole record, ignoring the stored window.",
             rich_help_panel=WINDOW,
         ),
     ] = False,
 ) -> None:
-    """Replay a record as a battery manager sees it, and say how well the circuit tells its SOC.
+    """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
 
-    A Kalman filter runs from a right and a wrong start, with a current offset, and with a wrong
-    capacity. The window of the identification applies, except where options change it.
+    The filter runs from a right and a wrong start, with a current offset, and with a wrong
+    capacity. The window of the identification applies, unless options change it.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else FOLDER)

@@ -43,15 +43,17 @@ def compare_files(
     command: Sequence[str] = (),
     watch: Watch = unwatched,
 ) -> tuple[Comparison, ComparisonResult]:
-    """Models and methods (`rows`) side by side on one record; the rest is as in `identify`.
+    """Models and methods compared on one record, as objects and as a result that can be stored.
 
-    Circuits in `tabulated`, which rows must have too, are also fitted with tables over SOC.
+    `rows` are pairs of a circuit and a method of `METHODS`, by default those of the paper.
+    Circuits in `tabulated`, which must also be in `rows`, are also fitted with tables over SOC.
+    All other options are those of `identify`.
 
-    Raises `InputError` where an input cannot be used, or more than one record is given.
+    Raises `InputError` if an input cannot be used, or more than one record is given.
     """
     if isinstance(records, list | tuple) and len(records) > 1:
         raise InputError(
-            f"a comparison is on one record, and {len(records)} were given; give the others with "
+            f"a comparison uses one record, but {len(records)} were given; give the others with "
             "`validate`"
         )
     settings = settings or Settings()

@@ -138,9 +138,9 @@ SCHEMA_VERSION = 2
 
 
 class ComparisonResult(Document, ComparisonPart):
-    """The whole of `comparison.json`. Equal runs give equal bytes: no times, dates or folders.
+    """The contents of `comparison.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    Seconds stand in `timings.json`; reports take them beside this as a mapping of row names.
+    Times are in `timings.json`; reports take them separately, in s by the name of the row.
     """
 
     schema_version: Literal[2] = SCHEMA_VERSION
@@ -171,10 +171,10 @@ def make_comparison_result(
     command: Sequence[str] = (),
     warnings: Sequence[str] = (),
 ) -> ComparisonResult:
-    """Everything a comparison found, as one value that can be stored.
+    """A comparison as a `ComparisonResult`, which can be stored.
 
-    `ocv` are the tests the cell was characterized from; `command` what was run, `warnings` those
-    of the inputs.
+    `ocv` are the OCV tests of the cell, `command` is the command that was run, and `warnings` are
+    those of the inputs.
     """
     problems = {row.model: row.problem for row in comparison.rows}
     first = next(iter(problems.values()))

@@ -102,9 +102,9 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """All rows of a comparison, in the order asked for, and the differences between them.
+    """All rows of a comparison, in the given order, and the differences between them.
 
-    `optima` are the models' global optima, where they can be known.
+    `optima` are the global optima by model; a model whose box is too wide has none.
     """
 
     rows: tuple[Row, ...]
@@ -146,14 +146,14 @@ def compare(
     source: str = "bounds",
     watch: Watch = unwatched,
 ) -> Comparison:
-    """Every row's method on its model, on the same data, box, budget and key.
+    """Several circuits and methods compared on the same data, box, budget and key.
 
-    `rows` are pairs of a model and a method of `barnax.baselines.METHODS`. Bounds and fixed values
-    apply to the models that have such a parameter. `window` is the record's and, without
-    `validation_windows`, that of the others too. `watch` is asked for a context for every row,
-    by its name, and is told in it how many seeds have finished. A method that cannot answer is a
-    row that says why. Raises `InputError` where record, window or box do not fit, `ValueError`
-    for an unknown model or method.
+    `rows` are pairs of a circuit and a method of `barnax.baselines.METHODS`. Bounds and fixed
+    values apply to the circuits that have such a parameter. `window` applies to the record and,
+    without `validation_windows`, to the validation records too. `watch` returns a context manager
+    for every row, by its name; the row reports to it how many seeds have finished. A method that
+    fails has a row that says why. Raises `InputError` if record, window or box do not fit,
+    `ValueError` for an unknown circuit or method.
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):

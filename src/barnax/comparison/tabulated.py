@@ -71,7 +71,9 @@ def tabulate(
     for model in models:
         rows = [row for row in comparison.answered if row.model == model]
         if not rows:
-            raise InputError(f"`models` '{model}:soc': no row of {model} has an answer beside it")
+            raise InputError(
+                f"`models` '{model}:soc': no row of {model} has an answer to compare with"
+            )
         known = names_of(model)
         wanted = replace(
             settings,

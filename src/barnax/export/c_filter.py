@@ -255,8 +255,8 @@ def write_c_filter(result: Result) -> Export:
         result = result.at_temperature(degc)
         others = ", ".join(f"{each:.3g}" for each in over.temperatures_degc if each != degc)
         caveats = (
-            f"The filter holds one temperature: everything in it is of {degc:.3g} degC, and "
-            f"nothing of what was identified at {others} degC.",
+            f"The filter has one temperature: all of it is for {degc:.3g} degC, and nothing "
+            f"identified at {others} degC is in it.",
         )
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
     caveats = (*caveats, *table_caveats(tables))

@@ -253,8 +253,8 @@ HEADER = b"MATLAB 5.0 MAT-file, written by barnax"
 
 # The block asks for states of charge from 0 to 1.
 IN_RANGE = (
-    "The blocks take states of charge from 0 to 1: the nodes beyond are left out, and below empty "
-    "they hold the values at 0, where barnax goes on."
+    "The blocks accept states of charge from 0 to 1: the nodes beyond are left out. Below empty, "
+    "the blocks hold the values at 0, while barnax uses the nodes there."
 )
 
 
@@ -273,8 +273,8 @@ def write_simscape(result: Result) -> Export:
     caveats = (
         *table_caveats(tables),
         *hysteresis_is_left_out("The block Battery (Table-Based)", tables),
-        'The block reads its tables linearly; set "Extrapolation method for all tables" to '
-        "Nearest, as barnax holds the OCV constant beyond its end points.",
+        'The block interpolates linearly; set "Extrapolation method for all tables" to '
+        "Nearest, because barnax holds the OCV constant beyond its end points.",
         *([IN_RANGE] if is_cut else []),
     )
 

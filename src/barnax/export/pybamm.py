@@ -124,8 +124,8 @@ def ocv_at(temperature_degc):
 
 """
 ONE_OCV = (
-    "PyBaMM's open-circuit voltage does not depend on temperature: it is that of the temperature "
-    "given to get_parameter_values, which is also the cell's; ask for another set where it changes."
+    "PyBaMM's open-circuit voltage does not depend on temperature: it is that at the temperature "
+    "given to get_parameter_values, which is also the cell's; get another set if it changes."
 )
 
 
@@ -136,11 +136,11 @@ def write_pybamm(result: Result) -> Export:
     caveats = (
         *table_caveats(tables),
         *hysteresis_is_left_out("PyBaMM's Thevenin model", tables),
-        "PyBaMM ends a simulation where the SOC leaves 0 to 1; barnax goes on with the OCV's end "
-        "values.",
-        "A result has no cut-off voltages: they stand 1 V outside the OCV, where they end "
-        "nothing. Give your cell's.",
-        "A result has no thermal parameters and no entropic change: the placeholders hold the "
+        "PyBaMM stops a simulation when the SOC leaves 0 to 1; barnax continues with the end "
+        "values of the OCV.",
+        "A result has no cut-off voltages: they are set 1 V outside the OCV, where they have no "
+        "effect. Set those of your cell.",
+        "A result has no thermal parameters and no entropic change: the placeholders keep the "
         f"cell at {'the given temperature' if axis else '25 degC'}.",
         *([ONE_OCV] if axis else []),
     )

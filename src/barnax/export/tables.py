@@ -136,8 +136,9 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     circuit = get_circuit(result.model)
     if circuit.turning is not None and not may_remember:
         raise InputError(
-            f"{circuit.name} remembers where the current turned, which no tool's table over SOC "
-            "holds; export it `to` 'c-filter', or identify esc or iso-rc"
+            f"the hysteresis of {circuit.name} depends on where the current last changed "
+            "direction, which no table over SOC holds; export `to` 'c-filter', or identify esc or "
+            "iso-rc"
         )
     kind = _kind_of(circuit, cell)
     over_soc = result.tables.fit.tables if result.tables else None
@@ -212,8 +213,8 @@ def table_caveats(tables: Tables) -> tuple[str, ...]:
         return tuple(told) if nodes else ()
     measured = ", ".join(f"{each:.3g}" for each in axis.measured_degc)
     text = (
-        f"Identified at {measured} degC. Tables between these are interpolated, the logarithm of "
-        "resistances over 1/T; beyond them hold those of the nearest."
+        f"Identified at {measured} degC. Between these, the logarithm of the resistances is "
+        "interpolated over 1/T; beyond them, the tables of the nearest temperature apply."
     )
     if tables.kind != "none":
         text += " The hysteresis voltage is that of the temperature nearest to 25 degC."

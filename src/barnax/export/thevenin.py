@@ -117,8 +117,8 @@ def capacitance(values, tau):
 
 """
 ONE_OCV = (
-    "thevenin's open-circuit voltage does not depend on temperature: it is that of the temperature "
-    "given to get_params, which is also the cell's; ask for another set where it changes."
+    "thevenin's open-circuit voltage does not depend on temperature: it is that at the temperature "
+    "given to get_params, which is also the cell's; get another set if it changes."
 )
 
 
@@ -187,15 +187,15 @@ def _hysteresis_caveats(tables: Tables) -> tuple[str, ...]:
     )
     if tables.kind == "instant":
         return (
-            f"{tables.model} turns its hysteresis at once; here it turns with gamma = "
-            f"{INSTANT_RATE:g} per unit of SOC, and with any current, however small, where barnax "
-            "leaves it below the rest current.",
+            f"{tables.model} switches its hysteresis immediately; here it follows the charge with "
+            f"gamma = {INSTANT_RATE:g} per unit of SOC, and at any current, however small, while "
+            "barnax holds it below the rest current.",
             start,
         )
     return (
-        "thevenin relaxes the hysteresis voltage, barnax the share of W(soc)/2: they differ by "
-        "about the slope of W(soc)/2 over gamma. It turns with any current, however small, where "
-        "barnax leaves it below the rest current.",
+        "thevenin relaxes the hysteresis voltage, barnax its fraction of W(soc)/2: they differ by "
+        "about the slope of W(soc)/2 over gamma. In thevenin it changes at any current, however "
+        "small, while barnax holds it below the rest current.",
         start,
     )
 

@@ -52,13 +52,12 @@ def require_package(exporter: Exporter) -> None:
     """Raise `InputError` where an export cannot be simulated here."""
     if exporter.package is None:
         raise InputError(
-            f"`verify` simulates what was exported, and nothing here simulates {exporter.name}; "
-            "leave it out"
+            f"`verify` works for pybamm and thevenin only, not for {exporter.name}; leave it out"
         )
     if importlib.util.find_spec(exporter.package) is None:
         raise InputError(
-            f"`verify` needs the package {exporter.package}, which is not installed; get it with "
-            'pip install ".[verify]" in a clone of barnax, or leave `verify` out'
+            f"`verify` needs the package {exporter.package}, which is not installed; install "
+            'it with pip install ".[verify]" in a clone of barnax, or leave `verify` out'
         )
 
 

@@ -254,7 +254,7 @@ class ErrorModel:
         """
         if result.assessment is None:
             raise InputError(
-                "this result says nothing of its residuals, from which a filter takes its noise; "
+                "this result has no residual statistics, which set the filter's noise; "
                 "identify again with `trust` 'basic'"
             )
         noise = result.assessment.uncertainty.noise

@@ -5,15 +5,5 @@
 
 from .engine import Progress, identify_fleet
 from .manifest import FleetCell, cell_of, read_manifest
-from .summary import Summary, read_fleet, summarize
 
-__all__ = [
-    "FleetCell",
-    "Progress",
-    "Summary",
-    "cell_of",
-    "identify_fleet",
-    "read_fleet",
-    "read_manifest",
-    "summarize",
-]
+__all__ = ["FleetCell", "Progress", "cell_of", "identify_fleet", "read_manifest"]

@@ -20,11 +20,11 @@ OPTIONS = (
 
 @dataclass(frozen=True, eq=False)
 class FleetCell:
-    """A cell, or one test of it: its files, what is known of them, and what is carried through.
+    """A cell, or one test of it: its files, options, and the columns copied to its row.
 
-    `window` holds fields of a `Window`, `options` arguments of `barnax.identify`. `cell` is the
-    result.json whose cell model is taken in place of OCV tests. `missing` are the files and
-    patterns that were not found. `problem` stands in place of all files.
+    `window` has fields of a `Window`, `options` arguments of `barnax.identify`. `cell` is the
+    result.json whose cell model is used instead of OCV tests. `missing` are the files and
+    patterns that were not found. `problem` replaces all files.
     """
 
     id: str

@@ -124,7 +124,7 @@ def read_rows(
             frames.append(pl.read_parquet(path, columns=None if columns is None else [*columns]))
         except (OSError, pl.exceptions.PolarsError) as problem:
             raise InputError(
-                f"{path}: is no part of a fleet's dataset ({problem}); delete it, and its cells "
+                f"{path}: not part of a fleet's dataset ({problem}); delete it, and its cells "
                 "are identified again"
             ) from problem
     if not frames:

@@ -10,7 +10,14 @@ import multiprocessing
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from concurrent.futures.process import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -64,17 +71,17 @@ def identify_fleet(
     batch: int | None = None,
     report: Callable[[Progress], None] = lambda progress: None,
 ) -> Progress:
-    """Identify many cells, a row each in the dataset `out`; what has a row already is skipped.
+    """Identify many cells into the dataset `out`, one row per cell; existing rows are skipped.
 
     `cells` are read lazily: those of a manifest, or mappings with an "id" and either a "problem"
-    or the columns of a manifest; what else they hold is carried into their rows. `settings` are
-    arguments of `identify` for all of them; without, no seeds search and the answer is the global
-    optimum. They run on `workers` processes, on the Dask `scheduler` at an address ("local" starts
-    one), or on an `executor` of your own. `shard` is which of how many parts of the fleet this is;
-    `retry` repeats those that failed. `report` is told of the progress after every batch.
+    or the columns of a manifest; their other items are copied to their rows. `settings` are
+    arguments of `identify` for all cells; by default no seeds are run and the answer is the global
+    optimum. Cells run on `workers` processes, on the Dask `scheduler` at an address ("local" starts
+    one), or on your own `executor`. `shard` is (part, parts) of the fleet; `retry` repeats failed
+    cells. `report` is called with the progress after every batch, which is returned at the end.
 
-    Raises `InputError` where `out` cannot be written to or an id stands twice. A cell that cannot
-    be identified has a row with the reason.
+    Raises `InputError` if `out` cannot be written to or an id occurs twice. If a cell cannot be
+    identified, its row says why.
     """
     out, chosen = Path(out), {"seeds": 0, **(settings or {})}
     count = workers or os.cpu_count() or 1
@@ -117,7 +124,9 @@ def _require_known(settings: Mapping[str, Any]) -> None:
 
     for name, known in (("model", CIRCUITS), ("method", OPTIMIZERS)):
         if name in settings and settings[name] not in known:
-            raise InputError(f"`{name}` {settings[name]!r}: there are {', '.join(known)}")
+            raise InputError(
+                f"`{name}` {settings[name]!r} is not known; there are {', '.join(known)}"
+            )
 
 
 def _wanted(
@@ -133,7 +142,7 @@ def _wanted(
     for given in cells:
         cell = given if isinstance(given, FleetCell) else cell_of(given)
         if cell.id in seen:
-            raise InputError(f"the id {cell.id!r} stands twice; give each cell its own")
+            raise InputError(f"the id {cell.id!r} occurs twice; give each cell its own")
         seen.add(cell.id)
         if in_shard(cell, shard):
             print_ = cell.fingerprint(settings)
@@ -285,4 +294,10 @@ def _dask(address: str, workers: int) -> Iterator[Executor]:
                 f"`scheduler` {address!r}: cannot be reached ({problem}); give the address that "
                 "`dask scheduler` printed, or 'local'"
             ) from problem
-        yield client.get_executor(pure=False)
+        try:
+            yield client.get_executor(pure=False)
+        except CancelledError as problem:
+            raise InputError(
+                f"`scheduler` {address!r}: is gone; start it again, and the same command goes on "
+                "where it stopped"
+            ) from problem

@@ -41,7 +41,9 @@ def read_manifest(
         ]
         cells = [cell_of({**(defaults or {}), **row}, path) for row in rows]
         if not cells:
-            raise InputError(f"{path}: holds no folder; give a folder for each cell, or a manifest")
+            raise InputError(
+                f"{path}: has no subfolders; make one for each cell, or give a manifest"
+            )
         return cells, ()
     rows, own_defaults = _rows(path)
     given = {**_renamed(defaults or {}), **_renamed(own_defaults)}
@@ -50,7 +52,7 @@ def read_manifest(
         for place, row in enumerate(rows, 2 if path.suffix.lower() != ".toml" else 1)
     ]
     if not cells:
-        raise InputError(f"{path}: holds no cell; give a row for each")
+        raise InputError(f"{path}: has no cells; add a row for each")
     require_distinct(cells, path.name)
     return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
 
@@ -60,7 +62,7 @@ def require_distinct(cells: Iterable[FleetCell], where: str) -> None:
     seen: set[str] = set()
     for cell in cells:
         if cell.id in seen:
-            raise InputError(f"{where}: the id {cell.id!r} stands twice; give each row its own")
+            raise InputError(f"{where}: the id {cell.id!r} occurs twice; give each row its own")
         seen.add(cell.id)
 
 
@@ -73,8 +75,8 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             defaults, rows = document.pop("defaults", {}), document.pop("cell", [])
             if document or not isinstance(rows, list) or not isinstance(defaults, dict):
                 raise InputError(
-                    f"{path}: must hold [[cell]] tables and [defaults]; it holds "
-                    f"{listed(document) or 'another kind of them'}"
+                    f"{path}: must contain [[cell]] tables and [defaults]; it contains "
+                    f"{listed(document) or 'them in another form'}"
                 )
             return rows, defaults
         if suffix in (".parquet", ".pq"):
@@ -111,7 +113,7 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
     row = _renamed(row)
     identity = row.get("id")
     if identity is None or not str(identity).strip():
-        raise InputError(f"{where}: has no id; give each cell one of its own")
+        raise InputError(f"{where}: no id; give each cell its own")
     name = str(identity)
     where = f"{where} ({cut(name, LONGEST_NAME)})"
     missing: list[str] = []
@@ -120,7 +122,7 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
         next(iter(_found(row.get(each), folder, missing)), None) for each in ("cell", "bounds")
     )
     if not row.get("records") and "problem" not in row:
-        raise InputError(f"{where}: names no record; give files in the column records")
+        raise InputError(f"{where}: no record; give files in the column records")
     return FleetCell(
         id=name,
         records=records,
@@ -184,5 +186,5 @@ def parse_shard(text: str) -> tuple[int, int]:
     except ValueError:
         number = count = 0
     if not 1 <= number <= count:
-        raise InputError(f"`shard` {text!r}: write which of how many, from 1 on, such as 3/10")
+        raise InputError(f"`shard` {text!r}: write part/parts, counting from 1, such as 3/10")
     return number, count

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import polars as pl
 
 from ..cell import CellModel, OcvTable, characterize, read_ocv_test
@@ -19,8 +18,7 @@ from ..model.window import Window
 from ..pipeline import identify, identify_problem
 from ..records import Record, source_from_frame
 from ..results import MetricsPart, Result
-from ..storing import joint_metrics
-from ..uncertainty.diagnostics import soc_bands
+from ..storing import bands_by_soc, joint_metrics
 from ..uncertainty.linearization import named_values
 from .cells import FleetCell, is_address, short_name, stamp
 from .dataset import keep_result
@@ -45,7 +43,8 @@ def identify_cell(
         if results is not None:
             keep_result(results, cell.id, result.to_json())
     except InputError as problem:
-        row["error"] = str(problem)
+        # One sentence, and what is told of each file of a folder with the warnings.
+        row["error"], *row["warnings"] = str(problem).splitlines()
     except Exception as problem:
         # One cell's trouble, whatever it is, costs that cell its row and no other.
         row["error"] = f"{type(problem).__name__}: {reason_of(problem)}"
@@ -61,7 +60,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         found = identify_problem(cell.problem, Settings(**chosen), trust=trust)
         return found, found.warnings
     if cell.missing:
-        raise InputError(f"{', '.join(cell.missing)}: is not there; correct the manifest")
+        raise InputError(f"{', '.join(cell.missing)}: does not exist; correct the manifest")
     chosen |= cell.options
     window = Window(**cell.window)
     reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})
@@ -170,24 +169,17 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
         row[name] = value
         if ends:
             row[f"{name} low"], row[f"{name} high"] = ends[name]
-    row |= _errors_of("", own) | {"R2": own.r2}
-    if run.validation:
-        row |= _errors_of("validation ", joint_metrics("validation", run.validation))
+    validation = joint_metrics("validation", run.validation) if run.validation else None
+    row |= _errors_of("", own) | _errors_of("validation ", validation)
     if result.tables is not None:
         row["tables RMSE [V]"] = result.tables.metrics.identification.rmse_v
-    soc, error_v = (
-        np.concatenate(parts)
-        for parts in zip(
-            *(
-                (e.prepared.soc[e.prepared.scored], e.error_v[e.prepared.scored])
-                for e in run.identification
-            ),
-            strict=True,
-        )
-    )
-    for band in soc_bands(soc, error_v):
-        low, high = (round(100 * end) for end in (band.low or 0.0, band.high or 0.0))
-        row[f"RMSE SOC {low} to {high} % [V]"] = band.rmse_v
+    rmse_v = {
+        round(10 * (band.low or 0.0)): band.rmse_v for band in bands_by_soc(run.identification)
+    }
+    row |= {
+        f"RMSE SOC {10 * tenth} to {10 * tenth + 10} % [V]": rmse_v.get(tenth)
+        for tenth in range(10)
+    }
     optimum = result.global_optimum
     return row | {
         "answer": result.answer_source,
@@ -199,11 +191,14 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _errors_of(whose: str, metrics: MetricsPart) -> dict[str, float | None]:
+def _errors_of(whose: str, metrics: MetricsPart | None) -> dict[str, float | None]:
     return {
-        f"{whose}RMSE [V]": metrics.rmse_v,
-        f"{whose}RMSE above 10 % SOC [V]": metrics.rmse_above_10_soc_v,
-        f"{whose}max error [V]": metrics.max_v,
+        f"{whose}{name}": None if metrics is None else getattr(metrics, field)
+        for name, field in (
+            ("RMSE [V]", "rmse_v"),
+            ("RMSE above 10 % SOC [V]", "rmse_above_10_soc_v"),
+            ("max error [V]", "max_v"),
+        )
     }
 
 

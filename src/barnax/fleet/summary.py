@@ -30,11 +30,15 @@ WORST = 10
 
 @dataclass(frozen=True)
 class Distribution:
-    """One quantity over the cells of one circuit; `sd_log` is the robust one of its logarithm."""
+    """One quantity over the cells of one circuit, in `at_bound` of which a bound decides it.
+
+    `sd_log` is the robust standard deviation of its logarithm.
+    """
 
     circuit: str
     name: str
     cells: int
+    at_bound: int
     low: float
     median: float
     high: float
@@ -70,10 +74,10 @@ class Trend:
 
 
 @dataclass(frozen=True)
-class Failure:
-    """Cells that failed of one cause, in the words of the first; numbers and names differ."""
+class Cause:
+    """Cells that failed or are warned of alike, in the words of the first; numbers differ."""
 
-    cause: str
+    text: str
     ids: tuple[str, ...]
 
 
@@ -85,11 +89,11 @@ class Summary:
     identified: int
     certified: int
     at_bound: int
-    with_warnings: int
     distributions: tuple[Distribution, ...]
     outliers: tuple[Outlier, ...]
     trends: tuple[Trend, ...]
-    failures: tuple[Failure, ...]
+    failures: tuple[Cause, ...]
+    warnings: tuple[Cause, ...]
     worst: tuple[tuple[str, float], ...]
 
 
@@ -120,11 +124,13 @@ def summarize(rows: pl.DataFrame, carried: Sequence[str] = ()) -> Summary:
         identified=len(good),
         certified=int(good["certified"].sum()) if len(good) else 0,
         at_bound=int((good["at bound"] != "").sum()) if len(good) else 0,
-        with_warnings=int((good["warnings"].list.len() > 0).sum()) if len(good) else 0,
         distributions=tuple(distributions),
         outliers=tuple(sorted(outliers, key=lambda each: -abs(each.deviations))),
         trends=tuple(sorted(certain, key=lambda each: each.p_value)),
-        failures=_failures(failed),
+        failures=_causes(failed.select("id", "error")),
+        warnings=_causes(good.select("id", "warnings").explode("warnings").drop_nulls())
+        if len(good)
+        else (),
         worst=tuple(zip(worst["id"], worst["RMSE [V]"], strict=True)) if len(worst) else (),
     )
 
@@ -145,7 +151,8 @@ def _distribution(
     median = float(np.median(logarithms))
     sd = TO_SD * float(np.median(np.abs(logarithms - median)))
     low, middle, high = np.quantile(values, [0.05, 0.5, 0.95]).tolist()
-    found = Distribution(circuit, name, len(values), low, middle, high, sd)
+    is_bound = known["at bound"].str.contains(name, literal=True)
+    found = Distribution(circuit, name, len(values), int(is_bound.sum()), low, middle, high, sd)
     if len(values) < FEWEST or sd < LEAST_SD:
         return found, []
     deviations = (logarithms - median) / sd
@@ -177,13 +184,13 @@ def _trend(circuit: str, name: str, by: str, known: pl.DataFrame) -> Trend:
     return Trend(circuit, name, by, len(both), p_value, medians=medians)
 
 
-def _failures(failed: pl.DataFrame) -> tuple[Failure, ...]:
-    """Errors that differ in names and numbers only are of one cause; the most frequent first."""
+def _causes(told: pl.DataFrame) -> tuple[Cause, ...]:
+    """Texts that differ in names and numbers only are of one cause; the most frequent first."""
     causes: dict[str, tuple[str, list[str]]] = {}
-    for name, error in zip(failed["id"], failed["error"], strict=True):
-        _, colon, rest = error.partition(": ")
-        cause = rest if colon else error
-        key = re.sub(r"\d+(\.\d+)?|'[^']*'", "#", cause)
+    for name, text in told.iter_rows():
+        # Without the file's name.
+        cause = re.sub(r"^[^:]*\.\w+: ", "", text)
+        key = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause)
         causes.setdefault(key, (cause, []))[1].append(name)
-    found = [Failure(cause, tuple(ids)) for cause, ids in causes.values()]
+    found = [Cause(cause, tuple(dict.fromkeys(ids))) for cause, ids in causes.values()]
     return tuple(sorted(found, key=lambda each: -len(each.ids)))

@@ -74,7 +74,9 @@ def prepare_process() -> None:
         for option, size in MALLOC_OPTIONS.items() if mallopt else ():
             mallopt(option, size)
     if "jax" not in sys.modules:
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {XLA_FLAGS}".strip()
+        # Once: a process inherits them, and another text is another key in the cache.
+        own = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")
+        os.environ["XLA_FLAGS"] = f"{own.strip()} {XLA_FLAGS}".strip()
         cache = platformdirs.user_cache_path("barnax") / "jax"
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")

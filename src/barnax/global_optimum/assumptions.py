@@ -35,7 +35,7 @@ def with_better_directions(problem: Problem) -> Problem:
         chosen = best.prepared_records[place]
         start = replace(chosen.start, direction_source="better fit", other_rmse_v=rest_v)
         records[place] = replace(chosen, start=start)
-        problem = replace(problem, prepared_records=tuple(records))
+        problem = best.keeping_computed(prepared_records=tuple(records))
     return problem
 
 

@@ -132,10 +132,10 @@ def _grid(reduced: Reduced) -> list[Float[np.ndarray, "places"]]:
 
 @dataclass(frozen=True, eq=False)
 class GlobalOptimum:
-    """The best circuit of a box, what is proved of it, and the landscape around it.
+    """The best circuit in a box, what is proved about it, and the landscape around it.
 
     `optima` are the distinct local optima up to `FACTOR` times the best, which comes first; their
-    errors are the scan's. `certificate` is None where no proof was asked for.
+    errors are computed by the scan. `certificate` is None without a proof.
     """
 
     optima: tuple[Optimum, ...]
@@ -177,9 +177,9 @@ class GlobalOptimum:
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
-    """How far an RMSE is above the optimum's, as a share of it.
+    """How far an RMSE lies above that of the optimum, as a fraction of the latter; both in V.
 
-    An optimum below `SMALLEST_RMSE_V` counts as one of that: what is above it is rounding.
+    An optimum below `SMALLEST_RMSE_V` counts as that: smaller differences are rounding errors.
 
     >>> round(optimality_gap(10.1e-3, 10e-3), 6)
     0.01
@@ -191,25 +191,29 @@ def optimality_gap(rmse_v: float, optimum_v: float) -> float:
 def find_global_optimum(
     problem: Problem, *, prove: bool = True, most_cells: int = MOST_CELLS
 ) -> GlobalOptimum:
-    """The best circuit in the box: the landscape's minima polished, and a proof of it.
+    """The best circuit in the box, from the refined minima of a grid, and a proof of it.
 
-    It draws nothing and does not depend on the problem's own objective. `prove` adds a lower bound
-    on every circuit's RMSE by branch and bound over at most `most_cells` cells of time constants;
-    where that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
-    "grid-verified". Raises `InputError` where the box is too wide to compress.
+    It uses no random numbers and does not depend on the problem's own objective. `prove` adds a
+    lower bound on every circuit's RMSE by branch and bound over at most `most_cells` cells of time
+    constants; if that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
+    "grid-verified". Raises `InputError` if the box is too wide to compress.
     """
-    reduced = Reduced.of(problem)
-    landscape = landscape_of(reduced)
     descent = Descent(problem)
-    starts = landscape.minima(FACTOR)[:MOST_MINIMA]
-    ends = _polish(descent, [landscape.circuit(point) for point in starts])
+    # Kept with the problem: where the direction before the start is open, it was looked for before.
+    if "minima" not in vars(problem):
+        reduced = Reduced.of(problem)
+        landscape = landscape_of(reduced)
+        starts = landscape.minima(FACTOR)[:MOST_MINIMA]
+        ends = _polish(descent, [landscape.circuit(point) for point in starts])
+        vars(problem)["minima"] = reduced, landscape, ends
+    reduced, landscape, ends = vars(problem)["minima"]
     certificate = None
     for _ in range(MOST_PROOFS if prove else 0):
         certificate = certify(reduced, min(end.rmse_v for end in ends), most_cells)
         if certificate.better is None:
             break
         # The grid can miss a basin; a proof cannot.
-        ends += _polish(descent, [certificate.better])
+        ends = [*ends, *_polish(descent, [certificate.better])]
     optima = distinct_optima(ends)
     optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(descent.objective.coordinates, optima[0].parameters)
@@ -219,7 +223,7 @@ def find_global_optimum(
 def _polish(descent: Descent, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
     """Levenberg-Marquardt from grid points, in blocks of one shape so that nothing recompiles."""
     missing = -len(circuits) % SEEDS_PER_BLOCK
-    ends = descent([*circuits, *circuits[-1:] * missing], SEED_TOLERANCE)
+    ends = descent([*circuits, *circuits[-1:] * missing], SEED_TOLERANCE, by_scan=False)
     for _ in range(FINAL_ROUNDS):
         starts = [end.parameters for end in ends]
         ends = descent(starts, FINAL_TOLERANCE, holds_bounds=True)

@@ -65,8 +65,8 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
         count += _NODE_STEP
         if count > MOST_NODES:
             raise InputError(
-                f"the compressed objective cannot serve values from {lower:.3g} to {upper:.3g}, "
-                f"{steps / 4:g} decades, to the accuracy it promises; narrow the bounds or use "
+                f"the compressed objective cannot cover {lower:.3g} to {upper:.3g}, "
+                f"{steps / 4:g} decades, to its stated accuracy; narrow the bounds or use "
                 "`objective='scan'`"
             )
     # One thread: what a library does with several would change the last bits.

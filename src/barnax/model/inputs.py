@@ -130,8 +130,8 @@ def prepare_record(
     _require_positive_voltage(record, scored)
     if not np.any(record.current_a[scored]):
         raise InputError(
-            f"{record.name}: every current that counts is zero, so nothing can be learned; give a "
-            "record under load, or widen the window"
+            f"{record.name}: the current of every scored sample is zero, so nothing can be "
+            "identified; give a record under load, or widen the window"
         )
 
     span = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
@@ -256,7 +256,7 @@ def _require_positive_voltage(record: Record, scored: Bool[np.ndarray, "samples"
     if len(wrong):
         raise InputError(
             f"{record.name}: row {record.row[wrong[0]]} is scored at "
-            f"{record.voltage_v[wrong[0]]:g} V, which is no cell's voltage ({len(wrong)} such "
+            f"{record.voltage_v[wrong[0]]:g} V, which is not a cell voltage ({len(wrong)} such "
             "samples); delete the row, or leave it out with `score_from`, `score_to` or "
             "`score_steps`"
         )

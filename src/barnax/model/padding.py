@@ -39,7 +39,8 @@ class PaddedSize:
 
     @classmethod
     def common(cls, inputs: SimulationInput) -> Self:
-        """The next of few sizes: two an octave of samples, one every two octaves of nodes."""
+        """The next of few sizes: one an octave of samples, two of very many, where they cost more
+        than programs; one every two octaves of nodes."""
         size = cls.of([inputs])
         return cls(
             _next_samples(size.samples), False, _next_nodes(size.nodes),
@@ -73,9 +74,9 @@ def to_common_size(evaluator: AbstractEvaluator) -> AbstractEvaluator:
 
 
 def _next_samples(count: int) -> int:
-    """The next of 64, 96, 128, 192, 256 and so on."""
+    """The next of 64, 128 and so on to 65,536, then 98,304, 131,072 and so on."""
     power = max(6, (count - 1).bit_length())
-    return 3 << (power - 2) if count <= 3 << (power - 2) else 1 << power
+    return 3 << (power - 2) if power > 16 and count <= 3 << (power - 2) else 1 << power
 
 
 def _next_nodes(count: int) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..execution import compile_for, in_float64, seed_blocks
+from ..execution import compile_for, in_float64, on_device, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
 from .inputs import PreparedRecord, prepare_record, require_changing_voltage
@@ -43,17 +43,18 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
 
 Kind = Literal["scan", "compressed"]
 KINDS: tuple[Kind, ...] = ("scan", "compressed")
-# What a problem keeps of its arrays.
+# What a problem keeps of its arrays, and of the search for its global optimum.
 COMPUTED = (
-    "all_inputs", "scan", "compressed", "coordinates", "padded_scan", "padded_compressed",
+    "all_inputs", "scan", "compressed", "coordinates", "padded_scan", "padded_compressed", "minima",
 )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything a search needs and a report names. Several records share one circuit.
+    """Prepared records, cell, circuit and bounds: what a search needs. Records share one circuit.
 
-    `kind` says which of two ways to compute one objective the search takes.
+    `kind` says how the search computes its errors, by "scan" or "compressed"; `scale` are the
+    search coordinates, "rc" or "log".
     """
 
     prepared_records: tuple[PreparedRecord, ...]
@@ -68,7 +69,7 @@ class Problem:
 
     @property
     def prepared(self) -> PreparedRecord:
-        """The first course, and the only one unless records are identified jointly."""
+        """The first prepared record, and the only one unless records are identified jointly."""
         return self.prepared_records[0]
 
     @property
@@ -166,7 +167,7 @@ class Problem:
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
     ) -> list[CircuitParameters]:
         """The circuits at some points, pairs ordered by tau where both have one box."""
-        circuits = jax.tree.map(np.asarray, _decode(jnp.asarray(np.stack(points)), coordinates))
+        circuits = jax.tree.map(np.asarray, _decode(on_device(points), coordinates))
         found = []
         for index in range(len(points)):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
@@ -198,7 +199,7 @@ def point_blocks(
     ]
     last = len(values) - 1
     blocks = [[values[min(at, last)] for at in block] for block in seed_blocks(len(values))]
-    return [_encode(jnp.asarray(np.array(block)), coordinates) for block in blocks]
+    return [_encode(on_device(block), coordinates) for block in blocks]
 
 
 def _rmse_of_all(points: Float[Array, "points free"], objective: Objective):
@@ -227,11 +228,8 @@ def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RC
 
 def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     """A circuit's values as the simulation takes them. Call inside float64."""
-    return RCParameters(
-        r0=jnp.asarray(parameters.r0),
-        r=tuple(jnp.asarray(r) for r in parameters.r),
-        tau=tuple(jnp.asarray(tau) for tau in parameters.tau_s),
-        gamma=None if parameters.gamma is None else jnp.asarray(parameters.gamma),
+    return jax.tree.map(
+        on_device, RCParameters(parameters.r0, parameters.r, parameters.tau_s, parameters.gamma)
     )
 
 
@@ -248,14 +246,14 @@ def make_problem(
     objective: Kind = "scan",
     source: str = "bounds",
 ) -> Problem:
-    """The problem of finding `circuit`'s parameters for a cell from one or several records.
+    """The problem of finding the parameters of `circuit` for a cell from one or several records.
 
     `window` is one for all records, or one for each. `bounds` and `fixed` change the default box
-    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); `source` names where they came
-    from in messages. `objective` is "scan", which simulates every sample for every candidate, or
+    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); messages call their origin
+    `source`. `objective` is "scan", which simulates every sample for every candidate, or
     "compressed", which reduces the records once and agrees with it to 1e-9.
 
-    Raises `InputError` where window, box or OCV range do not fit a record or the box is too wide to
+    Raises `InputError` if window, box or OCV range do not fit a record or the box is too wide to
     compress, `ValueError` for an unknown circuit or objective and for windows that do not match.
     """
     if objective not in KINDS:

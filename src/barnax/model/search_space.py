@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from ..cell.parameters import MOST_PAIRS, RATE
 from ..errors import LONGEST_NAME, InputError, cut
+from ..execution import on_device
 from .simulate import RCParameters
 
 RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
@@ -134,9 +135,9 @@ class Bounds:
         low, high = max(low, self.tau_limits_s[0] / high_f), min(high, self.tau_limits_s[1] / low_f)
         if low > high:
             raise InputError(
-                f"{source}: with these {resistance!r} and {capacitance!r} the time constant R C "
-                f"leaves {self.tau_limits_s[0]:.4g} to {self.tau_limits_s[1]:.4g} s, what the "
-                "record can show; widen one of them"
+                f"{source}: with these {resistance!r} and {capacitance!r} the time constant R C is "
+                f"outside {self.tau_limits_s[0]:.4g} to {self.tau_limits_s[1]:.4g} s, the range "
+                "that the record can show; widen one of them"
             )
         if held is None:
             ranges[resistance] = (low, high)
@@ -205,7 +206,7 @@ def _range_of(value: object, place: str) -> Range:
             return float(ends[0]), float(ends[1])
         shown = cut(repr(value), LONGEST_NAME)
     except OverflowError as problem:
-        raise InputError(f"{place} holds a number beyond all bounds") from problem
+        raise InputError(f"{place} has a number that is too large") from problem
     # Tables in tables are as deep as their names are long; digits may be too many to show.
     except (ValueError, RecursionError):
         shown = f"a {type(value).__name__}"
@@ -277,10 +278,10 @@ class Coordinates(eqx.Module):
         ends = np.array([slot[1:] for slot in slots])
         ends = np.log(ends) if is_log else ends
         return cls(
-            lower=jnp.asarray(ends[list(free), 0]),
-            upper=jnp.asarray(ends[list(free), 1]),
-            fixed=jnp.asarray(ends[:, 0]),
-            tau_limits_s=jnp.asarray(tau_limits),
+            lower=on_device(ends[list(free), 0]),
+            upper=on_device(ends[list(free), 1]),
+            fixed=on_device(ends[:, 0]),
+            tau_limits_s=on_device(tau_limits),
             free=free,
             names=tuple(slots[index][0] for index in free),
             holds_tau=tuple(holds_tau),

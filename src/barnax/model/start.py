@@ -100,14 +100,14 @@ def _unrested(record: Record, first: int, rest_a: float) -> str:
         return (
             f"{record.name}: the simulation starts at row {row} under "
             f"{record.current_a[first]:+.3g} A (discharge positive), so the voltage there does "
-            "not tell the state of charge"
+            "not give the state of charge"
         )
     if np.any(is_loaded):
         rest_s = record.time_s[first] - record.time_s[np.flatnonzero(is_loaded)[-1]]
         if rest_s < MINIMUM_REST_S:
             return (
                 f"{record.name}: at row {row}, where the simulation starts, the cell has rested "
-                f"for {rest_s:.0f} s only, and its voltage tells the state of charge after "
+                f"for only {rest_s:.0f} s, but its voltage gives the state of charge only after "
                 f"{MINIMUM_REST_S:.0f} s"
             )
     return ""
@@ -146,7 +146,7 @@ def start_warnings(
     if is_far and not min(ends) - DOUBTFUL_SOC <= start.soc <= max(ends) + DOUBTFUL_SOC:
         soc = ends[1 if start.direction > 0 else 0]
         return [
-            f"{place}, which tells a state of charge of {soc:.3f}, but `initial_soc` is "
-            f"{start.soc:g}; leave it out to take the rested voltage's"
+            f"{place}, which corresponds to a state of charge of {soc:.3f}, but `initial_soc` is "
+            f"{start.soc:g}; leave it out to use the rested voltage"
         ]
     return []

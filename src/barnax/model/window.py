@@ -37,16 +37,16 @@ OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
 
 @dataclass(frozen=True)
 class Window:
-    """Which part of a record is simulated, where errors count, and what is known of its start.
+    """The part of a record that is simulated and scored, and what is known about its start.
 
     The simulation starts at `start_time_s` (the file's own clock) or at the last sample of the
-    last block of step `start_after_step`, with `initial_soc` there. Errors count at the samples
-    of `score_steps`, between `score_from_s` and `score_to_s`, and at states of charge within
-    `score_soc`; by default at all of them. `rest_current_a` overrides the current below which the
-    cell counts as resting; `initial_direction` is the last current before the record, +1 charging,
-    -1 discharging; `capacity_ah` is the cell's when the record was measured, by default that of the
-    cell model, and `temperature_degc` its temperature, by default the median of the record's.
-    Raises `InputError` where these contradict each other.
+    last block of step `start_after_step`, with `initial_soc` there, as a fraction. Scored are the
+    samples of `score_steps`, between `score_from_s` and `score_to_s`, and at states of charge
+    within `score_soc`; by default all of them. `rest_current_a` is the current below which the
+    cell rests; `initial_direction` is the last direction before the start, +1 after charging,
+    -1 after discharging; `capacity_ah` is that of the cell when the record was measured, by default
+    that of the cell model, and `temperature_degc` its temperature, by default the record's median.
+    Raises `InputError` if these contradict each other.
     """
 
     start_time_s: float | None = None
@@ -79,9 +79,7 @@ class Window:
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"`{name}` {value} must be positive")
         if self.temperature_degc is not None and not -100 < self.temperature_degc < 200:
-            raise InputError(
-                f"`temperature` {self.temperature_degc:g} must be that of a cell, in degC"
-            )
+            raise InputError(f"`temperature` {self.temperature_degc:g} must be the cell's, in degC")
         if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
             raise InputError(
                 f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "

@@ -80,9 +80,10 @@ class OptimizerSummary(NamedTuple):
 
 
 def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopulationMinimiser:
-    """The optimizer registered as `name`.
+    """The optimizer registered as `name` in `OPTIMIZERS`.
 
-    Raises `ValueError` for an unknown name, and for a population or budget that is too small.
+    `population` candidates take part in each of `iterations` generations. Raises `ValueError` for
+    an unknown name, and for a population or budget that is too small.
     """
     if name not in OPTIMIZERS:
         raise ValueError(f"no optimizer is called {name!r}; there are {', '.join(OPTIMIZERS)}")

@@ -57,7 +57,7 @@ class FitWarning:
 
 @dataclass(frozen=True)
 class TableFit:
-    """Tables over SOC and what is known of them.
+    """Tables over SOC, with their proof, intervals and errors.
 
     `objective_v` is sqrt(J), the penalties included; `errors` are those of each record, by scan.
     No tables with time constants in `tau_ranges_s` have a smaller sqrt(J) than `lower_bound_v`,
@@ -92,15 +92,15 @@ class TableFit:
 def fit_tables(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings | None = None
 ) -> TableFit:
-    """The tables that fit one or several records of one cell best, of the records' own circuit.
+    """The best tables over SOC for one or several prepared records of one cell and circuit.
 
-    Time constants are searched, and at every one of them all tables are the exact optimum of a
-    bounded least-squares problem. The source voltage is the records': the average OCV for `so-rc`,
-    with the switched hysteresis for `iso-rc`; `esc` has a dynamic one, of half the measured gap
-    unless its amplitude is fitted.
+    The time constants are searched; for each candidate, all tables are the exact optimum of a
+    bounded least-squares problem. The source voltage is that of the circuit: the average OCV for
+    `so-rc`, with switched hysteresis for `iso-rc`, and with dynamic hysteresis for `esc`, whose
+    amplitude is half the hysteresis voltage unless it is fitted.
 
-    Raises `InputError` where the box of time constants is empty or too wide, and where
-    `half_hysteresis` is asked for without a dynamic hysteresis.
+    Raises `InputError` if the box of time constants is empty or too wide, and for
+    `half_hysteresis` without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
     box = box_of(prepared_records, settings)
@@ -231,15 +231,15 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
     if unknown or (RATE in ranges and not circuit.has_rate):
         raise InputError(
             f"the circuit {circuit.name} has no {', '.join(sorted(unknown)) or RATE} to bound or "
-            "to hold"
+            "fix"
         )
     if settings.half_hysteresis and not circuit.has_rate:
         raise InputError(
-            f"the circuit {circuit.name} has no dynamic hysteresis whose amplitude could be "
-            "fitted; choose the circuit esc"
+            f"the circuit {circuit.name} has no dynamic hysteresis, so `half_hysteresis` has no "
+            "amplitude to fit; choose the circuit esc"
         )
     if any(high < math.nextafter(low, 0) for low, high in tau_ranges_s):
-        raise InputError("the time constants have no range; widen their bounds")
+        raise InputError("the bounds leave no range for the time constants; widen them")
     return tau_ranges_s, _gamma_range(prepared_records, settings) if circuit.has_rate else None
 
 

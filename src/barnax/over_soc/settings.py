@@ -28,7 +28,7 @@ FOLDS, BLOCK_S = 5, 400.0
 
 @dataclass(frozen=True)
 class TableSettings:
-    """How tables are fitted.
+    """How tables over SOC are fitted.
 
     The objective is the mean squared error plus, for each table x, w^2 (`roughness` times the sum
     of its squared second differences plus a ridge times the sum of its squares). For resistances
@@ -36,11 +36,11 @@ class TableSettings:
     is 1 and the ridge `voltage_ridge`. Second differences are taken over node numbers, not SOC.
 
     `ocv_correction` adds a table to the OCV; `half_hysteresis` fits the amplitude of a dynamic
-    hysteresis instead of taking half the measured gap. `bounds` and `fixed` are under PyBaMM's
-    names: those of a resistance hold at every SOC, a time constant or gamma is one for all.
-    A fit is certified where its sqrt(J) is proved to be within `proved_share` of the lowest, for
-    which at most `most_cells` cells are looked at; 0 asks for no proof. Every `folds`-th block of
-    `block_s` seconds is held out in turn for cross-validation; with 0 `folds` none is.
+    hysteresis instead of using half the hysteresis voltage. `bounds` and `fixed` are under PyBaMM's
+    names: those of a resistance hold at every SOC, a time constant or gamma has one value for all.
+    A fit is certified if its sqrt(J) is proved to be within `proved_share` of the lowest, using
+    at most `most_cells` cells; 0 means no proof. Every `folds`-th block of `block_s` seconds
+    is held out in turn for cross-validation; 0 `folds` means none.
 
     Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
     fixed values that are unknown, reversed, negative or both given.
@@ -69,8 +69,8 @@ class TableSettings:
         known = {*RESISTANCES, *(tau for tau, _ in PAIRS), RATE}
         for name in {*self.bounds, *self.fixed} - known:
             raise InputError(
-                f"{name!r} cannot be bounded or held with tables over SOC; a resistance, a time "
-                "constant such as 'tau1 [s]' and gamma can"
+                f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, time "
+                "constants such as 'tau1 [s]' and gamma can"
             )
         for name in self.bounds.keys() & self.fixed.keys():
             raise InputError(f"{name!r} is both bounded and fixed; give one of them")

@@ -135,8 +135,8 @@ def simulate_tables(prepared: PreparedRecord, tables: SocTables) -> Float[np.nda
     """The terminal voltage at every simulated sample of a record, in V.
 
     With U the source voltage, h a dynamic hysteresis and u_p the RC pairs' voltages,
-    v = U + D(s) + g(s) h - R0(s) i - sum u_p. In every interval a pair goes the share
-    1 - exp(-dt / tau_p) of its way to R_p(s) i, s being the SOC where the interval starts.
+    v = U + D(s) + g(s) h - R0(s) i - sum u_p. In every interval, a pair covers the fraction
+    1 - exp(-dt / tau_p) of the way to R_p(s) i, with s the SOC at the start of the interval.
     """
     given = TableInput.of(prepared, np.array(tables.nodes), min(tables.tau_s), tables.gamma)
     parameters = TableParameters.of(tables)
@@ -145,7 +145,10 @@ def simulate_tables(prepared: PreparedRecord, tables: SocTables) -> Float[np.nda
 
 
 def evaluate_tables(prepared: PreparedRecord, tables: SocTables) -> Evaluation:
-    """The errors of tables on a record made ready. Raises `InputError` for a flat voltage."""
+    """Tables over SOC simulated on a prepared record, with their errors.
+
+    Raises `InputError` if the measured voltage is constant.
+    """
     require_changing_voltage(prepared)
     simulated_v, scored = simulate_tables(prepared, tables), prepared.scored
     metrics = measure(prepared.voltage_v[scored], simulated_v[scored])

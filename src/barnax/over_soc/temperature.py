@@ -242,8 +242,8 @@ def require_temperatures(by_degc: Mapping[float, Sequence[PreparedRecord]]) -> N
     if len(by_degc) < 2:
         raise InputError(
             "tables over temperature need records of at least two temperatures, more than "
-            f"{SAME_DEGC:g} degC apart, and these are all at {min(by_degc):.3g} degC; tell them "
-            "with `temperature`, or ask for `over` 'soc'"
+            f"{SAME_DEGC:g} degC apart, but these are all at {min(by_degc):.3g} degC; give them "
+            "with `temperature`, or use `over` 'soc'"
         )
 
 
@@ -251,7 +251,7 @@ def require_temperature(prepared: PreparedRecord) -> float:
     """A record's temperature in degC. Raises `InputError` where it is not known."""
     if prepared.temperature_degc is None:
         raise InputError(
-            f"{prepared.record.name}: has no column of temperatures, and none is given; say it "
+            f"{prepared.record.name}: no temperature column, and no temperature given; give it "
             "with `temperature`"
         )
     return prepared.temperature_degc

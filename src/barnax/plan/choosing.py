@@ -29,12 +29,12 @@ _DIGITS = 4
 # A file goes on from another where its counters agree to this share of the capacity, so soon after.
 _SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
 MAKE_OCV = (
-    "make one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
+    "measure one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
     "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
 )
 MAKE_RECORD = (
-    "there is no record to identify on: make a drive cycle, or pulses out of rests (HPPC), sampled "
-    "every second or so under load, over most of the state of charge"
+    "there is no record to identify on: measure a drive cycle, or pulses after rests (HPPC), "
+    "sampled about every second under load, over most of the state of charge"
 )
 
 
@@ -74,11 +74,11 @@ def plan(
     reading: Reading | None = None,
     watch: Watch = unwatched,
 ) -> Plan:
-    """What to do with a folder or some files of one cell, and why; nothing is run.
+    """The plan for a folder or some files of one cell, with reasons; nothing is run.
 
-    `ocv` and `validate` are files whose role is settled. Records of one temperature are joined
-    with an OCV test of the same. Raises `InputError` where there is no such file or none can be
-    read; where a test is missing, the plan says which.
+    `ocv` and `validate` are files whose role is given. Records are combined only with an OCV test
+    at the same temperature. Raises `InputError` if there is no such file or none can be
+    read; if a test is missing, the plan says which.
 
     >>> from barnax.bundled import BUNDLED
     >>> found = plan([BUNDLED.validation, *BUNDLED.ocv, BUNDLED.record])
@@ -113,7 +113,7 @@ def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen])
         elif each.source and each.source.span_s:
             continue
         elif (same := first_of.setdefault(sha256, each)) is not each:
-            draft.take(each, "not used", f"is {same.name}, byte for byte")
+            draft.take(each, "not used", f"the same as {same.name}, byte for byte")
     for each in others:
         draft.take(each, "validation", "given", each.window)
     for each in tests:
@@ -198,14 +198,14 @@ def _without_ocv(draft: _Draft, dynamic: Sequence[Seen], free: Sequence[Seen]) -
     """A plan that lacks its OCV test."""
     elsewhere = [each for each in free if each.kind(None) in OCV_KINDS]
     for each in dynamic:
-        draft.take(each, "not used", f"waits for an OCV test: {_words(draft, each)}")
-    missing = f"there is no OCV test: {MAKE_OCV}, and give its file too"
+        draft.take(each, "not used", f"usable once there is an OCV test: {_words(draft, each)}")
+    missing = f"there is no OCV test: {MAKE_OCV}, and add its file"
     if dynamic and elsewhere:
         at = _named_degc(dynamic[0].temperature_degc)
         names = ", ".join(f"{each.name}{_named_degc(each.temperature_degc)}" for each in elsewhere)
         missing = (
-            f"there is no OCV test{at} as the records are, but {names}: {MAKE_OCV}; or give the "
-            "one there is with `ocv` all the same"
+            f"there is no OCV test{at}, the temperature of the records, but {names}: {MAKE_OCV}; "
+            "or use the one there is, with `ocv`"
         )
     elif not dynamic:
         missing = f"{MAKE_RECORD}; nor is there an OCV test: {MAKE_OCV}"
@@ -321,7 +321,9 @@ def _choose_validation(
     which = "the same profile again" if each.is_like(record) else "another profile"
     draft.take(each, "validation", f"{which}: {_words(draft, each)}", window)
     for each, _ in others:
-        draft.take(each, "not used", "serves as well; give it with `validate` to validate on it")
+        draft.take(
+            each, "not used", "equally suitable; add it with `validate` to validate on it too"
+        )
 
 
 def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
@@ -335,7 +337,7 @@ def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
             draft.take(each, "not used", f"measured{at}, the OCV test{of}")
         elif each.kind(None) in OCV_KINDS:
             names = " and ".join(test.name for test in choice.tests)
-            reason = f"an OCV test too ({ocv_reason([each])}); {names} serves better"
+            reason = f"also an OCV test ({ocv_reason([each])}), but {names} is better"
             draft.take(each, "not used", reason)
         else:
             draft.take(each, "not used", _why_useless(each, draft.capacity_ah))
@@ -350,7 +352,7 @@ def _options(
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {"ocv_fit": "interpolated"}
-    reasons = {"ocv_fit": "the curves pass through every point that was measured"}
+    reasons = {"ocv_fit": "the curves pass through every measured point"}
     own_ah = _record_capacity_ah(record, window, choice)
     if own_ah is not None:
         options["capacity"] = own_ah
@@ -360,7 +362,7 @@ def _options(
         )
     elif choice.capacity_ah is not None:
         options["capacity"] = float(f"{choice.capacity_ah:.{_DIGITS}g}")
-        reasons["capacity"] = "in Ah; the longest discharge, for the OCV test does not tell it"
+        reasons["capacity"] = "in Ah; from the longest discharge, because the OCV test has none"
     return options, reasons
 
 

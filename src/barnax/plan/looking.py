@@ -140,8 +140,7 @@ def files_of(sources: Sequence[Any]) -> list[Any]:
         ]
         if not inside:
             raise InputError(
-                f"{printable(str(each))}: holds no files; give the folder in which a cell's "
-                "records lie"
+                f"{printable(str(each))}: has no files; give the folder with the records of a cell"
             )
         found += inside
     return found

@@ -41,11 +41,11 @@ class Part:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is done with some files: by `identify`, or as `hppc` where pulse tests are all there is.
+    """What to do with some files: run `identify`, or `hppc` if there are only pulse tests.
 
-    `options` are arguments of `barnax.identify`, such as the capacity in Ah, and `reasons` tell
-    why, by option. `missing` says in words which test has to be made before anything can be run; it
-    is empty where the plan can be run.
+    `options` are arguments of `barnax.identify`, such as the capacity in Ah, and `reasons` say
+    why, by option. `missing` says which test must be measured before the plan can be run; it
+    is empty if it can be run.
     """
 
     command: Literal["identify", "hppc"]

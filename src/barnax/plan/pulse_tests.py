@@ -99,7 +99,7 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
         pulse = first_pulse(record)
         if pulse is None:
             raise InputError(
-                f"{record.name}: shows no pulses of up to 2 min out of rests of at least 5 min; "
+                f"{record.name}: found no pulses of up to 2 min after rests of at least 5 min; "
                 "identify it as a dynamic record"
             )
         tests.append(_Test(source, record, pulse))

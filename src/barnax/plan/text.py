@@ -16,10 +16,10 @@ from ..model.window import Window
 from .parts import ROLES, Part, Plan
 
 _HEAD = (
-    "A plan of barnax: edit it if you like, and run it with `barnax identify` and its name.",
+    "A barnax plan. Edit it if you like, and run it with `barnax identify FILE`.",
     "The roles are identification, validation, OCV test and not used.",
-    "A window takes start_time, start_after_step, initial_soc, score_steps, score_from, score_to",
-    "and others of the options of a record; start_time and the like are on the file's own clock.",
+    "A window accepts start_time, start_after_step, initial_soc, score_steps, score_from, score_to",
+    "and the other options of a record. Times are on the file's own clock.",
 )
 
 
@@ -143,10 +143,10 @@ def plan_from_toml(path: str | Path) -> Plan:
         raise InputError(f"{shown}: command {command!r} is not known; there are identify, hppc")
     options = _read(shown, content, _OPTIONS)
     if not isinstance(listed, list) or not all(isinstance(each, dict) for each in listed):
-        raise InputError(f"{shown}: each file stands under a line [[files]]")
+        raise InputError(f"{shown}: each file needs a line [[files]] above it")
     parts = tuple(_part(shown, path.parent, each) for each in listed)
     if not any(part.role == "identification" for part in parts):
-        raise InputError(f"{shown}: no file has the role identification; give it to one")
+        raise InputError(f"{shown}: no file has the role identification; give one file that role")
     return Plan(command, _named(parts), options)
 
 
@@ -188,7 +188,7 @@ def _read(
     unknown = sorted(table.keys() - known.keys())
     if unknown:
         raise InputError(
-            f"{shown}: {unknown[0]!r} is no key of a plan there; there are {', '.join(known)}"
+            f"{shown}: {unknown[0]!r} is not a key of a plan here; there are {', '.join(known)}"
         )
     values = {}
     for key, value in table.items():

@@ -72,7 +72,7 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
             _draw_convergence(panels[1], row.name, looks[row.name], spent, excess_percent)
     panels[0].set_ylabel("Best RMSE [mV]")
     if has_excess:
-        panels[1].set_ylabel("Above the global optimum's RMSE [%]")
+        panels[1].set_ylabel("Optimality gap [%]")
         space_columns(figure)
     for axes in panels:
         axes.set(xscale="log", yscale="log", xlabel="Evaluations of one seed [-]")
@@ -182,7 +182,7 @@ def _draw_row(axes: Axes, place: int, row: "RowPart", look: RowLook, name: str) 
         axes.plot([median, median], stroke, color=BLACK, linewidth=1.4, label=label)
     if row.refined_rmse_v is not None and row.refined_parameters is not None:
         refined = _value(name, row.refined_rmse_v, row.refined_parameters)
-        label = "the median seed, refined" if is_first else "_refined"
+        label = "median seed, refined" if is_first else "_refined"
         draw_points(axes, refined, place, "D", 4.6, **OPEN, label=label, zorder=3)
 
 

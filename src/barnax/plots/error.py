@@ -103,7 +103,7 @@ def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str) ->
     is_enough = samples >= FEWEST_IN_BIN
     rmse_mv = np.full(SOC_BINS, np.nan)
     rmse_mv[is_enough] = np.sqrt(squares[is_enough] / samples[is_enough])
-    for side, label in ((1, f"± RMSE in each {1 / SOC_BINS:g} of SOC"), (-1, "_lower")):
+    for side, label in ((1, f"± RMSE per {1 / SOC_BINS:g} of SOC"), (-1, "_lower")):
         style = {"color": color, "linewidth": 1.6, "zorder": 2.5, "path_effects": OUTLINE}
         axes.stairs(side * rmse_mv, edges, baseline=None, **style, label=label)
 

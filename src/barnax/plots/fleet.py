@@ -1,10 +1,12 @@
 """Figures of a fleet: how quantities are spread, and what they change with."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .style import BLUE, HEIGHT_IN, VERMILLION, figure_style, finish, label_plainly, make_figure
 
@@ -26,10 +28,12 @@ def plot_distributions(quantities: Mapping[str, Values]) -> Figure:
     panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
     for axes, (name, values) in zip(panels, quantities.items(), strict=False):
         low, high = values.min(), values.max()
-        spread = np.geomspace(low, high, BINS + 1) if high > low else 1
+        bins = min(BINS, 2 * math.ceil(math.sqrt(len(values))))
+        spread = np.geomspace(low, high, bins + 1) if high > low else 1
         axes.hist(values, spread, color=BLUE)
         axes.axvline(float(np.median(values)), color=VERMILLION, linestyle="--")
         axes.set(xlabel=name, ylabel="Cells [-]")
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         if high > 3 * low:
             axes.set_xscale("log")
             label_plainly(axes.xaxis)

@@ -139,7 +139,7 @@ def _mark(
     # What a method found beyond the box stands at its edge, and is said to.
     shown_s = np.clip(taus_s, *box)
     if not np.allclose(shown_s, taus_s):
-        label += " (partly beyond the box)" if len(taus_s) > 1 else " (beyond the box)"
+        label += " (partly outside the bounds)" if len(taus_s) > 1 else " (outside the bounds)"
     tau1_s, tau2_s = shown_s.T
     # At the limits of the box a mark would be cut in half.
     axes.plot(tau1_s, tau2_s, linestyle="none", label=label, zorder=layer, clip_on=False, **style)

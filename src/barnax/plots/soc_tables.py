@@ -107,13 +107,13 @@ def _draw_table(
     style = {"linestyle": "none", "marker": "o", "markersize": 3.6, "zorder": 4, "clip_on": True}
     axes.plot(nodes[visited], values[visited], color=BLUE, label="node", **style)
     hollow = {**OPEN, "markeredgecolor": BLUE}
-    axes.plot(nodes[~visited], values[~visited], label="node near no sample", **style, **hollow)
+    axes.plot(nodes[~visited], values[~visited], label="node without samples", **style, **hollow)
     bottom, top = scale_of(values, visited, low, high, is_resistance)
     axes.set_ylim(bottom, top)
     outside = int(np.count_nonzero((values > top) | (values < bottom)))
     if outside:
         named = "1 node" if outside == 1 else f"{outside} nodes"
-        axes.set_title(f"{named} beyond the scale", loc="right", fontsize=letters_pt(8))
+        axes.set_title(f"{named} off the scale", loc="right", fontsize=letters_pt(8))
 
 
 def scale_of(

@@ -48,7 +48,7 @@ def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
         words = f"{unknown!r} is no quantity" if unknown else "a quantity has no name"
         raise InputError(
             f"`columns`: {words}; write them as 'time=NAME:s,current=NAME:mA,voltage=NAME', with "
-            f"units behind colons where the names lack them; there are {', '.join(NAMES)}."
+            f"a unit after a colon if the name has none; there are {', '.join(NAMES)}."
         )
     return dict(given)
 
@@ -64,7 +64,7 @@ def examine_columns(
     """
     if what := other_table(table.header):
         remedy = "give the file of samples over time"
-        raise InputError(f"{file}: is {what}, no record of time, current and voltage; {remedy}.")
+        raise InputError(f"{file}: {what}, not a record of time, current and voltage; {remedy}.")
     found = columns_of(table.header, given)
     is_nameless = any(map(_is_number, table.header[:1]))
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)

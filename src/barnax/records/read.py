@@ -186,7 +186,9 @@ def source_from_frame(
         whole = nw.from_native(table)
     except TypeError as error:
         kind = type(frame).__name__
-        raise InputError(f"{name}: is no data frame, but of type {kind}.") from error
+        raise InputError(
+            f"{name}: not a data frame, but of type {kind}; give a pandas, Polars or PyArrow frame."
+        ) from error
     whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
     series = tuple(_series(column) for column in whole.iter_columns())
     header = tuple(str(column) for column in whole.columns)
@@ -225,15 +227,16 @@ def read_record(
     current_hold: Hold | Literal["auto"] = "auto",
     columns: Mapping[str, str] | str = NOTHING,
 ) -> Record:
-    """The record in a cycler's file, with discharge current positive.
+    """The record in a cycler file, with discharge current positive.
 
-    `current_sign` is the file's own ("charge-positive" or "discharge-positive"), `current_hold`
-    says whether a sample's current flowed "forward" or "backward" in time; "auto" finds both.
-    `columns` names columns that barnax does not know, with their units where the names lack them:
-    `{"time": "Zeit:min", "current": "I2:mA"}`, or the same as text, "time=Zeit:min,current=I2:mA".
+    `current_sign` is that of the file ("charge-positive" or "discharge-positive"); `current_hold`
+    says whether a sample's current flows until the next sample ("forward") or since the previous
+    one ("backward"); "auto" decides from the data. `columns` names unknown columns, with their
+    units if the names have none: `{"time": "Zeit:min", "current": "I2:mA"}`, or the same as text,
+    "time=Zeit:min,current=I2:mA".
 
-    Raises InputError when the file cannot be read or its content cannot be one cell's record,
-    and when the given sign contradicts strong evidence.
+    Raises `InputError` if the file cannot be read or is not a record of one cell,
+    and if the given sign contradicts strong evidence.
 
     >>> import pathlib, tempfile
     >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\\n" for k in range(20))
@@ -267,9 +270,9 @@ def record_from_frame(
     current_hold: Hold | Literal["auto"] = "auto",
     columns: Mapping[str, str] | str = NOTHING,
 ) -> Record:
-    """The record in a data frame of pandas, Polars or another library that narwhals reads.
+    """The record in a data frame of pandas, Polars or another library that narwhals supports.
 
-    The same names and units of columns are understood as in a file, and the same rules hold.
+    Columns, options and errors are those of `read_record`; messages call the frame `name`.
 
     >>> record = record_from_frame(
     ...     {
@@ -331,7 +334,7 @@ def _read_content(path: Path) -> bytes:
             # A pipe or a device has no size, and the latter no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
     except IsADirectoryError:
-        raise InputError(f"{shown}: is a directory; give one file of measured samples.") from None
+        raise InputError(f"{shown}: this is a folder; give one file of measured samples.") from None
     except FileNotFoundError:
         words = "there is no such file; check the name and the folder."
         raise InputError(f"{shown}: {words}") from None
@@ -340,7 +343,7 @@ def _read_content(path: Path) -> bytes:
         raise InputError(f"{shown}: cannot be read ({reason}).") from error
     if max(size, len(content)) > LARGEST_FILE:
         raise InputError(
-            f"{shown}: is larger than the {LARGEST_FILE / 1e9:g} GB that are read; give a part "
+            f"{shown}: larger than the limit of {LARGEST_FILE / 1e9:g} GB; give a part "
             "of the record."
         )
     return content

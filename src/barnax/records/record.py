@@ -27,8 +27,8 @@ class Record:
 
     The arrays are the record's own and cannot be written to.
 
-    `hold` says whether a sample's current flowed in the interval after it ("forward") or before
-    it ("backward"). `row` is each sample's row in the source file, the header being row 1, so
+    `hold` says whether a sample's current flows in the interval after it ("forward") or before
+    it ("backward"). `row` is each sample's row in the source file, with the header in row 1, so
     that a message can name it. `charge_ah` is the tester's own net charge out of the cell since its
     counters began, which may be before the first sample. `skipped_ah` is what they counted in
     intervals whose load was not logged, beyond what the current tells. `state` is +1 where the file

@@ -46,7 +46,7 @@ def decide_sign(
         decision = found or Decision(value, "assumed", names)
         return decision, _doubts(samples, decision)
     if found is None:
-        return Decision(given, "given", "given by the user; the data say nothing"), []
+        return Decision(given, "given", "given by the user; the data do not show it"), []
     if found.value == given:
         return Decision(given, "given", f"given by the user, and {found.reason}"), []
     what = f"the sign was given as {given}, but the data are {found.value}"

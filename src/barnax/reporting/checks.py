@@ -73,14 +73,14 @@ def _reason(role: "Role", has_errors: bool) -> str:
     if not role.is_usable:
         return role.reason
     advice = "" if role.window is None else window_advice(role.window)
-    mended = "once the errors are mended" if has_errors else ""
+    mended = "once the errors are fixed" if has_errors else ""
     return "; ".join(filter(None, (role.reason, advice, mended)))
 
 
 def _roles_table(found: "FileCheck") -> Table:
     has_errors = any(each.severity == "error" for each in found.findings)
     cells: dict[str, Callable[[Role], str]] = {
-        "serves for": lambda each: each.name,
+        "usable for": lambda each: each.name,
         "": lambda each: "yes" if each.is_usable else "no",
         "because": lambda each: _reason(each, has_errors),
     }

@@ -17,7 +17,7 @@ SAME_RMSE = 1e-5
 # An optimality gap below this is no loss to anyone; above it an answer is not the best there is.
 REACHED = 1e-3
 LOW_SOC = 0.2
-NARROW = "the residual autocorrelation outlasts the blocks, so the interval is too narrow"
+NARROW = "the residuals stay correlated longer than a block, so the interval is too narrow"
 
 Change = Literal["better", "worse", "same"]
 
@@ -27,7 +27,7 @@ SWITCHES = ("iso-rc", "esc")
 ADDITIONS = {
     (BASE, "iso-rc"): "the hysteresis correction (iso-rc)",
     (BASE, "esc"): "the dynamic hysteresis (esc)",
-    SWITCHES: "hysteresis that takes charge to turn (esc in place of iso-rc)",
+    SWITCHES: "hysteresis that follows the charge passed (esc instead of iso-rc)",
 }
 
 
@@ -96,7 +96,7 @@ def ranking_sentences(result: "ComparisonResult") -> Iterator[str]:
         best = leaders(rows, record)
         yield " ".join([_leader(result, record, best), *_lead(result, record, best)])
     if len(records(result)) == 1:
-        yield "No record was given for validation, so nothing tells how the rows do on others."
+        yield "There is no validation record, so the errors on other records are not known."
 
 
 def _leader(result: "ComparisonResult", record: int, best: "list[RowPart]") -> str:
@@ -104,16 +104,16 @@ def _leader(result: "ComparisonResult", record: int, best: "list[RowPart]") -> s
     lowest = millivolt(rmse_on(best[0], record))
     rows = answered(result)
     if len(rows) == 1:
-        return f"On {name} the error of {names} is {lowest}; there is no other row to compare with."
-    role = "the record identified on" if record == 0 else "which no row has seen"
-    shared = "is shared by" if len(best) > 1 else "is that of"
-    told = f"On {name}, {role}, the lowest error, {lowest}, {shared} {names}."
+        return f"On {name}, the RMSE of {names} is {lowest}; there is no other row to compare with."
+    role = "the identification record" if record == 0 else "a validation record"
+    have = "have" if len(best) > 1 else "has"
+    told = f"On {name}, {role}, {names} {have} the lowest RMSE, {lowest}."
     first = leaders(rows, 0)
     if record == 0 or any(row in first for row in best):
         return told
     place = ranked(rows, record).index(first[0]) + 1
     return (
-        f"{told} {first[0].name}, which led in identification, comes in at place {place} of "
+        f"{told} {first[0].name}, the best in identification, is number {place} of "
         f"{len(rows)} with {millivolt(rmse_on(first[0], record))}."
     )
 
@@ -127,12 +127,12 @@ def _lead(result: "ComparisonResult", record: int, best: "list[RowPart]") -> Ite
     following = found[others[0].name]
     lead_v = rmse_on(others[0], record) - rmse_on(best[0], record)
     if following is None:
-        yield f"The next is {others[0].name}, {millivolt(lead_v)} behind."
+        yield f"The next is {others[0].name}, with {millivolt(lead_v)} more."
     else:
         yield from _lead_sentences(following, best[0].name, others[0].name, lead_v)
     for is_real, told in (
-        (False, "not told from it by more than chance either"),
-        (True, "worse by more than chance"),
+        (False, "not significantly different either"),
+        (True, "significantly worse"),
     ):
         names = [
             row.name
@@ -150,16 +150,16 @@ def _lead_sentences(
     # Stored may be the second row against the first.
     sign = 1 if found.first == leader else -1
     low_v, high_v = sorted(-sign * end_v for end_v in over_time.interval_v)
-    chance, holds = ("more", "leaves out") if over_time.is_real else ("no more", "holds")
+    chance, holds = ("", "excludes") if over_time.is_real else ("not ", "includes")
     narrow = f" ({NARROW})" if over_time.is_block_capped else ""
     yield (
-        f"The lead of {millivolt(lead_v)} over the next, {other}, is {chance} than chance: its "
-        f"95 % interval over time, {1e3 * low_v:.2f} to {millivolt(high_v)}, {holds} zero{narrow}."
+        f"The lead of {millivolt(lead_v)} over the next, {other}, is {chance}significant: its 95 % "
+        f"interval over time, {1e3 * low_v:.2f} to {millivolt(high_v)}, {holds} zero{narrow}."
     )
     if seeds is not None:
         wins, losses = (seeds.wins, seeds.losses)[::sign]
         yield (
-            f"Seed by seed it wins {wins} and loses {losses} (Wilcoxon signed-rank "
+            f"Seed by seed, it wins {wins} times and loses {losses} times (Wilcoxon signed-rank "
             f"p = {seeds.p_value:.2g})."
         )
 
@@ -180,11 +180,12 @@ def gap_sentences(result: "ComparisonResult") -> Iterator[str]:
         refined = {
             row.name: row.refined_rmse_v and row.refined_rmse_v / optimum_v - 1 for row in mine
         }
-        yield f"{_reach('By itself', own, optimum)} {_reach('Refined', refined, 'it')}".strip()
+        before = _reach("Before refinement", own, optimum)
+        yield f"{before} {_reach('After refinement', refined, 'it')}".strip()
     if unknown:
         yield (
-            f"The global optimum of {joined(unknown)} is not known, so nothing tells how far their "
-            "rows are from the best there is."
+            f"The global optimum of {joined(unknown)} is not known, so neither are the optimality "
+            "gaps of their rows."
         )
 
 
@@ -195,10 +196,10 @@ def _reach(how: str, of_rows: dict[str, float | None], optimum: str) -> str:
     there = [name for name, gap in gaps.items() if gap <= REACHED]
     far = joined([f"{percent(gap)} for {name}" for name, gap in gaps.items() if gap > REACHED])
     if not there:
-        return f"{how}, no row reaches {optimum}; the excess is {far}."
+        return f"{how}, no row reaches {optimum}; the optimality gap is {far}."
     verb = "reaches" if len(there) == 1 else "reach"
     who = "every row reaches" if not far and len(gaps) > 1 else f"{joined(there)} {verb}"
-    excess = f"; the excess is {far}" if far else ""
+    excess = f"; the optimality gap is {far}" if far else ""
     return f"{how}, {who} {optimum}, to {percent(REACHED)}{excess}."
 
 
@@ -214,7 +215,7 @@ def optimum_sentences(result: "ComparisonResult") -> Iterator[str]:
 def bound_sentences(result: "ComparisonResult") -> Iterator[str]:
     """Which parameters the box decided, and in which rows."""
     for place in bound_places(result):
-        yield f"{place}: there the bounds decide, not the data."
+        yield f"{place}: set by the bounds, not by the data."
 
 
 def bound_places(result: "ComparisonResult") -> Iterator[str]:
@@ -250,12 +251,12 @@ def soc_sentence(result: "ComparisonResult", record: int) -> str:
     low_samples, low_squares = sum(band.samples for band in low), _squares(low)
     name = records(result)[record]
     if low_samples == 0:
-        return f"No sample of {name} that counts lies below {percent(LOW_SOC)} state of charge."
+        return f"No scored sample of {name} lies below {percent(LOW_SOC)} state of charge."
     # Without any error, no part of it lies anywhere.
     share = low_squares / _squares(bands) if low_squares else 0.0
     return (
         f"{percent(low_samples / sum(band.samples for band in bands))} of the samples lie below "
-        f"{percent(LOW_SOC)} state of charge, and they hold {percent(share)} of the squared error "
+        f"{percent(LOW_SOC)} state of charge, and they have {percent(share)} of the squared error "
         f"of {best.name}."
     )
 
@@ -268,11 +269,11 @@ def budget_sentence(result: "ComparisonResult") -> str:
     """What every method could spend, and what a row is."""
     budget = result.budget
     return (
-        f"Every method could spend {budget.evaluations} evaluations a seed "
-        f"({budget.population} candidates, {budget.iterations} generations and the first) in "
+        f"The budget of every method was {budget.evaluations} evaluations per seed "
+        f"({budget.population} candidates, {budget.iterations} generations after the first), with "
         f"{counted(budget.seeds, 'seed')} from the key {budget.key}, in {budget.coordinates} "
-        f"coordinates, by the {budget.objective} objective; methods that draw nothing ran once. A "
-        "row is the method's own answer, not refined: that of its median seed."
+        f"coordinates, with the {budget.objective} objective. Methods without random numbers ran "
+        "once. A row shows the method's own answer before refinement: that of its median seed."
     )
 
 
@@ -299,16 +300,16 @@ def model_sentences(result: "ComparisonResult") -> Iterator[str]:
         pairs.append(SWITCHES)
     for pair in pairs:
         rows = _same_method(result, *pair)
-        addition = ADDITIONS.get(pair, f"{pair[1]} in place of {pair[0]}")
+        addition = ADDITIONS.get(pair, f"{pair[1]} instead of {pair[0]}")
         if rows is None:
             yield (
-                f"No method ran both {pair[0]} and {pair[1]}, so what {addition} is worth cannot "
-                "be told from what the method is worth."
+                f"No method ran both {pair[0]} and {pair[1]}, so the effect of {addition} cannot "
+                "be separated from that of the method."
             )
             continue
         effects = [_effect(result, *rows, record) for record in range(len(records(result)))]
         yield (
-            f"By {rows[0].method}, {addition} {joined(_changes(effects))}: "
+            f"With {rows[0].method}, {addition} {joined(_changes(effects))}: "
             f"{conclusion(effects[0].change, [each.change for each in effects[1:]])}."
             f"{_at_the_optima(result, *pair)}"
         )
@@ -319,22 +320,21 @@ def conclusion(identified: Change, validated: Sequence[Change]) -> str:
     kinds = set(validated)
     if not kinds:
         return {
-            "better": "whether that carries over is not known, for no record was given to "
-            "validate on",
-            "worse": "on this record it does not pay",
-            "same": "on this record it makes no difference that counts",
+            "better": "without a validation record, it is not known whether the gain carries over",
+            "worse": "on this record it does not help",
+            "same": "on this record it makes no significant difference",
         }[identified]
     if kinds >= {"better", "worse"}:
-        return "on some of these records it pays, on others it does not"
+        return "it helps on some of these records, but not on others"
     if "better" in kinds:
         if identified == "worse":
-            return "it pays on what it has not seen, but not on what it was fitted to"
-        return "on these data it pays"
+            return "it helps in validation, but not in identification"
+        return "on these data it helps"
     if "worse" in kinds or identified == "worse":
-        return "on these data it does not pay"
+        return "on these data it does not help"
     if identified == "better":
-        return "the gain does not carry over, so on these data it does not pay"
-    return "on these data it makes no difference that counts"
+        return "the gain does not carry over, so on these data it does not help"
+    return "on these data it makes no significant difference"
 
 
 def _at_the_optima(result: "ComparisonResult", plain: str, rich: str) -> str:
@@ -343,11 +343,11 @@ def _at_the_optima(result: "ComparisonResult", plain: str, rich: str) -> str:
     if not plain_v or not rich_v:
         return ""
     if abs(rich_v - plain_v) <= SAME_RMSE * plain_v:
-        change = "leaves the identification error as it is"
+        change = "does not change the identification error"
     else:
         verb = "lowers" if rich_v < plain_v else "raises"
         change = f"{verb} the identification error by {millivolt(abs(rich_v - plain_v))}"
-    return f" At the global optima of both models, which no method has a part in, it {change}."
+    return f" At the global optima of both models, whatever the method, it {change}."
 
 
 def _same_method(
@@ -390,7 +390,7 @@ def _changes(effects: Sequence[Effect]) -> list[str]:
 def _change(role: str, effect: Effect) -> str:
     size = millivolt(abs(effect.difference_v))
     if effect.difference_v == 0:
-        return f"leaves {role} as it is"
+        return f"does not change {role}"
     verb = "lowers" if effect.difference_v < 0 else "raises"
-    chance = " (no more than chance)" if effect.change == "same" else ""
+    chance = " (not significant)" if effect.change == "same" else ""
     return f"{verb} {role} by {size}{chance}"

@@ -27,8 +27,8 @@ FIRMNESS = {
     "weak": "weak evidence: ",
     "assumed": "assumed: ",
 }
-FLOWS = {"forward": "until the next sample", "backward": "since the sample before"}
-CAME = {1: "charge", -1: "discharge"}
+FLOWS = {"forward": "until the next sample", "backward": "since the previous sample"}
+CAME_FROM = {1: "charged", -1: "discharged"}
 ENDS = {1: "full", -1: "empty"}
 HASH_LETTERS = 16
 # What passes this close to its points passes through them.
@@ -39,7 +39,7 @@ def files_table(stored: "Stored") -> Table:
     """Every file that was read."""
     cells: dict[str, Callable[[InputPart], str]] = {
         "file": lambda each: each.name,
-        "serves for": lambda each: "OCV test" if each.role == "ocv" else each.role,
+        "used for": lambda each: "OCV test" if each.role == "ocv" else each.role,
         "sign of current": lambda each: each.sign.value if each.sign else "a table",
         "hash": lambda each: each.sha256[:HASH_LETTERS],
     }
@@ -85,20 +85,22 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
         if stored.other_hold is None:
             yield f"{assumed} (`current_hold={other}` for the other)."
         else:
-            yield f"{assumed}; with `current_hold={other}` {_would_be(stored.other_hold)}."
+            yield f"{assumed}. With `current_hold={other}`, {_would_be(stored.other_hold)}."
     for each in simulated:
         start = each.start
         if start is None:
             continue
-        came = CAME[start.direction]
         if start.direction_source == "better fit" and start.other_rmse_v is not None:
-            other = CAME[-start.direction]
             yield (
-                f"{each.name} comes from a {came}: from a {other} (`initial_direction="
-                f"{-start.direction:+d}`) the RMSE would be {millivolt(start.other_rmse_v)}."
+                f"the cell was last {CAME_FROM[start.direction]} before {each.name}. If it was "
+                f"{CAME_FROM[-start.direction]} (`initial_direction={-start.direction:+d}`), the "
+                f"RMSE would be {millivolt(start.other_rmse_v)}."
             )
         elif start.direction_source == "assumed" and stored.cell_model.hysteresis.points:
-            yield f"{each.name} comes from a {came}; `initial_direction` tells otherwise."
+            yield (
+                f"the cell was last {CAME_FROM[start.direction]} before {each.name}; "
+                "`initial_direction` changes this."
+            )
 
 
 def _would_be(found: "OtherHold") -> str:
@@ -117,14 +119,14 @@ def _would_be(found: "OtherHold") -> str:
 def start_sentence(name: str, start: "Start") -> str:
     """Where one record starts, and how that is known."""
     known = {"given": "given", **known_words(start)}[start.soc_source]
-    came = CAME[start.direction]
+    last = f"last {CAME_FROM[start.direction]}"
     direction = {
-        "given": f"coming from a {came}, as given",
-        "load before": f"coming from a {came}, by the load before it",
-        "full or empty": f"where the cell is {ENDS[start.direction]}, so it comes from a {came}",
-        "better fit": f"coming from a {came}, which fits better",
-        "without effect": f"coming from a {came}, which is assumed and makes no difference",
-        "assumed": f"coming from a {came}, which is assumed",
+        "given": f"with the cell {last}, as given",
+        "load before": f"with the cell {last}, as the load before it shows",
+        "full or empty": f"where the cell is {ENDS[start.direction]}, so it was {last}",
+        "better fit": f"with the cell {last}, which fits better",
+        "without effect": f"with the cell {last}, which is assumed and makes no difference",
+        "assumed": f"with the cell {last}, which is assumed",
     }[start.direction_source]
     return (
         f"The simulation of {name} starts at a state of charge of {start.soc:.3f} ({known}), "
@@ -137,10 +139,10 @@ def known_words(start: "Start") -> dict[str, str]:
     rested, row = f"from the rested voltage {start.voltage_v:.4f} V", f"row {start.row}"
     return {
         "rested voltage": f"{rested} at {row}",
-        "full end": f"from the charge that ends full at {row}, and the ampere-hours between",
-        "empty end": f"from the discharge that ends empty at {row}, and the ampere-hours between",
+        "full end": f"counted in ampere-hours from the charge to full that ends at {row}",
+        "empty end": f"counted in ampere-hours from the discharge to empty that ends at {row}",
         "counters": "from the tester's counters, which began at full or empty; the voltage agrees",
-        "rest elsewhere": f"{rested} at {row}, and the ampere-hours between",
+        "rest elsewhere": f"{rested} at {row}, and the ampere-hours since",
     }
 
 
@@ -165,21 +167,21 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
         f"{len(cell.discharge_points)} from discharging, {len(cell.charge_points)} from charging."
     )
     missed = [
-        f"{name} {millivolt(error.rms_v)} rms and {millivolt(error.max_v)} at most"
+        f"{name} {millivolt(error.rms_v)} RMS, at most {millivolt(error.max_v)}"
         for name, error in cell.errors.items()
         if error.max_v > THROUGH_V
     ]
     if missed:
-        yield f"Misfit at the points: {'; '.join(missed)}."
+        yield f"Error of the curves at their points: {'; '.join(missed)}."
     else:
-        yield "The fits pass through their points."
+        yield "The curves pass through their points."
     if cell.hysteresis.points:
         yield (
             f"The hysteresis voltage is five {cell.hysteresis.kind} segments over the state of "
-            "charge, fitted to the difference of both branches."
+            "charge, fitted to the difference between the branches."
         )
     else:
-        yield "One branch only was measured, so the hysteresis voltage is zero."
+        yield "Only one branch was measured, so the hysteresis voltage is taken as zero."
 
 
 def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[str]:
@@ -204,12 +206,12 @@ def window_sentences(window: "Window | None", names: Sequence[str]) -> Iterator[
     if window.score_soc is not None:
         low, high = window.score_soc
         limits.append(f"between {100 * low:g} and {100 * high:g} % state of charge")
-    counted_at = f"at the samples {', '.join(limits)}" if limits else "at every simulated sample"
-    yield f"{where}: errors count {counted_at}."
+    scored = f"the samples {', '.join(limits)} are" if limits else "every simulated sample is"
+    yield f"{where}: {scored} scored."
     if window.rest_current_a is not None:
-        yield f"{where}: the cell rests below {1e3 * window.rest_current_a:.3g} mA, as given."
+        yield f"{where}: the rest current is {1e3 * window.rest_current_a:.3g} mA, as given."
     if window.capacity_ah is not None:
-        yield f"{where}: the cell has {window.capacity_ah:.4g} Ah, as given."
+        yield f"{where}: the capacity is {window.capacity_ah:.4g} Ah, as given."
     if window.temperature_degc is not None:
         yield f"{where}: measured at {window.temperature_degc:g} degC, as given."
 
@@ -257,14 +259,14 @@ def _box(bounds: Mapping[str, tuple[float, float]], fixed: Mapping[str, float]) 
 def reproduction_section(stored: "Stored") -> Section:
     """The exact command, and the versions that can change a digit."""
     versions = pairs_table(
-        "Versions that can change a digit.", "package", "version", stored.versions
+        "Package versions that can change the numbers.", "package", "version", stored.versions
     )
     if not stored.command:
         made = (Paragraph("This was made from Python, not by a command."),)
     else:
         made = (
             Paragraph(
-                "The command, run in the folder of the files. The same files, key and versions on "
+                "Run this command in the folder of the files. The same files, key and versions on "
                 "the same machine give the same numbers to the last bit."
             ),
             Listing(shlex.join(stored.command)),

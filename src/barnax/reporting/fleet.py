@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def missing_lines(cells: "Sequence[FleetCell]") -> list[str]:
     """What of a manifest is not there, a line each."""
-    return [f"{cell.id}: {each} is not there" for cell in cells for each in cell.missing]
+    return [f"{cell.id}: {each} does not exist" for cell in cells for each in cell.missing]
 
 
 def progress_remark(state: "Progress", elapsed_s: float) -> str:
@@ -22,12 +22,18 @@ def progress_remark(state: "Progress", elapsed_s: float) -> str:
     return f"{rate:.1f} cells a second{failed}"
 
 
-def closing_lines(state: "Progress", out: Path, elapsed_s: float) -> list[str]:
+def closing_lines(
+    state: "Progress", out: Path, elapsed_s: float, shard: str | None = None
+) -> list[str]:
     """What was done, what failed, and where it is."""
-    skipped = f"{state.skipped:,} were there already" if state.skipped else ""
+    skipped = f"{state.skipped:,} already done" if state.skipped else ""
     where = f"{out}/report.html   cells.parquet"
+    rest = ""
+    if shard:
+        rest = f"Shard {shard}: once all are done, the same command without it writes the report."
+        where = str(out)
     if not state.finished:
-        return [f"Nothing was left to do: {skipped}.", "The dataset is as it was.", where]
+        return [f"Nothing to do: {skipped}.", rest or "The dataset is unchanged.", where]
     done = f"{counted(state.finished - state.failed, 'cell')} identified, {state.failed:,} failed"
     rate = f"in {duration(elapsed_s)}, {state.finished / elapsed_s:.1f} a second"
-    return [", ".join(filter(None, (done, skipped, rate))) + ".", "", where]
+    return [", ".join(filter(None, (done, skipped, rate))) + ".", rest, where]

@@ -9,11 +9,11 @@ from ..fleet.summary import OUTLYING, summed_up
 from ..plots.fleet import plot_distributions, plot_fleet_trends
 from ..plots.sources import Illustration
 from ..plots.voltage import plot_voltage
-from .document import Bullets, Document, Paragraph, Pictures, Section, Table, make_table
+from .document import Document, Paragraph, Pictures, Section, Table, make_table
 from .words import counted, figures, millivolt
 
 if TYPE_CHECKING:
-    from ..fleet.summary import Summary
+    from ..fleet.summary import Cause, Summary
     from ..search.evaluate import Evaluation
 
 # Of long lists, so many; the dataset has all.
@@ -33,7 +33,7 @@ def fleet_illustrations(
         if len(values) and values.min() > 0:
             spread[name] = values
     if spread:
-        caption = "How each quantity is spread over the cells; the dashed line is the median."
+        caption = "Distribution of each quantity over the cells; the dashed line is the median."
         found.append(
             Illustration("distributions", plot_distributions(spread), caption, caption, False)
         )
@@ -43,7 +43,7 @@ def fleet_illustrations(
         columns = both[each.by].to_physical().to_numpy(), both[each.name].to_numpy()
         trends.append((each.by, columns[0], each.name, columns[1]))
     if trends:
-        caption = "The clearest trends; a point is a cell."
+        caption = "The clearest trends; each point is a cell."
         figure = plot_fleet_trends(trends[:MOST_TRENDS])
         found.append(Illustration("trends", figure, caption, caption, False))
     for place, (name, evaluation) in enumerate(worst.items(), 1):
@@ -56,11 +56,11 @@ def fleet_document(summary: "Summary", illustrations: Sequence[Illustration] = (
     """The whole report."""
     pictures = Pictures(illustrations)
     sections = [
-        Section("Cells", (Bullets(tuple(_counts(summary))),)),
         Section("Distributions", (_distributions(summary), *pictures.of("distributions"))),
         Section("Outliers", (_outliers(summary),)),
         Section("Trends", (_trends(summary), *pictures.of("trends"))),
-        Section("Failures", (_failures(summary),)),
+        Section("Failures", (_causes(summary.failures, "Cells without an answer"),)),
+        Section("Warnings", (_causes(summary.warnings, "Cells with a warning"),)),
         Section("Worst fits", (_worst(summary), *pictures.starting("worst"))),
     ]
     return Document("A fleet", fleet_sentence(summary), tuple(sections))
@@ -70,16 +70,9 @@ def fleet_sentence(summary: "Summary") -> str:
     """The fleet in one sentence."""
     failed = summary.cells - summary.identified
     parts = [f"{summary.identified:,} of {counted(summary.cells, 'cell')} identified"]
-    parts += [f"{summary.certified:,} certified", f"{failed:,} failed"]
+    parts.append(f"{summary.certified:,} certified")
+    parts.append(f"{summary.at_bound:,} with a parameter at a bound, {failed:,} failed")
     return f"{', '.join(parts)}, {counted(len({each.id for each in summary.outliers}), 'outlier')}."
-
-
-def _counts(summary: "Summary") -> list[str]:
-    return [
-        fleet_sentence(summary),
-        f"{counted(summary.at_bound, 'cell')} with a parameter at a bound, "
-        f"{summary.with_warnings:,} with warnings.",
-    ]
 
 
 def _distributions(summary: "Summary") -> Table:
@@ -91,6 +84,7 @@ def _distributions(summary: "Summary") -> Table:
             "circuit": lambda each: each.circuit,
             "quantity": lambda each: each.name,
             "cells": lambda each: f"{each.cells:,}",
+            "at a bound": lambda each: f"{each.at_bound:,}",
             "5 %": lambda each: figures(each.low),
             "median": lambda each: figures(each.median),
             "95 %": lambda each: figures(each.high),
@@ -120,10 +114,10 @@ def _outliers(summary: "Summary") -> Table | Paragraph:
 
 def _trends(summary: "Summary") -> Table | Paragraph:
     if not summary.trends:
-        return Paragraph("No quantity changes with a carried column beyond chance.")
+        return Paragraph("No quantity has a significant trend over a column of the manifest.")
     return make_table(
-        "What changes with a carried column: Spearman's rank correlation, or the medians of groups "
-        "(Kruskal and Wallis); chance alone would show one such line in a hundred fleets.",
+        "Trends over columns of the manifest: Spearman's rank correlation, or the medians of "
+        "groups (Kruskal and Wallis). Chance alone would give one such line in a hundred fleets.",
         summary.trends[:MOST_TOLD],
         {
             "circuit": lambda each: each.circuit,
@@ -138,15 +132,15 @@ def _trends(summary: "Summary") -> Table | Paragraph:
     )
 
 
-def _failures(summary: "Summary") -> Table | Paragraph:
-    if not summary.failures:
+def _causes(causes: "Sequence[Cause]", which: str) -> Table | Paragraph:
+    if not causes:
         return Paragraph("None.")
     return make_table(
-        "Cells without an answer, by cause, in the words of the first.",
-        summary.failures[:MOST_TOLD],
+        f"{which}, by cause, with the message of the first.",
+        causes[:MOST_TOLD],
         {
             "cells": lambda each: f"{len(each.ids):,}",
-            "cause": lambda each: each.cause,
+            "cause": lambda each: each.text,
             "such as": lambda each: ", ".join(each.ids[:3]),
         },
         ["cause", "such as"],
@@ -157,6 +151,6 @@ def _worst(summary: "Summary") -> Table:
     return make_table(
         "The cells with the largest RMSE.",
         summary.worst,
-        {"cell": lambda each: each[0], "RMSE [mV]": lambda each: f"{1e3 * each[1]:.3f}"},
+        {"cell": lambda each: each[0], "RMSE [mV]": lambda each: figures(1e3 * each[1])},
         ["cell"],
     )

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 # Errors that agree this closely, relative, are told to be the same.
 ALIKE = 0.01
 NO_SEEDS = (
-    "No seeds searched: the answer is the lowest point of a grid over the time constants, refined. "
-    "Every error is the scan's."
+    "No seeds were run: the answer is the lowest point of a grid over the time constants, refined. "
+    "Every error is computed by the scan."
 )
 
 
@@ -108,7 +108,7 @@ def verdict_sentences(result: "Result") -> Iterator[str]:
     """How good the answer is, on the records it was fitted to and on others."""
     own = result.answer_metrics.identification
     circuit = result.model if result.tables is None else f"{result.model} with tables over SOC"
-    yield f"On {own.record} {circuit} errs by {millivolt(own.rmse_v)} (RMSE)."
+    yield f"The RMSE of {circuit} on {own.record} is {millivolt(own.rmse_v)}."
     yield from validation_sentences(own, result.answer_metrics.validation)
     yield from prediction_sentences(result)
     yield f"Best possible: {best_possible(result)}"
@@ -124,18 +124,18 @@ def validation_sentences(
 ) -> Iterator[str]:
     """How the error on records that were not fitted compares with the one that was."""
     for each in validation:
-        error = f"On {each.record}, which it was not fitted to, it errs by {millivolt(each.rmse_v)}"
+        error = f"On {each.record}, a validation record, it is {millivolt(each.rmse_v)}"
         if own.rmse_v == 0:
             yield f"{error}."
             continue
         ratio = each.rmse_v / own.rmse_v - 1
         if abs(ratio) <= ALIKE:
-            yield f"{error}, as on the record it was fitted to."
+            yield f"{error}, the same as in identification."
         else:
             comparison = "more" if ratio > 0 else "less"
-            yield f"{error}, {percent(abs(ratio))} {comparison} than on what it was fitted to."
+            yield f"{error}, {percent(abs(ratio))} {comparison} than in identification."
     if not validation:
-        yield "No record was given for validation, so nothing tells how it does on others."
+        yield "There is no validation record, so the error on other records is not known."
 
 
 def parameters_table(result: "Result") -> Table:
@@ -147,8 +147,8 @@ def parameters_table(result: "Result") -> Table:
     found = result.assessment.uncertainty
     return make_table(
         f"The parameters with {percent(found.confidence)} intervals that account for "
-        "residual autocorrelation. SE: standard error; white-noise SE: the one that takes every "
-        "sample for independent; inflation: the ratio of both.",
+        "residual autocorrelation. SE: relative standard error; white-noise SE: the same if every "
+        "sample were independent; inflation: the ratio of the two.",
         found.estimates,
         {
             "parameter": lambda each: _shown(each.name)[0],
@@ -225,13 +225,13 @@ def optima_table(refined: "RefinedPart") -> Table:
     """The distinct optima that are known, the best first."""
     optima = {f"optimum {place}": each for place, each in enumerate(refined.optima, 1)}
     return circuits_table(
-        "The places where the refined seeds ended, the best first.",
+        "The circuits at which the refined seeds ended, the best first.",
         {name: each.parameters.to_dict() for name, each in optima.items()},
         {
             "RMSE [mV]": lambda name: f"{1e3 * optima[name].rmse_v:.4f}",
             "seeds": lambda name: str(optima[name].seeds),
         },
-        first="place",
+        first="optimum",
     )
 
 
@@ -275,7 +275,7 @@ def _examination_table(examination: "Examination") -> Table:
         return _end(profile.name, getattr(again.parameters.get(profile.name), side, None))
 
     return make_table(
-        "The same intervals by fitting again: by profile likelihood, and by a block "
+        "The same intervals from further fits: by profile likelihood, and by a block "
         f"bootstrap of {again.replicates} replicates in blocks of {again.block_s:.0f} s{cut}.",
         examination.profiles,
         {
@@ -330,8 +330,8 @@ def _search_sentence(search: "SearchPart", refined: "RefinedPart") -> str:
         f"{search.population} candidates and {counted(search.iterations, 'generation')} from the "
         f"key {search.key}, in {search.coordinates} coordinates, by the {search.objective} "
         f"objective: {search.evaluations} evaluations. Levenberg-Marquardt then refined every "
-        f"seed's answer in the same box, in {refined.evaluations} more. Every error is the "
-        "scan's."
+        f"seed's answer in the same box, in {refined.evaluations} more. Every error is computed "
+        "by the scan."
     )
 
 

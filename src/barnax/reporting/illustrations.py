@@ -48,26 +48,26 @@ if TYPE_CHECKING:
 WORDS = {
     "ocv": (
         "Open-circuit voltage: the measured points, the curve of each branch and their average. "
-        "Below, what each curve leaves at its own points.",
+        "Below, the error of each curve at its points.",
         "Open-circuit voltage over the state of charge, with residuals of the fit",
     ),
     "hysteresis": (
-        "Hysteresis voltage, the charge branch minus the discharge branch, and the segments that "
-        "stand for it.",
+        "Hysteresis voltage, the charge branch minus the discharge branch, and the segments fitted "
+        "to it.",
         "Hysteresis voltage over the state of charge, with its five segments",
     ),
     "condition": (
-        "The working condition of {}: current, measured voltage and state of charge.",
+        "Current, measured voltage and state of charge of {}.",
         "Current, voltage and state of charge over time",
     ),
     "landscape": (
-        "The lowest RMSE that {} can reach at every pair of time constants, with what every seed "
-        "ended with.",
+        "The lowest RMSE that {} can reach at every pair of time constants, with the answer of "
+        "every seed.",
         "The error over both time constants, with every seed's answer and the optimum",
     ),
     "voltage": (
-        "Measured and simulated voltage on {}, and the current. At the right the framed stretch, "
-        "the one with the largest error.",
+        "Measured and simulated voltage on {}, and the current. On the right, the framed part "
+        "with the largest error.",
         "Measured and simulated voltage over time, above the current",
     ),
     "error": (
@@ -77,26 +77,27 @@ WORDS = {
     ),
     "tables": (
         "The tables over the state of charge{} with the intervals of their nodes, and the constant "
-        "circuit behind. Hollow: nodes near no sample, whose values follow from their neighbors'.",
+        "circuit behind. Hollow: nodes without samples near them, whose values follow from those "
+        "of their neighbors.",
         "Resistances and OCV correction over the state of charge, with intervals",
     ),
     "by temperature": (
         "The tables of each temperature over the state of charge, with their 95 % intervals.",
-        "Resistances and OCV correction over the state of charge, a line a temperature",
+        "Resistances and OCV correction over the state of charge, one line per temperature",
     ),
     "over temperature": (
-        "Resistances over temperature at some states of charge. Marks, with 95 % intervals: "
-        "measured temperatures; lines: what is interpolated between them.",
-        "Resistances over temperature, a line a state of charge",
+        "Resistances over temperature at several states of charge. Markers with 95 % intervals: "
+        "measured temperatures; lines: the interpolation between them.",
+        "Resistances over temperature, one line per state of charge",
     ),
     "map": (
-        "RMSE by state of charge and current, over all scored samples {}.",
+        "RMSE by state of charge and current, over all scored samples of the {} records.",
         "RMSE in cells of state of charge and current",
     ),
     "pulses": (
-        "The pulses of {} laid over each other: the change of voltage over that of current since "
-        "each began. Color: state of charge, measured; dashed: simulated.",
-        "Resistance over the time in a pulse, a line a pulse",
+        "The pulses of {}, overlaid: the change of voltage divided by the change of current since "
+        "the pulse began. Color: state of charge. Solid: measured; dashed: simulated.",
+        "Resistance over the time into a pulse, one line per pulse",
     ),
     "resistances": (
         "The standard pulse resistances of {} over the state of charge.",
@@ -108,43 +109,43 @@ WORDS = {
         "Best RMSE of every seed over evaluations",
     ),
     "voltages": (
-        "Measured and simulated voltage on {}. Below, the framed stretch, the one where the row "
-        "with the lowest RMSE errs most.",
-        "Measured voltage and the simulations of the rows over time, with a magnified stretch",
+        "Measured and simulated voltage on {}. Below, the framed part, where the row "
+        "with the lowest RMSE has its largest error.",
+        "Measured voltage and the simulations of the rows over time, with a magnified part",
     ),
     "errors": (
-        "Measured minus simulated voltage on {}, over time and over the state of charge, on one "
-        "scale. Dashed: plus and minus the RMSE; steps: the RMSE in each twentieth of the state "
+        "Measured minus simulated voltage on {}, over time and over the state of charge, all on "
+        "the same scale. Dashed: plus and minus the RMSE; steps: the RMSE in each 5 % of the state "
         "of charge.",
         "Errors of the rows over time and over the state of charge",
     ),
     "trajectories": (
-        "What the online methods took the circuit for: medians in each percent of the state of "
-        "charge. Dashes at the right: what they answer.",
+        "The circuit as the online methods estimated it: medians in each percent of the state of "
+        "charge. Dashes on the right: their answers.",
         "Resistances and time constants of online methods over the state of charge",
     ),
     "convergence of rows": (
         "How the best RMSE of each row fell: the median of its seeds, and a band from the tenth "
-        "to the ninetieth percentile. Rows without a history are a mark.",
+        "to the ninetieth percentile. A row without a history is a single marker.",
         "Best RMSE of the rows over evaluations, with the spread of the seeds",
     ),
     "parameters": (
-        "What every seed ended with, before refinement. Stroke: the median seed; diamond: the "
-        "same, refined; dotted: a bound.",
+        "The answer of every seed, before refinement. Bar: the median seed; diamond: the "
+        "same after refinement; dotted: a bound.",
         "Parameters of every seed of every row",
     ),
 }
 # The same of the interactive forms, where there are some; the second {} says what is drawn.
-DRAG = "Drag across a stretch to zoom, double-click for the whole; the buttons do the same."
+DRAG = "Drag to zoom, double-click to reset; the buttons do the same."
 LIVE_WORDS = {
     "voltage": "Measured and simulated voltage on {}, the error (dashed: plus and minus the RMSE) "
-    "and the current, on one axis of time. {} " + DRAG,
+    "and the current, on a common time axis. {} " + DRAG,
     "voltages": "Measured and simulated voltages on {}, the errors of the rows and the current, "
-    "on one axis of time. {} " + DRAG,
+    "on a common time axis. {} " + DRAG,
     "tables": "The tables over the state of charge with the intervals of their nodes, and the "
     "constant circuit. {}" + DRAG,
     "landscape": "The lowest RMSE that {} can reach at every pair of time constants, in percent "
-    "above the lowest of all, with what every seed ended with. {}" + DRAG,
+    "above the lowest of all, with the answer of every seed. {}" + DRAG,
 }
 # All others hold so many points that PNG is the smaller form.
 SPARSE = {
@@ -196,7 +197,7 @@ class Figures:
         elif held == samples:
             drawn = f"All {samples:,} samples are drawn."
         else:
-            drawn = f"Of {samples:,} samples {held:,} are drawn, every peak among them."
+            drawn = f"{held:,} of {samples:,} samples are drawn, including every peak."
         return data, LIVE_WORDS[kind].format(subject, drawn)
 
     def add_cell(self, cell: "CellModel") -> None:
@@ -225,11 +226,11 @@ class Figures:
             self.add("over temperature", "tables-over-temperature", "", draw_over)
         self.add("tables", "tables", where, draw, live)
         own = {"constant circuit": run.identification, "tables": run.tables.identification}
-        self.add("map", "tables-map", "identified on", partial(plot_error_map, own))
+        self.add("map", "tables-map", "identification", partial(plot_error_map, own))
         if run.validation:
             others = {"constant circuit": run.validation, "tables": run.tables.validation}
             draw = partial(plot_error_map, others)
-            self.add("map", "tables-validation-map", "of validation", draw)
+            self.add("map", "tables-validation-map", "validation", draw)
 
     def add_pulses(self, roles: "Sequence[str]", evaluations: "Sequence[Evaluation]") -> None:
         """The pulses of each record that is a pulse test."""

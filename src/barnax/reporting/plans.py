@@ -32,4 +32,4 @@ def plan_lines(planned: "Plan", spell: Callable[[str], str] = str) -> Iterator[R
     yield Text()
     yield indented(table)
     if planned.command == "hppc":
-        yield indented(Text("Pulses tell the OCV and the resistances: tables over SOC, as hppc."))
+        yield indented(Text("A pulse test alone: identified with tables over SOC, as by hppc."))

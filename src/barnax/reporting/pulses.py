@@ -41,9 +41,9 @@ def _sentences(result: "Result") -> Iterator[str]:
         f"{duration(rests_s[-1])}: {joined(found)}."
     )
     yield (
-        "A pulse resistance is the change of voltage over the change of current since the last "
-        "sample at rest. It holds what the OCV moves with the charge of the pulse and, after a "
-        "short rest, what is left of an earlier relaxation, as in the standards."
+        "A pulse resistance is the change of voltage divided by the change of current since the "
+        "last sample at rest. As in the standards, it includes the change of the OCV with the "
+        "charge of the pulse and, after a short rest, what is left of an earlier relaxation."
     )
     latest_s = max(pulse.delay_s for pulse in pulses)
     if latest_s > 0:
@@ -51,7 +51,8 @@ def _sentences(result: "Result") -> Iterator[str]:
     limited = sum(pulse.is_limited for pulse in pulses)
     if limited:
         yield (
-            f"{counted(limited, 'pulse')} met a limit of the tester; only what came before counts."
+            f"{counted(limited, 'pulse')} reached a limit of the tester; only the samples before "
+            "that count."
         )
 
 

@@ -50,7 +50,7 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
     for each in diverged:
         yield (
             "Diverged",
-            f"{each.name}: after {duration(each.diverged_s or 0.0)} the filter's numbers are none",
+            f"{each.name}: after {duration(each.diverged_s or 0.0)} the filter returns no numbers",
         )
     held = [each.in_band for each in replay.scenarios if each.in_band is not None]
     if held and min(held) < TRUSTED_BAND:
@@ -58,13 +58,13 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         shares = f"{low} %" if low == high else f"{low} to {high} %"
         yield (
             "Overconfident",
-            f"the filter's own 95 % band holds the counter {shares} of the time: its errors are "
-            "larger than it believes",
+            f"the filter's 95 % band contains the reference {shares} of the time: its errors are "
+            "larger than it assumes",
         )
     right = replay.scenarios[0]
     found = [_estimate(name, *right.estimates[name]) for name in right.estimates]
     if found:
-        yield "Estimated", f"from the right start {joined(found)}"
+        yield "Estimated", f"from the right start, {joined(found)}"
     tested = replay.innovations
     if tested is not None:
         white = "white" if tested.are_white else "not white"
@@ -74,8 +74,8 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         than = "" if how == "as expected" else " than the filter expects"
         yield (
             "Innovations",
-            f"{white} (lag one {tested.first_lag:.2f}, white noise stays under "
-            f"{tested.bound:.2f}), {how}{than} (mean square {size:.2g}, 1 where it is right)",
+            f"{white} (autocorrelation at lag one {tested.first_lag:.2f}, below "
+            f"{tested.bound:.2f} for white noise), {how}{than} (mean square {size:.2g}, ideally 1)",
         )
 
 
@@ -110,5 +110,5 @@ def _percent(share: float | None, decimals: int = 1) -> str:
 
 def _estimate(name: str, value: float, sd: float) -> str:
     if name == "offset":
-        return f"the current's offset {1e3 * value:.1f} +/- {1e3 * sd:.1f} mA"
+        return f"current offset {1e3 * value:.1f} +/- {1e3 * sd:.1f} mA"
     return f"{name} times {value:.3f} +/- {value * sd:.3f}"

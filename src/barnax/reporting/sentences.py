@@ -83,7 +83,7 @@ def local_optima_sentence(optimum: OptimumLike) -> str:
     gap = percent(optimality_gap(others[0].rmse_v, optimum.rmse_v))
     where = f"{gap} above at {_taus(others[0].parameters.tau_s)}"
     if others[0].rmse_v < (1 + HARDLY_ABOVE) * optimum.rmse_v:
-        where += ", another circuit with nearly the same error"
+        where += ", a different circuit with nearly the same error"
     if len(others) == 1:
         return f"One other local optimum is {reach}: {where}."
     return f"{len(others)} other local optima are {reach}, the nearest {where}."
@@ -141,14 +141,14 @@ def finding_sentence(finding: Finding) -> str:
             return f"{_too_slow(finding)}."
         case "alike":
             return (
-                f"{name} = {value} and {_equation(others[0])} cannot be told apart: only "
+                f"{name} = {value} and {_equation(others[0])} cannot be distinguished: only "
                 f"{combined} is determined."
             )
         case "at bound":
             if first.held == "unseen":
                 return f"{name} is not determined: no scored sample depends on it."
             where = held_words(first.held or "fixed")
-            return f"{name} = {value} is {where}: the bounds, not the data, set it."
+            return f"{name} = {value} is {where}: the bounds set it, not the data."
         case "loose":
             return f"{_loose(finding)}."
         case "direction":
@@ -156,7 +156,7 @@ def finding_sentence(finding: Finding) -> str:
                 f"{symbol(each.name)} {_times(step)}"
                 for each, step in zip(finding.estimates, finding.log_steps, strict=True)
             ]
-            text = f"{joined(moves)} together stays within one standard error"
+            text = f"{joined(moves)}, changed together, stay within one standard error"
             return f"{text}; {combined} is determined." if combined else f"{text}."
 
 
@@ -165,10 +165,10 @@ def _too_fast(finding: Finding, combined: str) -> str:
     pair = symbol(tau.name).removeprefix("tau")
     text = f"tau{pair} = {tau.value:.2g} s is too fast for {figures(finding.interval_s)} s sampling"
     if others:
-        return f"{text}: R{pair} cannot be told from R0, only {combined} is determined"
+        return f"{text}: R{pair} cannot be separated from R0, only {combined} is determined"
     text += f": {combined} is determined, tau{pair} is not"
     if tau.held == "at lower bound":
-        text += "; it is at its lower bound, and wider `bounds` would show how fast it may be"
+        text += "; it is at its lower bound, and wider `bounds` would show how fast it can be"
     return text
 
 
@@ -179,7 +179,7 @@ def _too_slow(finding: Finding) -> str:
     if capacitance is None or capacitance.low is None:
         text += f", and not even {symbol(tau.name).replace('tau', 'C')} is determined"
     else:
-        text += f": only {_with_interval(capacitance)} shows"
+        text += f": only {_with_interval(capacitance)} is determined"
     at_bound = [
         AtBound(each.name, "lower" if each.held == "at lower bound" else "upper")
         for each in (tau, resistance)
@@ -285,8 +285,8 @@ def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[st
         for each in gains
     ]
     if others:
-        sentences.append(f"Nothing is gained by {joined(others, 'or')}.")
-    return tuple(sentences) or ("Nothing that could lower the error applies here.",)
+        sentences.append(f"These do not lower the error: {joined(others)}.")
+    return tuple(sentences) or ("There was nothing to try that could lower the error.",)
 
 
 def _change(suggestion: Suggestion) -> str:

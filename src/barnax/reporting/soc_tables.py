@@ -53,18 +53,18 @@ def pay_sentence(fit: "TableFit", unseen: "Sequence[tuple[SocErrors, SocErrors]]
     if unseen:
         constant, tables = (_together(each) for each in zip(*unseen, strict=True))
         pays = tables.rmse_v < constant.rmse_v
-        told.append(f"{_change(constant, tables)} on records not used")
+        told.append(f"{_change(constant, tables)} on the validation records")
     if held is not None:
         agrees = held.tables.is_worth(held.constant)
         pays = pays if told else agrees
-        joint = "" if not told else ", and " if agrees == pays else ", but "
+        joint = "" if not told else ", and from " if agrees == pays else ", but from "
         change = _change(held.constant, held.tables)
-        told.append(f"{joint}{change} on blocks of the records held out of the fit")
+        told.append(f"{joint}{change} on held-out blocks")
     if not told:
         return ""
     if pays:
-        return f"tables pay here: {''.join(told)}."
-    return f"tables do not pay here: {''.join(told)}; the constant circuit is the safer one."
+        return f"tables lower the RMSE from {''.join(told)}."
+    return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
 
 
 def unseen_errors(result: "Result") -> "list[tuple[SocErrors, SocErrors]]":
@@ -109,19 +109,19 @@ def tables_sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     constant_v, unseen = result.metrics.identification.rmse_v, unseen_errors(result)
     yield (
         f"With tables over SOC the RMSE is {millivolt(own_v)}; the constant circuit leaves "
-        f"{millivolt(constant_v)}. {fit.parameters} values are determined by samples."
+        f"{millivolt(constant_v)}. The samples determine {fit.parameters} values."
     )
     yield f"Best possible: {best_tables(fit)}"
     if pays := pay_sentence(fit, unseen):
         yield pays[0].upper() + pays[1:]
     if part.settings.ocv_correction:
         yield (
-            "The OCV correction takes up what the OCV test leaves, and an error of the SOC with it."
+            "The OCV correction absorbs errors of the OCV test, and with them any error of the SOC."
         )
     biased = sum(each.is_biased for each in fit.intervals)
     if biased:
         yield (
-            f"{biased} of {len(fit.intervals)} values may be moved further by smoothing than their "
+            f"Smoothing may have moved {biased} of {len(fit.intervals)} values by more than their "
             "standard error; their intervals include that."
         )
 
@@ -149,11 +149,11 @@ def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[
         "held out [mV]": lambda row: NOTHING if row[2] is None else errors_words(row[2]),
     }
     for place, name in enumerate(names):
-        role = "identified on" if place == 0 else "validation"
+        role = "identification" if place == 0 else "validation"
         cells[f"{name} ({role}) [mV]"] = lambda row, place=place: errors_words(row[3][place])
     table = make_table(
-        "RMSE in mV, in brackets above 10 % SOC: on blocks held out of the fit, and on each "
-        "record. The constant circuit is the best one known, fitted anew for the held-out blocks.",
+        "RMSE in mV, in brackets that above 10 % SOC: on blocks held out of the fit, and on each "
+        "record. The constant circuit is the best one known, refitted for the held-out blocks.",
         rows,
         cells,
         list(cells),
@@ -181,11 +181,11 @@ def _searched(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table:
         "evaluations": lambda row: str(row[1].evaluations),
     }
     for place in range(len(names)):
-        role = "identified on" if place == 0 else f"validation {place if len(names) > 2 else ''}"
+        role = "identification" if place == 0 else f"validation {place if len(names) > 2 else ''}"
         cells[f"{role.strip()} [mV]"] = lambda row, place=place: errors_words(row[1].errors[place])
     return make_table(
-        "The time constants searched by each method, with the best tables solved exactly at every "
-        "place it tries: the median seed, beside the best and the worst. The gap is over the "
+        "Each method searches the time constants; for each candidate the best tables are solved "
+        "exactly. The median seed, beside the best and the worst. The gap is relative to the "
         "optimum that the grid and its descents find.",
         rows,
         cells,
@@ -210,8 +210,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
         cells[f"{_name(name)}, 95 %"] = interval
     heads = [head for head in cells if head.endswith(", 95 %")]
     return make_table(
-        f"The tables{where} at the nodes that samples visit; linear between nodes, constant beyond "
-        "them.",
+        f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them.",
         rows,
         cells,
         heads,
@@ -222,7 +221,7 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
     """What is the same at every SOC: time constants and, if any, gamma."""
     known = {each.name: each for each in fit.intervals if each.soc is None}
     return make_table(
-        f"What is one value at every SOC{where and ' and '}{where}.",
+        f"The parameters with one value at every SOC{where and ' and '}{where}.",
         list(fit.tables.constants),
         {
             "parameter": str,

@@ -84,7 +84,7 @@ def parameters_table(result: "ComparisonResult") -> Table:
 
 
 def refined_table(result: "ComparisonResult") -> Table:
-    """What Levenberg-Marquardt makes of every row's median seed."""
+    """Every row's median seed after Levenberg-Marquardt."""
     rows = {row.name: row for row in answered(result) if row.refined_parameters is not None}
     return circuits_table(
         "The same after Levenberg-Marquardt has refined the median seed in the same box.",
@@ -97,14 +97,14 @@ def errors_table(result: "ComparisonResult", record: int) -> Table:
     """Errors of every row's own answer on one record (Li et al., 2023, Tables 4 and 5)."""
     rows = answered(result)
     best = leaders(rows, record)
-    what = "identified on" if record == 0 else "that no row has seen"
+    what = "identification record" if record == 0 else "validation record"
 
     def of_row(cell: "Callable[[MetricsPart], str]") -> "Callable[[RowPart], str]":
         return lambda row: cell(errors_on(row, record).metrics)
 
     cells = {head: of_row(cell) for head, cell in METRICS.items()}
     return make_table(
-        f"Errors on {records(result)[record]}, the record {what}. Bold: the lowest RMSE.",
+        f"Errors on {records(result)[record]}, {what}. Bold: the lowest RMSE.",
         rows,
         {"row": lambda row: row.name, **cells},
         ["row"],
@@ -131,10 +131,10 @@ def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None
         **(time if seconds else {}),
     }
     caption = (
-        "RMSE of the median, best and worst seed on the record identified on, with the standard "
+        "RMSE of the median, best and worst seed on the identification record, with the standard "
         "deviation (SD) over the seeds"
-        + ("; gap: the median seed's excess over the global optimum" if has_gap else "")
-        + "; what refinement makes of it; evaluations of the median seed"
+        + ("; optimality gap of the median seed" if has_gap else "")
+        + "; the median seed after refinement; evaluations of the median seed"
         + (", and the time of all seeds, compilation included." if seconds else ".")
     )
     return make_table(caption, rows, cells, ["row"])
@@ -180,7 +180,7 @@ def differences_table(result: "ComparisonResult", record: int) -> Table:
         "difference [mV]": lambda each: _millivolts(each.over_time.difference_v),
         "from [mV]": lambda each: _millivolts(each.over_time.interval_v[0]),
         "to [mV]": lambda each: _millivolts(each.over_time.interval_v[1]),
-        "more than chance": lambda each: (
+        "significant": lambda each: (
             ("yes" if each.over_time.is_real else "no")
             + (NARROW_MARK if each.over_time.is_block_capped else "")
         ),
@@ -196,7 +196,7 @@ def differences_table(result: "ComparisonResult", record: int) -> Table:
         + ("; seeds won and lost by the first row, and Wilcoxon's p." if has_seeds else ".")
         + note
     )
-    return make_table(caption, found, cells, ["first", "second", "more than chance"])
+    return make_table(caption, found, cells, ["first", "second", "significant"])
 
 
 def methods_table(result: "ComparisonResult") -> Table:

@@ -22,7 +22,7 @@ def best_over_temperature(part: "TablesPart", over: "OverTemperature") -> str:
     ranges = part.fit.tau_ranges_s
     ends = joined([duration(end) for end in (ranges[0][0], ranges[-1][1])], "to")
     is_close = over.proved_gap <= part.settings.proved_share
-    how = "proved, " if is_close else "verified on a grid; the proof got to: "
+    how = "proved, " if is_close else "verified on a grid; the proof stopped at: "
     return (
         f"{how}no tables with time constants from {ends}, even others at each temperature, are "
         f"more than {percent(over.proved_gap)} better."
@@ -63,9 +63,9 @@ def expectation(over: "OverTemperature") -> str:
         worst[each.is_between] = max(each.errors.rmse_v, worst.get(each.is_between, 0.0))
     told = [f"{millivolt(worst[True])} between the measured ones"] if True in worst else []
     told.append(f"{millivolt(worst[False])} beyond")
-    text = f"expect up to {joined(told)}: what the others' tables leave at each."
+    text = f"expect up to {joined(told)}, by leaving out each temperature in turn."
     if len(over.left_out) == 2:
-        text += " Between them it may be less; a third temperature would tell."
+        text += " Between them it may be less; a third temperature would show it."
     return text
 
 
@@ -93,7 +93,7 @@ def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float |
         how = f"are those of {degrees(nearest)}"
     told = joined([_left(each) for each in over.like(temperature_degc)])
     return (
-        f"{name} is at {degrees(temperature_degc)}, where nothing was identified: its tables "
+        f"{name} is at {degrees(temperature_degc)}, which was not measured: its tables "
         f"{how}. Left out of the fit, {told}."
     )
 
@@ -138,16 +138,16 @@ def _sentences(part: "TablesPart", over: "OverTemperature", constant_v: float) -
     yield f"Best possible: {best_over_temperature(part, over)}"
     costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
     yield (
-        "Time constants are the same at every temperature; others at each would lower the error by "
-        f"{percent(max(costs, 0.0))}."
+        "The time constants are the same at every temperature; separate ones would lower the error "
+        f"by {percent(max(costs, 0.0))}."
     )
     for each, fit in zip(over.temperatures_degc, part.fits, strict=True):
         if pays := pay_sentence(fit):
-            yield f"At {degrees(each)} {pays}"
+            yield f"At {degrees(each)}, {pays}"
     yield (
         "Between measured temperatures the logarithm of every resistance is linear in 1/T, and the "
-        "OCV correction in T; beyond them the nearest one's tables hold. A temperature left out of "
-        f"the fit tells what that is worth: {expectation(over)}"
+        "OCV correction in T; beyond them the tables of the nearest temperature apply. How far off "
+        f"this may be: {expectation(over)}"
     )
 
 
@@ -161,8 +161,8 @@ def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
         "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
     }
     return make_table(
-        "RMSE in mV, in brackets above 10 % SOC: of each temperature's own tables, on blocks held "
-        "out of the fit, and of what the other temperatures' tables predict there.",
+        "RMSE in mV, in brackets that above 10 % SOC: with the tables of that temperature, on "
+        "blocks held out of the fit, and as predicted by the tables of the other temperatures.",
         rows,
         cells,
         list(cells),

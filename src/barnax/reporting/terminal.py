@@ -81,7 +81,7 @@ def _table_lines(result: "Result") -> Iterator[tuple[str, str]]:
         for told in prediction_sentences(result):
             yield "", told
     elif pays := pay_sentence(result.tables.fit, unseen_errors(result)):
-        yield "Worth it", pays[0].upper() + pays[1:]
+        yield "Benefit", pays[0].upper() + pays[1:]
 
 
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:

@@ -43,7 +43,7 @@ def best_possible(result: "Result") -> str:
         )
     if result.answer_source == "seeds":
         gap = percent(optimum.rmse_v / result.metrics.identification.rmse_v - 1)
-        return f"not proved: the seeds found a circuit {gap} better than the grid did."
+        return f"not proved: the seeds found a circuit {gap} better than the grid."
     found = f" ({optimum.seeds_there} of {counted(seeds, 'seed')} found it)" if seeds else ""
     text = optimum_sentence(optimum).partition(": ")[2].rstrip(".")
     return f"{text}{found}."
@@ -59,9 +59,9 @@ def seeds_sentences(result: "Result") -> Iterator[str]:
         return
     seeds = len(refined.seeds)
     yield (
-        f"Optimality gap, the RMSE above the optimum's: best seed {_gap(optimum.best_gap)}, median "
-        f"seed {_gap(optimum.median_gap)}; after refinement {_gap(optimum.refined_gap)}. "
-        f"{optimum.seeds_there} of {counted(seeds, 'seed')} reach it refined."
+        f"Optimality gap (RMSE above that of the optimum): best seed {_gap(optimum.best_gap)}, "
+        f"median seed {_gap(optimum.median_gap)}; after refinement {_gap(optimum.refined_gap)}. "
+        f"{optimum.seeds_there} of {counted(seeds, 'seed')} reach the optimum after refinement."
     )
     yield local_optima_sentence(optimum)
     moving = sum(not seed.has_converged for seed in refined.seeds)
@@ -102,21 +102,21 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
-        what = f"for an OCV curve through its points, which this one misses by {missed}"
+        what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
         return {"ocv_fit": "interpolated"}, what
     if not result.metrics.validation:
         return {}, "validate on another record of the cell, with `validate`"
     if result.tables is not None:
-        return {}, "take the tables elsewhere with barnax export"
+        return {}, "export the tables with barnax export"
     if tables_would_pay(result):
-        what = f"for about {millivolt(result.expected_tables_v or 0.0)} with tables over SOC"
-        return {"over": "soc"}, what
+        expected = millivolt(result.expected_tables_v or 0.0)
+        return {"over": "soc"}, f"fit tables over SOC, for an RMSE of about {expected}"
     found = result.assessment
     if found is None:
-        return {"trust": "basic"}, "for intervals of the parameters"
+        return {"trust": "basic"}, "compute intervals of the parameters"
     has_failed = any(text.startswith(FITTING_AGAIN) for text in result.warnings)
     if found.examination is None and not has_failed:
-        return {"trust": "full"}, "to see what would lower the error"
+        return {"trust": "full"}, "find out what would lower the error"
     rmse_v = result.metrics.identification.rmse_v
     suggested = () if found.examination is None else found.examination.suggestions
     for each in suggested:
@@ -126,7 +126,7 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
             if "initial_soc" in options and len(names) == 1:
                 # A start is one record's; the others keep theirs.
                 options["initial_soc"] = f"{names[0]}={options['initial_soc']}"
-            return options, f"for an RMSE of {millivolt(each.rmse_v)}"
+            return options, f"lower the RMSE to {millivolt(each.rmse_v)}"
     names = [each.name for each in result.of_role("validation")]
     return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
 

@@ -26,7 +26,10 @@ from ..records import Record
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Simulated voltage at every simulated sample of a record, and metrics over the scored ones."""
+    """The simulated voltage of a record in V, at every simulated sample, and its error metrics.
+
+    `metrics` are over the scored samples only.
+    """
 
     prepared: PreparedRecord
     simulated_v: Float[np.ndarray, "simulated"]
@@ -40,7 +43,10 @@ class Evaluation:
 
 @in_float64
 def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluation:
-    """The errors of a circuit on a record made ready. Raises `InputError` for a flat voltage."""
+    """A circuit simulated on a prepared record, with its errors.
+
+    Raises `InputError` if the measured voltage is constant.
+    """
     require_changing_voltage(prepared)
     inputs = prepared.simulation_input(min(parameters.tau_s), parameters.gamma)
     padded_v = _simulate(rc_parameters(parameters), PaddedSize.common(inputs).fill(inputs))
@@ -83,8 +89,9 @@ def validate(
     parameters: CircuitParameters,
     window: Window | None = None,
 ) -> Evaluation:
-    """The errors of identified parameters on another record of the same cell.
+    """Identified parameters simulated on another record of the same cell, with their errors.
 
-    Raises `InputError` where window or OCV range do not fit the record.
+    `circuit` is its name, such as "so-rc"; `window` is by default the whole record. Raises
+    `InputError` if the window or the range of the OCV does not fit the record.
     """
     return evaluate(prepare_record(record, cell, circuit, window or Window()), parameters)

@@ -13,7 +13,14 @@ from jaxtyping import Array, Bool, Float, Scalar
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..execution import SEEDS_PER_BLOCK, compile_for, in_float64, run_blocks, wanted_rows
+from ..execution import (
+    SEEDS_PER_BLOCK,
+    compile_for,
+    in_float64,
+    on_device,
+    run_blocks,
+    wanted_rows,
+)
 from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
 from ..model.search_space import Coordinates
 from .seeds import Search
@@ -44,8 +51,8 @@ class Descent:
     """Levenberg-Marquardt on one problem, compiled once for blocks of `SEEDS_PER_BLOCK` starts.
 
     It runs on the compressed objective, whichever the search took, unless the box is too wide for
-    that or `kind` says otherwise; the errors it returns are the scan's. Compiling depends on the
-    problem alone, so it can be done beside the search.
+    that or `kind` says otherwise; the errors it returns are the scan's unless that is left out.
+    Compiling depends on the problem alone, so it can be done beside the search.
     """
 
     @in_float64
@@ -57,9 +64,9 @@ class Descent:
         except InputError:
             self.kind = "scan"
             self.objective = problem.padded_objective("scan")
-        template = jnp.stack([self.objective.coordinates.lower] * SEEDS_PER_BLOCK)
+        template = [np.asarray(self.objective.coordinates.lower)] * SEEDS_PER_BLOCK
         self._compiled = compile_for(
-            _descend, self.objective, template, jnp.asarray(0.0), jnp.asarray(False)
+            _descend, self.objective, *map(on_device, (template, 0.0, False))
         )
 
     @in_float64
@@ -69,6 +76,7 @@ class Descent:
         tolerance: float,
         *,
         holds_bounds: bool = False,
+        by_scan: bool = True,
         progress: Callable[[int], None] | None = None,
     ) -> list[RefinedSeed]:
         """Every circuit refined; `tolerance` is relative to the circuit's own error."""
@@ -76,13 +84,13 @@ class Descent:
 
         @in_float64  # the setting belongs to a thread
         def run(points):
-            settings = (jnp.asarray(tolerance), jnp.asarray(holds_bounds))
+            settings = on_device(tolerance), on_device(holds_bounds)
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
         ends = run_blocks(run, starts, wanted_rows(len(circuits)), progress)
         points, errors_v, converged, evaluations = zip(*ends, strict=True)
         found = self.problem.parameters_at(points, self.objective.coordinates)
-        if self.kind != "scan":
+        if by_scan and self.kind != "scan":
             errors_v = rmse_by_scan(self.problem, found)
         return [
             RefinedSeed(
@@ -188,10 +196,10 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """The refined answer and what the seeds agree on. `optima` begins with the best.
+    """Every seed's answer after refinement, and the distinct `optima`, the best first.
 
-    `evaluations` counts the simulations of the whole cross-check, a Jacobian as one per free
-    parameter; `objective` says how they were computed.
+    `parameters` and `rmse_v` (in V) are those of the best. `evaluations` counts all simulations, a
+    Jacobian as one per free parameter; `objective` says how they were computed.
     """
 
     search: Search
@@ -217,7 +225,7 @@ def refine(
     descent: Descent | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Refinement:
-    """Refine every seed's best circuit by optimistix's Levenberg-Marquardt.
+    """The best circuit of every seed, refined by optimistix's Levenberg-Marquardt.
 
     It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
     bounds hold exactly and an optimum at a bound is a stationary point. Every seed is taken to
@@ -280,11 +288,9 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
 
 def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, ...]:
     """Which parameters are at an end of a box in `log` coordinates."""
-    point = np.asarray(point_blocks([parameters], box)[0][0])
-    places = [
-        (name, value, low, high)
-        for name, value, low, high in zip(box.names, point, box.lower, box.upper, strict=True)
-    ]
+    point = np.asarray(point_blocks([parameters], box)[0])[0]
+    ends = np.asarray(box.lower), np.asarray(box.upper)
+    places = list(zip(box.names, point, *ends, strict=True))
     # A pair bounded in C can still end at the limits of its tau.
     for pair, tau_s in enumerate(parameters.tau_s):
         name, limits = f"tau{pair + 1} [s]", np.asarray(box.tau_limits_s)[pair]

@@ -36,7 +36,7 @@ class SeedAnswer:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The answers of all seeds, in the order of the seeds."""
+    """The answers of all seeds, in order; `best` is the one with the lowest RMSE."""
 
     problem: Problem
     optimizer: AbstractPopulationMinimiser
@@ -60,10 +60,10 @@ def search_seeds(
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
 ) -> Search:
-    """Search with `seeds` independent runs; seed k draws from `fold_in(key, k)`.
+    """The answers of `seeds` independent runs; seed k draws from `fold_in(key, k)`.
 
     `progress` is called with the number of seeds finished since the last call. Raises
-    `InputError` where no seed finds a single finite error.
+    `InputError` if no seed finds a finite error.
     """
     return search_many([problem], optimizer, key=key, seeds=seeds, progress=progress)[0]
 
@@ -77,11 +77,11 @@ def search_many(
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
 ) -> list[Search]:
-    """`search_seeds` for every problem, with the bits each would have alone.
+    """`search_seeds` for every problem; each answer is bit for bit what it would be alone.
 
     Problems of one kind share one compiled program, however long their records: compressed
-    records are of one size if their boxes span alike, and for the scan shorter ones are filled up
-    with samples that count nothing.
+    records have the same size if their boxes span the same decades, and for the scan, shorter
+    records are padded with samples that are not scored. Raises as `search_seeds`.
     """
     if seeds < 1:
         raise InputError(f"`seeds` {seeds}: at least one seed is needed")

@@ -19,9 +19,9 @@ from .suggestions import Suggestion, suggestions
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What the record says of a circuit's parameters, without fitting anything again.
+    """Intervals, identifiability and residual diagnostics of an optimum, without further fits.
 
-    `covariance` is what the other three follow from.
+    They follow from `covariance`.
     """
 
     covariance: Covariance
@@ -34,7 +34,7 @@ class Assessment:
 class Examination:
     """Profiles of all free parameters, the block bootstrap, and changes ranked by their error.
 
-    `rmse_v` is that of the circuit itself.
+    `rmse_v` is the RMSE of the unchanged circuit, in V.
     """
 
     rmse_v: float
@@ -44,9 +44,10 @@ class Examination:
 
 
 def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
-    """The assessment of an optimum; it costs one Jacobian and some transforms.
+    """The intervals and diagnostics of an optimum, from one Jacobian.
 
-    Raises `InputError` where the circuit's errors or their derivatives are not finite.
+    `parameters` must be an optimum of the problem, such as those of `refine` or
+    `find_global_optimum`. Raises `InputError` if the errors or their derivatives are not finite.
     """
     linearization = linearize(problem, parameters)
     # One thread: what a library does with several would change the last bits.
@@ -67,8 +68,10 @@ def examine(
     *,
     key: Key[Array, ""],
 ) -> Examination:
-    """The examination of an optimum. Two or three programs are compiled for circuits with one part
-    more; `key` decides what the bootstrap draws."""
+    """Profiles, a block bootstrap, and changes that might lower the error, by further fits.
+
+    `parameters` and `assessment` are those of the same optimum; `key` is for the bootstrap. Two or
+    three programs are compiled, for circuits with one more part."""
     refit, covariance = Refit(problem), assessment.covariance
     free = [each.name for each in assessment.uncertainty.estimates if each.relative_error]
     return Examination(

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..execution import compile_for, in_float64
+from ..execution import compile_for, in_float64, on_device
 from ..model.inputs import PreparedRecord
 from ..model.padding import records_in
-from ..model.problem import Objective, Problem, rc_parameters, residuals
+from ..model.problem import Objective, Problem, point_blocks, residuals
 from ..search.refine import at_bound
 
 # Voltages and derivatives beyond this are overflows on their way.
@@ -99,8 +98,8 @@ def linearize(
     """
     objective = problem.padded_objective()
     box = objective.coordinates
-    point = np.asarray(box.encode(rc_parameters(parameters)))
-    here = jnp.asarray(point)
+    point = np.asarray(point_blocks([parameters], box)[0])[0]
+    here = on_device(point)
     program = compile_for(_errors_and_slopes, here, objective)
     error, slope = (np.asarray(part) for part in program(here, objective))
     # Each record is as long as its padding made it.
@@ -115,8 +114,8 @@ def linearize(
     error_v, slope_v = unit * error[scored], unit * slope[scored]
     if not (np.all(np.abs(error_v) < LARGEST_NUMBER) and np.all(np.abs(slope_v) < LARGEST_NUMBER)):
         raise InputError(
-            "the circuit's voltage or its derivatives by the parameters are not finite, so nothing "
-            "can be said of its parameters; narrow the bounds"
+            "the circuit's voltage or its derivatives with respect to the parameters are not "
+            "finite, so its intervals cannot be computed; narrow the bounds"
         )
     is_seen = np.sqrt(np.mean(slope_v**2, axis=0)) > LEAST_V
     held: dict[str, Held] = dict.fromkeys(problem.bounds.fixed, "fixed")

@@ -15,10 +15,12 @@ understated, by a quarter and more where they reach a tenth of the record.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.fft import irfft, rfft
+from scipy.linalg.lapack import dpttrs
 from scipy.optimize import nnls
 
 # Correlation times a decade, up to this share of the record, and lags an octave, up to that share:
@@ -82,14 +84,18 @@ class Noise:
         is_used = self.variance_v2 > 0
         if variance <= 0:
             return math.inf
-        by_bin = shares[is_used] @ self._from_lags[is_used]
-        by_lag = np.zeros(self._padded)
-        by_lag[: self._edges[-1]] = np.repeat(by_bin, np.diff(self._edges))
-        by_frequency = _both_sides(rfft(by_lag).real) / self._padded
         # Padding and empty slots repeat each independent value of the periodogram this often.
         repeats = self._padded / self._filled
-        uncertainty = repeats * float(np.sum((by_frequency * self._power_v2) ** 2))
+        uncertainty = repeats * float(np.sum((shares[is_used] @ self._spectra) ** 2))
         return 2 * variance**2 / uncertainty
+
+    @cached_property
+    def _spectra(self) -> Float[np.ndarray, "used frequencies"]:
+        """What the periodogram's own spread adds to the variance of each part that is there."""
+        by_lag = np.zeros((np.count_nonzero(self.variance_v2), self._padded))
+        by_bin = self._from_lags[self.variance_v2 > 0]
+        by_lag[:, : self._edges[-1]] = np.repeat(by_bin, np.diff(self._edges), axis=1)
+        return _both_sides(rfft(by_lag).real) / self._padded * self._power_v2
 
 
 def fit_noise(
@@ -171,24 +177,25 @@ def fit_gathered(
     edges = _lag_edges(reach)
     count = max(1, math.ceil(TIMES_PER_DECADE * math.log10(max(reach * LONGEST_TIME, 2))))
     times = np.geomspace(1, max(reach * LONGEST_TIME, 2), count + 1)
-    decays = [np.where(lag < reach, np.exp(-lag / time), 0.0) for time in times]
+    decays = np.exp(-lag / times[:, None])
+    decays[:, reach:] = 0.0
 
-    spectra = rfft(columns, padded, axis=0)
     pairs = irfft(np.abs(rfft(counts, padded)) ** 2, padded)[: slots.count]
-    own_power = np.sum(np.abs(spectra) ** 2, axis=1)
-    white = -irfft(own_power, padded)[: slots.count]
+    ends = _record_ends(counts, reach)
+    spread = np.empty((len(times) + 1, *products.shape))
+    spread[0] = products
+    within = np.empty((len(edges) - 1, *products.shape))
+    crossed = np.zeros((len(edges) - 1, len(times)))
+    for place, column in enumerate(np.ascontiguousarray(columns.T)):
+        smoothed = np.stack([_smoothed(column, time, ends) for time in times])
+        spread[1:, :, place] = smoothed @ columns
+        apart = _at_lags(column, edges)
+        within[:, :, place] = apart @ columns
+        crossed += apart @ (smoothed * counts).T
+    white = -np.einsum("bii->b", within)
     white[0] += samples
-    expected = [_binned(white, edges)]
-    spread = [products]
-    for decay in decays:
-        smoothed = irfft(_mirrored_spectrum(decay, padded)[:, None] * spectra, padded, axis=0)
-        smoothed = smoothed[: slots.count]
-        inner = columns.T @ smoothed
-        crossed = np.sum(spectra.conj() * rfft(counts[:, None] * smoothed, padded, axis=0), axis=1)
-        both = np.sum((spectra.conj() @ inner) * spectra, axis=1)
-        taken = irfft(both.real - 2 * crossed.real, padded)[: slots.count]
-        expected.append(_binned(pairs * decay + taken, edges))
-        spread.append(inner)
+    taken = np.einsum("bij,pij->bp", within, spread[1:]) - 2 * crossed
+    expected = np.column_stack([white, _binned(pairs * decays, edges).T + taken])
 
     power = np.abs(rfft(error_v, padded)) ** 2
     measured = _binned(irfft(power, padded)[: slots.count], edges)
@@ -196,11 +203,11 @@ def fit_gathered(
     total_pairs = _binned(pairs, edges)
     weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, 0.5), 0.0)
     unit_v2 = squares_v2 / samples
-    design = np.stack(expected, axis=1) * weight[:, None]
+    design = expected * weight[:, None]
     variance = np.zeros(len(spread))
     if unit_v2 > 0:
         variance = unit_v2 * nnls(design, measured * weight / unit_v2)[0]
-    autocovariance = np.tensordot(variance[1:], np.stack(decays), axes=1)
+    autocovariance = variance[1:] @ decays
     autocovariance[0] += variance[0]
     from_lags = np.zeros((len(spread), len(measured)))
     from_lags[variance > 0] = np.linalg.pinv(design[:, variance > 0]) * weight
@@ -210,7 +217,7 @@ def fit_gathered(
         variance_v2=variance,
         lags_s=slot_s * (edges[:-1] + np.diff(edges) / 2 - 0.5)[has_pairs],
         autocorrelation=(measured * weight)[has_pairs] / (unit_v2 or 1.0),
-        parts_spread=np.stack(spread),
+        parts_spread=spread,
         _from_lags=from_lags,
         _edges=edges,
         _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
@@ -229,7 +236,42 @@ def _lag_edges(reach: int) -> Int[np.ndarray, "edges"]:
 
 
 def _binned(by_lag: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    return np.add.reduceat(by_lag[: edges[-1]], edges[:-1])
+    return np.add.reduceat(by_lag[..., : edges[-1]], edges[:-1], axis=-1)
+
+
+def _record_ends(counts: Float[np.ndarray, "slots"], reach: int) -> Int[np.ndarray, "ends"]:
+    """The last filled slot of every record but the last."""
+    filled = np.flatnonzero(counts)
+    return filled[:-1][np.diff(filled) >= reach]
+
+
+def _smoothed(
+    values: Float[np.ndarray, "slots"], time: float, ends: Int[np.ndarray, "ends"]
+) -> Float[np.ndarray, "slots"]:
+    """The sums of all values of a record, weighted by exp(-|lag| / time).
+
+    The inverse of that matrix is tridiagonal, and so are its factors L D L'.
+    """
+    rest = -np.expm1(-2 / time)
+    diagonal, below = np.ones(len(values)), np.full(len(values) - 1, -np.exp(-1 / time))
+    diagonal[-1] = diagonal[ends] = rest
+    below[ends] = 0.0
+    return rest * dpttrs(diagonal, below, values)[0]
+
+
+def _at_lags(
+    values: Float[np.ndarray, "slots"], edges: Int[np.ndarray, "edges"]
+) -> Float[np.ndarray, "bins slots"]:
+    """The mean of what lies before and after each slot by the lags of every bin, summed."""
+    count, last = len(values), edges[-1]
+    sums = np.append(0.0, np.cumsum(np.pad(values / 2, last)))
+    within = np.empty((len(edges) - 1, count))
+    nearer = -values / 2
+    for place, edge in enumerate(edges[1:]):
+        near = sums[last + edge :][:count] - sums[last - edge + 1 :][:count]
+        np.subtract(near, nearer, out=within[place])
+        nearer = near
+    return within
 
 
 def _mirrored_spectrum(by_lag: np.ndarray, padded: int) -> np.ndarray:
@@ -243,5 +285,5 @@ def _mirrored_spectrum(by_lag: np.ndarray, padded: int) -> np.ndarray:
 def _both_sides(half: np.ndarray) -> np.ndarray:
     """Weights of half a spectrum that count its mirrored half as well."""
     doubled = 2 * half
-    doubled[[0, -1]] /= 2
+    doubled[..., [0, -1]] /= 2
     return doubled

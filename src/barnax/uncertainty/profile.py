@@ -57,7 +57,9 @@ def profile(
     """
     values = named_values(parameters)
     if name not in values:
-        raise InputError(f"{name!r} is no parameter of this circuit; there are {', '.join(values)}")
+        raise InputError(
+            f"{name!r} is not a parameter of this circuit; there are {', '.join(values)}"
+        )
     covariance = covariance or Covariance.of(linearize(problem, parameters))
     if name in covariance.linearization.held:
         # At a bound: the profile is what tells how far inside the box it may lie.
@@ -65,7 +67,7 @@ def profile(
     linearization = covariance.linearization
     direction, held = linearization.direction_of(name)
     if not np.any(direction):
-        raise InputError(f"{name!r} has no profile, for it is held: {held}")
+        raise InputError(f"{name!r} has no profile because it is held: {held}")
     refit = refit or Refit(problem)
     linear = covariance.estimate(name, values[name], direction)
     freedom = max(linearization.samples - len(linearization.names), 1)

@@ -60,7 +60,9 @@ def _unzipped(content: bytes, file: str) -> bytes:
             f"{file}: the gzipped file is damaged or cut short; copy it again."
         ) from error
     if len(plain) > LARGEST_FILE:
-        raise InputError(f"{file}: holds more than {LARGEST_FILE / 1e9:g} GB; give a part of it.")
+        raise InputError(
+            f"{file}: contains more than {LARGEST_FILE / 1e9:g} GB; give a part of it."
+        )
     return plain
 
 
@@ -75,13 +77,13 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     """
     content = _unzipped(content, file)
     if content.isspace() or not content:
-        raise InputError(f"{file}: the file is empty; give a file that holds measured samples.")
+        raise InputError(f"{file}: the file is empty; give a file with measured samples.")
     for reader in READERS:
         if reader.recognizes(content):
             return reader.read(content, file, given)
     known = ", ".join(reader.name for reader in READERS)
     raise InputError(
-        f"{file}: the content is binary and of no known format, whatever the file's suffix says. "
+        f"{file}: the content is binary and not in a known format, whatever the file's suffix. "
         f"Known formats: {known}. Export the record as one of them."
     )
 

@@ -36,7 +36,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
             "record as CSV from BTSDA."
         ) from error
     if not frame.height:
-        raise InputError(f"{file}: is a Neware file without a single record; give another.")
+        raise InputError(f"{file}: this Neware file has no samples; give another.")
     is_damaged = any(record.exc_info for record in told)
     notes = ("a part beside the records is damaged, and was left out",) if is_damaged else ()
     columns = [

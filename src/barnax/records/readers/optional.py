@@ -29,7 +29,7 @@ def _reader(name: str, start: bytes, extra: str, export: str, parse: Callable[[b
             columns = parse(content)
         except ImportError as error:
             raise InputError(
-                f"{file}: is a file of {name}; install the package that reads it with "
+                f"{file}: this is a {name} file; install the package that reads it with "
                 f"pip install 'barnax[{extra}]', or export the record as {export}."
             ) from error
         except Exception as error:

@@ -110,12 +110,12 @@ def _within_the_names(table: Table, file: str) -> Table:
             return replace(table, notes=(*table.notes, note))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
-            "and which cell has no name cannot be told; give it one there."
+            "and it is not clear which cell has no name; add the missing name there."
         )
     raise InputError(
-        f"{where}: this row ({counted(len(wide), 'such row')}) has more than {names} cells, as a "
-        "thousands separator or a comma within a cell makes them; export it with another "
-        "delimiter, or with quotes about such cells."
+        f"{where}: this row ({counted(len(wide), 'such row')}) has more than {names} cells, "
+        "perhaps because of a thousands separator or a comma within a cell; export it with "
+        "another delimiter, or with quotes around such cells."
     )
 
 
@@ -140,7 +140,7 @@ def _as_utf8(content: bytes, file: str) -> bytes:
             content = content.decode("utf-16").encode()
         except UnicodeDecodeError as error:
             raise InputError(
-                f"{file}: starts as UTF-16 text but does not go on so; save it as UTF-8."
+                f"{file}: starts as UTF-16 text but does not continue as such; save it as UTF-8."
             ) from error
     content = content.removeprefix(codecs.BOM_UTF8).rstrip(b"\0")
     if any(name.encode("gb18030") in content[:_PREAMBLE_BYTES] for name in _CHINESE):
@@ -186,12 +186,12 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
     first = next((line for line in lines if line.strip()), "")
     if not first.replace("\t", "").isprintable():
         raise InputError(
-            f"{file}: the first line is not text, so this is no table of samples, whatever the "
-            "file's suffix says; export the record as CSV, Parquet or a workbook."
+            f"{file}: the first line is not text, so this is not a table of samples, whatever the "
+            "file's suffix; export the record as CSV, Parquet or a workbook."
         )
     if fallback is None or not fallback.header:
         raise InputError(
-            f"{file}: a cell of the first line has {len(first)} letters, so this is no table of "
+            f"{file}: a cell of the first line has {len(first)} letters, so this is not a table of "
             "samples; export the record as plain CSV."
         )
     return fallback
@@ -240,8 +240,8 @@ def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
     is_wider = all(any(row[len(layout.header) + 1 :]) for row in rows)
     if is_wider and not any("." in cell for row in rows for cell in row):
         raise InputError(
-            f"{file}: the rows have more cells than names and no decimal point: commas stand both "
-            "between the cells and in the numbers; export it with semicolons, or with points."
+            f"{file}: the rows have more cells than names and no decimal point: commas separate "
+            "cells and also decimals; export it with semicolons, or with decimal points."
         )
 
 

@@ -102,9 +102,8 @@ def _chosen_sheets(
     ours = {name: match.groups() for name in whole if (match := _CHANNEL.match(name))}
     if len(set(ours.values())) > 1:
         raise InputError(
-            f"{file}: the workbook holds {len(set(ours.values()))} channels (sheets "
-            f"{listed(ours)}), and a record is of one cell; save each channel as a workbook of its "
-            "own."
+            f"{file}: the workbook has {len(set(ours.values()))} channels (sheets "
+            f"{listed(ours)}), but a record is of one cell; save each channel as its own workbook."
         )
     if ours:
         return list(ours)
@@ -113,7 +112,7 @@ def _chosen_sheets(
         return whole
     if whole:
         raise InputError(
-            f"{file}: several sheets could be the record ({listed(whole)}); keep one of them."
+            f"{file}: several sheets could be the record ({listed(whole)}); keep only one of them."
         )
     partial = [name for name, cells in headers.items() if columns_of(cells).keys() & NEEDED]
     if len(partial) == 1:

@@ -1,0 +1,361 @@
+"""What a fleet costs: `python -m benchmarks.fleet [TINY CELLS]` writes results/fleet.md.
+
+Simulates cells with scattered parameters on the bundled cell's current and identifies them with
+every engine, each in a process of its own. Times are CPU seconds wherever other work on the machine
+would decide wall time; ratios are of runs in turn. `TINY CELLS` says how many of 300 samples stand
+for the 10,000 that are aimed at; a quarter of them are run as well.
+"""
+
+import json
+import logging
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results" / "fleet.md"
+CELLS, ONE_BY_ONE, ROUNDS, TINY = 24, 4, 2, 400
+LENGTHS = (3_000, 30_000)
+NIGHT_CELLS, NIGHT_S, FINISHED = 10**7, 8 * 3600, 2000
+# What a stage of a cell is called, the module that calls it and the function.
+STAGES = {
+    "reading and checks": ("barnax.pipeline", "read_inputs"),
+    "reduction": ("barnax.pipeline", "_problem"),
+    "certified optimum": ("barnax.pipeline", "find_global_optimum"),
+    "evaluation": ("barnax.pipeline", "evaluate"),
+    "intervals": ("barnax.pipeline", "assess"),
+    "result": ("barnax.pipeline", "make_result"),
+    "row": ("barnax.fleet.rows", "row_of"),
+}
+
+
+def make_cells(folder: Path, count: int, lengths: tuple[int, int]) -> Path:
+    """Records of simulated cells of lengths between these, and their manifest."""
+    import numpy as np
+    import polars as pl
+    from scipy.signal import lfilter
+
+    import barnax
+
+    ocv = [str(barnax.bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
+    cell = barnax.characterize([barnax.read_record(path) for path in ocv])
+    drive_a = barnax.read_record(barnax.bundled_file("identification")).current_a
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    rows = []
+    for place in range(count):
+        samples = int(np.exp(rng.uniform(*np.log(lengths))))
+        current_a = np.resize(drive_a, samples) * min(1.0, 18_000 / samples)
+        charge_ah = np.append(0.0, np.cumsum(current_a[:-1])) / 3600
+        r0, *r = np.array([0.03, 0.012, 0.02]) * np.exp(rng.normal(0, 0.1, 3))
+        voltage_v = np.array(cell.average_ocv_v(0.98 - charge_ah / cell.capacity_ah))
+        voltage_v += rng.normal(0, 1e-3, samples) - r0 * current_a
+        tau = np.array([8.0, 150.0]) * np.exp(rng.normal(0, 0.2, 2))
+        for r_ohm, tau_s in zip(r, tau, strict=True):
+            kept = np.exp(-1 / tau_s)
+            voltage_v -= r_ohm * lfilter([0.0, 1 - kept], [1.0, -kept], current_a)
+        columns = {"Test Time / s": np.arange(samples) * 1.0, "Current / A": -current_a}
+        name = f"cell{place:05d}.parquet"
+        pl.DataFrame(columns | {"Voltage / V": voltage_v}).write_parquet(folder / name)
+        rows.append({"id": name, "records": name, "ocv": ";".join(ocv), "initial_soc": 0.98})
+    pl.DataFrame(rows).write_csv(folder / "cells.csv")
+    return folder / "cells.csv"
+
+
+def in_process(*words: object) -> dict:
+    """What a measurement gives in a process of its own, with the CPU seconds that it took."""
+    command = [sys.executable, "-m", "benchmarks.fleet", "--measure", *map(str, words)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    run = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    found = json.loads(run.stdout.splitlines()[-1]) | {"cpu_s": spent}
+    print(*words, found, file=sys.stderr, flush=True)
+    return found
+
+
+def measure_engine(engine: str, manifest: str, workers: str) -> dict:
+    """One fleet on an engine: its wall time, the driver's CPU seconds, the workers' memory."""
+    from barnax.fleet import identify_fleet, read_manifest
+
+    cells, _ = read_manifest(manifest)
+    with tempfile.TemporaryDirectory() as out:
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        scheduler = "local" if engine == "dask" else None
+        state = identify_fleet(cells, out, workers=int(workers), scheduler=scheduler)
+        found = {
+            "wall_s": time.perf_counter() - wall_s,
+            "driver_s": time.process_time() - cpu_s,
+            "bytes": (Path(out) / "cells.parquet").stat().st_size,
+        }
+    most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    return found | {"cells": state.finished, "failed": state.failed, "worker_mib": most}
+
+
+def measure_alone(manifest: str) -> dict:
+    """Cells one after another as a worker does them: the first, the others, and what compiles."""
+    from barnax.fleet.worker import prepare_process
+
+    prepare_process()
+    import jax
+
+    from barnax.fleet import read_manifest
+    from barnax.fleet.rows import identify_cell
+
+    names: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: names.append(record.getMessage().split(" with ")[0])
+    jax.config.update("jax_log_compiles", True)
+    for module in ("pxla", "dispatch", "compiler"):
+        part = "interpreters." if module == "pxla" else ""
+        logger = logging.getLogger(f"jax._src.{part}{module}")
+        logger.handlers, logger.propagate = [handler], False
+    cells, _ = read_manifest(manifest)
+    spent, programs = [], []
+    for cell in cells:
+        start_s = time.process_time()
+        identify_cell(cell, {"seeds": 0})
+        spent.append(time.process_time() - start_s)
+        programs.append(sum(name.startswith("Compiling") for name in names))
+    large = {"_descend", "_respond", "_rmse_of_all", "_errors_and_slopes", "terminal_voltage"}
+    compiled = [name for name in names if name.startswith("Compiling")]
+    count = sum(name.partition("jit(")[2].strip(")") in large for name in compiled)
+    half = len(cells) // 2
+    return {
+        "first_s": spent[0],
+        "cell_s": statistics.median(spent[half:]),
+        "programs": programs[-1],
+        "large": count,
+        "later_programs": programs[-1] - programs[half],
+    }
+
+
+def measure_loop(manifest: str, count: str) -> dict:
+    """The same cells by `barnax.identify` with its defaults, one after another, per cell."""
+    import barnax
+    from barnax.fleet import read_manifest
+
+    cells, _ = read_manifest(manifest)
+    spent = []
+    for cell in cells[: int(count)]:
+        start_s = time.process_time()
+        window = barnax.Window(**cell.window)
+        barnax.identify(cell.records, ocv=cell.ocv, window=window, objective="compressed")
+        spent.append(time.process_time() - start_s)
+    return {"cell_s": statistics.median(spent[1:])}
+
+
+def measure_stages(count: str) -> dict:
+    """The least CPU ms of every stage of the bundled cell, of some repeats."""
+    from barnax.fleet.worker import prepare_process
+
+    prepare_process()
+    import importlib
+
+    from barnax import bundled_file
+    from barnax.fleet import cell_of
+    from barnax.fleet.rows import identify_cell
+
+    spent: dict[str, float] = {}
+
+    def timed(name, function):
+        def run(*given, **more):
+            start_s = time.process_time()
+            try:
+                return function(*given, **more)
+            finally:
+                spent[name] = spent.get(name, 0.0) + 1e3 * (time.process_time() - start_s)
+
+        return run
+
+    for name, (module, function) in STAGES.items():
+        place = importlib.import_module(module)
+        setattr(place, function, timed(name, getattr(place, function)))
+    ocv = [str(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
+    cell = cell_of({"id": "bundled", "records": str(bundled_file("identification")), "ocv": ocv})
+    whole = timed("whole cell", identify_cell)
+    found: dict[str, list[float]] = {}
+    for turn in range(int(count)):
+        spent.clear()
+        row = whole(cell, {"seeds": 0})
+        for name, each in spent.items() if turn > 1 else ():
+            found.setdefault(name, []).append(each)
+    return {name: min(each) for name, each in found.items()} | {"samples": row["samples"]}
+
+
+def measure_resuming(folder: str) -> dict:
+    """A fleet whose cells are all done: what finding that out takes."""
+    from barnax.fleet import cell_of, identify_fleet
+    from barnax.fleet.dataset import dataset_path, read_rows, write_rows
+
+    record = next(Path(folder).glob("*.parquet"))
+    cells = [cell_of({"id": f"{n}", "records": str(record)}) for n in range(FINISHED)]
+    with tempfile.TemporaryDirectory() as out:
+        rows = [
+            {"id": each.id, "error": None, "fingerprint": each.fingerprint({"seeds": 0})}
+            for each in cells
+        ]
+        write_rows(dataset_path(Path(out)), rows)
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        state = identify_fleet(cells, out)
+        taken = {"wall_s": time.perf_counter() - wall_s, "own_s": time.process_time() - cpu_s}
+        assert state.skipped == FINISHED == len(read_rows(Path(out)))
+    return taken
+
+
+MEASURES = {
+    "engine": measure_engine,
+    "alone": measure_alone,
+    "loop": measure_loop,
+    "stages": measure_stages,
+    "resuming": measure_resuming,
+}
+
+
+def page(folder: Path, tiny: int) -> str:
+    """Everything measured, as a page."""
+    from benchmarks.pages import as_markdown, provenance
+
+    mixed = make_cells(folder / "mixed", CELLS, LENGTHS)
+    few = make_cells(folder / "few", tiny // 4, (300, 301))
+    many = make_cells(folder / "many", tiny, (300, 301))
+    in_process("alone", mixed)  # fills the cache of compiled programs
+    load = os.getloadavg()
+    alone, loop = in_process("alone", mixed), in_process("loop", mixed, ONE_BY_ONE)
+    stages = in_process("stages", 12)
+    rounds: list[dict[str, dict]] = []
+    for _ in range(ROUNDS):
+        rounds.append(
+            {
+                "serial": in_process("engine", "pool", mixed, 1),
+                "pool": in_process("engine", "pool", mixed, 2),
+                "dask": in_process("engine", "dask", mixed, 2),
+            }
+        )
+    memory = [in_process("engine", "pool", each, 1) for each in (few, many)]
+    resuming = in_process("resuming", folder / "mixed")
+
+    def ratio(name: str, other: str, field: str) -> float:
+        return statistics.median(each[name][field] / each[other][field] for each in rounds)
+
+    def median(name: str, field: str) -> float:
+        return statistics.median(each[name][field] for each in rounds)
+
+    beyond = stages["whole cell"] - stages["reading and checks"] - stages["reduction"]
+    cell_s = median("pool", "cpu_s") / CELLS
+    share = median("pool", "driver_s") / median("pool", "cpu_s")
+    size = statistics.mean(each.stat().st_size for each in (folder / "mixed").glob("*.parquet"))
+    row_bytes = memory[1]["bytes"] / memory[1]["cells"]
+    skipped_ms = 1e3 * resuming["own_s"] / FINISHED
+    facts = provenance("python -m benchmarks.fleet", 0) | {
+        "load": f"{load[0]:.0f} runnable processes on {os.cpu_count()} cores before, "
+        f"{os.getloadavg()[0]:.0f} after: wall times say how busy the machine was",
+    }
+    # Without the start of the worker.
+    tiny_s = (memory[1]["cpu_s"] - memory[0]["cpu_s"]) / (memory[1]["cells"] - memory[0]["cells"])
+    hours = NIGHT_CELLS * cell_s / 3600
+    claims = [
+        ("CPU a cell beyond reading and reduction", f"{beyond:.0f} ms", "140 ms"),
+        (
+            "CPU of `identify` over a worker's",
+            f"{loop['cell_s'] / alone['cell_s']:.1f}",
+            "6",
+        ),
+        ("new programs for new lengths of known sizes", f"{alone['later_programs']}", "0"),
+        ("large programs of one circuit, 3,000 to 30,000 samples", f"{alone['large']}", "20"),
+        ("first cell of a worker, from a warm cache", f"{alone['first_s']:.2f} CPU s", "1 s"),
+        ("two workers over one, wall", f"{ratio('serial', 'pool', 'wall_s'):.2f}", "1.6"),
+        ("Dask's two workers over one, wall", f"{ratio('serial', 'dask', 'wall_s'):.2f}", "1.4"),
+        ("CPU on Dask over that of the pool", f"{ratio('dask', 'pool', 'cpu_s'):.2f}", "1.2"),
+        (
+            f"memory of a worker, {tiny:,} cells over {tiny // 4:,}",
+            f"{memory[1]['worker_mib'] / memory[0]['worker_mib']:.2f} "
+            f"({memory[1]['worker_mib']:.0f} MiB)",
+            "1.1",
+        ),
+        (
+            f"10,000 tiny cells on two cores, from {tiny:,}",
+            f"{1e4 * tiny_s / 2 / 60:.1f} min of {1e3 * tiny_s:.0f} CPU ms each",
+            "8 min",
+        ),
+        (f"resuming {FINISHED:,} finished cells", f"{resuming['own_s']:.2f} CPU s", "1 s"),
+        ("driver's share of all CPU, its start included", f"{100 * share:.1f} %", "1 %"),
+    ]
+    lines = [
+        "# What a fleet costs",
+        "",
+        as_markdown(facts),
+        "",
+        f"{CELLS} simulated cells of {LENGTHS[0]:,} to {LENGTHS[1]:,} samples, iso-rc, certified "
+        f"optimum and intervals; ratios are medians of {ROUNDS} rounds in turn.",
+        "",
+        "| | measured | aim |",
+        "|---|---|---|",
+        *(f"| {what} | {found} | {aim} |" for what, found, aim in claims),
+        "",
+        "## Engines",
+        "",
+        "Each in a process of its own, with the start of its workers (about 3 CPU s each).",
+        "",
+        "| engine | cells a second, wall | CPU s a cell | driver's CPU s |",
+        "|---|---|---|---|",
+        *(
+            f"| {words} | {CELLS / median(name, 'wall_s'):.2f} | "
+            f"{median(name, 'cpu_s') / CELLS:.3f} | {median(name, 'driver_s'):.2f} |"
+            for name, words in (
+                ("serial", "one process"),
+                ("pool", "two processes"),
+                ("dask", "Dask, two local workers"),
+            )
+        ),
+        "",
+        f"## Stages of a cell of {stages.pop('samples'):,} samples",
+        "",
+        "The least of ten.",
+        "",
+        "| stage | CPU ms |",
+        "|---|---|",
+        *(f"| {name} | {each:.0f} |" for name, each in stages.items() if name != "cpu_s"),
+        "",
+        "## Ten million cells a night",
+        "",
+        "Worked out from the figures above, of these lengths, in eight hours.",
+        "",
+        "| | |",
+        "|---|---|",
+        f"| core-hours | {hours:,.0f}, so {hours * 3600 / NIGHT_S:,.0f} cores |",
+        f"| read | {NIGHT_CELLS * size / 1e12:.1f} TB, {NIGHT_CELLS * size / NIGHT_S / 1e6:,.0f} "
+        "MB/s |",
+        f"| batches of 50 | {NIGHT_CELLS // 50:,}, {NIGHT_CELLS / 50 / NIGHT_S:.1f} a second |",
+        f"| part files | {NIGHT_CELLS // 50:,} until they are put together |",
+        f"| dataset | {NIGHT_CELLS * row_bytes / 1e9:.0f} GB |",
+        f"| one driver looking at what is done | {NIGHT_CELLS * skipped_ms / 3.6e6:.1f} h |",
+        "",
+        "The driver breaks first: it holds all cells and puts the parts together in memory, and it "
+        "alone looks at every file before anything starts. Hence `--shard`: a hundred shards of a "
+        "hundred thousand cells each, every one with a driver, a lock and a file of its own.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure everything, print the page and write it; or one measurement, as JSON."""
+    if sys.argv[1:2] == ["--measure"]:
+        print(json.dumps(MEASURES[sys.argv[2]](*sys.argv[3:])))
+        return
+    from benchmarks.pages import save_page
+
+    tiny = int(sys.argv[1]) if len(sys.argv) > 1 else TINY
+    with tempfile.TemporaryDirectory() as folder:
+        text = page(Path(folder), tiny)
+    save_page(RESULTS, text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -39,8 +39,8 @@ def convert(
 ) -> None:
     """Convert a cycler file to SI units, on one clock, with charge positive.
 
-    Its origin, and what was decided and changed, is in the metadata of the Parquet file, or
-    in a JSON file beside the CSV.
+    Its origin, and what was decided and changed, is in the metadata of the
+    Parquet file, or in a JSON file beside the CSV.
     """
     session = Session(is_quiet=quiet)
     with session.watch("Loading"):

@@ -142,9 +142,9 @@ def fleet(
 ) -> None:
     """Identify every cell of a fleet, into one Parquet dataset with one row per cell.
 
-    If it is interrupted, the same command continues where it stopped. If a cell cannot be
-    identified, its row says why. Options on files and records apply to cells whose row does not
-    set them.
+    If it is interrupted, the same command continues where it stopped. If a
+    cell cannot be identified, its row says why. Options on files and records
+    apply to cells whose row does not set them.
     """
     session = Session(is_quiet=output.quiet)
     from ..fleet.manifest import parse_shard, read_manifest

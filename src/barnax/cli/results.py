@@ -253,7 +253,8 @@ def export(
 ) -> None:
     """Export an identified circuit to another tool.
 
-    What the tool cannot represent is named on stderr and, if the format has comments, in the file.
+    What the tool cannot represent is named on stderr and, if the format has
+    comments, in the file.
     """
     session = Session(is_quiet=quiet)
     # PyBaMM would ask, and then report, what it is used for.

@@ -79,8 +79,9 @@ def soc(
 ) -> None:
     """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
 
-    The filter runs from a right and a wrong start, with a current offset, and with a wrong
-    capacity. The window of the identification applies, unless options change it.
+    The filter runs from a right and a wrong start, with a current offset, and
+    with a wrong capacity. The window of the identification applies, unless
+    options change it.
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     folder = output.out or (None if output.as_json else FOLDER)

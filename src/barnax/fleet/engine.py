@@ -298,6 +298,6 @@ def _dask(address: str, workers: int) -> Iterator[Executor]:
             yield client.get_executor(pure=False)
         except CancelledError as problem:
             raise InputError(
-                f"`scheduler` {address!r}: is gone; start it again, and the same command goes on "
+                f"`scheduler` {address!r} stopped; start it again, and the same command continues "
                 "where it stopped"
             ) from problem

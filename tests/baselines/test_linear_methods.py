@@ -186,7 +186,7 @@ def test_an_uneven_clock_is_a_failure_that_says_so(known_problem):
 
 @pytest.mark.parametrize("method", ["ls", "wrls", "rls-ekf", "n4sid"])
 def test_a_dynamic_hysteresis_is_beyond_a_linear_method(method, known_problem):
-    with pytest.raises(MethodFailure, match="open-circuit voltage beforehand"):
+    with pytest.raises(MethodFailure, match="open-circuit voltage in advance"):
         answer_of(method, known_problem(TWO_PAIRS, "esc"))
 
 

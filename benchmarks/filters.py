@@ -21,6 +21,7 @@ import barnax
 from barnax.execution import in_float64
 from barnax.filters import Drive, model_of, run_filter
 from barnax.model.inputs import prepare_record
+from barnax.replay import SCENARIOS
 from barnax.search.evaluate import evaluate
 from benchmarks.pages import provenance, save_page
 
@@ -108,7 +109,7 @@ def limit_rows(record: Path, result: barnax.Result) -> Iterator[str]:
     for estimated in (("offset", "capacity"), ()):
         settings = barnax.FilterSettings(estimate=estimated, tables=False)
         traces = barnax.replay_soc(
-            result, record, settings=settings, scenarios=barnax.replay.SCENARIOS[:1]
+            result, record, settings=settings, scenarios=SCENARIOS[:1]
         ).traces
         found[estimated] = traces.estimate.soc[0] - traces.truth, traces.estimate.soc_sd[0]
     (both, sd), (neither, _) = found.values()

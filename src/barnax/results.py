@@ -35,6 +35,8 @@ SCHEMA_VERSION = 2
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 # A state of charge; a record may run beyond full and empty, but not far.
 Soc = Annotated[float, Field(ge=-10, le=10)]
+# What a file of a folder serves for.
+Use = Literal["identification", "OCV test", "validation", "not used"]
 Setting = bool | int | float | str
 
 
@@ -158,6 +160,16 @@ class InputPart(Part):
     temperature_degc: float | None = None
 
 
+class PlannedFile(Part):
+    """A file of a folder, what a plan found it to be, what it serves for, and why."""
+
+    name: str
+    role: Use
+    kind: str
+    reason: str
+    temperature_degc: float | None = None
+
+
 class AssessmentPart(Part):
     """How well the data determine the answer. `examination` is what fitting again adds."""
 
@@ -201,8 +213,8 @@ class Result(Document):
     figures of errors and validation are then of the tables. Without it,
     `expected_tables_v` is the RMSE that tables would reach with this circuit's time constants.
     `other_hold` is the answer under the other hold, if the hold of the records is only assumed.
-    `pulses` are those of the identification records that are pulse tests. A result that was not
-    read from a file has the objects behind it in `run`.
+    `pulses` are those of the identification records that are pulse tests, `plan` every file of a
+    folder with its role. A result that was not read from a file has the objects behind it in `run`.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -227,6 +239,7 @@ class Result(Document):
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
     inputs: tuple[InputPart, ...] = Field(min_length=1)
+    plan: tuple[PlannedFile, ...] = ()
     warnings: tuple[str, ...]
     command: tuple[str, ...]
     versions: dict[str, str]

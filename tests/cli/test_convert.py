@@ -7,7 +7,8 @@ import polars as pl
 import pytest
 
 from barnax.records import read_record
-from helpers.dialects import maccor_text, pulse_table
+from barnax.records.bdf import bdf_files
+from helpers.dialects import WRITERS, maccor_text, pulse_table
 
 
 @pytest.fixture
@@ -29,6 +30,18 @@ def test_a_file_is_written_as_parquet_with_its_provenance(run, cycler_file, tmp_
     origin = json.loads(pl.read_parquet_metadata(written)["provenance"])
     assert origin["source sha256"] == before.sha256
     assert "'State' tells what discharges" in " ".join(origin["warnings"])
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_the_hold_is_the_same_after_a_conversion(name, suffix, tmp_path):
+    # Arbin's has no counters, BioLogic's has none that prove anything, and others prove theirs.
+    (tmp_path / "cell").write_bytes(WRITERS[name](pulse_table()))
+    before = read_record(tmp_path / "cell")
+    file = f"cell.bdf.{suffix}"
+    (tmp_path / file).write_bytes(bdf_files(before, file)[file])
+    assert read_record(tmp_path / file).hold.value == before.hold.value
+    assert before.hold.value == "backward" or "Arbin" not in name
 
 
 def test_csv_has_its_provenance_beside_it(run, cycler_file, tmp_path):

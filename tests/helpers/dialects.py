@@ -78,6 +78,29 @@ def neware_step_clock(table):
     return (f"{header},Realtime\n" + lines(rows)).encode()
 
 
+def neware_nda_csv(table):
+    """As NewareNDA and pandas write it: an index without a name, and the clock of the steps."""
+    time, current, voltage, step, step_time, kind, counted = channels(table)
+    header = ",Index,Cycle,Step,Status,Time,Voltage,Current(mA),Charge_Capacity(mAh),"
+    rows = [
+        (
+            k,
+            k + 1,
+            1,
+            step[k],
+            WORDS[kind[k]][0].replace(" ", "_"),
+            step_time[k],
+            voltage[k],
+            1000.0 * current[k],
+            1000.0 * max(counted[k], 0.0),
+            1000.0 * max(-counted[k], 0.0),
+            f"2024-02-29 {clock(32_400 + time[k])}",
+        )
+        for k in range(len(time))
+    ]
+    return (f"{header}Discharge_Capacity(mAh),Timestamp\n" + lines(rows)).encode()
+
+
 def neware_report(table):
     """Cycles, steps and records below one another."""
     time, current, voltage, step, step_time, kind, counted = channels(table)
@@ -302,6 +325,7 @@ def thousands(table):
 WRITERS = {
     "Neware CSV": neware_csv,
     "Neware CSV, step clock": neware_step_clock,
+    "NewareNDA CSV": neware_nda_csv,
     "Neware report": neware_report,
     "Maccor text": maccor_text,
     "Maccor text, German": maccor_minutes,

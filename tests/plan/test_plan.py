@@ -97,7 +97,18 @@ def test_a_pulse_test_alone_is_both(folder):
     found = plan([bundled_file("hppc_25degC"), bundled_file("hppc_40degC")])
     assert found.command == "hppc"
     assert roles(found)["hppc_25degC.parquet"] == "identification"
-    assert "40.2 degC" in reason(found, "hppc_40degC.parquet")
+    assert roles(found)["hppc_40degC.parquet"] == "identification"
+    assert reason(found, "hppc_40degC.parquet").startswith("for tables over temperature too")
+
+
+def test_a_record_of_each_temperature_is_identified_on_for_tables_over_it(folder):
+    for name, degc in (("a", 5.0), ("b", 25.0), ("c", 25.0), ("d", 25.0)):
+        path = folder / f"{name}.parquet"
+        table = pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE))
+        table.write_parquet(path)
+    assert roles(plan(folder))["a.parquet"] == "not used"
+    found = plan(folder, over="soc,temperature")
+    assert [part.name for part in found.of_role("identification")] == ["a.parquet", "c.parquet"]
 
 
 def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):

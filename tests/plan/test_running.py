@@ -9,7 +9,9 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
-from barnax.results import Result
+from barnax.reporting.decisions import plan_blocks
+from barnax.reporting.verdict import next_step
+from barnax.results import PlannedFile, Result
 from cli.conftest import BUDGET, run_command
 
 SMALL = {"seeds": 3, "population": 8, "iterations": 5, "trust": "none"}
@@ -50,6 +52,15 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_h
     assert stored.parameters == by_hand.parameters
     assert stored.command[1:3] == ("identify", "identification.parquet")
     assert str(folder) not in " ".join(stored.command)
+    assert {each.name: each.role for each in stored.plan} == {
+        "identification.parquet": "identification",
+        "validation.parquet": "validation",
+        "ocv_discharge.parquet": "OCV test",
+        "ocv_charge.parquet": "OCV test",
+    }
+    (table,) = plan_blocks(stored)
+    assert table.rows[0][:3] == ("identification.parquet", "identification", "drive cycle")
+    assert "752 current steps" in table.rows[0][3]
     assert run_command("rerun", tmp_path / "out", "--data", folder).status == 0
 
 
@@ -81,6 +92,20 @@ def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
     ]
     # A start that is chosen replaces the planned one as a whole.
     assert read.of_role("validation")[0].window.initial_soc is None
+
+
+def test_records_of_other_temperatures_are_the_next_step_towards_tables_over_it(by_hand):
+    def planned(name, role, degc):
+        kind, why = "drive cycle", "measured elsewhere"
+        return PlannedFile(name=name, role=role, kind=kind, reason=why, temperature_degc=degc)
+
+    files = [planned("a", "identification", 25.0), planned("b", "not used", 25.4)]
+    result = by_hand.model_copy(update={"expected_tables_v": 1e-3, "plan": tuple(files)})
+    assert next_step(result)[0] == {"over": "soc"}
+    files += [planned("c", "not used", degc) for degc in (45.0, 0.0, None)]
+    options, advice = next_step(result.model_copy(update={"plan": tuple(files)}))
+    assert options == {"over": "soc,temperature"}
+    assert "with the records at 0 and 45 degC" in advice
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,22 @@ def test_no_fault_is_found_in_a_good_file(tmp_path, write):
     assert not about_the_file
 
 
+def test_of_three_electrodes_the_cell_has_the_voltage_between_two(tmp_path):
+    table = TABLE.select(
+        pl.col(TIME).alias("time/s"),
+        (pl.col(VOLTAGE) + 0.1).alias("Ewe/V"),
+        pl.lit(0.1).alias("Ece/V"),
+        pl.col(VOLTAGE).alias("Ewe-Ece/V"),
+        pl.col(CURRENT).alias("I/A"),
+    )
+    require_the_record(read(tmp_path, table.write_csv(separator="\t").encode()))
+
+
+def test_an_index_without_a_name_is_no_layer(tmp_path):
+    content = TABLE.with_row_index("").write_csv().encode()
+    require_the_record(read(tmp_path, content))
+
+
 @pytest.mark.parametrize("dialect", DIALECTS, ids=lambda dialect: dialect.name)
 def test_a_mark_is_first_of_its_own_make(dialect):
     for mark in dialect.marks:

@@ -273,6 +273,10 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
     record = given.record
     if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, _doubt_a(given, rests)):
         return
+    turnover_ah = _turnover_ah(given)
+    # Short and above what counts as rest, they are as likely the small loads of a drive cycle.
+    if abs(offset_a) >= turnover_ah / 100 and lengths_s.max() < _LONG_S:
+        return
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
     first = rests[int(np.argmax(is_alike))].first
     value = -1e3 * offset_a if record.sign.value == "charge-positive" else 1e3 * offset_a
@@ -280,7 +284,7 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
         f"the current is {value:.3g} mA while the cell rests, "
         f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
     )
-    turnover_ah, remedy = _turnover_ah(given), "subtract it from the current"
+    remedy = "subtract it from the current"
     if abs(offset_a) >= turnover_ah / 100:
         if given.given_rest_a is None:
             remedy += f", or `rest_current={1.5 * abs(offset_a):.2g}` to see the rests"

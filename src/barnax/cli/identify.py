@@ -71,7 +71,7 @@ def _print_plan(
     with session.watch("Loading"):
         from ..plan import plan_of, plan_to_toml
 
-    options = run_options(files, of_records, search, records)
+    options = {**run_options(files, of_records, search, records), **tables.chosen()}
     planned = plan_of(**options, watch=session.watch)
     if planned is None:
         raise InputError("`plan` is for a folder, or for files without `ocv`")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cell.temperature import SAME_DEGC
 from ..errors import InputError
-from ..gather import Reading, Watch, listed, unwatched
+from ..gather import OVER_TEMPERATURE, Reading, Watch, listed, unwatched
 from ..model.inputs import prepare_record
 from ..model.window import Window
 from .looking import Seen, files_of, look
@@ -52,6 +52,14 @@ class _Draft:
         """Settle a file's role, unless it is settled."""
         self.taken.setdefault(seen, (role, reason, window or Window()))
 
+    def tell_temperatures(self) -> None:
+        """Put the temperature that a name tells into the windows of records without a column."""
+        for seen, (role, reason, window) in self.taken.items():
+            degc = seen.temperature_degc
+            if role in ("identification", "validation") and seen.record.temperature_degc is None:
+                window = replace(window, temperature_degc=window.temperature_degc or degc)
+                self.taken[seen] = role, reason, window
+
     def parts(self) -> tuple[Part, ...]:
         """Every file: those that serve first, by their role."""
         parts = []
@@ -71,14 +79,16 @@ def plan(
     *,
     ocv: Any = (),
     validate: Any = (),
+    over: str | None = None,
     reading: Reading | None = None,
     watch: Watch = unwatched,
 ) -> Plan:
     """The plan for a folder or some files of one cell, with reasons; nothing is run.
 
     `ocv` and `validate` are files whose role is given. Records are combined only with an OCV test
-    at the same temperature. Raises `InputError` if there is no such file or none can be
-    read; if a test is missing, the plan says which.
+    at the same temperature; with `over="soc,temperature"`, and for a folder of pulse tests alone,
+    one record at each temperature is identified. Raises `InputError` if there is no such file or
+    none can be read; if a test is missing, the plan says which.
 
     >>> from barnax.bundled import BUNDLED
     >>> found = plan([BUNDLED.validation, *BUNDLED.ocv, BUNDLED.record])
@@ -99,11 +109,14 @@ def plan(
     first, last = len(given), len(given) + len(tests)
     with watch("Planning", 0):
         free = [part for each in looked[:first] for part in split(each)]
-        return _decide([*free, *looked[first:]], looked[first:last], looked[last:])
+        is_over = over == OVER_TEMPERATURE
+        return _decide([*free, *looked[first:]], looked[first:last], looked[last:], is_over)
 
 
-def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen]) -> Plan:
-    """The plan of files of which some have their role given."""
+def _decide(
+    seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen], is_over: bool
+) -> Plan:
+    """The plan of files of which some have their role given; `is_over` all their temperatures."""
     draft = _Draft(seen)
     first_of: dict[str, Seen] = {}
     for each in seen:
@@ -143,6 +156,8 @@ def _decide(seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen])
     for each in choice.tests:
         draft.take(each, "OCV test", ocv_reason([each]))
     _choose_validation(draft, record, runs[1:], is_given=bool(others))
+    if is_over or is_pulsed:
+        _take_other_temperatures(draft, record, groups, choice, is_pulsed)
     _leave_others(draft, choice)
     options, reasons = _options(draft, record, window, choice)
     if is_own:
@@ -324,6 +339,24 @@ def _choose_validation(
         draft.take(
             each, "not used", "equally suitable; add it with `validate` to validate on it too"
         )
+
+
+def _take_other_temperatures(
+    draft: _Draft,
+    record: Seen,
+    groups: Sequence[tuple[float | None, Sequence[Seen]]],
+    choice: OcvChoice,
+    is_pulsed: bool,
+) -> None:
+    """The best record of each further temperature, for tables over it."""
+    for degc, group in groups:
+        if degc is None or _is_same(degc, record.temperature_degc):
+            continue
+        own = [each for each in group if each.temperature_degc is not None]
+        for each, window in _runnable(draft, own, choice, is_pulsed)[:1]:
+            why = f"for tables over temperature too: {_words(draft, each)}"
+            draft.take(each, "identification", why, window)
+            draft.tell_temperatures()
 
 
 def _leave_others(draft: _Draft, choice: OcvChoice) -> None:

@@ -7,8 +7,8 @@ from typing import Any, Literal, get_args
 
 from ..model.window import Window
 from ..records import Source
+from ..results import PlannedFile, Use
 
-Use = Literal["identification", "OCV test", "validation", "not used"]
 ROLES: tuple[Use, ...] = get_args(Use)
 # What says where a simulation starts: one such option of the user's replaces all planned ones.
 _START = ("start_time_s", "start_after_step", "initial_soc")
@@ -62,6 +62,20 @@ class Plan:
     def lines(self) -> list[str]:
         """Every file in a line, with what it is and why it serves or not."""
         return [f"{part.name}: {part.role} ({part.kind}): {part.reason}" for part in self.parts]
+
+    @property
+    def stored(self) -> tuple[PlannedFile, ...]:
+        """Every file as a result keeps it."""
+        return tuple(
+            PlannedFile(
+                name=part.name,
+                role=part.role,
+                kind=part.kind,
+                reason=part.reason,
+                temperature_degc=part.temperature_degc,
+            )
+            for part in self.parts
+        )
 
     def changed(self, window: Window | Mapping[str, Window] | None, **options: Any) -> "Plan":
         """The plan with what a user has chosen otherwise, by record or for all; None is no choice.

@@ -41,7 +41,8 @@ def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> 
         return None
     reading = options.get("reading") or Reading(columns=options.get("columns", ""))
     watch = options.get("watch", unwatched)
-    return plan(given, ocv=ocv, validate=validate, reading=reading, watch=watch)
+    over = options.get("over")
+    return plan(given, ocv=ocv, validate=validate, over=over, reading=reading, watch=watch)
 
 
 def plans_first(identify: Run) -> Run:
@@ -52,7 +53,8 @@ def plans_first(identify: Run) -> Run:
         found = plan_of(records, ocv, validate, **options)
         if found is None:
             return identify(records, ocv=ocv, validate=validate, **options)
-        return identify(**arguments(found, **options))
+        result = identify(**arguments(found, **options))
+        return result.model_copy(update={"plan": found.stored})
 
     return planned
 

@@ -18,11 +18,15 @@ from .record import Record
 def bdf_table(record: Record) -> pl.DataFrame:
     """The record's samples under the format's labels, charge positive.
 
+    The format has no word for when a sample's current flowed. Where it flowed before the sample
+    and no counters prove it, the net capacity is the integral that does.
+
     >>> from barnax.bundled import bundled_file
     >>> from barnax.records import read_record
     >>> bdf_table(read_record(bundled_file("identification"))).columns
     ['Test Time / s', 'Current / A', 'Voltage / V']
     """
+    net_ah = record.discharged_ah if _is_unproved(record) else record.charge_ah
     columns = {
         "Test Time / s": record.time_s,
         # Adding zero makes the -0.0 of a rest a plain zero.
@@ -31,9 +35,13 @@ def bdf_table(record: Record) -> pl.DataFrame:
         "Surface Temperature / degC": record.temperature_degc,
         "Step Index / 1": record.step,
         "Cycle Count / 1": record.cycle,
-        "Net Capacity / Ah": None if record.charge_ah is None else 0.0 - record.charge_ah,
+        "Net Capacity / Ah": None if net_ah is None else 0.0 - net_ah,
     }
     return pl.DataFrame({name: np.array(own) for name, own in columns.items() if own is not None})
+
+
+def _is_unproved(record: Record) -> bool:
+    return record.hold.value == "backward" and record.hold.strength != "strong"
 
 
 def provenance(record: Record) -> dict[str, Any]:
@@ -45,6 +53,7 @@ def provenance(record: Record) -> dict[str, Any]:
         "current sign in the source": record.sign.value,
         "reason": record.sign.reason,
         "current flows": f"{record.hold.value} from a sample ({record.hold.strength})",
+        "net capacity": "integrated" if _is_unproved(record) else "the tester's",
         "warnings": list(record.warnings),
     }
 

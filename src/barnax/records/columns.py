@@ -116,7 +116,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "current",
         _AMPERES,
-        "current|current measured|cur|amps|we(1).current|i",
+        "cell current|current|current measured|cur|amps|we(1).current|i",
         "Current / A|current_ampere",
         "strom|courant|corriente|corrente|电流",
     ),

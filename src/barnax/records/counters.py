@@ -96,8 +96,8 @@ class Counters:
         least_ah = _QUANTA * self.quantum_ah
         best_ah, most = None, _AGREEING
         for begun_ah, counted_ah in self._candidates(np.sign(integrated_ah)):
-            sign = np.sign(np.sum(counted_ah * integrated_ah)) or 1.0
-            turned_ah = counted_ah * sign
+            sign = float(np.sign(counted_ah @ integrated_ah)) or 1.0
+            turned_ah = counted_ah if sign > 0 else -counted_ah
             apart_ah = np.abs(np.add.reduceat(turned_ah, starts) - summed_ah)
             moves = np.maximum(apart_ah, flowed_ah) > least_ah
             agrees = (apart_ah <= _NEAR * flowed_ah + least_ah)[moves]
@@ -150,21 +150,24 @@ def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) ->
     coarse moves by its quantum.
     """
     counted_ah = np.diff(charge_ah)
-    excess_ah = counted_ah - np.clip(
-        counted_ah, np.minimum(begun_ah, ended_ah), np.maximum(begun_ah, ended_ah)
-    )
-    moving_ah = np.abs(counted_ah[counted_ah != 0])
-    least_ah = max(_SKIPPED * float(np.ptp(charge_ah)), _QUANTUM * moving_ah.min(initial=np.inf))
-    places = np.flatnonzero(np.abs(excess_ah) > least_ah)
+    moving_ah = np.abs(counted_ah)
+    smallest_ah = np.min(moving_ah, where=moving_ah > 0, initial=np.inf)
+    least_ah = max(_SKIPPED * float(np.ptp(charge_ah)), _QUANTUM * smallest_ah)
+    # What is far from both is far from one of them, and few are.
+    places = np.flatnonzero(np.abs(counted_ah - begun_ah) > least_ah)
+    ends_ah = np.sort([begun_ah[places], ended_ah[places]], axis=0)
+    excess_ah = counted_ah[places] - np.clip(counted_ah[places], *ends_ah)
+    is_far = np.abs(excess_ah) > least_ah
+    places, excess_ah = places[is_far], excess_ah[is_far]
     if not len(places):
         return None
     apart_ah = charge_ah - np.concatenate([np.zeros(1), np.cumsum(begun_ah)])
     found_ah = np.zeros_like(counted_ah)
-    for place in places.tolist():
+    for place, own_ah in zip(places.tolist(), excess_ah.tolist(), strict=True):
         before = np.median(apart_ah[max(place - _BESIDE, 0) : place + 1])
         after = np.median(apart_ah[place + 1 : place + 2 + _BESIDE])
-        if (after - before) / excess_ah[place] > _LASTING:
-            found_ah[place] = excess_ah[place]
+        if (after - before) / own_ah > _LASTING:
+            found_ah[place] = own_ah
     return found_ah if found_ah.any() else None
 
 

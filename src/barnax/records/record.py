@@ -55,7 +55,8 @@ class Record:
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():
-            is_own = isinstance(values, np.ndarray) and values.flags.owndata
+            # A table's own memory is no array, and nobody can write to it.
+            is_own = isinstance(values, np.ndarray) and not isinstance(values.base, np.ndarray)
             if isinstance(values, np.ndarray) and not (is_own and not values.flags.writeable):
                 # A copy, for the caller may go on writing to what was given.
                 own = values.copy()

@@ -22,7 +22,7 @@ _NOMINAL_V = 3.6
 def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples with a voltage in volts, and what was wrong with it."""
     name = samples.header("voltage")
-    middle_v = float(np.median(samples.voltage_v))
+    middle_v = samples.middle_v
     findings = []
 
     def mended(what: str, remedy: str, factor: float, severity: Severity = "error") -> Samples:
@@ -144,7 +144,7 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
     interval_s = samples.interval_s
     bulk_s, travel_v = samples.bulk_time
     ratio = _throughput_ratio(samples)
-    is_steep = float(np.median(samples.voltage_v)) < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
+    is_steep = samples.middle_v < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
     is_bare = samples.columns["time"].is_unit_assumed
     for words, symbol, factor, shortest_s in _LONGER:
         if ratio is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ..cell import CellModel, PolynomialCurve
 from .document import Bullets, Listing, Paragraph, Section, Table, make_table
 from .tables import pairs_table
-from .words import joined, millivolt, percent, significant, symbol, with_unit
+from .words import NOTHING, joined, millivolt, percent, significant, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision
-    from ..results import InputPart, Result
+    from ..results import InputPart, PlannedFile, Result
 
     Stored = Result | ComparisonResult
 
@@ -45,6 +45,18 @@ def files_table(stored: "Stored") -> Table:
     }
     caption = "The files that were read. The hash is the beginning of the file's SHA-256."
     return make_table(caption, stored.inputs, cells, cells)
+
+
+def plan_blocks(stored: "Result") -> tuple[Table, ...]:
+    """Every file of a folder, and why it serves or not; nothing where roles were given."""
+    cells: dict[str, Callable[[PlannedFile], str]] = {
+        "file": lambda each: each.name,
+        "serves for": lambda each: each.role,
+        "it is": lambda each: each.kind or NOTHING,
+        "because": lambda each: each.reason or NOTHING,
+    }
+    caption = "The plan: what was found among the files that were given."
+    return (make_table(caption, stored.plan, cells, cells),) if stored.plan else ()
 
 
 def decision_sentences(stored: "Stored") -> Iterator[str]:

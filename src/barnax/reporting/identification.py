@@ -12,6 +12,7 @@ from .decisions import (
     decision_sentences,
     files_table,
     guess_sentences,
+    plan_blocks,
     reproduction_section,
     warnings_section,
 )
@@ -87,6 +88,7 @@ def identification_document(
             "What was measured",
             (
                 files_table(result),
+                *plan_blocks(result),
                 *pictures.of(*(f"{role}-condition" for role in roles), "ocv", "hysteresis"),
             ),
         ),

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
+from ..gather import OVER_TEMPERATURE
 from ..over_soc.cross_validation import WORTHWHILE
+from ..over_soc.temperature import SAME_DEGC
 from ..pipeline import FITTING_AGAIN
 from .sentences import (
     WORTH_TELLING,
@@ -106,6 +108,11 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
         return {"ocv_fit": "interpolated"}, what
     if not result.metrics.validation:
         return {}, "validate on another record of the cell, with `validate`"
+    others = _other_temperatures(result)
+    if others and (result.tables is not None or tables_would_pay(result)):
+        where = joined([f"{degc:.3g}" for degc in others])
+        what = f"for tables over temperature too, with the records at {where} degC"
+        return {"over": OVER_TEMPERATURE}, what
     if result.tables is not None:
         return {}, "export the tables with barnax export"
     if tables_would_pay(result):
@@ -129,6 +136,25 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
             return options, f"lower the RMSE to {millivolt(each.rmse_v)}"
     names = [each.name for each in result.of_role("validation")]
     return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
+
+
+def _other_temperatures(result: "Result") -> list[float]:
+    """The temperatures of records in the folder that could be identified on too, and are not."""
+    used = {each.temperature_degc for each in result.plan if each.role == "identification"}
+    if len(used) != 1 or None in used:
+        return []
+    found: list[float] = []
+    for each in result.plan:
+        degc = each.temperature_degc
+        is_left = each.role == "not used" and each.kind in ("drive cycle", "pulse test")
+        known = [*used, *found]
+        if (
+            is_left
+            and degc is not None
+            and all(abs(degc - one) > SAME_DEGC for one in known if one is not None)
+        ):
+            found.append(degc)
+    return sorted(found)
 
 
 def _missed_by_the_polynomial_v(cell: "CellModel") -> float:

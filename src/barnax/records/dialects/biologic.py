@@ -22,7 +22,7 @@ BIOLOGIC = Dialect(
         "step time": "step time",
         "current": "i",
         "charge of the interval": "dq",
-        "voltage": "ecell|ewe|ewe-ece|u",
+        "voltage": "ecell|ewe-ece|ewe|u",
         "temperature": "temperature",
         "step": "ns",
         "cycle": "cycle number|half cycle",

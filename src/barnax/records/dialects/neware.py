@@ -1,7 +1,8 @@
 """Neware: BTS 5 to 8, as CSV, workbooks, and the binary files that fastnda reads.
 
-Names as in exports of BTSDA in English and Chinese. `Time` and `Relative Time` start again with
-each step; older exports have no test clock. The capacity counts from zero in each step.
+Names as in exports of BTSDA in English and Chinese, and of the library NewareNDA. `Time` and
+`Relative Time` start again with each step; older exports have no test clock. The capacity counts
+from zero in each step.
 """
 
 from .dialect import Dialect
@@ -12,6 +13,8 @@ NEWARE = Dialect(
         "datapoint & voltage & current",
         "chg. cap. & dchg. cap.",
         "record id & realtime",
+        "record id & step name",
+        "index & status & time & timestamp & current(ma)",
         "relative time & absolute time",
         "total time & cycle index & step index & date",
         "total time s & unix time s & step type",
@@ -27,7 +30,7 @@ NEWARE = Dialect(
     names={
         "time": "total time|cumulative time|test time|总时间|累计时间|测试时间",
         "step time": "step time|time|relative time|工步时间|相对时间|时间",
-        "date": "unix time|date|absolute time|realtime|date time|系统时间|绝对时间|日期",
+        "date": "unix time|date|absolute time|realtime|date time|timestamp|系统时间|绝对时间|日期",
         "current": "current|cur|电流",
         "voltage": "voltage|volt|电压",
         "temperature": "temperature|t1|aux1 temperature|温度",

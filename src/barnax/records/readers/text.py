@@ -347,7 +347,8 @@ def _records_of_layers(table: Table) -> Table:
     if not blank or not names_record(table.header):
         return table
     front = np.any([column.is_not_null().to_numpy() for column in table.columns[:blank]], axis=0)
-    if not front.any():
+    # Where all rows have it, it is a column without a name, as an index of pandas.
+    if front.all() or not front.any():
         return replace(table, header=table.header[blank:], columns=table.columns[blank:])
     kept = pl.Series(~front)
     note = f"left out {counted(int(front.sum()), 'row')} of cycles and steps between the records"

@@ -82,7 +82,7 @@ def test_convergence_must_hold_ten_minutes_or_to_the_end():
     [
         ({"kind": "pf"}, "`filter` 'pf' is not known; there are ekf, ukf"),
         ({"form": "triple"}, "`form` 'triple' is not known"),
-        ({"soc_sd": 0.0}, "`soc_sd` 0 must be above 0"),
+        ({"soc_sd": 0.0}, "soc_sd 0 must be above 0"),
     ],
 )
 def test_unknown_settings_are_refused(given, says):

@@ -19,7 +19,7 @@ from .cell import (
 )
 from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
-from .checks import FileCheck, SuggestedWindow, check_file
+from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
 from .model.inputs import group_tests, temperature_of
@@ -290,7 +290,7 @@ def input_warnings(
         if each.name == role and not each.is_usable:
             texts.append(f"{found.file}: not suitable for {role}: {each.reason}")
         elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
-            advice = window_advice(each.window)
+            advice = each.window.advice
             texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []
     return texts
 
@@ -300,15 +300,6 @@ def window_of(window: Window | Mapping[str, Window] | None, name: str) -> Window
     if isinstance(window, Mapping):
         window = window.get(name, window.get(""))
     return window or Window()
-
-
-def window_advice(suggested: SuggestedWindow) -> str:
-    """What to give, where a record is not to be simulated from its first sample to its last."""
-    options = [
-        f"`{name.removesuffix('_s')}={','.join(f'{each:.10g}' for each in np.atleast_1d(value))}`"
-        for name, value in suggested.options.items()
-    ]
-    return f"give {' '.join(options)}" if options else ""
 
 
 def windows_of(

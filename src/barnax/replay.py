@@ -68,7 +68,7 @@ class FilterSettings:
         if self.form not in ("joint", "dual"):
             raise InputError(f"`form` {self.form!r} is not known; there are joint, dual")
         if not 0 < self.soc_sd <= 1:
-            raise InputError(f"`soc_sd` {self.soc_sd:g} must be above 0 and at most 1")
+            raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
 
 
 @dataclass(frozen=True)

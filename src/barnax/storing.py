@@ -204,13 +204,9 @@ def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any
 
 
 @functools.cache
-def _versions() -> dict[str, str]:
-    return {"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED}
-
-
 def all_versions() -> dict[str, str]:
     """The versions that can change a result's digits."""
-    return dict(_versions())
+    return {"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED}
 
 
 def input_part(role: Any, record: Record | OcvTable) -> InputPart:

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import polars as pl
@@ -62,6 +62,17 @@ def workers_of(driver):
     return [each for each, line in lines if b"spawn_main" in line]
 
 
+def wait_for_cells(out, draw):
+    """Until some while after a worker began a cell or wrote a part, however slow it starts."""
+    start_s, pattern = time.time(), draw.choice(("parts/.*.at", "parts/[!.]*.parquet"))
+    while time.time() < start_s + 120:
+        time.sleep(0.05)
+        with suppress(FileNotFoundError):
+            if any(each.stat().st_mtime > start_s for each in out.glob(pattern)):
+                break
+    time.sleep(draw.uniform(0.0, 3.0))
+
+
 def require_the_same(out, alone):
     rows = pl.read_parquet(out / "cells.parquet")
     assert rows["id"].is_unique().all()
@@ -73,7 +84,7 @@ def test_twenty_kills_lose_nothing(many, alone, tmp_path):
     killed = 0
     while killed < KILLS:
         running = command(many, tmp_path)
-        time.sleep(draw.uniform(1.0, 12.0))
+        wait_for_cells(tmp_path, draw)
         victims = workers_of(running.pid)
         if victims and draw.random() < 0.5:
             os.kill(draw.choice(victims), signal.SIGKILL)
@@ -110,9 +121,9 @@ class Cluster:
         return self
 
     def __exit__(self, *_):
+        # Workers without a scheduler would wait for it; each ends with its parent.
         for each in (self.workers, self.scheduler):
-            each.terminate()
-        for each in (self.workers, self.scheduler):
+            each.kill()
             each.wait()
 
 
@@ -133,7 +144,7 @@ def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(many, alo
     for number in range(DASK_KILLS):
         with Cluster(tmp_path, number) as cluster:
             running = command(many, out, "--scheduler", cluster.address)
-            time.sleep(draw.uniform(4.0, 16.0))
+            wait_for_cells(out, draw)
             victims = {
                 "worker": workers_of(cluster.workers.pid),
                 "scheduler": [cluster.scheduler.pid],

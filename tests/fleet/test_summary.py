@@ -6,7 +6,7 @@ import pytest
 
 from barnax.fleet.summary import summarize
 from barnax.reporting import to_html
-from barnax.reporting.fleet_report import fleet_document, fleet_illustrations
+from barnax.reporting.fleet import fleet_document, fleet_illustrations
 
 CELLS = 40
 

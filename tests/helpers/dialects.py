@@ -82,6 +82,7 @@ def neware_nda_csv(table):
     """As NewareNDA and pandas write it: an index without a name, and the clock of the steps."""
     time, current, voltage, step, step_time, kind, counted = channels(table)
     header = ",Index,Cycle,Step,Status,Time,Voltage,Current(mA),Charge_Capacity(mAh),"
+    stamp = np.datetime64("2024-02-29T09:20:29") + np.round(1e6 * time).astype("timedelta64[us]")
     rows = [
         (
             k,
@@ -94,7 +95,7 @@ def neware_nda_csv(table):
             1000.0 * current[k],
             1000.0 * max(counted[k], 0.0),
             1000.0 * max(-counted[k], 0.0),
-            f"2024-02-29 {clock(32_400 + time[k])}",
+            str(stamp[k]).replace("T", " "),
         )
         for k in range(len(time))
     ]

@@ -37,6 +37,12 @@ CIRCUITS = tuple(name for name in PAIRS_OF if name != "takacs")
 GAMMA = 87.25
 
 
+def line(axes, label: str):
+    """The one line of that label in a panel of a figure."""
+    (found,) = [each for each in axes.get_lines() if each.get_label() == label]
+    return found
+
+
 def make_record(samples: int, interval_s: float = 1.0, name: str = "cycle.csv") -> Record:
     """A repeated square wave of current, and a voltage that falls with ripple."""
     number = np.arange(samples)

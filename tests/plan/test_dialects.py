@@ -14,11 +14,14 @@ FILES = {
     "down": BUNDLED.ocv[1],
 }
 SMALL = {"seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
+# Its dates are of microseconds, and the bundled clock has both sides of a step closer together.
+TOO_COARSE = ("NewareNDA CSV",)
 # Of makes that are not among the default tests' two.
 QUICK = ("Maccor text", "BioLogic .mpt, German")
 CASES = [
     pytest.param(write, id=name, marks=() if name in QUICK else pytest.mark.slow)
     for name, write in WRITERS.items()
+    if name not in TOO_COARSE
 ]
 
 

@@ -10,6 +10,7 @@ from barnax import bundled_file, characterize, read_record
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
 from barnax.cell.hysteresis import KNOTS
 from barnax.plots import plot_hysteresis, plot_ocv
+from helpers.results import line
 
 SOC = np.linspace(0.0, 1.0, 11)
 
@@ -42,11 +43,6 @@ def polynomial_cell():
     return characterize(
         [read_record(bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")]
     )
-
-
-def line(axes, label):
-    (found,) = [line for line in axes.get_lines() if line.get_label() == label]
-    return found
 
 
 def test_the_symbols_are_the_measured_points():

@@ -19,7 +19,7 @@ from barnax.plots import (
 )
 from barnax.plots.compared_records import row_looks
 from barnax.plots.style import readable
-from helpers.results import make_evaluation, make_record
+from helpers.results import line, make_evaluation, make_record
 from sample_comparisons import BOX, PARAMETERS, make_comparison, make_failure, make_row
 
 
@@ -30,11 +30,6 @@ def make_rows(*sizes_v, samples=600, scored=None):
         f"row {place}": make_evaluation(record, scored, size_v * wave)
         for place, size_v in enumerate(sizes_v)
     }
-
-
-def line(axes, label):
-    (found,) = [line for line in axes.get_lines() if line.get_label() == label]
-    return found
 
 
 def labels(axes):

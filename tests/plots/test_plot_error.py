@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.plots import plot_error
-from helpers.results import make_evaluation, make_record
-
-
-def line(axes, label):
-    (found,) = [line for line in axes.get_lines() if line.get_label() == label]
-    return found
+from helpers.results import line, make_evaluation, make_record
 
 
 def test_the_line_is_the_error_in_millivolt():

@@ -18,8 +18,8 @@ from barnax.reporting import (
     to_markdown,
 )
 from barnax.reporting.document import Bullets, Picture
+from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import validation_sentences
-from barnax.reporting.terminal import first_screen
 from barnax.reporting.verdict import best_possible, next_step, seeds_sentences, weakest_point
 from barnax.results import Result
 from barnax.search.refine import AtBound

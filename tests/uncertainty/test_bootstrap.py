@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from barnax.uncertainty.bootstrap import block_length, bootstrap
+from barnax.uncertainty.refitted import block_length, bootstrap
 
 from .made import TRUTH, made_problem, white_noise
 

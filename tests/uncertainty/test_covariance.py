@@ -53,8 +53,8 @@ def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
         assert each.low < each.value < each.high
         assert each.low * each.high == pytest.approx(each.value**2)
         assert each.standard_error == each.value * each.relative_error
-        assert each.standard_error == pytest.approx(
-            each.inflation * each.white_noise_standard_error
+        assert each.relative_error == pytest.approx(
+            each.inflation * each.white_noise_relative_error
         )
 
 

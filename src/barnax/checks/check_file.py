@@ -14,49 +14,30 @@ from ..records.findings import Finding, named
 from ..records.hold import decide_hold
 from ..records.read import Source, examine, make_record, read_source
 from ..records.sign import decide_sign
-from .channels import (
-    find_clipped_current,
-    find_current_spikes,
-    find_sign,
-    find_stuck_current,
-    find_stuck_voltage,
-    find_turn,
-    find_voltage_spikes,
-)
-from .charge import find_capacity, find_closure, find_counters, find_rests
+from . import channels, charge, sampling
 from .check_input import Check, CheckInput
-from .kinds import Traits, traits_of
-from .roles import Role, find_roles
-from .sampling import (
-    find_breaks,
-    find_coarse_intervals,
-    find_gaps,
-    find_rebuilt_clock,
-    find_resolution,
-    find_skipped,
-    find_temperature,
-)
+from .roles import Role, Traits, find_roles, traits_of
 from .twins import find_twins
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {
-    "sign": find_sign,
-    "gaps": find_gaps,
-    "skipped": find_skipped,
-    "breaks": find_breaks,
-    "coarse intervals": find_coarse_intervals,
-    "rebuilt clock": find_rebuilt_clock,
-    "rests": find_rests,
-    "clipped current": find_clipped_current,
-    "stuck voltage": find_stuck_voltage,
-    "stuck current": find_stuck_current,
-    "voltage spikes": find_voltage_spikes,
-    "current spikes": find_current_spikes,
-    "temperature": find_temperature,
-    "counters": find_counters,
-    "capacity": find_capacity,
-    "closure": find_closure,
-    "resolution": find_resolution,
+    "sign": channels.find_sign,
+    "gaps": sampling.find_gaps,
+    "skipped": sampling.find_skipped,
+    "breaks": sampling.find_breaks,
+    "coarse intervals": sampling.find_coarse_intervals,
+    "rebuilt clock": sampling.find_rebuilt_clock,
+    "rests": charge.find_rests,
+    "clipped current": channels.find_clipped_current,
+    "stuck voltage": channels.find_stuck_voltage,
+    "stuck current": channels.find_stuck_current,
+    "voltage spikes": channels.find_voltage_spikes,
+    "current spikes": channels.find_current_spikes,
+    "temperature": sampling.find_temperature,
+    "counters": charge.find_counters,
+    "capacity": charge.find_capacity,
+    "closure": charge.find_closure,
+    "resolution": sampling.find_resolution,
 }
 _ORDER = {"error": 0, "warning": 1, "note": 2}
 
@@ -167,7 +148,7 @@ def check_file(
     # Absurd values overflow on their way to being found absurd.
     with np.errstate(all="ignore"):
         if examined.mended is not None:
-            samples, found = find_turn(examined.mended)
+            samples, found = channels.find_turn(examined.mended)
             findings += named("sign", found)
             sign, doubts = decide_sign(samples, current_sign, source.name)
             record = make_record(source, samples, sign, decide_hold(samples, current_hold))

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from ..errors import counted
 from ..records.findings import Finding
 from .check_input import CheckInput
-from .kinds import FINE_S
+from .roles import FINE_S
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
 _GAP, _BESIDE = 3.0, 7

@@ -5,9 +5,8 @@ from typing import Annotated
 import typer
 
 from .. import __version__
-from .check import check
 from .compare import compare, optimizers
-from .convert import convert
+from .files import check, convert
 from .fleet import fleet
 from .identify import hppc, identify
 from .results import export, rerun, show, validate

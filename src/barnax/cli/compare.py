@@ -12,7 +12,7 @@ import typer
 
 from .groups import grouped
 from .options import Output, Rows, SearchOptions, require_choice, run_options
-from .output import DEFAULT_FOLDER, require_free, write_results
+from .output import DEFAULT_FOLDER, write_results
 from .record_options import Files, RecordOptions
 from .session import Session, as_flags, shown, use_compilation_cache
 
@@ -51,10 +51,7 @@ def compare(
 
     Without arguments, it runs the paper's five rows on the bundled cell.
     """
-    session = Session(is_quiet=output.quiet or output.as_json)
-    folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
-    if folder is not None:
-        require_free(folder, output.force)
+    session, folder = output.begun(DEFAULT_FOLDER)
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..baselines import METHODS
@@ -88,10 +85,7 @@ def compare(
 
 
 def _show(
-    session: Session,
-    result: "ComparisonResult",
-    seconds: dict[str, float],
-    is_verbose: bool,
+    session: Session, result: "ComparisonResult", seconds: dict[str, float], is_verbose: bool
 ) -> None:
     from ..reporting import comparison_document
     from ..reporting.terminal import to_terminal
@@ -166,19 +160,17 @@ def _report(
 def optimizers() -> None:
     """List the optimizers that --method accepts."""
     from ..optimizers import summarize_optimizers
-    from ..reporting.document import Column, Table
+    from ..reporting.document import make_table
     from ..reporting.terminal import terminal_table
 
-    table = Table(
-        caption="Evaluations per iteration, with a population of 30.",
-        columns=(
-            Column("name", role="text"),
-            Column("evaluations"),
-            Column("what it is", role="text"),
-        ),
-        rows=tuple(
-            (each.name, str(each.evaluations_per_iteration), each.source)
-            for each in summarize_optimizers()
-        ),
+    table = make_table(
+        "Evaluations per iteration, with a population of 30.",
+        summarize_optimizers(),
+        {
+            "name": lambda each: each.name,
+            "evaluations": lambda each: str(each.evaluations_per_iteration),
+            "what it is": lambda each: each.source,
+        },
+        ["name", "what it is"],
     )
     Session(is_quiet=False).show([terminal_table(table)])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..errors import InputError
-from .groups import OUTPUT, SEARCH, grouped, option
+from .groups import OUTPUT, SEARCH, flag, grouped, option
 from .options import TableOptions, complete_circuits, complete_methods
 from .output import write_file
 from .record_options import Files, RecordOptions
@@ -38,8 +38,7 @@ class FleetSearch:
         ),
     ] = None
     method: Annotated[
-        str,
-        option(SEARCH, "NAME", "Optimizer of the seeds.", autocompletion=complete_methods),
+        str, option(SEARCH, "NAME", "Optimizer of the seeds.", autocompletion=complete_methods)
     ] = "ibmo"
     seeds: Annotated[
         int,
@@ -88,17 +87,10 @@ class EngineOptions:
         str | None,
         option(ENGINE, "K/N", "Only the K-th of N parts of the fleet, for an array of jobs."),
     ] = None
-    retry: Annotated[
-        bool,
-        typer.Option("--retry", help="Repeat the cells that failed.", rich_help_panel=ENGINE),
-    ] = False
+    retry: Annotated[bool, flag(ENGINE, "--retry", "Repeat the cells that failed.")] = False
     dry_run: Annotated[
         bool,
-        typer.Option(
-            "--dry-run",
-            help="List the cells and missing files, and compute nothing.",
-            rich_help_panel=ENGINE,
-        ),
+        flag(ENGINE, "--dry-run", "List the cells and missing files, and compute nothing."),
     ] = False
 
 
@@ -110,17 +102,9 @@ class FleetOutput:
         Path, option(OUTPUT, "FOLDER", "Folder of the dataset; an interrupted run continues there.")
     ] = DEFAULT_FOLDER
     keep_results: Annotated[
-        bool,
-        typer.Option(
-            "--keep-results",
-            help="Also write each cell's result.json, to results/ID.",
-            rich_help_panel=OUTPUT,
-        ),
+        bool, flag(OUTPUT, "--keep-results", "Also write each cell's result.json, to results/ID.")
     ] = False
-    quiet: Annotated[
-        bool,
-        typer.Option("--quiet", "-q", help="Print nothing but warnings.", rich_help_panel=OUTPUT),
-    ] = False
+    quiet: Annotated[bool, flag(OUTPUT, "--quiet -q", "Print nothing but warnings.")] = False
 
 
 @grouped
@@ -199,7 +183,7 @@ def _write_report(
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
     from ..reporting import to_html
-    from ..reporting.fleet_report import fleet_document, fleet_illustrations, fleet_sentence
+    from ..reporting.fleet import fleet_document, fleet_illustrations, fleet_sentence
 
     rows = read_fleet(out)
     summary = summarize(rows, carried)
@@ -239,16 +223,11 @@ def _defaults(files: Files, of_records: RecordOptions, search: FleetSearch) -> d
     return {name: value for name, value in given.items() if value != "auto"}
 
 
-def _fixed(texts: list[str] | None) -> dict[str, Any]:
-    if not texts:
-        return {}
-    from ..model.search_space import parse_fixed
-
-    return {"fix": parse_fixed(texts)}
-
-
 def _settings(search: FleetSearch, tables: TableOptions, output: FleetOutput) -> dict[str, Any]:
     kept = {name: getattr(search, name) for name in ("method", "seeds", "key", "trust")}
     kept |= {"model": search.model} if search.model else {}
-    kept |= tables.chosen() | _fixed(search.fix)
-    return kept | ({"keep_results": True} if output.keep_results else {})
+    if search.fix:
+        from ..model.search_space import parse_fixed
+
+        kept["fix"] = parse_fixed(search.fix)
+    return kept | tables.chosen() | ({"keep_results": True} if output.keep_results else {})

@@ -5,30 +5,31 @@ import sys
 import threading
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ..errors import InputError
-from .groups import INPUT, grouped
-from .options import Choices, Output, SearchOptions, TableOptions, require_choice, run_options
-from .output import DEFAULT_FOLDER, free_name, require_free, write_results
-from .plans import arguments_of, with_options
-from .record_options import Files, RecordOptions
-from .session import APPEARANCE, Session, as_flags, use_compilation_cache, without_options
+from .groups import INPUT, flag, grouped
+from .options import Identification, require_choice, run_options
+from .output import DEFAULT_FOLDER, free_name, write_results
+from .session import APPEARANCE, Session, as_flags, flag_of, use_compilation_cache, without_options
 
 if TYPE_CHECKING:
+    from ..model.window import Window
+    from ..plan import Part, Plan
     from ..results import Result
+
+# Options of the run that a plan may hold; those of records go into its windows.
+PLANNED = (
+    "ocv_capacity", "ocv_fit", "hysteresis_fit", "model", "method", "trust", "over",
+    "current_hold", "current_sign", "ocv_current_sign", "validate_current_sign", "columns",
+)  # fmt: skip
 
 
 @grouped
 def identify(
-    files: Files,
-    of_records: RecordOptions,
-    search: SearchOptions,
-    chosen: Choices,
-    tables: TableOptions,
-    output: Output,
+    options: Identification,
     records: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -41,11 +42,11 @@ def identify(
     ] = None,
     plan: Annotated[
         bool,
-        typer.Option(
+        flag(
+            INPUT,
             "--plan",
-            help="Only print the plan, as TOML: what would be done with which file. identify "
+            "Only print the plan, as TOML: what would be done with which file. identify "
             "accepts it in place of the folder.",
-            rich_help_panel=INPUT,
         ),
     ] = False,
 ) -> None:
@@ -54,39 +55,25 @@ def identify(
     Without arguments, it identifies the bundled cell.
     """
     if plan:
-        return _print_plan(files, of_records, search, chosen, tables, records or [], output)
-    _run("identify", records, files, of_records, search, chosen, tables, output)
+        return _print_plan(options, records or [])
+    _run("identify", options, records or [])
 
 
-def _print_plan(
-    files: Files,
-    of_records: RecordOptions,
-    search: SearchOptions,
-    chosen: Choices,
-    tables: TableOptions,
-    records: list[Path],
-    output: Output,
-) -> None:
-    session = Session(is_quiet=output.quiet)
+def _print_plan(options: Identification, records: list[Path]) -> None:
+    session = Session(is_quiet=options.output.quiet)
     with session.watch("Loading"):
         from ..plan import plan_of, plan_to_toml
 
-    options = {**run_options(files, of_records, search, records), **tables.chosen()}
-    planned = plan_of(**options, watch=session.watch)
+    given = run_options(options.files, options.of_records, options.search, records)
+    planned = plan_of(**given, **options.tables.chosen(), watch=session.watch)
     if planned is None:
         raise InputError("`plan` is for a folder, or for files without `ocv`")
-    changed = with_options(planned, options["window"], files, chosen, tables)
-    typer.echo(plan_to_toml(changed), nl=False)
+    typer.echo(plan_to_toml(_changed(planned, given["window"], options)), nl=False)
 
 
 @grouped
 def hppc(
-    files: Files,
-    of_records: RecordOptions,
-    search: SearchOptions,
-    chosen: Choices,
-    tables: TableOptions,
-    output: Output,
+    options: Identification,
     records: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -101,29 +88,20 @@ def hppc(
 
     Pulses, rests, capacity and OCV come from the test itself; --ocv sets another OCV.
     """
-    _run("hppc", records, files, of_records, search, chosen, tables, output)
+    _run("hppc", options, records or [])
 
 
 def _run(
-    command: Literal["identify", "hppc"],
-    records: list[Path] | None,
-    files: Files,
-    of_records: RecordOptions,
-    search: SearchOptions,
-    chosen: Choices,
-    tables: TableOptions,
-    output: Output,
+    command: Literal["identify", "hppc"], options: Identification, records: list[Path]
 ) -> None:
-    session = Session(is_quiet=output.quiet or output.as_json)
-    folder = output.out or (None if output.as_json else DEFAULT_FOLDER)
-    if folder is not None:
-        require_free(folder, output.force)
+    chosen, output = options.chosen, options.output
+    session, folder = output.begun(DEFAULT_FOLDER)
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..cell import CIRCUITS
         from ..optimizers import OPTIMIZERS
         from ..plan import plan_of
-        from ..reporting.plans import plan_lines
+        from ..reporting.terminal import plan_lines
 
         if command == "hppc":
             from ..pulse_test import hppc as run
@@ -137,21 +115,21 @@ def _run(
     if chosen.model is not None:
         require_choice("model", chosen.model, CIRCUITS)
     require_choice("method", chosen.method, OPTIMIZERS)
-    options = {
-        **run_options(files, of_records, search, records or []),
-        **tables.chosen(),
+    given = {
+        **run_options(options.files, options.of_records, options.search, records),
+        **options.tables.chosen(),
         "model": chosen.model,
         "method": chosen.method,
         "trust": chosen.trust,
         "watch": session.watch,
     }
-    planned = plan_of(**options) if command == "identify" else None
+    planned = plan_of(**given) if command == "identify" else None
     if planned is not None:
-        planned = with_options(planned, options["window"], files, chosen, tables)
+        planned = _changed(planned, given["window"], options)
         if not planned.missing:
             session.show(plan_lines(planned, as_flags))
-        options = arguments_of(planned, options, records or [])
-    result = run(**options)
+        given = _arguments(planned, given, records)
+    result = run(**given)
     written: set[str] = set()
     if folder is not None:
         answer = {"result.json": result.to_json().encode()}
@@ -191,7 +169,8 @@ def _show(
     session: Session, result: "Result", folder: Path | None, written: set[str], verbose: bool
 ) -> None:
     from ..reporting import identification_document
-    from ..reporting.terminal import first_screen, next_lines, parts_line, to_terminal
+    from ..reporting.first_screen import first_screen
+    from ..reporting.terminal import next_lines, parts_line, to_terminal
 
     if verbose:
         session.show(to_terminal(identification_document(result).spelled(as_flags)))
@@ -214,7 +193,7 @@ def _next(result: "Result") -> tuple[str, str]:
     options, advice = next_step(result)
     if not options:
         return as_flags(advice), ""
-    flags = {f"--{name.replace('_', '-')}": value for name, value in options.items()}
+    flags = {flag_of(name): value for name, value in options.items()}
     # What is for one record stands beside what others have, and after what it had itself.
     replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
     given = without_options(sys.argv[1:], {**APPEARANCE, **replaced})
@@ -223,3 +202,66 @@ def _next(result: "Result") -> tuple[str, str]:
         return f"{as_flags(advice)}: {shlex.join(words)}, with what was piped saved as a file", ""
     command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
     return as_flags(advice), command
+
+
+def _changed(
+    planned: "Plan", window: "Window | dict[str, Window] | None", options: Identification
+) -> "Plan":
+    """The plan with what the command line says otherwise."""
+    flags = {word.partition("=")[0] for word in sys.argv}
+    given = {
+        name: value
+        for group in (options.files, options.chosen, options.tables)
+        for name, value in vars(group).items()
+        if name in PLANNED and flag_of(name) in flags
+    }
+    return planned.changed(window, **given)
+
+
+def _arguments(planned: "Plan", options: dict[str, Any], records: list[Path]) -> dict[str, Any]:
+    """What `identify` is called with: the plan, and all that it does not settle."""
+    left = {
+        name: value
+        for name, value in options.items()
+        if name not in {*planned.options, "ocv", "validate", "window"}
+    }
+    return {**left, "records": planned, "command": _command(planned, records)}
+
+
+def _command(planned: "Plan", records: list[Path]) -> list[str]:
+    """The command that does the same without planning, of the same files where they are cut."""
+    from ..model.window import OPTIONS as WINDOW_OPTIONS
+
+    settled = {**APPEARANCE, "--report": 1, "--paper": 1, "--plan": 1}
+    served = [part for part in planned.parts if part.role != "not used"]
+    if any(part.span_s for part in served):
+        names = dict.fromkeys(part.path.name for part in served)
+        kept = without_options(sys.argv[2:], settled)
+        return ["barnax", "identify", *names, *(w for w in kept if Path(w) not in records)]
+    words = [part.name for part in planned.of_role("identification")]
+    words += [word for part in planned.of_role("OCV test") for word in ("--ocv", part.name)]
+    words += [word for part in planned.of_role("validation") for word in ("--validate", part.name)]
+    for part in planned.parts:
+        words += _window_words(part)
+    for name, value in planned.options.items():
+        if not (name == "over" and planned.command == "hppc"):
+            words += [flag_of(name), _written(value)]
+    decided = [*WINDOW_OPTIONS, *PLANNED, "ocv", "validate"]
+    settled |= {flag_of(name): 2 for name in decided}
+    kept = without_options(sys.argv[2:], settled)
+    return ["barnax", planned.command, *words, *(w for w in kept if Path(w) not in records)]
+
+
+def _window_words(part: "Part") -> list[str]:
+    from ..model.window import OPTIONS as WINDOW_OPTIONS
+
+    words = []
+    for option, (name, *_) in WINDOW_OPTIONS.items():
+        value = getattr(part.window, name)
+        if value is not None:
+            words += [flag_of(option), f"{part.name}={_written(value)}"]
+    return words
+
+
+def _written(value: Any) -> str:
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 import typer
 
 from ..errors import InputError
-from .groups import OUTPUT, SEARCH, TABLES, option
+from .groups import OUTPUT, SEARCH, TABLES, flag, option
+from .output import require_free
 from .record_options import Files, RecordOptions
-from .session import command_line
+from .session import Session, command_line
 
 
 def complete_methods(incomplete: str) -> list[str]:
@@ -32,6 +33,17 @@ def complete_exporters(incomplete: str) -> list[str]:
     from ..export import EXPORTERS
 
     return [name for name in EXPORTERS if name.startswith(incomplete)]
+
+
+Quiet = Annotated[
+    bool,
+    flag(OUTPUT, "--quiet -q", "Print no tables and no progress; warnings still go to stderr."),
+]
+Force = Annotated[bool, flag(OUTPUT, "--force", "Replace the file if it exists.")]
+StoredResult = Annotated[
+    Path,
+    typer.Argument(metavar="RESULT", help="The folder that identify wrote, or its result.json."),
+]
 
 
 @dataclass(frozen=True)
@@ -127,20 +139,15 @@ class Choices:
         ),
     ] = "basic"
     report: Annotated[
-        bool,
-        typer.Option(
-            "--report",
-            help="Also write report.html and report.md, with every figure.",
-            rich_help_panel=OUTPUT,
-        ),
+        bool, flag(OUTPUT, "--report", "Also write report.html and report.md, with every figure.")
     ] = False
     paper: Annotated[
         bool,
-        typer.Option(
+        flag(
+            OUTPUT,
             "--paper",
-            help="Also write figures/paper: every figure as PDF and SVG, one journal column wide "
+            "Also write figures/paper: every figure as PDF and SVG, one journal column wide "
             "(89 mm, 7 pt).",
-            rich_help_panel=OUTPUT,
         ),
     ] = False
 
@@ -160,19 +167,19 @@ class TableOptions:
     ] = None
     ocv_correction: Annotated[
         bool | None,
-        typer.Option(
+        flag(
+            TABLES,
             "--ocv-correction/--no-ocv-correction",
-            help="Fit a table that corrects the OCV, or not (default: yes).",
-            rich_help_panel=TABLES,
+            "Fit a table that corrects the OCV, or not (default: yes).",
         ),
     ] = None
     half_hysteresis: Annotated[
         bool | None,
-        typer.Option(
+        flag(
+            TABLES,
             "--half-hysteresis",
-            help="Fit the amplitude of a dynamic hysteresis as a table, instead of using half "
+            "Fit the amplitude of a dynamic hysteresis as a table, instead of using half "
             "the hysteresis voltage; needs records in both directions.",
-            rich_help_panel=TABLES,
         ),
     ] = None
     nodes: Annotated[
@@ -190,8 +197,7 @@ class TableOptions:
         float | None, option(TABLES, "WEIGHT", "Weight of squared voltages (default: 1e-7).")
     ] = None
     folds: Annotated[
-        int | None,
-        option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."),
+        int | None, option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5).")
     ] = None
     block_s: Annotated[
         float | None, option(TABLES, "S", "Length of the held-out blocks in s (default: 400).")
@@ -257,17 +263,14 @@ class ExportChoices:
             "barnax_filter.h).",
         ),
     ] = None
-    force: Annotated[
-        bool,
-        typer.Option("--force", help="Replace the file if it exists.", rich_help_panel=OUTPUT),
-    ] = False
+    force: Force = False
     verify: Annotated[
         bool,
-        typer.Option(
+        flag(
+            OUTPUT,
             "--verify",
-            help="Simulate the exported circuit in PyBaMM or thevenin, and print the largest "
+            "Simulate the exported circuit in PyBaMM or thevenin, and print the largest "
             "difference from barnax.",
-            rich_help_panel=OUTPUT,
         ),
     ] = False
 
@@ -279,48 +282,36 @@ class Output:
     out: Annotated[
         Path | None, option(OUTPUT, "FOLDER", "Folder for the results (default: barnax-out).")
     ] = None
-    force: Annotated[
-        bool,
-        typer.Option("--force", help="Replace the result in the folder.", rich_help_panel=OUTPUT),
-    ] = False
+    force: Annotated[bool, flag(OUTPUT, "--force", "Replace the result in the folder.")] = False
     as_json: Annotated[
-        bool,
-        typer.Option(
-            "--json",
-            help="Print the result as JSON; write files only with --out.",
-            rich_help_panel=OUTPUT,
-        ),
+        bool, flag(OUTPUT, "--json", "Print the result as JSON; write files only with --out.")
     ] = False
     verbose: Annotated[
-        bool,
-        typer.Option(
-            "--verbose", help="Print every decision, table and warning.", rich_help_panel=OUTPUT
-        ),
+        bool, flag(OUTPUT, "--verbose", "Print every decision, table and warning.")
     ] = False
-    quiet: Annotated[
-        bool,
-        typer.Option(
-            "--quiet",
-            "-q",
-            help="Print no tables and no progress; warnings still go to stderr.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = False
+    quiet: Quiet = False
+
+    def begun(self, default: Path) -> tuple[Session, Path | None]:
+        """The session of a run, and the folder of its results, None where they are only printed.
+
+        Raises `InputError` where results cannot go there.
+        """
+        folder = self.out or (None if self.as_json else default)
+        if folder is not None:
+            require_free(folder, self.force)
+        return Session(is_quiet=self.quiet or self.as_json), folder
 
 
-Quiet = Annotated[
-    bool,
-    typer.Option(
-        "--quiet",
-        "-q",
-        help="Print no tables and no progress; warnings still go to stderr.",
-        rich_help_panel=OUTPUT,
-    ),
-]
-StoredResult = Annotated[
-    Path,
-    typer.Argument(metavar="RESULT", help="The folder that identify wrote, or its result.json."),
-]
+@dataclass(frozen=True)
+class Identification:
+    """All that identifying a circuit can be told."""
+
+    files: Files
+    of_records: RecordOptions
+    search: SearchOptions
+    chosen: Choices
+    tables: TableOptions
+    output: Output
 
 
 def run_options(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from .groups import OUTPUT, WINDOW, grouped
+from .groups import OUTPUT, WINDOW, flag, grouped
 from .options import ExportChoices, Quiet, StoredResult
 from .output import require_free_file, write_file
 from .record_options import Columns, Hold, RecordOptions, Sign
@@ -45,7 +45,8 @@ def load(path: Path) -> "Result":
 def show(result: StoredResult) -> None:
     """Print a result in full."""
     from ..reporting import identification_document
-    from ..reporting.terminal import first_screen, to_terminal
+    from ..reporting.first_screen import first_screen
+    from ..reporting.terminal import to_terminal
 
     stored = load(result)
     session = Session(is_quiet=False)
@@ -63,15 +64,13 @@ def validate(
     columns: Columns = "",
     whole_record: Annotated[
         bool,
-        typer.Option(
+        flag(
+            WINDOW,
             "--whole-record",
-            help="Simulate and score the whole record, ignoring the stored window.",
-            rich_help_panel=WINDOW,
+            "Simulate and score the whole record, ignoring the stored window.",
         ),
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the errors as JSON.", rich_help_panel=OUTPUT)
-    ] = False,
+    as_json: Annotated[bool, flag(OUTPUT, "--json", "Print the errors as JSON.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Simulate an identified circuit on another record, and print its errors.
@@ -246,11 +245,7 @@ def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
 
 
 @grouped
-def export(
-    result: StoredResult,
-    chosen: ExportChoices,
-    quiet: Quiet = False,
-) -> None:
+def export(result: StoredResult, chosen: ExportChoices, quiet: Quiet = False) -> None:
     """Export an identified circuit to another tool.
 
     What the tool cannot represent is named on stderr and, if the format has

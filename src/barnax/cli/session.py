@@ -17,6 +17,8 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -30,6 +32,11 @@ APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1, "--v
 _OPTION = re.compile(r"`([a-z][a-z_]*)(?:=([^`]*))?`")
 
 
+def flag_of(name: str) -> str:
+    """An option as the command line spells it."""
+    return f"--{name.replace('_', '-')}"
+
+
 def as_flags(text: str) -> str:
     """A message with the options that it names in backticks as this command line spells them.
 
@@ -38,7 +45,7 @@ def as_flags(text: str) -> str:
     """
 
     def flag(found: re.Match[str]) -> str:
-        name = "--" + found[1].replace("_", "-")
+        name = flag_of(found[1])
         return name if found[2] is None else f"{name} {shlex.quote(found[2].strip(chr(39)))}"
 
     return _OPTION.sub(flag, text)
@@ -65,35 +72,32 @@ class Session:
     @contextmanager
     def watch(self, title: str, total: int = 0) -> Iterator[Callable[[int], None]]:
         """Time a stage, under a spinner, or under a bar of `total` steps that it advances."""
-        progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(pulse_style="cyan"),
-            *([MofNCompleteColumn()] if total else []),
-            TimeElapsedColumn(),
-            console=self._notes,
-            transient=True,
-            disable=self._is_quiet or not self._notes.is_terminal,
-        )
-        with self.timed(title), progress:
-            task = progress.add_task(shown(title), total=total or None)
+        count = [MofNCompleteColumn()] if total else []
+        columns = [BarColumn(pulse_style="cyan"), *count, TimeElapsedColumn()]
+        with self._progress(title, total, columns) as (progress, task):
             yield lambda gained: progress.advance(task, gained)
 
     @contextmanager
     def counting(self, title: str, total: int) -> Iterator[Callable[[int, str], None]]:
         """A bar of a long run with the time left; told how much is done, and a remark on it."""
+        remark = TextColumn("{task.fields[remark]}")
+        columns = [BarColumn(), MofNCompleteColumn(), remark, TimeRemainingColumn()]
+        with self._progress(title, total, columns) as (progress, task):
+            yield lambda done, remark: progress.update(task, completed=done, remark=shown(remark))
+
+    @contextmanager
+    def _progress(
+        self, title: str, total: int, columns: Iterable[ProgressColumn]
+    ) -> Iterator[tuple[Progress, TaskID]]:
         progress = Progress(
             TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[remark]}"),
-            TimeRemainingColumn(),
+            *columns,
             console=self._notes,
             transient=True,
             disable=self._is_quiet or not self._notes.is_terminal,
         )
         with self.timed(title), progress:
-            task = progress.add_task(shown(title), total=total, remark="")
-            yield lambda done, remark: progress.update(task, completed=done, remark=shown(remark))
+            yield progress, progress.add_task(shown(title), total=total or None, remark="")
 
     @contextmanager
     def timed(self, title: str) -> Iterator[None]:

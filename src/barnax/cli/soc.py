@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .groups import FILTER, WINDOW, grouped, option
+from .groups import FILTER, WINDOW, flag, grouped, option
 from .options import Output, StoredResult
-from .output import require_free, write_results
+from .output import write_results
 from .record_options import Hold, RecordOptions, Sign
 from .results import load, stored_window
-from .session import Session, as_flags, use_compilation_cache
+from .session import as_flags, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..replay import SocReplay
@@ -25,8 +25,7 @@ class FilterOptions:
     """Which filter replays the record, and what it estimates."""
 
     filter: Annotated[
-        Literal["ekf", "ukf"],
-        option(FILTER, "ekf|ukf", "Extended or unscented Kalman filter."),
+        Literal["ekf", "ukf"], option(FILTER, "ekf|ukf", "Extended or unscented Kalman filter.")
     ] = "ekf"
     form: Annotated[
         Literal["joint", "dual"],
@@ -47,10 +46,10 @@ class FilterOptions:
     ] = "offset,capacity"
     tables: Annotated[
         bool,
-        typer.Option(
+        flag(
+            FILTER,
             "--tables/--no-tables",
-            help="Use the tables over SOC if the result has them, or not.",
-            rich_help_panel=FILTER,
+            "Use the tables over SOC if the result has them, or not.",
         ),
     ] = True
 
@@ -70,11 +69,7 @@ def soc(
     current_hold: Hold = "auto",
     whole_record: Annotated[
         bool,
-        typer.Option(
-            "--whole-record",
-            help="Replay the whole record, ignoring the stored window.",
-            rich_help_panel=WINDOW,
-        ),
+        flag(WINDOW, "--whole-record", "Replay the whole record, ignoring the stored window."),
     ] = False,
 ) -> None:
     """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
@@ -83,10 +78,7 @@ def soc(
     with a wrong capacity. The window of the identification applies, unless
     options change it.
     """
-    session = Session(is_quiet=output.quiet or output.as_json)
-    folder = output.out or (None if output.as_json else FOLDER)
-    if folder is not None:
-        require_free(folder, output.force)
+    session, folder = output.begun(FOLDER)
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..replay import FilterSettings, replay_soc

@@ -54,8 +54,6 @@ class Progress:
     skipped: int = 0
     failed: int = 0
     total: int | None = None
-    batches: int = 0
-    worked_s: float = 0.0
 
 
 def identify_fleet(
@@ -84,32 +82,30 @@ def identify_fleet(
     identified, its row says why.
     """
     out, chosen = Path(out), {"seeds": 0, **(settings or {})}
-    count = workers or os.cpu_count() or 1
     state, skipped = Progress(), [0]
     with writing(out, shard) as folder:
         queue = _wanted(cells, chosen, shard, finished(out), retry, skipped)
-        size = batch or MOST_IN_BATCH
-        if isinstance(cells, Sequence):
-            # A small number of cells is shared among the workers, four batches each.
-            few = list(queue)
+        few = list(queue) if isinstance(cells, Sequence) else None
+        if few is not None:
             state = replace(state, skipped=skipped[0], total=len(few) + skipped[0])
-            queue, size = iter(few), batch or max(1, min(size, -(-len(few) // (4 * count))))
-        first = tuple(itertools.islice(queue, size))
-        if first:
+            queue = iter(few)
+        first = next(queue, None)
+        if first is not None:
             _require_known(chosen)
             report(state)
-            batches = itertools.chain(
-                [first], iter(lambda: tuple(itertools.islice(queue, size)), ())
-            )
-            work = partial(_submit, folder=folder, out=out, settings=chosen)
-            with _opened(scheduler, executor, count) as reopen:
-                for counts in _run(batches, reopen, work, folder, WAITING * count + WAITING):
+            queue = itertools.chain([first], queue)
+            with _opened(scheduler, executor, workers or os.cpu_count() or 1) as (reopen, count):
+                size = batch or MOST_IN_BATCH
+                if few and not batch:
+                    # A small number of cells is shared among the workers, four batches each.
+                    size = max(1, min(size, -(-len(few) // (4 * count))))
+                batches = iter(lambda: tuple(itertools.islice(queue, size)), ())
+                work = partial(_submit, folder=folder, out=out, settings=chosen)
+                for rows, failed in _run(batches, reopen, work, folder, WAITING * (count + 1)):
                     state = replace(
                         state,
-                        finished=state.finished + counts.cells,
-                        failed=state.failed + counts.failed,
-                        batches=state.batches + 1,
-                        worked_s=state.worked_s + counts.seconds,
+                        finished=state.finished + rows,
+                        failed=state.failed + failed,
                         skipped=skipped[0],
                     )
                     report(state)
@@ -225,7 +221,7 @@ def _run(
         ((print_, cell),) = batch
         row = {"id": cell.id, "error": DIED, **cell.carried, "fingerprint": print_}
         write_rows(folder / f"{batch_name([print_])}.parquet", [row])
-        yield Counts(1, 1, 0.0)
+        yield 1, 1
 
 
 def _has_died(future: "Future[Counts]") -> bool:
@@ -237,13 +233,14 @@ def _has_died(future: "Future[Counts]") -> bool:
 @contextmanager
 def _opened(
     scheduler: str | None, executor: Executor | None, workers: int
-) -> Iterator[Callable[[], Executor]]:
-    """What gives the executor, and another one of the same kind where that is broken."""
+) -> Iterator[tuple[Callable[[], Executor], int]]:
+    """What gives the executor, and another one of the same kind where that is broken; how many
+    workers it has."""
     if executor is not None:
-        yield lambda: executor
+        yield (lambda: executor), workers
     elif scheduler is not None:
-        with _dask(scheduler, workers) as given:
-            yield lambda: given
+        with _dask(scheduler, workers) as (given, found):
+            yield (lambda: given), found
     else:
         # Never forked: JAX and Polars have threads.
         spawning = multiprocessing.get_context("spawn")
@@ -261,7 +258,7 @@ def _opened(
             return pools[0]
 
         try:
-            yield reopen
+            yield reopen, workers
         except BaseException:
             # Their batches would go on for minutes; what is written is whole.
             for process in set(multiprocessing.active_children()) - others:
@@ -273,8 +270,9 @@ def _opened(
 
 
 @contextmanager
-def _dask(address: str, workers: int) -> Iterator[Executor]:
-    """Dask's own executor, on a scheduler that runs or on a cluster of this machine's processes."""
+def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
+    """Dask's own executor, on a scheduler that runs or on a cluster of this machine's processes,
+    and how many threads its workers have now."""
     try:
         from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
     except ImportError as problem:
@@ -295,7 +293,7 @@ def _dask(address: str, workers: int) -> Iterator[Executor]:
                 "`dask scheduler` printed, or 'local'"
             ) from problem
         try:
-            yield client.get_executor(pure=False)
+            yield client.get_executor(pure=False), max(1, sum(client.nthreads().values()))
         except CancelledError as problem:
             raise InputError(
                 f"`scheduler` {address!r} stopped; start it again, and the same command continues "

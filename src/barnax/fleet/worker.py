@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import platformdirs
 
@@ -27,12 +27,8 @@ XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 WATCH_S = 0.5
 
 
-class Counts(NamedTuple):
-    """Rows that a batch gave, how many of them are errors, and the seconds that they took."""
-
-    cells: int
-    failed: int
-    seconds: float
+# Rows that a batch gave, and how many of them are errors.
+Counts = tuple[int, int]
 
 
 def batch_name(prints: Sequence[str]) -> str:
@@ -44,12 +40,11 @@ def run_batch(
     folder: str, out: str, prints: Sequence[str], cells: Sequence[FleetCell], settings: Mapping
 ) -> Counts:
     """The rows of some cells, written as one part; a part that stands already is not computed."""
-    start_s = time.perf_counter()
     name = batch_name(prints)
     part = Path(folder) / f"{name}.parquet"
     known = count_rows(part)
     if known is not None:
-        return Counts(*known, 0.0)
+        return known
     prepare_process()
     from .rows import identify_cell
 
@@ -60,8 +55,7 @@ def run_batch(
             mark(place)
             rows.append(identify_cell(cell, settings, kept) | {"fingerprint": print_})
         write_rows(part, rows)
-    failed = sum(row["error"] is not None for row in rows)
-    return Counts(len(rows), failed, time.perf_counter() - start_s)
+    return len(rows), sum(row["error"] is not None for row in rows)
 
 
 @functools.cache

@@ -228,9 +228,8 @@ def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RC
 
 def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     """A circuit's values as the simulation takes them. Call inside float64."""
-    return jax.tree.map(
-        on_device, RCParameters(parameters.r0, parameters.r, parameters.tau_s, parameters.gamma)
-    )
+    given = parameters.r0, parameters.r, parameters.tau_s, parameters.gamma
+    return RCParameters(*jax.tree.map(on_device, given))
 
 
 @in_float64

@@ -20,7 +20,7 @@ could have, which its penalty limits.
 import heapq
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +41,8 @@ from ..model.search_space import Range
 from .bounded import least_in_box
 from .objective import Axis, Objective, Solution
 from .reduced import Layout
-from .search import polish
+from .search import Found, Searchable, polish
+from .settings import TableSettings
 
 # Width of the first cells in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4
@@ -55,6 +56,8 @@ RIDGE = 1e-12
 PROGRAMS = 6
 
 Cell = tuple[tuple[float, float], ...]
+# Of a cell, the best square known and what would be enough: a bound, and what its middle gives.
+Bound = Callable[[Cell, float, float], tuple[float, Found]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,33 +77,83 @@ def certify(
     It goes on until that is within `settings.proved_share`, or until `settings.most_cells` cells
     have been looked at; nothing is proved where the first ones would be half of those.
     """
-    settings = objective.settings
+
+    def relax() -> "Bound[Solution]":
+        return _Relaxation(objective, _remainders(objective, prepared_records)).bound
+
+    return Proof(*_branch(objective, objective.settings, relax, best))
+
+
+def certify_together(
+    together: Searchable[Found],
+    parts: Sequence[tuple[float, Objective, Proof, Sequence[PreparedRecord]]],
+    best: Found,
+    part_squares: Callable[[Found], Sequence[float]],
+) -> tuple[float, int, Found]:
+    """The same for the weighted sum of objectives in one box: a bound on its root in V, the cells
+    looked at, and the best met.
+
+    `parts` have each one's weight, what is proved of it alone, and its records; `part_squares` are
+    their own squares at a solution. In every cell each is asked for its share of what is enough.
+    """
+    settings = parts[0][1].settings
+
+    def relax() -> "Bound[Found]":
+        relaxed = [
+            (weight, proof.lower_bound_v**2, _Relaxation(objective, _remainders(objective, own)))
+            for weight, objective, proof, own in parts
+        ]
+
+        def bound(cell: Cell, squared: float, enough: float) -> tuple[float, Found]:
+            middle = together.solve(tuple((low + high) / 2 for low, high in cell))
+            # A little more, or the sum would miss what is enough by its last bit.
+            share = (1 + 1e-12) * enough / middle.squared
+            total = 0.0
+            for (weight, alone, each), own in zip(relaxed, part_squares(middle), strict=True):
+                found = each.bound(cell, squared / weight, share * own)[0] if share < 1 else 0.0
+                total += weight * max(found, alone)
+            return total, middle
+
+        return bound
+
+    return _branch(together, settings, relax, best)
+
+
+def _branch(
+    objective: Searchable[Found],
+    settings: TableSettings,
+    relax: "Callable[[], Bound[Found]]",
+    best: Found,
+) -> tuple[float, int, Found]:
+    """What the root of J is never below in V, how many cells that took, and the best met."""
     first = _first_cells(objective)
     # More axes than a proof has the time for.
     if len(first) > settings.most_cells / 2:
-        return Proof(0.0, 0, best)
-    relaxation = _Relaxation(objective, _remainders(objective, prepared_records))
+        return 0.0, 0, best
+    bound = relax()
     waiting, cells, seen = [], [(0.0, cell) for cell in first], 0
     while True:
-        slack_v = max(RELATIVE * best.root, ABSOLUTE_V)
-        wanted_v = best.root - settings.proved_share * max(best.root, SMALLEST_RMSE_V)
+        root = math.sqrt(best.squared)
+        slack_v = max(RELATIVE * root, ABSOLUTE_V)
+        wanted_v = root - settings.proved_share * max(root, SMALLEST_RMSE_V)
         enough = max(wanted_v + slack_v, 0.0) ** 2
         for parent, cell in cells:
-            squared, middle = relaxation.bound(cell, best.squared, enough)
+            squared, middle = bound(cell, best.squared, enough)
             # What holds for a cell holds for its parts.
             heapq.heappush(waiting, (max(squared, parent), cell))
-            if middle.root < best.root * (1 - BETTER):
+            if math.sqrt(middle.squared) < root * (1 - BETTER):
                 found = polish(objective, middle)
                 best = objective.solve(found.place, found.sides, exact=True)
+                root = math.sqrt(best.squared)
         seen += len(cells)
         lowest, cell = waiting[0]
         if lowest >= enough or wanted_v <= 0 or seen >= settings.most_cells:
-            return Proof(max(0.0, min(math.sqrt(lowest) - slack_v, best.root)), seen, best)
+            return max(0.0, min(math.sqrt(lowest) - slack_v, root)), seen, best
         heapq.heappop(waiting)
         cells = [(lowest, half) for half in _halves(cell, objective)]
 
 
-def _first_cells(objective: Objective) -> list[Cell]:
+def _first_cells(objective: Searchable) -> list[Cell]:
     sides = []
     for axis in objective.axes:
         count = math.ceil((axis.high - axis.low) / FIRST_WIDTH)
@@ -111,7 +164,7 @@ def _first_cells(objective: Objective) -> list[Cell]:
     return [cell for cell in itertools.product(*sides) if _holds_one(cell, objective)]
 
 
-def _halves(cell: Cell, objective: Objective) -> list[Cell]:
+def _halves(cell: Cell, objective: Searchable) -> list[Cell]:
     """The cell halved along its widest side."""
     widest = max(range(len(cell)), key=lambda index: cell[index][1] - cell[index][0])
     low, high = cell[widest]
@@ -122,11 +175,11 @@ def _halves(cell: Cell, objective: Objective) -> list[Cell]:
     return [half for half in halves if _holds_one(half, objective)]
 
 
-def _holds_one(cell: Cell, objective: Objective) -> bool:
+def _holds_one(cell: Cell, objective: Searchable) -> bool:
     """Whether the cell holds time constants that are in order, where all pairs have one box."""
     if len(set(objective.tau_ranges_s)) > 1:
         return True
-    taus = cell[: objective.pairs]
+    taus = cell[: len(objective.tau_ranges_s)]
     return all(
         first[0] < second[1] or first == second for first, second in itertools.pairwise(taus)
     )

@@ -18,7 +18,7 @@ from ..cell.temperature import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
-from .certificate import Proof, certify
+from .certificate import Proof, certify, certify_together
 from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, reduced_objective, visited_nodes
 from .objective import Axis, Objective, Place, Solution
@@ -57,7 +57,7 @@ class OverTemperature:
 
     J is the mean of each temperature's own, by its scored samples; `objective_v` is sqrt(J).
     `separate_v` is what time constants of its own for each temperature would leave, and
-    `lower_bound_v` what neither could fall below.
+    `lower_bound_v` what no shared ones could fall below.
     """
 
     temperatures_degc: tuple[float, ...]
@@ -208,6 +208,7 @@ def fit_temperatures(
             certify(each, polish(each, part), own)
             for each, part, own in zip(objectives, best.parts, records, strict=True)
         ]
+        lower_bound_v, best = _prove_together(joint, best, proofs, records, settings)
         left_out = _left_out(joint, best, degc, records, settings)
     bounds_v = [
         min(proof.lower_bound_v, part.root) for proof, part in zip(proofs, best.parts, strict=True)
@@ -222,7 +223,7 @@ def fit_temperatures(
         temperatures_degc=degc,
         objective_v=math.sqrt(best.squared),
         separate_v=joint.root([proof.best.squared for proof in proofs]),
-        lower_bound_v=joint.root([each**2 for each in bounds_v]),
+        lower_bound_v=lower_bound_v,
         left_out=left_out,
         reversals=_reversals(fits),
     )
@@ -255,6 +256,27 @@ def require_temperature(prepared: PreparedRecord) -> float:
             "with `temperature`"
         )
     return prepared.temperature_degc
+
+
+def _prove_together(
+    joint: _Joint,
+    best: _JointSolution,
+    proofs: Sequence[Proof],
+    records: Sequence[Sequence[PreparedRecord]],
+    settings: TableSettings,
+) -> tuple[float, _JointSolution]:
+    """What shared time constants leave at least, in V, and the best ones met.
+
+    What is proved of each temperature alone may be enough, unless sharing costs more than that.
+    """
+    alone_v = joint.root([each.lower_bound_v**2 for each in proofs])
+    if not settings.most_cells or alone_v >= (1 - settings.proved_share) * math.sqrt(best.squared):
+        return min(alone_v, math.sqrt(best.squared)), best
+    parts = zip(joint.weights.tolist(), joint.objectives, proofs, records, strict=True)
+    together_v, _, best = certify_together(
+        joint, list(parts), best, lambda found: [each.squared for each in found.parts]
+    )
+    return min(max(alone_v, together_v), math.sqrt(best.squared)), best
 
 
 def _left_out(

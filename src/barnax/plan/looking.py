@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..cell import OcvTable, read_ocv_test
 from ..checks import FileCheck, Role, check_file
-from ..checks.kinds import STEPS, Traits
+from ..checks.roles import STEPS, Traits
 from ..errors import InputError, printable
 from ..gather import Reading, Watch, file_names, source_of
 from ..model.window import Window

@@ -7,16 +7,17 @@ package loads matplotlib, but not JAX.
 
 from .cell import plot_hysteresis, plot_ocv
 from .compared_records import plot_compared_errors, plot_compared_voltages
-from .compared_search import plot_compared_convergence, plot_compared_parameters
-from .convergence import plot_convergence
-from .error import plot_error
-from .landscape import plot_landscape
+from .compared_search import plot_compared_convergence, plot_compared_parameters, plot_trajectories
+from .error import plot_error, plot_soc_replay
 from .pulses import plot_pulse_resistances, plot_pulses
-from .replay import plot_soc_replay
-from .soc_tables import plot_error_map, plot_tables
+from .search import plot_convergence, plot_landscape
+from .soc_tables import (
+    plot_error_map,
+    plot_over_temperature,
+    plot_tables,
+    plot_tables_by_temperature,
+)
 from .style import column_width
-from .temperature import plot_over_temperature, plot_tables_by_temperature
-from .trajectories import plot_trajectories
 from .voltage import plot_condition, plot_voltage
 
 __all__ = [

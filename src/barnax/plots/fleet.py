@@ -8,10 +8,11 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .style import BLUE, HEIGHT_IN, VERMILLION, figure_style, finish, label_plainly, make_figure
+from .style import BLUE, HEIGHT_IN, VERMILLION, figure_style, finish, label_plainly, make_panels
 
 Values = Float[np.ndarray, "cells"]
 COLUMNS = 3
+ROW_IN = 0.62 * HEIGHT_IN
 BINS = 24
 
 
@@ -23,10 +24,8 @@ def plot_distributions(quantities: Mapping[str, Values]) -> Figure:
     >>> figure.axes[0].get_xlabel()
     'R0 [Ohm]'
     """
-    rows = -(-len(quantities) // COLUMNS)
-    figure = make_figure(height_in=0.62 * HEIGHT_IN * rows)
-    panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
-    for axes, (name, values) in zip(panels, quantities.items(), strict=False):
+    figure, panels = make_panels(len(quantities), COLUMNS, row_in=ROW_IN)
+    for axes, (name, values) in zip(panels, quantities.items(), strict=True):
         low, high = values.min(), values.max()
         bins = min(BINS, 2 * math.ceil(math.sqrt(len(values))))
         spread = np.geomspace(low, high, bins + 1) if high > low else 1
@@ -37,9 +36,7 @@ def plot_distributions(quantities: Mapping[str, Values]) -> Figure:
         if high > 3 * low:
             axes.set_xscale("log")
             label_plainly(axes.xaxis)
-    for axes in panels[len(quantities) :]:
-        axes.remove()
-    return finish(figure, *panels[: len(quantities)])
+    return finish(figure, *panels)
 
 
 @figure_style()
@@ -50,12 +47,8 @@ def plot_fleet_trends(trends: Sequence[tuple[str, Values, str, Values]]) -> Figu
     >>> plot_fleet_trends([("age", age, "R0 [Ohm]", r0_ohm)]).axes[0].get_xlabel()
     'age'
     """
-    rows = -(-len(trends) // COLUMNS)
-    figure = make_figure(height_in=0.62 * HEIGHT_IN * rows)
-    panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
-    for axes, (by, places, name, values) in zip(panels, trends, strict=False):
+    figure, panels = make_panels(len(trends), COLUMNS, row_in=ROW_IN)
+    for axes, (by, places, name, values) in zip(panels, trends, strict=True):
         axes.plot(places, values, "o", color=BLUE, markersize=3)
         axes.set(xlabel=by, ylabel=name)
-    for axes in panels[len(trends) :]:
-        axes.remove()
-    return finish(figure, *panels[: len(trends)])
+    return finish(figure, *panels)

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 
 from .compared_records import MEASURED, MOST_VOLTAGES, most_accurate, row_looks
 from .error import LABEL
-from .landscape import COLOR_MAP, STEPS_PERCENT, least_over_gamma
+from .search import COLOR_MAP, STEPS_PERCENT, least_over_gamma
 from .soc_tables import node_intervals, scale_of
 from .style import BLACK, BLUE, GREY, SKY_BLUE, VERMILLION, decimate
 from .voltage import choose_time_unit, unscored_spans

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from .compared_records import row_looks
-from .style import BLACK, figure_style, finish, finish_bar, make_figure, title
+from .style import BLACK, figure_style, finish, finish_bar, make_panels, name_below, title
 
 if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
@@ -113,19 +113,12 @@ def _most_common(pulses: Sequence[Pulse]) -> list[tuple[Pulse, ...]]:
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    rows = -(-count // ACROSS)
-    across = min(ACROSS, count)
-    figure = make_figure(height_in=0.7 + PANEL_IN * rows)
-    panels = figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False).ravel()
-    for axes in panels[count:]:
-        axes.remove()
-    return figure, list(panels[:count])
+    shared = {"sharex": True, "sharey": True}
+    return make_panels(count, min(ACROSS, count), row_in=PANEL_IN, around_in=0.7, **shared)
 
 
 def _name(panels: Sequence[Axes], across: str, upward: str) -> None:
     """Names below the lowest panel of each column and beside the first of each row."""
-    for axes in panels[-ACROSS:]:
-        axes.set_xlabel(across)
-        axes.tick_params(labelbottom=True)
+    name_below(panels, ACROSS, across)
     for axes in panels[::ACROSS]:
         axes.set_ylabel(upward)

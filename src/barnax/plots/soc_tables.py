@@ -1,4 +1,4 @@
-"""Circuits with tables over SOC: the tables with their intervals, and errors by SOC and current."""
+"""Tables over SOC, and temperature, with their intervals; and errors by SOC and current."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
@@ -21,15 +21,18 @@ from .style import (
     finish_axes,
     finish_bar,
     is_column,
+    label_plainly,
     letters_pt,
     make_figure,
+    make_panels,
+    name_below,
     space_columns,
     title,
 )
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
-    from ..over_soc import TableFit
+    from ..over_soc import TableFit, TableFits
     from ..search.evaluate import Evaluation
 
 PANELS_ACROSS: Final = 2
@@ -57,11 +60,9 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     """
     named = fit.tables.tables
     across = min(1 if is_column() else PANELS_ACROSS, len(named))
-    rows = -(-len(named) // across)
-    figure = make_figure(height_in=0.6 + PANEL_IN * rows)
-    panels = figure.subplots(rows, across, sharex=True, squeeze=False).ravel()
+    figure, panels = make_panels(len(named), across, row_in=PANEL_IN, around_in=0.6, sharex=True)
     taus = dict(enumerate(fit.tables.tau_s, start=1))
-    for place, (axes, (name, values)) in enumerate(zip(panels, named.items(), strict=False)):
+    for place, (axes, (name, values)) in enumerate(zip(panels, named.items(), strict=True)):
         symbol, _, unit = name.partition(" [")
         is_resistance = unit == "Ohm]"
         axes.set_ylabel(f"{symbol} [{'mOhm' if is_resistance else 'mV'}]")
@@ -72,12 +73,8 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
             axes.axhline(1e3 * value, color=GREY, linewidth=1.4, zorder=1, label=label)
         if is_resistance and place in taus:
             title(axes, f"tau{place} = {taus[place]:.3g} s")
-    for axes in panels[len(named) :]:
-        axes.remove()
-    for axes in panels[max(len(named) - across, 0) : len(named)]:
-        axes.set_xlabel("State of charge [-]")
-        axes.tick_params(labelbottom=True)
-    return finish(figure, *panels[: len(named)], columns=4)
+    name_below(panels, across, "State of charge [-]")
+    return finish(figure, *panels, columns=4)
 
 
 def node_intervals(fit: "TableFit", name: str) -> tuple[Values, Values]:
@@ -197,3 +194,114 @@ def _rmse_mv(evaluations: "Sequence[Evaluation]", edges_a: np.ndarray) -> np.ma.
     squares = np.histogram2d(soc, current_a, bins, weights=error_mv**2)[0]
     enough = samples >= FEWEST_IN_CELL
     return np.ma.masked_array(np.sqrt(squares / np.maximum(samples, 1)), mask=~enough)
+
+
+TEMPERATURE_PANEL_IN: Final = 2.1
+# States of charge that are drawn over temperature: the nodes nearest to these.
+SOC: Final = (0.1, 0.3, 0.5, 0.7, 0.9)
+COLORS: Final = "plasma"
+# The end of the colors is too light for a line.
+LIGHTEST: Final = 0.85
+# What is interpolated is drawn at so many temperatures.
+POINTS: Final = 101
+
+
+@figure_style()
+def plot_tables_by_temperature(found: "TableFits") -> Figure:
+    """Every table over SOC at the nodes that samples visit, a line with its band a temperature."""
+    degc, fits = _degc(found), found.fits
+    named = fits[0].tables.tables
+    figure, panels = _panels(len(named))
+    colors = _colors(len(degc))
+    for axes, name in zip(panels, named, strict=True):
+        for temperature, fit, color in zip(degc, fits, colors, strict=True):
+            soc, value, low, high = _visited(fit, name)
+            label = f"{temperature:.3g} degC"
+            axes.plot(soc, value, color=color, marker="o", markersize=3, linewidth=1.2, label=label)
+            axes.fill_between(soc, low, high, color=color, alpha=0.18, linewidth=0.0)
+        is_resistance = name.endswith("[Ohm]")
+        axes.set_ylabel(f"{name.partition(' [')[0]} [{'mOhm' if is_resistance else 'mV'}]")
+        _limit(axes, [_visited(fit, name)[1] for fit in fits], is_resistance)
+    name_below(panels, PANELS_ACROSS, "State of charge [-]")
+    return finish(figure, *panels, columns=5)
+
+
+@figure_style()
+def plot_over_temperature(found: "TableFits") -> Figure:
+    """Every resistance over temperature, a line a state of charge.
+
+    Marks with intervals are the measured temperatures, lines what is interpolated between them.
+    """
+    degc, fits, tables = _degc(found), found.fits, found.tables
+    assert tables is not None, "asked by _degc"
+    names = [name for name in fits[0].tables.tables if name.endswith("[Ohm]")]
+    nodes, places = fits[0].tables.nodes, _places(fits)
+    fine = np.linspace(degc[0], degc[-1], POINTS)
+    between = [tables.at(float(each)).tables for each in fine]
+    figure, panels = _panels(len(names))
+    colors = _colors(len(places))
+    for axes, name in zip(panels, names, strict=True):
+        for place, color in zip(places, colors, strict=True):
+            course = [1e3 * each[name][place] for each in between]
+            label = f"SOC {100 * nodes[place]:g} %"
+            axes.plot(fine, course, color=color, linewidth=1.2, label=label)
+            for temperature, fit in zip(degc, fits, strict=True):
+                soc, value, low, high = _visited(fit, name)
+                at = int(np.argmin(np.abs(soc - nodes[place])))
+                if np.isfinite(low[at]) and np.isfinite(high[at]):
+                    axes.plot([temperature] * 2, [max(low[at], 0.0), high[at]], color=color)
+                axes.plot(temperature, value[at], color=color, marker="o", markersize=3.6)
+        axes.set_ylabel(f"{name.partition(' [')[0]} [mOhm]")
+        axes.margins(x=0.05)
+        values = np.array([[each[name][place] for place in places] for each in between])
+        if values.min() > 0:
+            axes.set_yscale("log")
+            axes.set_ylim(1e3 * values.min() / 1.5, 1e3 * values.max() * 1.5)
+            label_plainly(axes.yaxis)
+    name_below(panels, PANELS_ACROSS, "Temperature [degC]")
+    return finish(figure, *panels, columns=5)
+
+
+def _degc(found: "TableFits") -> tuple[float, ...]:
+    if found.over_temperature is None:
+        raise ValueError("these tables are of one temperature")
+    return found.over_temperature.temperatures_degc
+
+
+def _visited(fit: "TableFit", name: str) -> tuple[np.ndarray, ...]:
+    """SOC, value, and interval of a table at the visited nodes, in mOhm or mV; NaN where open."""
+    known = {each.soc: each for each in fit.of_table(name)}
+    rows = []
+    for soc, value, seen in zip(
+        fit.tables.nodes, fit.tables.tables[name], fit.tables.visited, strict=True
+    ):
+        each = known.get(soc)
+        ends = (None, None) if each is None else (each.low, each.high)
+        rows += [(soc, value, *ends)] if seen else []
+    soc, *values = np.array(rows, float).T
+    return soc, *(1e3 * each for each in values)
+
+
+def _places(fits: "tuple[TableFit, ...]") -> list[int]:
+    """The nodes nearest to `SOC` of those that samples of every temperature visit."""
+    seen = np.all([fit.tables.visited for fit in fits], axis=0)
+    nodes = np.array(fits[0].tables.nodes)
+    known = np.flatnonzero(seen) if seen.any() else np.arange(len(nodes))
+    return sorted({int(known[np.argmin(np.abs(nodes[known] - soc))]) for soc in SOC})
+
+
+def _limit(axes: Axes, values: list[np.ndarray], is_resistance: bool) -> None:
+    """A scale of the values: a band may reach beyond it."""
+    flat = np.concatenate(values)
+    low, high = float(flat.min()), float(flat.max())
+    margin = 0.12 * ((high - low) or 1.0)
+    axes.set_ylim(0.0 if is_resistance else low - margin, high + margin)
+
+
+def _colors(count: int) -> np.ndarray:
+    return matplotlib.colormaps[COLORS](np.linspace(0.0, LIGHTEST, count))
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    size = {"row_in": TEMPERATURE_PANEL_IN, "around_in": 0.7}
+    return make_panels(count, min(PANELS_ACROSS, count), **size, sharex=True)

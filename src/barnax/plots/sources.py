@@ -80,10 +80,6 @@ class Illustration:
     def svg(self) -> bytes:
         return encode(self.figure, "svg", DPI)
 
-    @cached_property
-    def pdf(self) -> bytes:
-        return encode(self.figure, "pdf", DPI)
-
 
 def record_roles(identified: int, validated: int) -> list[str]:
     """What the files of each record are called: those identified on, then those for validation.

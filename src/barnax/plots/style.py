@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -143,6 +143,25 @@ def make_figure(height_in: float = HEIGHT_IN) -> Figure:
     """An empty figure that no pyplot knows of, as wide as the layout says."""
     layout = _layout.get()
     return Figure(figsize=(layout.width_in, layout.height * height_in), layout="constrained")
+
+
+def make_panels(
+    count: int, across: int, *, row_in: float, around_in: float = 0.0, **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels in rows of `across`, each so high, and what is around them."""
+    rows = -(-count // across)
+    figure = make_figure(height_in=around_in + row_in * rows)
+    panels = figure.subplots(rows, across, squeeze=False, **shared).ravel()
+    for axes in panels[count:]:
+        axes.remove()
+    return figure, list(panels[:count])
+
+
+def name_below(panels: Sequence[Axes], across: int, text: str) -> None:
+    """What the lowest panel of each column is drawn over."""
+    for axes in panels[-across:]:
+        axes.set_xlabel(text)
+        axes.tick_params(labelbottom=True)
 
 
 def space_columns(figure: Figure) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from ..gather import window_advice
 from .document import Document, Paragraph, Section, Table, make_table
 from .words import NOTHING, counted, duration
 
@@ -72,7 +71,7 @@ def _findings_table(findings: Sequence["Finding"]) -> Table:
 def _reason(role: "Role", has_errors: bool) -> str:
     if not role.is_usable:
         return role.reason
-    advice = "" if role.window is None else window_advice(role.window)
+    advice = "" if role.window is None else role.window.advice
     mended = "once the errors are fixed" if has_errors else ""
     return "; ".join(filter(None, (role.reason, advice, mended)))
 

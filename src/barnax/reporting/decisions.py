@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
+from ..uncertainty.linearization import named_values
 from .document import Bullets, Listing, Paragraph, Section, Table, make_table
 from .tables import pairs_table
 from .words import NOTHING, joined, millivolt, percent, significant, symbol, with_unit
@@ -117,13 +118,12 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
 
 def _would_be(found: "OtherHold") -> str:
     """The parameters and the RMSE that another assumption gives."""
-    parameters = found.parameters
-    values = {"R0 [Ohm]": parameters.r0}
-    for pair, (ohm, tau_s) in enumerate(zip(parameters.r, parameters.tau_s, strict=True), 1):
-        values |= {f"R{pair} [Ohm]": ohm, f"tau{pair} [s]": tau_s}
-    if parameters.gamma is not None:
-        values["gamma"] = parameters.gamma
-    told = [f"{symbol(name)} would be {with_unit(name, value)}" for name, value in values.items()]
+    values = named_values(found.parameters).items()
+    told = [
+        f"{symbol(name)} would be {with_unit(name, value)}"
+        for name, value in values
+        if not name.startswith("C")
+    ]
     told = [told[0], *(each.replace(" would be", "") for each in told[1:])]
     return joined([*told, f"the RMSE {millivolt(found.rmse_v)}"])
 

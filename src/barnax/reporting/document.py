@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from ..plots.sources import Illustration
+if TYPE_CHECKING:
+    from ..plots.sources import Illustration
 
 Role = Literal["text", "number"]
 MediaType = Literal["image/png", "image/svg+xml"]
@@ -146,7 +147,7 @@ class Document:
         return tuple(block for block in blocks if isinstance(block, Picture))
 
 
-def picture(illustration: Illustration) -> Picture:
+def picture(illustration: "Illustration") -> Picture:
     """The smaller of both forms: PNG of what is dense, SVG of all else."""
     is_png = illustration.is_dense
     return Picture(
@@ -162,7 +163,7 @@ def picture(illustration: Illustration) -> Picture:
 class Pictures:
     """The pictures of a report by their figures' names, to be put where they belong."""
 
-    def __init__(self, illustrations: Iterable[Illustration]):
+    def __init__(self, illustrations: "Iterable[Illustration]"):
         self._pictures = {each.name: picture(each) for each in illustrations}
 
     def of(self, *names: str) -> tuple[Picture, ...]:

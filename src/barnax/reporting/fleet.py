@@ -1,13 +1,165 @@
-"""A fleet in words: its progress, its last three lines, its report."""
+"""A fleet in words: its progress, its last lines, and the report of how its cells are spread."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .words import counted, duration
+import polars as pl
+
+from .document import Document, Paragraph, Pictures, Section, Table, make_table
+from .words import counted, duration, figures, millivolt
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
+    from ..fleet.summary import Cause, Summary
+    from ..plots.sources import Illustration
+    from ..search.evaluate import Evaluation
+
+# Of long lists, so many; the dataset has all.
+MOST_TOLD = 50
+MOST_TRENDS = 6
+
+
+def fleet_illustrations(
+    summary: "Summary", rows: pl.DataFrame, worst: "Mapping[str, Evaluation]"
+) -> "list[Illustration]":
+    """Distributions, the clearest trends, and the worst fits."""
+    from ..fleet.summary import summed_up
+    from ..plots.fleet import plot_distributions, plot_fleet_trends
+    from ..plots.sources import Illustration
+    from ..plots.voltage import plot_voltage
+
+    good = rows.filter(pl.col("error").is_null())
+    found = []
+    spread = {}
+    for name in summed_up(good) if len(good) else []:
+        values = good[name].drop_nulls().to_numpy()
+        if len(values) and values.min() > 0:
+            spread[name] = values
+    if spread:
+        caption = "Distribution of each quantity over the cells; the dashed line is the median."
+        found.append(
+            Illustration("distributions", plot_distributions(spread), caption, caption, False)
+        )
+    trends = []
+    for each in [each for each in summary.trends if each.rank_correlation is not None]:
+        both = good.filter(pl.col(each.by).is_not_null() & pl.col(each.name).is_not_null())
+        columns = both[each.by].to_physical().to_numpy(), both[each.name].to_numpy()
+        trends.append((each.by, columns[0], each.name, columns[1]))
+    if trends:
+        caption = "The clearest trends; each point is a cell."
+        figure = plot_fleet_trends(trends[:MOST_TRENDS])
+        found.append(Illustration("trends", figure, caption, caption, False))
+    for place, (name, evaluation) in enumerate(worst.items(), 1):
+        caption = f"{name}, RMSE {millivolt(evaluation.metrics.rmse_v)}."
+        found.append(Illustration(f"worst-{place}", plot_voltage(evaluation), caption, caption))
+    return found
+
+
+def fleet_document(summary: "Summary", illustrations: "Sequence[Illustration]" = ()) -> Document:
+    """The whole report."""
+    pictures = Pictures(illustrations)
+    sections = [
+        Section("Distributions", (_distributions(summary), *pictures.of("distributions"))),
+        Section("Outliers", (_outliers(summary),)),
+        Section("Trends", (_trends(summary), *pictures.of("trends"))),
+        Section("Failures", (_causes(summary.failures, "Cells without an answer"),)),
+        Section("Warnings", (_causes(summary.warnings, "Cells with a warning"),)),
+        Section("Worst fits", (_worst(summary), *pictures.starting("worst"))),
+    ]
+    return Document("A fleet", fleet_sentence(summary), tuple(sections))
+
+
+def fleet_sentence(summary: "Summary") -> str:
+    """The fleet in one sentence."""
+    failed = summary.cells - summary.identified
+    parts = [f"{summary.identified:,} of {counted(summary.cells, 'cell')} identified"]
+    parts.append(f"{summary.certified:,} certified")
+    parts.append(f"{summary.at_bound:,} with a parameter at a bound, {failed:,} failed")
+    return f"{', '.join(parts)}, {counted(len({each.id for each in summary.outliers}), 'outlier')}."
+
+
+def _distributions(summary: "Summary") -> Table:
+    return make_table(
+        "Quantiles over the cells of each circuit; the spread is the robust standard deviation of "
+        "the logarithm.",
+        summary.distributions,
+        {
+            "circuit": lambda each: each.circuit,
+            "quantity": lambda each: each.name,
+            "cells": lambda each: f"{each.cells:,}",
+            "at a bound": lambda each: f"{each.at_bound:,}",
+            "5 %": lambda each: figures(each.low),
+            "median": lambda each: figures(each.median),
+            "95 %": lambda each: figures(each.high),
+            "spread": lambda each: figures(each.sd_log, 2),
+        },
+        ["circuit", "quantity"],
+    )
+
+
+def _outliers(summary: "Summary") -> Table | Paragraph:
+    from ..fleet.summary import OUTLYING
+
+    if not summary.outliers:
+        return Paragraph("No cell stands out.")
+    return make_table(
+        f"Values more than {OUTLYING:g} robust standard deviations from the median, in the "
+        "logarithm; the farthest first.",
+        summary.outliers[:MOST_TOLD],
+        {
+            "cell": lambda each: each.id,
+            "because of": lambda each: each.name,
+            "value": lambda each: figures(each.value),
+            "median": lambda each: figures(each.median),
+            "deviations": lambda each: f"{each.deviations:+.1f}",
+        },
+        ["cell", "because of"],
+    )
+
+
+def _trends(summary: "Summary") -> Table | Paragraph:
+    if not summary.trends:
+        return Paragraph("No quantity has a significant trend over a column of the manifest.")
+    return make_table(
+        "Trends over columns of the manifest: Spearman's rank correlation, or the medians of "
+        "groups (Kruskal and Wallis). Chance alone would give one such line in a hundred fleets.",
+        summary.trends[:MOST_TOLD],
+        {
+            "circuit": lambda each: each.circuit,
+            "quantity": lambda each: each.name,
+            "over": lambda each: each.by,
+            "cells": lambda each: f"{each.cells:,}",
+            "correlation": lambda each: figures(each.rank_correlation, 2),
+            "medians": lambda each: ", ".join(f"{n}: {figures(v)}" for n, v in each.medians),
+            "p": lambda each: figures(each.p_value, 2),
+        },
+        ["circuit", "quantity", "over", "medians"],
+    )
+
+
+def _causes(causes: "Sequence[Cause]", which: str) -> Table | Paragraph:
+    if not causes:
+        return Paragraph("None.")
+    return make_table(
+        f"{which}, by cause, with the message of the first.",
+        causes[:MOST_TOLD],
+        {
+            "cells": lambda each: f"{len(each.ids):,}",
+            "cause": lambda each: each.text,
+            "such as": lambda each: ", ".join(each.ids[:3]),
+        },
+        ["cause", "such as"],
+    )
+
+
+def _worst(summary: "Summary") -> Table:
+    return make_table(
+        "The cells with the largest RMSE.",
+        summary.worst,
+        {"cell": lambda each: each[0], "RMSE [mV]": lambda each: figures(1e3 * each[1])},
+        ["cell"],
+    )
 
 
 def missing_lines(cells: "Sequence[FleetCell]") -> list[str]:

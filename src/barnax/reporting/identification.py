@@ -37,7 +37,7 @@ from .words import NOTHING, counted, fixed, joined, millivolt, percent, signific
 if TYPE_CHECKING:
     from ..results import AssessmentPart, MetricsPart, RefinedPart, Result, SearchPart
     from ..uncertainty import Band, Estimate, Examination
-    from ..uncertainty.profile import Profile
+    from ..uncertainty.refitted import Profile
 
 # Errors that agree this closely, relative, are told to be the same.
 ALIKE = 0.01

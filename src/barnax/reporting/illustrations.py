@@ -5,30 +5,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from .. import plots
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..plots import (
-    plot_compared_convergence,
-    plot_compared_errors,
-    plot_compared_parameters,
-    plot_compared_voltages,
-    plot_condition,
-    plot_convergence,
-    plot_error,
-    plot_error_map,
-    plot_hysteresis,
-    plot_landscape,
-    plot_ocv,
-    plot_over_temperature,
-    plot_pulse_resistances,
-    plot_pulses,
-    plot_tables,
-    plot_tables_by_temperature,
-    plot_trajectories,
-    plot_voltage,
-)
-from ..plots.landscape import has_landscape
 from ..plots.live import MOST_NUMBERS, live_landscape, live_record, live_tables
+from ..plots.search import has_landscape
 from ..plots.sources import Illustration, record_roles
 from ..pulses import pulses_of
 from ..storing import describe
@@ -201,13 +182,13 @@ class Figures:
         return data, LIVE_WORDS[kind].format(subject, drawn)
 
     def add_cell(self, cell: "CellModel") -> None:
-        self.add("ocv", "ocv", "", partial(plot_ocv, cell))
+        self.add("ocv", "ocv", "", partial(plots.plot_ocv, cell))
         if cell.hysteresis.points:
-            self.add("hysteresis", "hysteresis", "", partial(plot_hysteresis, cell))
+            self.add("hysteresis", "hysteresis", "", partial(plots.plot_hysteresis, cell))
 
     def add_condition(self, role: str, evaluation: "Evaluation") -> None:
         prepared = evaluation.prepared
-        draw = partial(plot_condition, prepared)
+        draw = partial(plots.plot_condition, prepared)
         self.add("condition", f"{role}-condition", prepared.record.name, draw)
 
     def add_tables(self, run: "Run") -> None:
@@ -215,21 +196,21 @@ class Figures:
         if run.tables is None:
             return
         shown = (run.tables.found.reference, run.answer.parameters)
-        draw, live = partial(plot_tables, *shown), partial(live_tables, *shown)
+        draw, live = partial(plots.plot_tables, *shown), partial(live_tables, *shown)
         over, where = run.tables.found.over_temperature, ""
         if over is not None:
             found = run.tables.found
             where = f" at {over.temperatures_degc[found.fits.index(found.reference)]:.3g} degC"
-            draw_all = partial(plot_tables_by_temperature, found)
+            draw_all = partial(plots.plot_tables_by_temperature, found)
             self.add("by temperature", "tables-by-temperature", "", draw_all)
-            draw_over = partial(plot_over_temperature, found)
+            draw_over = partial(plots.plot_over_temperature, found)
             self.add("over temperature", "tables-over-temperature", "", draw_over)
         self.add("tables", "tables", where, draw, live)
         own = {"constant circuit": run.identification, "tables": run.tables.identification}
-        self.add("map", "tables-map", "identification", partial(plot_error_map, own))
+        self.add("map", "tables-map", "identification", partial(plots.plot_error_map, own))
         if run.validation:
             others = {"constant circuit": run.validation, "tables": run.tables.validation}
-            draw = partial(plot_error_map, others)
+            draw = partial(plots.plot_error_map, others)
             self.add("map", "tables-validation-map", "validation", draw)
 
     def add_pulses(self, roles: "Sequence[str]", evaluations: "Sequence[Evaluation]") -> None:
@@ -239,8 +220,8 @@ class Figures:
             if not pulses:
                 continue
             record, capacity_ah = each.prepared.record.name, each.prepared.capacity_ah
-            self.add("pulses", f"{role}-pulses", record, partial(plot_pulses, each, pulses))
-            draw = partial(plot_pulse_resistances, pulses, capacity_ah)
+            self.add("pulses", f"{role}-pulses", record, partial(plots.plot_pulses, each, pulses))
+            draw = partial(plots.plot_pulse_resistances, pulses, capacity_ah)
             self.add("resistances", f"{role}-resistances", record, draw)
 
     def add_landscape(
@@ -254,7 +235,7 @@ class Figures:
         if has_landscape(found.landscape):
             others = [each.parameters for each in found.local_optima]
             draw = partial(
-                plot_landscape, found.landscape,
+                plots.plot_landscape, found.landscape,
                 answers=answers, refined=refined, optimum=found.parameters, others=others,
             )  # fmt: skip
             named = {
@@ -302,14 +283,14 @@ def _identification_figures(run: "Run") -> Figures:
         record = each.prepared.record.name
         figures.add_condition(role, each)
         live = partial(live_record, {"simulated": each}, MOST_NUMBERS // len(roles))
-        figures.add("voltage", f"{role}-voltage", record, partial(plot_voltage, each), live)
-        figures.add("error", f"{role}-error", record, partial(plot_error, each))
+        figures.add("voltage", f"{role}-voltage", record, partial(plots.plot_voltage, each), live)
+        figures.add("error", f"{role}-error", record, partial(plots.plot_error, each))
     figures.add_tables(run)
     figures.add_pulses(roles, answered.identification)
     answers = {}
     if run.search is not None:
         optimum_v = None if run.optimum is None else run.optimum.rmse_v
-        draw = partial(plot_convergence, run.search, run.refinement, optimum_v)
+        draw = partial(plots.plot_convergence, run.search, run.refinement, optimum_v)
         figures.add("convergence", "convergence", "", draw)
         method, _ = describe(run.search.optimizer)
         answers[method] = [seed.parameters for seed in run.search.seeds]
@@ -338,17 +319,21 @@ def comparison_illustrations(
         for place, (role, each) in enumerate(zip(roles, first, strict=True)):
             rows = {row.name: row.evaluations[place] for row in comparison.answered}
             record = each.prepared.record.name
-            draw = partial(plot_compared_voltages, rows)
+            draw = partial(plots.plot_compared_voltages, rows)
             live = partial(live_record, rows, MOST_NUMBERS // len(roles))
             figures.add("voltages", f"{role}-voltages", record, draw, live)
-            figures.add("errors", f"{role}-errors", record, partial(plot_compared_errors, rows))
+            figures.add(
+                "errors", f"{role}-errors", record, partial(plots.plot_compared_errors, rows)
+            )
         online = {row.name: row for row in comparison.answered}
         if any(row.median.trajectory is not None for row in online.values()):
-            figures.add("trajectories", "trajectories", "", partial(plot_trajectories, online))
+            figures.add(
+                "trajectories", "trajectories", "", partial(plots.plot_trajectories, online)
+            )
     if any(row.seeds for row in result.rows):
-        draw = partial(plot_compared_convergence, result)
+        draw = partial(plots.plot_compared_convergence, result)
         figures.add("convergence of rows", "convergence", "", draw)
-        figures.add("parameters", "parameters", "", partial(plot_compared_parameters, result))
+        figures.add("parameters", "parameters", "", partial(plots.plot_compared_parameters, result))
     for model, found in (optima or {}).items():
         # The rows of other models are there without an answer, so that all keep their looks.
         answers = {

@@ -4,10 +4,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.table import Table as Shown
 from rich.text import Text
 
-from .terminal import BARE, headed_line, indented
+from .terminal import bare_table, headed_line, indented
 from .words import NOTHING, duration, joined
 
 if TYPE_CHECKING:
@@ -38,7 +37,7 @@ def soc_screen(replay: "SocReplay") -> Iterator[RenderableType]:
         Text(f"{replay.model}{tables}, {FILTERS[replay.settings.kind]}, {replay.states} states")
     )
     yield Text()
-    yield indented(_scenarios_table(replay))
+    yield indented(bare_table(HEADS, map(_scenario, replay.scenarios)))
     yield Text()
     for head, text in soc_lines(replay):
         yield indented(headed_line(head, text))
@@ -79,21 +78,16 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         )
 
 
-def _scenarios_table(replay: "SocReplay") -> Shown:
-    table = Shown(**BARE)
-    for place, head in enumerate(HEADS):
-        table.add_column(head, justify="right" if place else "left", no_wrap=True)
-    for each in replay.scenarios:
-        errors = each.rms, each.rms_above_10_soc, each.max
-        counting = each.counter_rms, each.counter_max
-        table.add_row(
-            each.name,
-            _converged(each),
-            *(_percent(share) for share in errors),
-            _percent(each.in_band, 0),
-            *(_percent(share) for share in counting),
-        )
-    return table
+def _scenario(each: "ScenarioPart") -> list[str]:
+    errors = each.rms, each.rms_above_10_soc, each.max
+    counting = each.counter_rms, each.counter_max
+    return [
+        each.name,
+        _converged(each),
+        *(_percent(share) for share in errors),
+        _percent(each.in_band, 0),
+        *(_percent(share) for share in counting),
+    ]
 
 
 def _converged(part: "ScenarioPart") -> str:

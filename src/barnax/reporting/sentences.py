@@ -6,18 +6,21 @@ Options are named as in Python and stand in backticks, `initial_soc=0.9312`; not
 import math
 from collections.abc import Iterator, Sequence
 from decimal import ROUND_CEILING, Context
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
-from ..cell import CircuitParameters
-from ..global_optimum.search import FACTOR, Status, optimality_gap
-from ..search.refine import AtBound, Optimum
+from ..global_optimum.search import FACTOR, optimality_gap
+from ..search.refine import AtBound
 from ..uncertainty.covariance import CONFIDENCE, WIDEST_FACTOR, Estimate, Uncertainty
 from ..uncertainty.diagnostics import Band, Diagnostics
 from ..uncertainty.identifiability import Finding, Identifiability
 from ..uncertainty.linearization import Held
-from ..uncertainty.profile import Profile
+from ..uncertainty.refitted import Profile
 from ..uncertainty.suggestions import Suggestion
 from .words import between, counted, figures, joined, percent, symbol, with_unit
+
+if TYPE_CHECKING:
+    from ..global_optimum import GlobalOptimum
+    from ..results import GlobalPart
 
 # A claim may not say more than was proved.
 ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)
@@ -39,24 +42,7 @@ DRIFT = (
 BandQuantity = Literal["SOC", "current", "temperature"]
 
 
-class OptimumLike(Protocol):
-    """What a sentence needs of a global optimum; `cells` is None where no proof was asked for."""
-
-    @property
-    def parameters(self) -> CircuitParameters: ...
-    @property
-    def rmse_v(self) -> float: ...
-    @property
-    def status(self) -> Status: ...
-    @property
-    def proved_gap(self) -> float: ...
-    @property
-    def cells(self) -> int | None: ...
-    @property
-    def local_optima(self) -> Sequence[Optimum]: ...
-
-
-def optimum_sentence(optimum: OptimumLike) -> str:
+def optimum_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:
     """Whether the circuit is the best one, and how that is known."""
     which = f"no {NUMBERS[optimum.parameters.pairs]}-RC circuit in the bounds is"
     # Rounded up, and without an exponent.
@@ -75,7 +61,7 @@ def better_than(proved_gap: float) -> str:
     return f"more than {gap} better" if proved_gap > 0 else "better"
 
 
-def local_optima_sentence(optimum: OptimumLike) -> str:
+def local_optima_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:
     """The other optima, the nearest in error with its time constants."""
     others, reach = optimum.local_optima, f"less than {percent(FACTOR - 1)} above the best one"
     if not others:

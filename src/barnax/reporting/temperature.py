@@ -24,7 +24,7 @@ def best_over_temperature(part: "TablesPart", over: "OverTemperature") -> str:
     is_close = over.proved_gap <= part.settings.proved_share
     how = "proved, " if is_close else "verified on a grid; the proof stopped at: "
     return (
-        f"{how}no tables with time constants from {ends}, even others at each temperature, are "
+        f"{how}no tables with time constants from {ends}, the same at each temperature, are "
         f"more than {percent(over.proved_gap)} better."
     )
 

@@ -1,35 +1,20 @@
-"""What a terminal shows: the first screen of a result, and any document in full."""
+"""What a terminal shows: any document in full, a plan, and lines and tables of their own."""
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import RenderableType
 from rich.markup import escape
+from rich.padding import Padding
 from rich.table import Table as Shown
 from rich.text import Text
 
 from ..errors import printable
-from .decisions import carried_sentences, guess_sentences
 from .document import Bullets, Document, Listing, Paragraph, Table
-from .pulses import middle_heads as middle_heads_of_pulses
-from .pulses import middle_pulses
-from .soc_tables import middle_heads, middle_rows, pay_sentence, unseen_errors
-from .temperature import (
-    degrees,
-    expectation,
-    left_out_v,
-    prediction_sentences,
-    temperature_heads,
-    temperature_rows,
-)
-from .verdict import best_possible, weakest_point
-from .words import between, duration, figures, with_unit
 
 if TYPE_CHECKING:
-    from ..results import InputPart, MetricsPart, Result, TablesPart
-    from ..uncertainty import Estimate
+    from ..plan import Plan
 
 # Seven figures and a file's name in 80 columns.
 LAYOUT: dict[str, Any] = {
@@ -42,62 +27,15 @@ LAYOUT: dict[str, Any] = {
 # More columns than these stand closer together.
 MOST_SPACED = 8
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
-LONGEST_NAME = 40
-
-
-def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterator[RenderableType]:
-    """How good the answer is, what it is, whether to believe it, and its weakest point.
-
-    `spell` gives the texts as who reads them names the options.
-    """
-    yield Text()
-    yield indented(_files_table(result))
-    yield Text()
-    yield indented(_errors_table(result))
-    yield Text()
-    yield indented(_parameters_table(result))
-    yield Text()
-    if middle_pulses(result):
-        yield indented(_pulses_table(result))
-        yield Text()
-    lines = [("Best possible", best_possible(result))]
-    lines += _table_lines(result)
-    weakest = weakest_point(result)
-    if weakest:
-        lines.append(("Weakest point", weakest))
-    lines += [("Start", text) for text in carried_sentences(result)]
-    lines += [("Assumed", text) for text in guess_sentences(result)]
-    for head, text in lines:
-        yield indented(headed_line(head, spell(text)))
-
-
-def _table_lines(result: "Result") -> Iterator[tuple[str, str]]:
-    """What samples, or temperatures, that were left out say of the tables."""
-    if result.tables is None:
-        return
-    over = result.tables.over_temperature
-    if over is not None:
-        yield "Temperatures", f"where none was measured, {expectation(over)}"
-        for told in prediction_sentences(result):
-            yield "", told
-    elif pays := pay_sentence(result.tables.fit, unseen_errors(result)):
-        yield "Benefit", pays[0].upper() + pays[1:]
-
-
-def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
-    """What to do next, and its command in one line however long, so that it can be copied."""
-    yield indented(headed_line("Next", f"{advice}:" if command else advice))
-    if command:
-        yield Text(f"    {printable(command)}", no_wrap=True)
 
 
 def to_terminal(document: Document) -> Iterator[RenderableType]:
     """A document with its tables, without its pictures."""
     for section in document.sections:
-        yield _text(f"\n{section.title}", style="bold cyan")
+        yield plain(f"\n{section.title}", style="bold cyan")
         for block in section.blocks:
             if isinstance(block, Paragraph | Listing):
-                yield _text(block.text)
+                yield plain(block.text)
             elif isinstance(block, Bullets):
                 style = "yellow" if block.are_warnings else ""
                 for item in block.items:
@@ -106,14 +44,14 @@ def to_terminal(document: Document) -> Iterator[RenderableType]:
                 yield terminal_table(block)
 
 
-def _text(text: str, style: str = "") -> Text:
+def plain(text: str, style: str = "") -> Text:
     """A text without markup, and without what a terminal would obey; its lines stay."""
     return Text("\n".join(map(printable, text.split("\n"))), style=style)
 
 
 def terminal_table(table: Table) -> Shown:
     """A document's table as a terminal shows it."""
-    shown = Shown(caption=_text(table.caption), caption_justify="left", **LAYOUT)
+    shown = Shown(caption=plain(table.caption), caption_justify="left", **LAYOUT)
     if len(table.columns) > MOST_SPACED:
         shown.padding = 0
     for column in table.columns:
@@ -131,16 +69,29 @@ def terminal_table(table: Table) -> Shown:
     for place, row in enumerate(table.rows):
         shown.add_row(
             *(
-                _text(cell, style="bold" if (place, index) in table.best else "")
+                plain(cell, style="bold" if (place, index) in table.best else "")
                 for index, cell in enumerate(row)
             )
         )
     return shown
 
 
-def indented(block: RenderableType) -> RenderableType:
-    from rich.padding import Padding
+def bare_table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    are_numbers: Sequence[bool] | None = None,
+) -> Shown:
+    """Columns without lines; all but the first are numbers, unless told otherwise."""
+    table = Shown(**BARE)
+    for place, head in enumerate(heads):
+        is_number = place > 0 if are_numbers is None else are_numbers[place]
+        table.add_column(head, justify="right" if is_number else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    return table
 
+
+def indented(block: RenderableType) -> RenderableType:
     return Padding(block, (0, 0, 0, 2))
 
 
@@ -150,138 +101,38 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
     grid.add_column(width=width, no_wrap=True)
     grid.add_column()
     label = head if head in ("-", "") else f"{head}:"
-    grid.add_row(Text(label, style="bold"), _text(text, style=style))
+    grid.add_row(Text(label, style="bold"), plain(text, style=style))
     return grid
-
-
-def _files_table(result: "Result") -> Shown:
-    has_degc = result.tables is not None and result.tables.over_temperature is not None
-    table = Shown(show_header=False, **BARE)
-    for _ in range(4 + has_degc):
-        table.add_column(no_wrap=True)
-    for each in (*result.of_role("identification"), *result.of_role("validation")):
-        degc = each.temperature_degc
-        at = [] if not has_degc else ["" if degc is None else degrees(degc)]
-        table.add_row(_text(_short(each.name, LONGEST_NAME - 9 * has_degc)), *at, *_extent(each))
-    return table
-
-
-def _extent(part: "InputPart") -> tuple[str, str, str]:
-    low, high = part.soc_range or (math.nan, math.nan)
-    first = part.start.soc if part.start else high
-    ends = (high, low) if abs(first - high) <= abs(first - low) else (low, high)
-    return (
-        duration(part.duration_s or 0.0),
-        f"{part.samples or 0:,} samples",
-        f"SOC {100 * ends[0] + 0.0:.0f} to {100 * ends[1] + 0.0:.0f} %".replace("-0 ", "0 "),
-    )
-
-
-def _errors_table(result: "Result") -> Shown:
-    metrics, constant = result.answer_metrics, result.metrics
-    several, others = metrics.jointly, metrics.validation
-    rows: list[tuple[str, MetricsPart]] = []
-    rows += zip(_numbered("identification", len(several)), several, strict=True)
-    rows.append(("together" if several else "identification", metrics.identification))
-    rows += zip(_numbered("validation", len(others)), others, strict=True)
-    table = Shown(**BARE)
-    table.add_column("")
-    columns = {
-        "RMSE": [each.rmse_v for _, each in rows],
-        "above 10 % SOC": [each.rmse_above_10_soc_v for _, each in rows],
-        "max": [each.max_v for _, each in rows],
-    }
-    if result.tables is not None:
-        before = (*constant.jointly, constant.identification, *constant.validation)
-        columns["constant circuit"] = [each.rmse_v for each in before]
-        parts = {each.name: each for each in result.of_role("validation")}
-        left = [left_out_v(result.tables, parts.get(each.record)) for _, each in rows]
-        if any(value is not None for value in left):
-            columns["left out"] = left
-    for head in columns:
-        table.add_column(head, justify="right")
-    for (role, _), *errors in zip(rows, *columns.values(), strict=True):
-        table.add_row(role, *("" if value is None else _millivolt(value) for value in errors))
-    return table
-
-
-def _numbered(role: str, count: int) -> list[str]:
-    return [role] if count == 1 else [f"{role} {number}" for number in range(1, count + 1)]
-
-
-def _parameters_table(result: "Result") -> Shown:
-    """Resistances at the left, the time constants of their pairs at the right."""
-    if result.tables is not None:
-        return _soc_tables(result.tables)
-    estimates: dict[str, Estimate] = {}
-    if result.assessment is not None:
-        estimates = {each.name: each for each in result.assessment.uncertainty.estimates}
-    circuit = result.circuit_parameters
-    bounds = {each.name: each.side for each in result.at_bound}
-    longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
-    table = Shown(show_header=False, **BARE)
-    for justify in ("left", "right", "left", "left", "right", "left"):
-        table.add_column(justify=justify, no_wrap=True)
-    resistances = (circuit.r0, *circuit.r)
-    for pair, r_ohm in enumerate(resistances):
-        name = f"R{pair} [Ohm]"
-        left = (f"R{pair}", with_unit(name, r_ohm), _interval(name, estimates, bounds))
-        right = ("", "", "")
-        if pair:
-            name, tau_s = f"tau{pair} [s]", circuit.tau_s[pair - 1]
-            right = (f"tau{pair}", with_unit(name, tau_s), _interval(name, estimates, bounds))
-            if bounds.get(name) == "upper" and tau_s >= longest_s * (1 - 1e-3):
-                right = (f"tau{pair}", f"> {duration(longest_s)}", "longer than the record")
-        table.add_row(*left, *right)
-    if circuit.gamma is not None:
-        value = f"{figures(circuit.gamma)} /SOC"
-        table.add_row("gamma", value, _interval("gamma", estimates, bounds), "", "", "")
-    return table
-
-
-def _pulses_table(result: "Result") -> Shown:
-    """A line for each direction and rate."""
-    table = Shown(**BARE)
-    for place, head in enumerate(middle_heads_of_pulses(result)):
-        table.add_column(head, justify="right" if place else "left", no_wrap=True)
-    for row in middle_pulses(result):
-        table.add_row(*row)
-    return table
-
-
-def _soc_tables(part: "TablesPart") -> Shown:
-    table, over = Shown(**BARE), part.over_temperature
-    heads = middle_heads(part.fit) if over is None else temperature_heads(part)
-    for place, head in enumerate(heads):
-        is_number = head.startswith("at") if over is None else place > 0
-        table.add_column(head, justify="right" if is_number else "left", no_wrap=True)
-    for row in middle_rows(part.fit) if over is None else temperature_rows(part, over):
-        table.add_row(*row)
-    return table
-
-
-def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str]) -> str:
-    if name in bounds:
-        return f"at its {bounds[name]} bound"
-    each = estimates.get(name)
-    if each is None or each.held is not None:
-        return "" if each is None else "held"
-    if each.low is None or each.high is None:
-        return "not determined"
-    return between(name, each.low, each.high)
-
-
-def _millivolt(value_v: float) -> str:
-    """Three figures, zeros too, so that errors line up."""
-    value_mv = 1e3 * value_v
-    return f"{value_mv:.0f} mV" if value_mv >= 999.5 else f"{value_mv:#.3g}".rstrip(".") + " mV"
-
-
-def _short(name: str, longest: int) -> str:
-    half = longest // 2
-    return name if len(name) <= longest else f"{name[: half - 2]}...{name[1 - half :]}"
 
 
 def parts_line(parts: Sequence[str]) -> RenderableType:
     """Short facts in one line."""
-    return indented(_text("   ".join(parts)))
+    return indented(plain("   ".join(parts)))
+
+
+def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
+    """What to do next, and its command in one line however long, so that it can be copied."""
+    yield indented(headed_line("Next", f"{advice}:" if command else advice))
+    if command:
+        yield Text(f"    {printable(command)}", no_wrap=True)
+
+
+def plan_lines(planned: "Plan", spell: Callable[[str], str] = str) -> Iterator[RenderableType]:
+    """Every file, what it serves for and why, and the options that the files decide.
+
+    `spell` gives the texts as who reads them names the options.
+    """
+    table = Shown(**BARE, show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for part in planned.parts:
+        what = f" ({part.kind})" if part.kind else ""
+        reason = f": {part.reason}" if part.reason else ""
+        table.add_row(part.role, Text(printable(spell(f"{part.name}{what}{reason}"))))
+    for name, value in planned.options.items():
+        why = f", {planned.reasons[name]}" if name in planned.reasons else ""
+        table.add_row(name.replace("_", " "), Text(printable(spell(f"{value}{why}"))))
+    yield Text()
+    yield indented(table)
+    if planned.command == "hppc":
+        yield indented(Text("A pulse test alone: identified with tables over SOC, as by hppc."))

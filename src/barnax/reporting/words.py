@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from ..errors import counted as counted
+
 NOTHING = "–"
 
 
@@ -14,15 +16,6 @@ def joined(items: Sequence[str], last: str = "and") -> str:
     return (
         f" {last} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
     )
-
-
-def counted(number: int, noun: str) -> str:
-    """A number and its noun.
-
-    >>> counted(1, "seed"), counted(30, "seed")
-    ('1 seed', '30 seeds')
-    """
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def sentence(text: str) -> str:

@@ -1,13 +1,12 @@
 """What the data determine, how well, and what would lower the error."""
 
 from .assessment import Assessment, Examination, assess, examine
-from .bootstrap import Bootstrap, bootstrap
 from .covariance import Covariance, Estimate, Uncertainty
 from .diagnostics import Band, Diagnostics
 from .identifiability import Finding, Identifiability
 from .linearization import compile_linearization
-from .profile import Profile, profile
 from .refit import Refit
+from .refitted import Bootstrap, Profile, bootstrap, profile
 from .suggestions import Suggestion, suggestions
 
 __all__ = [

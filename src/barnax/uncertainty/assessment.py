@@ -7,13 +7,12 @@ from jaxtyping import Array, Key
 from ..cell import CircuitParameters
 from ..execution import one_blas_thread
 from ..model.problem import Problem, rmse_by_scan
-from .bootstrap import Bootstrap, bootstrap
 from .covariance import Covariance, Uncertainty
 from .diagnostics import Diagnostics, diagnostics
 from .identifiability import Identifiability, identifiability
 from .linearization import linearize
-from .profile import Profile, profile
 from .refit import Refit
+from .refitted import Bootstrap, Profile, bootstrap, profile
 from .suggestions import Suggestion, suggestions
 
 

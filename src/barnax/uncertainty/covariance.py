@@ -49,12 +49,6 @@ class Estimate:
         return None if self.relative_error is None else self.value * self.relative_error
 
     @property
-    def white_noise_standard_error(self) -> float | None:
-        """In the parameter's unit."""
-        error = self.white_noise_relative_error
-        return None if error is None else self.value * error
-
-    @property
     def inflation(self) -> float | None:
         """The standard error over the white-noise one."""
         if self.relative_error is None or not self.white_noise_relative_error:

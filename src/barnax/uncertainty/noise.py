@@ -16,11 +16,12 @@ understated, by a quarter and more where they reach a tenth of the record.
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.fft import irfft, rfft
-from scipy.linalg.lapack import dpttrs
+from scipy.linalg import get_lapack_funcs
 from scipy.optimize import nnls
 
 # Correlation times a decade, up to this share of the record, and lags an octave, up to that share:
@@ -256,7 +257,8 @@ def _smoothed(
     diagonal, below = np.ones(len(values)), np.full(len(values) - 1, -np.exp(-1 / time))
     diagonal[-1] = diagonal[ends] = rest
     below[ends] = 0.0
-    return rest * dpttrs(diagonal, below, values)[0]
+    solve: Any = get_lapack_funcs("pttrs", (values,))
+    return rest * solve(diagonal, below, values)[0]
 
 
 def _at_lags(

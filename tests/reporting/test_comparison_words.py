@@ -1,0 +1,251 @@
+"""What a report says of a comparison, case by case, against `golden/comparison.txt`.
+
+Every case is made so that one thing about it is worth a sentence or a cell; its name says which.
+"""
+
+import itertools
+from collections.abc import Iterator
+
+import pytest
+
+from barnax.comparison import ComparisonResult
+from barnax.reporting.comparison import (
+    bands_table,
+    differences_table,
+    errors_table,
+    failures_table,
+    methods_table,
+    parameters_table,
+    refined_table,
+    search_table,
+)
+from barnax.reporting.comparison_sentences import (
+    bound_sentences,
+    budget_sentence,
+    conclusion,
+    failure_sentences,
+    gap_sentences,
+    model_sentences,
+    note_sentences,
+    optimum_sentences,
+    ranking_sentences,
+    soc_sentence,
+)
+from barnax.reporting.document import Column, Table
+from barnax.reporting.render import table_lines
+from barnax.search.refine import AtBound
+from helpers.golden import GOLDEN, require_golden
+from sample_comparisons import (
+    CITY,
+    make_comparison,
+    make_difference,
+    make_errors,
+    make_failure,
+    make_row,
+)
+
+# Errors in mV, on the record identified on and on others, by row.
+Errors = dict[str, tuple[float, ...]]
+UPPER = AtBound("tau2 [s]", "upper")
+TWO: Errors = {"bmo so-rc": (25.0,), "pso so-rc": (23.0,)}
+LEAD = "pso so-rc", "bmo so-rc"
+BY_SEEDS = make_difference(*LEAD, (-3.0, -1.0), seeds=(28, 2, 0.001))
+PAIR: Errors = {"ibmo so-rc": (25.0, 13.0), "ibmo iso-rc": (23.7, 13.5)}
+BMO: Errors = {"bmo so-rc": (26.0,), "bmo iso-rc": (27.0,)}
+
+
+def made(errors: Errors, *differences, **changes) -> ComparisonResult:
+    return make_comparison(
+        [make_row(name, *mv) for name, mv in errors.items()], differences, **changes
+    )
+
+
+RANKED = {
+    "the lead was not tested": made(TWO),
+    "the lead is more than chance": made(TWO, BY_SEEDS),
+    "the same, stored the other way round": made(
+        TWO, make_difference(*LEAD[::-1], (1.0, 3.0), seeds=(2, 28, 0.001))
+    ),
+    "the lead is no more than chance": made(TWO, make_difference(*LEAD, (-3.0, 1.0))),
+    "the interval is too narrow": made(TWO, make_difference(*LEAD, (-3.0, -1.0), is_capped=True)),
+    "other rows are worse or cannot be told apart": made(
+        {f"{name} so-rc": (mv,) for name, mv in zip("abcd", (1, 2, 3, 4), strict=True)},
+        make_difference("a so-rc", "b so-rc", (-2.0, -0.5)),
+        make_difference("a so-rc", "c so-rc", (-5.0, 0.5)),
+        make_difference("d so-rc", "a so-rc", (2.0, 4.0)),
+    ),
+    "the lead is shared": made({"lm so-rc": (23.0,), "varpro so-rc": (23.0 * (1 + 1e-7),)}),
+    "another leads on another record": made({"a so-rc": (20.0, 30.0), "b so-rc": (21.0, 10.0)}),
+    "one leads everywhere, tested on the second record alone": made(
+        {"a so-rc": (20.0, 10.0), "b so-rc": (21.0, 30.0)},
+        make_difference("a so-rc", "b so-rc", (-3.0, -1.0), record=CITY),
+    ),
+    "a single row": made({"a so-rc": (20.0,)}),
+    "no row": made({}),
+}
+JUDGED = {
+    "it does not carry over": made(PAIR),
+    "chance explains what changes on the other record": made(
+        PAIR,
+        make_difference("ibmo so-rc", "ibmo iso-rc", (0.5, 2.0)),
+        make_difference("ibmo so-rc", "ibmo iso-rc", (-1.5, 0.5), record=CITY),
+    ),
+    "optima lower": made(BMO, optima_mv={"so-rc": 23.4, "iso-rc": 23.2}),
+    "optima raise": made(BMO, optima_mv={"so-rc": 23.2, "iso-rc": 23.4}),
+    "optima leave": made(BMO, optima_mv={"so-rc": 23.2, "iso-rc": 23.2}),
+    "one optimum alone": made(BMO, optima_mv={"so-rc": 23.0}),
+    "equal errors": made({"ls so-rc": (25.0, 13.0), "ls iso-rc": (25.0, 12.0)}),
+    "several records to validate on": made(
+        {"ls so-rc": (25.0, 13.0, 20.0), "ls iso-rc": (24.0, 12.0, 21.0)}
+    ),
+    "the method that fits both best is asked": made(
+        {
+            "pso so-rc": (30.0, 10.0),
+            "pso iso-rc": (20.0, 10.0),
+            "lm so-rc": (24.0, 10.0),
+            "lm iso-rc": (25.0, 10.0),
+        }
+    ),
+    "no method ran both": made({"ls so-rc": (25.0,), "ibmo iso-rc": (20.0,)}),
+    "three models": made({"lm so-rc": (3.0,), "lm iso-rc": (2.0,), "lm esc": (1.0,)}),
+    "models without a name for what they add": made({"lm 1rc": (3.0,), "lm 3rc": (2.0,)}),
+    "one model": made({"lm so-rc": (3.0,), "ls so-rc": (4.0,)}),
+    "no row": made({}),
+}
+CHANGES = [
+    ("better", []), ("worse", []), ("same", []),
+    ("better", ["better"]), ("same", ["better", "same"]), ("worse", ["better"]),
+    ("better", ["worse"]), ("same", ["worse"]), ("worse", ["worse"]), ("worse", ["same"]),
+    ("better", ["same"]), ("same", ["same"]), ("better", ["better", "worse"]),
+]  # fmt: skip
+
+
+def certified() -> ComparisonResult:
+    result = make_comparison(
+        [make_row("lm so-rc", 20.0, optimality_gap=0.0)], optima_mv={"so-rc": 20.0}
+    )
+    sure = {"optimum_status": "certified", "optimum_proved_gap": 0.001}
+    models = {"so-rc": result.models["so-rc"].model_copy(update=sure)}
+    return result.model_copy(update={"models": models})
+
+
+def compared(*rows, optima_mv=None) -> ComparisonResult:
+    return make_comparison(rows, optima_mv=optima_mv)
+
+
+KNOWN = {"so-rc": 20.0}
+SEARCHED = {
+    "every row reaches the optimum": compared(
+        *(make_row(f"{name} so-rc", 20.0, optimality_gap=0.0005) for name in ("lm", "varpro")),
+        optima_mv=KNOWN,
+    ),
+    "some reach it, and others refined": compared(
+        make_row("bmo so-rc", 22.0, optimality_gap=0.1, refined_rmse_v=0.02),
+        make_row("lm so-rc", 20.0, optimality_gap=0.0),
+        make_row("pso so-rc", 21.0, optimality_gap=0.05, refined_rmse_v=0.023),
+        optima_mv=KNOWN,
+    ),
+    "no row reaches it": compared(
+        make_row("bmo so-rc", 22.0, optimality_gap=0.1, refined_rmse_v=None), optima_mv=KNOWN
+    ),
+    "it is known of one model": compared(
+        make_row("lm so-rc", 20.0, optimality_gap=0.0), make_row("lm esc", 19.0), optima_mv=KNOWN
+    ),
+    "it is certified": certified(),
+    "it is known of none": compared(make_row("lm so-rc", 20.0), make_row("lm esc", 19.0)),
+    "a failure, and a note": compared(
+        make_failure("rls so-rc", "no circuit"), make_row("ls so-rc", 1.0, notes=("Biased.",))
+    ),
+    "failures alone": compared(make_failure("ls so-rc", "No.")),
+    "a bound in one row": compared(
+        make_row("a so-rc", 1.0, at_bound=(UPPER,)), make_row("b so-rc", 1.0)
+    ),
+    "a bound in every row": compared(
+        make_row("a so-rc", 1.0, at_bound=(UPPER,)), make_row("b so-rc", 1.0, at_bound=(UPPER,))
+    ),
+}
+# 100 samples with twice the error hold 400 of 1300 parts of the squares.
+LOW_SOC = {
+    "at a low state of charge": compared(make_row("lm so-rc", 20.0)),
+    "without a low state of charge": compared(
+        make_row("lm so-rc", 20.0, identification=make_errors("drive.csv", 0.02, low_samples=0))
+    ),
+    "without any error": compared(make_row("lm so-rc", 0.0)),
+}
+
+
+def searched(result: ComparisonResult) -> Iterator[str]:
+    for tell in (gap_sentences, optimum_sentences, bound_sentences, failure_sentences):
+        yield from tell(result)
+    yield from note_sentences(result)
+
+
+def tables() -> dict[str, Table]:
+    answered = make_row("lm so-rc", 1.0, refined_rmse_v=0.0195)
+    bounded = make_row("lm esc", 1.0, at_bound=(AtBound("R0 [Ohm]", "upper"),))
+    unrefined = make_row("ls so-rc", 1.0, refined_parameters=None, refined_rmse_v=None)
+    models = compared(answered, bounded, unrefined, make_failure("rls so-rc", "No circuit."))
+    errors = made({"a so-rc": (22.0, 9.0), "b so-rc": (21.0, 10.0)})
+    alone = make_row("b so-rc", 20.0, seeds=1, spread=None, evaluations=None)
+    search = compared(make_row("a so-rc", 20.0, optimality_gap=0.021, refined_rmse_v=0.0199), alone)
+    differences = made(
+        {"a so-rc": (20.0,), "b so-rc": (22.0,), "c so-rc": (22.0,)},
+        make_difference("a so-rc", "b so-rc", (-3.0, -1.0), seeds=(3, 0, 0.25)),
+        make_difference("b so-rc", "c so-rc", (-1.0, 1.0), is_capped=True),
+        make_difference("a so-rc", "c so-rc", (-3.0, -1.0), record=CITY),
+    )
+    return {
+        "parameters, with what not every model has last": parameters_table(models),
+        "refined, where something was": refined_table(models),
+        "errors on the first record": errors_table(errors, 0),
+        "errors on the second record": errors_table(errors, 1),
+        "search, with the gap and the time": search_table(search, {"a so-rc": 1.234}),
+        "search, without": search_table(compared(alone)),
+        "bands that hold a sample": bands_table(made({"a so-rc": (20.0,)}), 0),
+        "differences on the first record": differences_table(differences, 0),
+        "methods, each once": methods_table(models),
+        "rows without an answer": failures_table(models),
+    }
+
+
+def test_every_case_is_told_as_in_the_golden_file():
+    lines = []
+    for cases, tell in (
+        (RANKED, ranking_sentences),
+        (JUDGED, model_sentences),
+        (SEARCHED, searched),
+    ):
+        for name, result in cases.items():
+            lines += [f"# {name}", *tell(result)]
+    lines += [f"# {name}\n{soc_sentence(result, 0)}" for name, result in LOW_SOC.items()]
+    lines += ["# the budget", budget_sentence(LOW_SOC["without any error"])]
+    for identified, validated in CHANGES:
+        others = ", ".join(validated) or "nothing"
+        lines.append(f"# {identified}, then {others}\n{conclusion(identified, validated)}")
+    for name, table in tables().items():
+        lines.append(f"# {name}\n{table.caption}\n{table_lines(table)}")
+    require_golden(GOLDEN / "comparison.txt", "\n".join(lines) + "\n")
+
+
+def test_it_never_pays_where_every_other_record_gets_worse():
+    for identified in ("better", "same", "worse"):
+        for validated in itertools.product(["worse"], ["worse", "same"]):
+            assert conclusion(identified, validated).endswith("does not help")
+
+
+def test_of_very_many_pairs_only_those_asked_for_are_shown():
+    names = [f"{method} {model}" for method in "abcd" for model in ("so-rc", "iso-rc")]
+    errors = {name: (20.0 + place,) for place, name in enumerate(names)}
+    differences = [
+        make_difference(*pair, (-2.0, -1.0)) for pair in itertools.combinations(names, 2)
+    ]
+    table = differences_table(made(errors, *differences), 0)
+    with_leader = {("a so-rc", name) for name in names[1:]}
+    of_one_method = {(f"{method} so-rc", f"{method} iso-rc") for method in "abcd"}
+    assert {row[:2] for row in table.rows} == with_leader | of_one_method
+    assert "Shown are the pairs with the leader" in table.caption
+
+
+def test_a_table_whose_rows_do_not_fit_its_columns_is_refused():
+    with pytest.raises(ValueError, match="a row of 2 cells under 1 columns"):
+        Table("", (Column("one"),), (("1", "2"),))

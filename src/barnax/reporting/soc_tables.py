@@ -121,8 +121,9 @@ def tables_sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     biased = sum(each.is_biased for each in fit.intervals)
     if biased:
         yield (
-            f"Smoothing may have moved {biased} of {len(fit.intervals)} values by more than their "
-            "standard error; their intervals include that."
+            "Smoothing and the straight lines between nodes may have moved "
+            f"{biased} of {len(fit.intervals)} values by more than their standard error; their "
+            "intervals include that."
         )
 
 

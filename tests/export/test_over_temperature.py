@@ -83,7 +83,7 @@ def test_a_linear_look_up_follows_what_lies_between(result):
 def test_every_export_names_the_measured_temperatures(exporter, result):
     told = " ".join(exporter.write(result).caveats)
     if exporter.name == "c-filter":
-        assert "everything in it is of 25 degC, and nothing of what was identified at 0, 45" in told
+        assert "all of it is for 25 degC, and nothing identified at 0, 45" in told
         one = result.at_temperature(25.0)
         assert exporter.write(one).content.count(b"\n") < exporter.write(result).content.count(
             b"\n"

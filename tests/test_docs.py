@@ -13,8 +13,8 @@ from barnax.optimizers import OPTIMIZERS
 
 FOLDER = Path(__file__).parents[1] / "docs"
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.md"))}
-# A joint fit of pulse tests, and a filter's replay.
-SLOW = {"pulses.md-0", "filters.md-0"}
+# A joint fit of pulse tests, a replay, and the run that CI makes anyway from the command line.
+SLOW = {"pulses.md-0", "filters.md-0", "getting-started.md-0"}
 BLOCKS = [
     pytest.param(block, id=each, marks=[pytest.mark.slow] if each in SLOW else [])
     for name, page in PAGES.items()

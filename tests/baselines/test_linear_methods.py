@@ -85,11 +85,34 @@ def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now
     assert np.all(answer.trajectory.tau_s > 0)
 
 
+def test_a_dual_filter_keeps_the_rate_of_a_dynamic_hysteresis_in_the_middle_of_its_box(
+    known_problem,
+):
+    problem = known_problem(TWO_PAIRS, "esc")
+    answer = answer_of("dual-ukf", problem)
+    low, high = problem.bounds.ranges["gamma"]
+    assert answer.parameters.gamma == pytest.approx(np.sqrt(low * high))
+    assert np.isfinite(answer.rmse_v)
+
+
 @pytest.mark.parametrize("hold", ["forward", "backward"])
 @pytest.mark.parametrize("model", CIRCUITS)
 def test_subspaces_find_a_circuit_without_noise_exactly(model, hold, known_problem):
     answer = answer_of("n4sid", known_problem(CIRCUITS[model], model, hold=hold))
     assert values_of(answer) == pytest.approx(values(CIRCUITS[model]), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("current_a", "says"),
+    [(np.ones(600), "current never changes"), (np.arange(170) % 7, "there are 111")],
+)
+def test_subspaces_refuse_a_record_without_turns_and_a_short_one(bundled_cell, current_a, says):
+    count = len(current_a)
+    voltage_v = 3.7 + 0.01 * np.random.default_rng(0).normal(size=count)
+    record = make_record(np.arange(count), current_a, voltage_v)
+    problem = make_problem(record, bundled_cell, "so-rc", window=Window(initial_soc=0.9))
+    with pytest.raises(MethodFailure, match=says):
+        answer_of("n4sid", problem)
 
 
 def test_subspaces_need_no_first_state():
@@ -163,7 +186,7 @@ def test_an_uneven_clock_is_a_failure_that_says_so(known_problem):
 
 @pytest.mark.parametrize("method", ["ls", "wrls", "rls-ekf", "n4sid"])
 def test_a_dynamic_hysteresis_is_beyond_a_linear_method(method, known_problem):
-    with pytest.raises(MethodFailure, match="open-circuit voltage beforehand"):
+    with pytest.raises(MethodFailure, match="open-circuit voltage in advance"):
         answer_of(method, known_problem(TWO_PAIRS, "esc"))
 
 

@@ -154,5 +154,5 @@ def test_halves_that_share_no_state_of_charge_are_refused():
         record_of(upper, start_soc=1.0, direction=1),
         record_of(lower, start_soc=0.0, direction=-1),
     ]
-    with pytest.raises(InputError, match="share nothing"):
+    with pytest.raises(InputError, match="do not overlap"):
         characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")

@@ -12,7 +12,7 @@ from barnax.export import EXPORTERS
 from barnax.filters import Drive, model_of, run_filter
 from barnax.model.inputs import prepare_record
 from barnax.model.window import Window
-from helpers.results import CIRCUITS, make_record, make_result, make_table_result
+from helpers.results import PAIRS_OF, make_record, make_result, make_table_result
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="this system has no C compiler")
@@ -63,7 +63,7 @@ def in_python(result, prepared):
 
 @pytest.mark.parametrize(
     ("circuit", "with_tables"),
-    [*((name, False) for name in CIRCUITS), ("so-rc", True), ("esc", True)],
+    [*((name, False) for name in PAIRS_OF), ("so-rc", True), ("esc", True)],
 )
 def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
     make = make_table_result if with_tables else make_result

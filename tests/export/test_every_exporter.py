@@ -7,7 +7,6 @@ from barnax.cell import CIRCUITS as REGISTERED
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, get_exporter
 from barnax.export.tables import tables_of
-from barnax.filters import model_of
 from helpers.results import CIRCUITS, make_cell, make_result
 
 every_exporter = pytest.mark.parametrize("exporter", EXPORTERS.values(), ids=lambda each: each.name)
@@ -23,17 +22,12 @@ def words_of(content: bytes) -> str:
 
 
 def test_every_circuit_is_tested():
-    assert {name for name, each in REGISTERED.items() if not each.has_memory} == set(CIRCUITS)
+    assert {name for name, each in REGISTERED.items() if each.turning is None} == set(CIRCUITS)
 
 
 def test_a_circuit_that_remembers_its_turns_is_refused():
-    with pytest.raises(InputError, match="which no tool can represent"):
+    with pytest.raises(InputError, match="which no table over SOC holds"):
         tables_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
-
-
-def test_a_filter_refuses_it_too():
-    with pytest.raises(InputError, match="identify esc"):
-        model_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
 
 
 def test_exporters_are_registered_under_their_names_and_write_different_files():

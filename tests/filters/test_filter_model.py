@@ -13,7 +13,7 @@ from barnax.model.inputs import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import simulate_tables
 from barnax.search.evaluate import evaluate
-from helpers.results import CIRCUITS, PAIRS, PAIRS_OF, make_cell, make_record, make_result
+from helpers.results import PAIRS, PAIRS_OF, make_cell, make_record, make_result
 
 NODES = (0.0, 0.2, 0.5, 1.0)
 # Between two points of the grid the OCV of this cell bends by less.
@@ -33,7 +33,7 @@ def open_loop(model, prepared):
     return np.asarray(jax.lax.scan(step, start, Drive.of(prepared))[1])
 
 
-@pytest.mark.parametrize("circuit", CIRCUITS)
+@pytest.mark.parametrize("circuit", PAIRS_OF)
 def test_without_corrections_it_simulates_the_circuit(circuit):
     r, c = zip(*PAIRS[: PAIRS_OF[circuit]], strict=True)
     parameters = CircuitParameters(0.05, r, c, 60.0 if circuit == "esc" else None)

@@ -307,6 +307,12 @@ def test_many_cells_in_one_call_are_each_cell_alone(circuit, slow):
             np.testing.assert_allclose(each[cell], one_by_one, rtol=0, atol=1e-12)
 
 
+def test_a_short_record_has_fewer_lags():
+    found = examine_innovations(np.random.default_rng(0).normal(size=11))
+    assert (found.samples, found.lags) == (11, 5)
+    assert 0 < found.p_value < 1
+
+
 def test_correlated_innovations_are_not_white():
     noise = np.random.default_rng(0).normal(size=2001)
     assert not examine_innovations(noise[1:] + 0.3 * noise[:-1]).are_white

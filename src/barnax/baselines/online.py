@@ -179,7 +179,7 @@ def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[An
     chosen = prepared.scored
     r0 = middle.r0 * factor.get("R0", held)
     progress(1)
-    return averaged(problem, samples, r0[chosen], r[chosen], tau_s[chosen])
+    return averaged(problem, samples, r0[chosen], r[chosen], tau_s[chosen], middle.gamma)
 
 
 _dual = jax.jit(partial(run_filter, kind="ukf", form="dual", adapting=1 - FORGETTING))

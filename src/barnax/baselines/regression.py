@@ -1,6 +1,6 @@
 """Least squares of the circuit's difference equation: at once (LS) and recursive (RLS)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -260,7 +260,12 @@ def track(
 
 
 def averaged(
-    problem: Problem, samples: EvenSamples, r0: np.ndarray, r: np.ndarray, tau_s: np.ndarray
+    problem: Problem,
+    samples: EvenSamples,
+    r0: np.ndarray,
+    r: np.ndarray,
+    tau_s: np.ndarray,
+    gamma: float | None = None,
 ) -> list[Answer]:
     """The answer of an online method: medians over time, and the trajectory.
 
@@ -281,6 +286,7 @@ def averaged(
         np.median(r[counted], axis=0),
         np.median(tau_s[counted], axis=0),
     ).ordered()
+    parameters = replace(parameters, gamma=gamma)
     trajectory = Trajectory(
         time_s=samples.time_s[samples.is_row],
         r0=np.where(is_circuit, r0, np.nan),

@@ -24,12 +24,19 @@ def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> lis
     resistances are those of least squares over the simulated record, inside the box. As in Li et
     al. (2016), whose reference number 19 Li et al. (2023) give for it, the order is that of the
     circuit; `HORIZON` block rows a pair are ours. Poles that are complex, negative or unstable
-    belong to no circuit: raises `MethodFailure`, also for an uneven clock.
+    belong to no circuit: raises `MethodFailure`, also for an uneven clock, for a current that never
+    changes, and for a record too short for the block rows.
     """
     del budget
     pairs = problem.bounds.pairs
     rows = HORIZON * pairs
     samples = even_samples(problem.prepared, 2 * rows - 1)
+    if not np.ptp(samples.current_a):
+        raise MethodFailure("the current never changes, and without a change it shows no pole")
+    if (found := np.count_nonzero(samples.is_row)) < 4 * rows:
+        raise MethodFailure(
+            f"it needs {4 * rows} samples with {2 * rows - 1} evenly before each; there are {found}"
+        )
     poles = np.linalg.eigvals(
         state_matrix(samples.current_a, samples.drop_v, samples.is_row, rows, pairs)
     )

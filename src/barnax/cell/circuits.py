@@ -25,8 +25,9 @@ class Circuit:
     +1 after charging and -1 after discharging; it is computed once, outside the search.
     `hysteresis_amplitude(cell, soc)`, where given, is the voltage in V that a dynamic hysteresis
     state h in [-1, 1] multiplies; its rate gamma is then one more parameter of the search.
-    With `has_memory` the source at a sample depends on the samples before it, so that no curve
-    over SOC says it: filters and exports refuse such a circuit.
+    `turning(soc, direction)`, where given, is where between the branches the source stands at
+    every sample, -1 discharged to +1 charged, and depends on the samples before: no curve over
+    SOC says that, so exports of curves refuse such a circuit.
     """
 
     name: str
@@ -34,7 +35,7 @@ class Circuit:
     source_voltage: Callable[[CellModel, Samples, Samples], Samples]
     pairs: int = 2
     hysteresis_amplitude: Callable[[CellModel, Samples], Samples] | None = None
-    has_memory: bool = False
+    turning: Callable[[Samples, Samples], Samples] | None = None
 
     @property
     def has_rate(self) -> bool:
@@ -60,6 +61,7 @@ def average_ocv_with_hysteresis(cell: CellModel, soc: Samples, direction: Sample
 # The SOC that must pass after a turn of the current until 95 % of the way to the other branch is
 # done. Real cells take some percent to a fifth; `esc` identifies it.
 TURN_SOC = 0.1
+TURN_WIDTH = TURN_SOC / float(np.arctanh(0.95))
 
 
 def average_ocv_with_loops(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
@@ -81,14 +83,13 @@ def loops(soc: Samples, direction: Samples) -> Samples:
     >>> loops(np.array([0.5, 0.45, 0.4]), np.array([1.0, -1.0, -1.0])).round(2)
     array([ 1.  ,  1.  , -0.45])
     """
-    width = TURN_SOC / np.arctanh(0.95)
     turns = np.flatnonzero(np.diff(direction, prepend=direction[:1])).tolist()
     turned, value = np.empty(len(soc)), float(direction[0])
     for begin, end in itertools.pairwise([0, *turns, len(soc)]):
         # The sample at which the current turns has not moved yet; the next run begins there too.
         passed = np.abs(soc[begin : end + 1] - soc[begin])
         toward = direction[begin]
-        path = toward + (value - toward) * (1 - np.tanh(passed / width))
+        path = toward + (value - toward) * (1 - np.tanh(passed / TURN_WIDTH))
         turned[begin:end], value = path[: end - begin], float(path[-1])
     return turned
 
@@ -115,7 +116,7 @@ TAKACS = Circuit(
     "takacs",
     "two RC pairs, average OCV and hysteresis that turns along hyperbolic tangents",
     average_ocv_with_loops,
-    has_memory=True,
+    turning=loops,
 )
 ONE_RC = Circuit("1rc", f"one RC pair, {_AVERAGED}", average_ocv, pairs=1)
 THREE_RC = Circuit("3rc", f"three RC pairs, {_AVERAGED}", average_ocv, pairs=3)

@@ -113,7 +113,8 @@ def _run(
     if folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
         module = "matplotlib.backends.backend_agg"
-        threading.Thread(target=__import__, args=(module,), daemon=True).start()
+        # No daemon: a process that ends while one loads C++ aborts.
+        threading.Thread(target=__import__, args=(module,)).start()
     if chosen.model is not None:
         require_choice("model", chosen.model, CIRCUITS)
     require_choice("method", chosen.method, OPTIMIZERS)

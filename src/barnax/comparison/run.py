@@ -250,8 +250,10 @@ def _run(
     with watch(row.name) as advance:
         try:
             answers = METHODS[method].run(problem, budget, advance)
-        except (MethodFailure, InputError, np.linalg.LinAlgError) as failure:
+        except (MethodFailure, InputError) as failure:
             return replace(row, failure=str(failure))
+        except np.linalg.LinAlgError:
+            return replace(row, failure="its equations have no solution on these data")
     row = replace(row, answers=tuple(answers))
     identified, *others = prepared_records
     parameters = row.median.parameters

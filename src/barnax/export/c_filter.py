@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..cell.circuits import TURN_WIDTH, get_circuit
 from ..execution import in_float64
 from ..filters.model import CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S, FilterModel, model_of
 from ..results import Result
@@ -15,6 +16,7 @@ from .exporter import Export, Exporter, note_lines, numbers
 from .tables import table_caveats, tables_of
 
 HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2}
+REMEMBERS = 3
 
 TEMPLATE = """\
 /*
@@ -43,7 +45,7 @@ typedef BARNAX_REAL barnax_real;
 
 #define BARNAX_PAIRS {pairs}
 #define BARNAX_ERRORS {errors}
-/* 0 none, 1 turns at once, 2 turns with the charge passed */
+/* 0 none, 1 turns at once, 2 turns with the charge passed, 3 so from where the current turned */
 #define BARNAX_HYSTERESIS {kind}
 /* SOC, pairs, dynamic hysteresis, parts of the model's error, current offset, log of capacity */
 #define BARNAX_FIRST_ERROR (1 + BARNAX_PAIRS + (BARNAX_HYSTERESIS == 2))
@@ -57,6 +59,9 @@ typedef struct {{
     barnax_real x[BARNAX_STATES];
     barnax_real p[BARNAX_STATES][BARNAX_STATES];
     barnax_real direction;
+    /* Between the branches: now, and where the current turned; and the SOC drawn since. */
+    barnax_real turned, turned_from, drawn;
+    int has_begun;
     barnax_real innovation_v;
     barnax_real innovation_sd_v;
 }} barnax_filter;
@@ -98,7 +103,9 @@ static void barnax_filter_start(barnax_filter *f, barnax_real soc, barnax_real s
         const barnax_real rest_v = value[4 + i] * barnax_rest_current_a;
         f->p[1 + i][1 + i] = rest_v * rest_v;
     }}
-    f->direction = barnax_initial_direction;
+    f->direction = f->turned = f->turned_from = barnax_initial_direction;
+    f->drawn = 0;
+    f->has_begun = 0;
     if (BARNAX_HYSTERESIS == 2)
         f->x[1 + BARNAX_PAIRS] = barnax_initial_direction;
     for (i = 0; i < BARNAX_ERRORS; i++)
@@ -180,13 +187,25 @@ static void barnax_filter_step(barnax_filter *f, barnax_real interval_s, barnax_
     barnax_real value[BARNAX_COLUMNS], slope[BARNAX_COLUMNS];
     barnax_real h[BARNAX_STATES] = {{0}}, with_state[BARNAX_STATES];
     barnax_real *x = f->x, turned = 0, errors = 0, predicted_v, variance, gain;
+    barnax_real direction = f->direction;
     int i, j;
 
     barnax_move(f, interval_s, held_a);
+    f->drawn += held_a * interval_s / (3600 * barnax_capacity_ah);
+    f->turned = direction
+        + (f->turned_from - direction) * (1 - tanh(fabs(f->drawn) / barnax_turn_soc));
     if (fabs(current_a) >= barnax_rest_current_a && current_a != 0)
-        f->direction = current_a > 0 ? -1 : 1;
+        direction = current_a > 0 ? -1 : 1;
+    if (direction != f->direction) {{
+        f->turned_from = f->turned = f->has_begun ? f->turned : direction;
+        f->drawn = 0;
+    }}
+    f->direction = direction;
+    f->has_begun = 1;
     if (BARNAX_HYSTERESIS == 1)
-        turned = f->direction;
+        turned = direction;
+    if (BARNAX_HYSTERESIS == 3)
+        turned = f->turned;
     if (BARNAX_HYSTERESIS == 2)
         turned = x[1 + BARNAX_PAIRS];
 
@@ -239,13 +258,13 @@ def write_c_filter(result: Result) -> Export:
             f"The filter has one temperature: all of it is for {degc:.3g} degC, and nothing "
             f"identified at {others} degC is in it.",
         )
-    tables, model = tables_of(result), model_of(result, (OFFSET, CAPACITY))
+    tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
     caveats = (*caveats, *table_caveats(tables))
     content = TEMPLATE.format(
         notes=note_lines(tables.heading, caveats, " * "),
         pairs=model.pairs,
         errors=len(model.error_s),
-        kind=HYSTERESIS[model.hysteresis],
+        kind=REMEMBERS if get_circuit(result.model).turning else HYSTERESIS[model.hysteresis],
         declarations="\n".join(_declarations(model, tables.rest_current_a, result.start_direction)),
     )
     return Export(content.encode(), caveats)
@@ -258,6 +277,7 @@ def _declarations(model: FilterModel, rest_current_a: float, direction: int) -> 
         ("initial_direction", float(direction), "1 after charging, -1 after discharging"),
         ("rest_current_a", rest_current_a, "A, turns no hysteresis below"),
         ("gamma", float(model.gamma), "per unit of SOC"),
+        ("turn_soc", TURN_WIDTH, "SOC, of the tangent along which a hysteresis turns"),
         ("white_sd_v", float(model.white_sd_v), "V"),
         ("current_sd_a", float(model.current_sd_a), "A"),
         ("offset_sd_a", offset_sd_a, "A"),

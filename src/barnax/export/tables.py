@@ -125,16 +125,20 @@ class Tables:
         return float(self.initial_direction * w_v / 2)
 
 
-def tables_of(result: Result) -> Tables:
-    """A result's constants and tables. Raises `InputError` where no curve over SOC says them."""
+def tables_of(result: Result, may_remember: bool = False) -> Tables:
+    """A result's constants and tables. Raises `InputError` where no curve over SOC says them.
+
+    A format that itself remembers where the current turned says so by `may_remember`.
+    """
     cell = result.cell_model
     if result.tables is not None:
         cell = cell.at(result.tables.found.reference_degc)
     circuit = get_circuit(result.model)
-    if circuit.has_memory:
+    if circuit.turning is not None and not may_remember:
         raise InputError(
             f"the hysteresis of {circuit.name} depends on where the current last changed "
-            "direction, which no tool can represent; identify esc or iso-rc to export it"
+            "direction, which no table over SOC holds; export `to` 'c-filter', or identify esc or "
+            "iso-rc"
         )
     kind = _kind_of(circuit, cell)
     over_soc = result.tables.fit.tables if result.tables else None

@@ -35,7 +35,9 @@ class Innovations:
 
 
 def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations:
-    """Both tests on innovations divided by their expected deviations; more than `LAGS` of them.
+    """Both tests on innovations divided by their expected deviations.
+
+    Over `LAGS` lags, or as many as half of a shorter record has.
 
     >>> found = examine_innovations(np.random.default_rng(0).normal(size=1000))
     >>> found.are_white, found.mean_square_bounds[0] < found.mean_square
@@ -44,7 +46,7 @@ def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations
     count = len(normalised)
     around = normalised - normalised.mean()
     power = float(around @ around)
-    lags = np.arange(1, LAGS + 1)
+    lags = np.arange(1, min(LAGS, count // 2) + 1)
     correlation = np.array([around[lag:] @ around[:-lag] for lag in lags]) / (power or 1.0)
     statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
     low, high = mean_bounds(count)
@@ -52,8 +54,8 @@ def examine_innovations(normalised: Float[np.ndarray, "samples"]) -> Innovations
         samples=count,
         first_lag=float(correlation[0]),
         bound=float(np.sqrt(chi2.ppf(CONFIDENCE, 1) / count)),
-        lags=LAGS,
-        p_value=float(chdtrc(LAGS, statistic)),
+        lags=len(lags),
+        p_value=float(chdtrc(len(lags), statistic)),
         mean_square=float(np.mean(normalised**2)),
         mean_square_bounds=(low, high),
     )

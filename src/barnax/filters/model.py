@@ -51,8 +51,9 @@ class Drive(NamedTuple):
     """What drives the model at every sample: the interval before it, and what is measured there.
 
     `held_a` is the current that flowed since the sample before, discharge positive, `turning_a` the
-    same where it turns a hysteresis, else zero. `direction` is that of the last current. The first
-    interval is zero seconds long.
+    same where it turns a hysteresis, else zero. `direction` is that of the last current, or where
+    between the branches a hysteresis stands that remembers its turns: it follows from the charge
+    counted since, so it is known without a state. The first interval is zero seconds long.
     """
 
     interval_s: Float[Array, "*samples"]
@@ -67,12 +68,15 @@ class Drive(NamedTuple):
         """A record made ready. Call inside float64."""
         held_a = np.append(0.0, prepared.held_a[:-1])
         is_moving = np.abs(held_a) >= prepared.rest_current_a
+        direction, turning = prepared.direction, get_circuit(prepared.circuit).turning
+        if turning is not None:
+            direction = turning(prepared.soc, direction)
         return cls(
             interval_s=jnp.asarray(np.diff(prepared.time_s, prepend=prepared.time_s[0])),
             held_a=jnp.asarray(held_a),
             turning_a=jnp.asarray(np.where(is_moving, held_a, 0.0)),
             current_a=jnp.asarray(prepared.current_a),
-            direction=jnp.asarray(prepared.direction),
+            direction=jnp.asarray(direction),
             voltage_v=jnp.asarray(prepared.voltage_v),
         )
 
@@ -241,6 +245,10 @@ class ErrorModel:
         OCV test and the record identified on disagree, and on another record either may hold. The
         errors left on the one record, which it was fitted to, would say that it is known.
 
+        The size in a tenth of SOC is that over it and its neighbors. What a circuit misses of the
+        OCV changes sign over SOC, and so is small by itself in some tenth; on another drive it
+        crosses zero elsewhere, and a filter that believed the voltage there would read the
+        difference for a capacity.
 
         Raises `InputError` for a result without an assessment.
         """
@@ -263,13 +271,14 @@ class ErrorModel:
         if result.tables is not None and OCV_CORRECTION in result.tables.fit.tables.tables:
             moved_v = result.tables.fit.tables.at(OCV_CORRECTION, TENTHS)
             error_v = {at: float(np.hypot(each, moved_v[at])) for at, each in error_v.items()}
-        at = {tenth: each / rmse_v for tenth, each in error_v.items()}
+        # Where the fit has seen nothing, its error as a whole has to do.
+        tenths = np.array([error_v.get(tenth, rmse_v) / rmse_v for tenth in range(10)])
+        around = [tenths[max(tenth - 1, 0) : tenth + 2] for tenth in range(10)]
         return cls(
             max(rmse_v, LEAST_NOISE_V),
             *(zip(*parts, strict=True) if parts else ((), ())),
             soc=tuple(TENTHS.tolist()),
-            # Where the fit has seen nothing, its error as a whole has to do.
-            scale=tuple(at.get(tenth, 1.0) for tenth in range(10)),
+            scale=tuple(float(np.sqrt(np.mean(each**2))) for each in around),
         )
 
 
@@ -287,15 +296,9 @@ def make_model(
     """The model of a circuit on a cell, with tables over SOC where they are given.
 
     Call inside float64. Beyond its end points the OCV goes on straight, where a simulation holds
-    it constant: there too the voltage has to tell the SOC. Raises `InputError` for a circuit whose
-    hysteresis is no state.
+    it constant: there too the voltage has to tell the SOC.
     """
     kind = get_circuit(circuit)
-    if kind.has_memory:
-        raise InputError(
-            f"the hysteresis of {circuit} depends on where the current last changed direction, "
-            "which is not in the filter's state; identify esc, whose hysteresis is a state"
-        )
     source_v = [
         _straight(cell, kind.source_voltage(cell, GRID, side + 0 * GRID)) for side in (1, -1)
     ]

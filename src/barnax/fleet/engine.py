@@ -286,7 +286,7 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
                 LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0")
             )
         try:
-            client = stack.enter_context(Client(where))
+            client: Any = stack.enter_context(Client(where))
         except (OSError, ValueError) as problem:
             raise InputError(
                 f"`scheduler` {address!r}: cannot be reached ({problem}); give the address that "

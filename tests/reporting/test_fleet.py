@@ -18,7 +18,7 @@ def test_the_end_is_three_lines_that_count_what_was_done():
         in (closing_lines(state, Path("out"), 20.0, "3/10")[1])
     )
     assert closing_lines(Progress(skipped=5), Path("out"), 1.0)[0] == (
-        "Nothing to do: 5 already done."
+        "Nothing to do: 5 already done; `retry` repeats what failed."
     )
 
 

@@ -183,7 +183,12 @@ def _write_report(
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
     from ..reporting import to_html
-    from ..reporting.fleet import fleet_document, fleet_illustrations, fleet_sentence
+    from ..reporting.fleet import (
+        failed_sentence,
+        fleet_document,
+        fleet_illustrations,
+        fleet_sentence,
+    )
 
     rows = read_fleet(out)
     summary = summarize(rows, carried)
@@ -195,7 +200,7 @@ def _write_report(
             worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
     write_file(out / "report.html", to_html(document.spelled(_as_columns)).encode())
-    return fleet_sentence(summary)
+    return fleet_sentence(summary) + failed_sentence(summary)
 
 
 def _as_columns(text: str) -> str:

@@ -79,6 +79,17 @@ def fleet_sentence(summary: "Summary") -> str:
     return f"{', '.join(parts)}, {counted(len({each.id for each in summary.outliers}), 'outlier')}."
 
 
+def failed_sentence(summary: "Summary") -> str:
+    """Which cells failed, and why; empty where none did."""
+    if not summary.failures:
+        return ""
+    first, *others = summary.failures
+    more = len(first.ids) - 3
+    named = ", ".join(first.ids[:3]) + (f" and {more:,} more" if more > 0 else "")
+    rest = f" ({counted(len(others), 'further cause')} in the report)" if others else ""
+    return f" Failed: {named}: {first.text}{rest}"
+
+
 def _distributions(summary: "Summary") -> Table:
     return make_table(
         "Quantiles over the cells of each circuit; the spread is the robust standard deviation of "
@@ -185,7 +196,11 @@ def closing_lines(
         rest = f"Shard {shard}: once all are done, the same command without it writes the report."
         where = str(out)
     if not state.finished:
-        return [f"Nothing to do: {skipped}.", rest or "The dataset is unchanged.", where]
+        return [
+            f"Nothing to do: {skipped}; `retry` repeats what failed.",
+            rest or "The dataset is unchanged.",
+            where,
+        ]
     done = f"{counted(state.finished - state.failed, 'cell')} identified, {state.failed:,} failed"
     rate = f"in {duration(elapsed_s)}"
     if state.finished >= 0.1 * elapsed_s:

@@ -209,7 +209,10 @@ def _as_columns(text: str) -> str:
 
 
 def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
-    text = f"{len(cells):,} cells, {sum(len(cell.records) for cell in cells):,} records"
+    from ..reporting.words import counted
+
+    records = sum(len(cell.records) for cell in cells)
+    text = f"{counted(len(cells), 'cell')}, {counted(records, 'record')}"
     return f"{text}; copied to the dataset: {', '.join(carried)}" if carried else text
 
 

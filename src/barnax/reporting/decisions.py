@@ -98,7 +98,12 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
         if stored.other_hold is None:
             yield f"{assumed} (`current_hold={other}` for the other)."
         else:
-            yield f"{assumed}. With `current_hold={other}`, {_would_be(stored.other_hold)}."
+            told = _would_be(stored.other_hold)
+            if stored.tables is not None:
+                told = f"the constant circuit's {told}"
+                if stored.global_optimum is not None:
+                    told += f" instead of {millivolt(stored.global_optimum.rmse_v)}"
+            yield f"{assumed}. With `current_hold={other}`, {told}."
     for each in simulated:
         start = each.start
         if start is None:

@@ -22,7 +22,8 @@ def best_over_temperature(part: "TablesPart", over: "OverTemperature") -> str:
     ranges = part.fit.tau_ranges_s
     ends = joined([duration(end) for end in (ranges[0][0], ranges[-1][1])], "to")
     is_close = over.proved_gap <= part.settings.proved_share
-    how = "proved, " if is_close else "verified on a grid; the proof stopped at: "
+    aim = percent(part.settings.proved_share)
+    how = "proved, " if is_close else f"proved, but not to the {aim} aimed at: "
     return (
         f"{how}no tables with time constants from {ends}, the same at each temperature, are "
         f"more than {percent(over.proved_gap)} better."

@@ -36,8 +36,7 @@ def printable(text: str) -> str:
     'us06\\ufffd[2J.csv'
     """
     return "".join(
-        "\ufffd" if unicodedata.category(letter) in ("Cc", "Cf", "Cs") else letter
-        for letter in text
+        "\ufffd" if unicodedata.category(letter)[0] == "C" else letter for letter in text
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError, counted, listed
+from ..errors import InputError, counted, listed, printable
 from .cells import CLOCKS, is_clock, numbers
 from .columns import QUANTITIES, Column, Quantity, Unit, likely_column, likely_names, named_column
 from .dialects import NOTHING, columns_of, is_ocv_table, other_table
@@ -173,7 +173,7 @@ def _is_off_by(ratios: np.ndarray, unit: Unit, column: Column) -> bool:
 
 
 def _no_record(table: Table, file: str) -> str:
-    names = listed(name for name in table.header if name) or "none"
+    names = printable(listed(name for name in table.header if name)) or "none"
     message = f"{file}: no column for time, current, voltage; columns found: {names}. "
     if is_ocv_table(table.header):
         return f"{message}It is a table of OCV over SOC; give it as the OCV test."

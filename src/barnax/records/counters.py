@@ -190,7 +190,8 @@ def _decimal_place(values: Charge) -> float:
     # Of more values a share tells the same.
     values = values[:: 1 + len(values) // _ENOUGH]
     for digits in range(9):
-        scaled = values * 10.0**digits
-        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6 * (1 + np.abs(scaled))):
+        scaled = np.abs(values) * 10.0**digits
+        # Of a coin cell's few microampere-hours none is near a whole number for being small.
+        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6 * (min(1, scaled.max()) + scaled)):
             return 10.0**-digits
     return 0.0

@@ -1,7 +1,8 @@
 """Whether a sample's current flowed in the interval after it or before it.
 
 Testers that log a sample at the end of its interval (Arbin) prove it by their own ampere-hour
-counters: the increments follow the current of the interval's last sample.
+counters: the increments follow the current of the interval's last sample. A column that holds the
+mean current of the interval before the row says so by its name.
 """
 
 from dataclasses import dataclass, replace
@@ -10,6 +11,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..errors import counted
+from .columns import Column
 from .record import Decision, Hold
 from .samples import Samples
 
@@ -19,6 +22,8 @@ Increments = Float[np.ndarray, "intervals"]
 # either hold, so the intervals at large must agree far better than the changes of step.
 _AT_CHANGES = {"fewest": 2, "margin": 0.5}
 _ANYWHERE = {"fewest": 20, "margin": 0.05}
+# One change of step proves nothing, but is better evidence than whose file it is.
+_AT_ONE = {"fewest": 1, "margin": 0.2}
 _AGREEING = 0.8
 # So many intervals may hold a fall of a counter that was not seen as one.
 _FALLS = 0.05
@@ -41,15 +46,19 @@ class _Ledger:
 
 
 def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
-    """The record's hold: given, else proved by the counters, else by whose file it is."""
-    proof = _from_counters(samples)
+    """The record's hold: given, else by the counters, else by what the column or the make is."""
+    found = _from_counters(samples)
+    column = samples.columns["current"]
+    if _is_mean(column) and (found is None or found.strength != "strong"):
+        words = f"'{column.header}' is the mean current since the row before"
+        found = Decision("backward", "weak", words)
     if given != "auto":
         reason = "given by the user"
-        if proof is not None and proof.value != given:
-            reason += f", although {proof.reason}"
+        if found is not None and found.value != given:
+            reason += f", although {found.reason}"
         return Decision(given, "given", reason)
-    if proof is not None:
-        return proof
+    if found is not None:
+        return found
     if samples.dialect.logs_at_end:
         words = f"{samples.dialect.name} testers log a sample at its interval's end"
         return Decision("backward", "weak", words)
@@ -60,13 +69,19 @@ def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
     return Decision("forward", "assumed", reason)
 
 
+def _is_mean(column: Column) -> bool:
+    """Whether a column of currents holds means over intervals: "<I>/mA", or the charge of each."""
+    return column.header.startswith("<") or column.quantity.name == "charge of the interval"
+
+
 def _from_counters(samples: Samples) -> Decision | None:
     """The hold under which the current integrates to the tester's counters, with clear margin.
 
     Where the tester's step number changes, the current switches in time with the log, so these
     intervals decide. Inside a step that plays a drive cycle, the current switches on a clock of
     its own and anywhere between two samples, which proves neither hold; such intervals are asked
-    only where the file has no step changes that tell.
+    only where the file has no step changes that tell. Where these prove nothing either, a lone
+    change of step decides, unless the other intervals are against it.
     """
     everywhere, tells = _ledger(samples)
     if not tells.any():
@@ -74,12 +89,15 @@ def _from_counters(samples: Samples) -> Decision | None:
     telling = everywhere.at(tells)
     weight = (telling.backward_ah - telling.forward_ah) ** 2
     fraction = float(np.average(telling.fractions(), weights=weight))
-    decision = None
-    if samples.step is not None:
-        at_changes = everywhere.at(tells & (np.diff(samples.step) != 0))
-        decision = _verdict(at_changes, "changes of step", **_AT_CHANGES)
-    decision = decision or _verdict(telling, "intervals", **_ANYWHERE)
-    if decision is None or not 0.25 < fraction < 0.75:
+    changes = np.zeros(len(tells), bool) if samples.step is None else np.diff(samples.step) != 0
+    at_changes = everywhere.at(tells & changes)
+    decision = _verdict(at_changes, "change", **_AT_CHANGES)
+    decision = decision or _verdict(telling, "interval", **_ANYWHERE)
+    if decision is None:
+        lone = _verdict(at_changes, "change", **_AT_ONE)
+        is_alike = lone is not None and (fraction > 0.5) == (lone.value == "backward")
+        return replace(lone, strength="weak") if lone is not None and is_alike else None
+    if not 0.25 < fraction < 0.75:
         return decision
     reason = (
         f"{decision.reason}; over all intervals the last sample's current flowed for "
@@ -88,7 +106,7 @@ def _from_counters(samples: Samples) -> Decision | None:
     return replace(decision, reason=reason)
 
 
-def _verdict(ledger: _Ledger, words: str, *, fewest: int, margin: float) -> Decision | None:
+def _verdict(ledger: _Ledger, word: str, *, fewest: int, margin: float) -> Decision | None:
     """The hold that these intervals prove, if they do.
 
     Its residual must be below `margin` times the other's, and most intervals must agree, one by
@@ -104,8 +122,9 @@ def _verdict(ledger: _Ledger, words: str, *, fewest: int, margin: float) -> Deci
     agreeing = float(np.mean((ledger.fractions() > 0.5) == (hold == "backward")))
     if better > margin * worse or agreeing < _AGREEING:
         return None
+    places = counted(count, word) + (" of step" if word == "change" else "")
     reason = (
-        f"at {count} {words} the tester's Ah counters follow the current of the interval's {which} "
+        f"at {places} the tester's Ah counters follow the current of the interval's {which} "
         f"sample (off by {1e3 * better:.2g} mAh, by {1e3 * worse:.2g} mAh with the other)"
     )
     return Decision(hold, "strong", reason)

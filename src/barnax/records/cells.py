@@ -52,7 +52,7 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
 
 def _from_zero(seconds: Numbers) -> Numbers:
     """Clock times as they are; dates from the first, or from day zero of spreadsheets."""
-    first = seconds[np.isfinite(seconds)][0]
+    first = seconds[np.argmax(np.isfinite(seconds))]
     if first < _DAY_ZERO_S + 100 * 86400.0:
         return seconds - _DAY_ZERO_S if first < 0 else seconds
     return seconds if first < _DATED_S else seconds - first

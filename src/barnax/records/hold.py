@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
 from .columns import Column
@@ -37,7 +37,7 @@ class _Ledger:
     backward_ah: Increments
     forward_ah: Increments
 
-    def at(self, chosen: Bool[np.ndarray, "intervals"]) -> "_Ledger":
+    def at(self, chosen: Bool[np.ndarray, "intervals"] | Int[np.ndarray, "chosen"]) -> "_Ledger":
         return _Ledger(self.counted_ah[chosen], self.backward_ah[chosen], self.forward_ah[chosen])
 
     def fractions(self) -> Increments:
@@ -83,14 +83,13 @@ def _from_counters(samples: Samples) -> Decision | None:
     only where the file has no step changes that tell. Where these prove nothing either, a lone
     change of step decides, unless the other intervals are against it.
     """
-    everywhere, tells = _ledger(samples)
-    if not tells.any():
+    telling, places = _ledger(samples)
+    if not len(places):
         return None
-    telling = everywhere.at(tells)
     weight = (telling.backward_ah - telling.forward_ah) ** 2
     fraction = float(np.average(telling.fractions(), weights=weight))
-    changes = np.zeros(len(tells), bool) if samples.step is None else np.diff(samples.step) != 0
-    at_changes = everywhere.at(tells & changes)
+    step = np.zeros(len(samples)) if samples.step is None else samples.step
+    at_changes = telling.at(step[places + 1] != step[places])
     decision = _verdict(at_changes, "change", **_AT_CHANGES)
     decision = decision or _verdict(telling, "interval", **_ANYWHERE)
     if decision is None:
@@ -130,36 +129,38 @@ def _verdict(ledger: _Ledger, word: str, *, fewest: int, margin: float) -> Decis
     return Decision(hold, "strong", reason)
 
 
-def _ledger(samples: Samples) -> tuple[_Ledger, Bool[np.ndarray, "intervals"]]:
-    """Every interval's ampere-hours, and which intervals tell.
+def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
+    """The ampere-hours of the intervals that tell, and their places.
 
     An interval tells where its two currents differ by far more than the counters resolve, and
     where no counter was reset.
     """
-    interval_h = np.diff(samples.time_s) / 3600
-    backward_ah = samples.current_a[1:] * interval_h
-    forward_ah = samples.current_a[:-1] * interval_h
-    counted_ah = samples.counters.magnitudes_ah()
+    counters, quantum_ah = samples.counters, samples.counters.quantum_ah
+    counted_ah = counters.magnitudes_ah()
+    is_unsigned = counted_ah is not None
     if counted_ah is None:
-        counted_ah = samples.counters.increments_ah(with_net=True)
-    else:
-        backward_ah, forward_ah = np.abs(backward_ah), np.abs(forward_ah)
+        counted_ah = counters.increments_ah(with_net=True)
     if counted_ah is None or not counted_ah.any():
-        nowhere = np.zeros(len(interval_h), bool)
-        return _Ledger(np.zeros_like(interval_h), backward_ah, forward_ah), nowhere
+        return _Ledger(*np.zeros((3, 0))), np.zeros(0, int)
+    interval_h = samples.intervals_s / 3600
+    moved_ah = [ends_a * interval_h for ends_a in (samples.current_a[1:], samples.current_a[:-1])]
+    if is_unsigned:
+        moved_ah = [np.abs(own_ah) for own_ah in moved_ah]
+    backward_ah, forward_ah = moved_ah
     # The counters' own sign may be opposite to the file's.
-    if np.sum(counted_ah * (backward_ah + forward_ah)) < 0:
+    if counted_ah @ backward_ah + counted_ah @ forward_ah < 0:
         counted_ah = -counted_ah
-    quantum_ah = samples.counters.quantum_ah
-    largest_ah = np.maximum(np.abs(backward_ah), np.abs(forward_ah))
-    is_reset = np.abs(counted_ah) > 2 * largest_ah + quantum_ah
-    for counter_ah in (samples.counters.charged_ah, samples.counters.discharged_ah):
-        if counter_ah is not None:
-            is_reset |= np.diff(counter_ah) < 0
+    largest_ah = max(max(own_ah.max(), -own_ah.min()) for own_ah in moved_ah)
     # A hundredth of the record's largest step of charge keeps the noise of the current out.
-    floor_ah = max(5 * quantum_ah, 0.01 * float(np.max(largest_ah)))
-    tells = ~is_reset & (np.abs(backward_ah - forward_ah) > floor_ah)
-    return _Ledger(counted_ah, backward_ah, forward_ah), tells
+    floor_ah = max(5 * quantum_ah, 0.01 * float(largest_ah))
+    places = np.flatnonzero(np.abs(backward_ah - forward_ah) > floor_ah)
+    ledger = _Ledger(counted_ah, backward_ah, forward_ah).at(places)
+    ends_ah = np.maximum(np.abs(ledger.backward_ah), np.abs(ledger.forward_ah))
+    is_reset = np.abs(ledger.counted_ah) > 2 * ends_ah + quantum_ah
+    for counter_ah in (counters.charged_ah, counters.discharged_ah):
+        if counter_ah is not None:
+            is_reset |= counter_ah[places + 1] < counter_ah[places]
+    return ledger.at(~is_reset), places[~is_reset]
 
 
 def _spread(values: Increments) -> float:

@@ -219,7 +219,7 @@ def _of_counters(samples: Samples) -> Evidence | None:
     if counted_ah is None:
         return None
     mean_a = (samples.current_a[1:] + samples.current_a[:-1]) / 2
-    integrated_ah = mean_a * np.diff(samples.time_s) / 3600
+    integrated_ah = mean_a * samples.intervals_s / 3600
     product = counted_ah * integrated_ah
     size = float(np.sqrt(np.sum(counted_ah**2) * np.sum(integrated_ah**2)))
     cosine = float(product.sum()) / size if size else 0.0

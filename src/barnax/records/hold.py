@@ -142,10 +142,9 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
         counted_ah = counters.increments_ah(with_net=True)
     if counted_ah is None or not counted_ah.any():
         return _Ledger(*np.zeros((3, 0))), np.zeros(0, int)
-    interval_h = samples.intervals_s / 3600
-    moved_ah = [ends_a * interval_h for ends_a in (samples.current_a[1:], samples.current_a[:-1])]
+    moved_ah = samples.ended_ah, samples.begun_ah
     if is_unsigned:
-        moved_ah = [np.abs(own_ah) for own_ah in moved_ah]
+        moved_ah = tuple(map(np.abs, moved_ah))
     backward_ah, forward_ah = moved_ah
     # The counters' own sign may be opposite to the file's.
     if counted_ah @ backward_ah + counted_ah @ forward_ah < 0:

@@ -303,21 +303,18 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     samples = source.cut(samples)
     if short := _too_short(samples):
         raise InputError(short.sentence(source.name))
-    # Adding zero makes the -0.0 of a resting tester a plain zero.
-    current_a = samples.current_a * (-1.0 if sign.value == CHARGE else 1.0) + 0.0
-    charge_ah = hidden_ah = None
-    if samples.counters.written:
-        begun_ah, ended_ah = (
-            ends_a * samples.intervals_s / 3600 for ends_a in (current_a[:-1], current_a[1:])
-        )
-        moved_ah = begun_ah if hold.value == "forward" else ended_ah
-        charge_ah = samples.counters.charge_ah(moved_ah)
-        if charge_ah is not None:
-            hidden_ah = skipped_ah(charge_ah, begun_ah, ended_ah)
+    turn = -1.0 if sign.value == CHARGE else 1.0
+    counted_ah = hidden_ah = None
+    if hold.value == "backward":
+        counted_ah = samples.counted_ah
+    elif samples.counters.written:
+        counted_ah = samples.counters.charge_ah(samples.begun_ah)
+    if counted_ah is not None:
+        hidden_ah = skipped_ah(counted_ah, samples.begun_ah, samples.ended_ah)
     return Record(
         name=source.name,
         time_s=_own(samples.time_s),
-        current_a=_own(current_a),
+        current_a=_own(_turned(samples.current_a, turn)),
         voltage_v=_own(samples.voltage_v),
         temperature_degc=_own(samples.temperature_degc),
         step=_own(samples.step),
@@ -325,11 +322,16 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         sign=sign,
         hold=hold,
         sha256=source.sha256,
-        charge_ah=_own(charge_ah),
-        skipped_ah=_own(hidden_ah),
+        charge_ah=_own(_turned(counted_ah, turn)),
+        skipped_ah=_own(_turned(hidden_ah, turn)),
         cycle=_own(samples.cycle),
         state=_own(samples.state),
     )
+
+
+def _turned(values: Values, turn: float) -> Values:
+    # Adding zero makes the -0.0 of a resting tester a plain zero.
+    return values if values is None else values * turn + 0.0
 
 
 def _own(values: Values) -> Values:

@@ -285,5 +285,4 @@ def _throughput_ratio(samples: Samples) -> float | None:
     # A counter printed to 0.1 mAh that moved a few times proves nothing.
     if counted_ah <= 1e-3:
         return None
-    moved_ah = float(np.abs(samples.current_a[1:]) @ samples.intervals_s) / 3600
-    return moved_ah / counted_ah
+    return float(np.sum(np.abs(samples.ended_ah))) / counted_ah

@@ -96,7 +96,7 @@ class Counters:
         least_ah = _QUANTA * self.quantum_ah
         best_ah, most = None, _AGREEING
         for begun_ah, counted_ah in self._candidates(integrated_ah):
-            sign = float(np.sign(counted_ah @ integrated_ah)) or 1.0
+            sign = float(np.sign(inner(counted_ah, integrated_ah))) or 1.0
             turned_ah = counted_ah if sign > 0 else -counted_ah
             apart_ah = np.abs(np.add.reduceat(turned_ah, starts) - summed_ah)
             moves = np.maximum(apart_ah, flowed_ah) > least_ah
@@ -174,6 +174,11 @@ def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) ->
         if (after - before) / own_ah > _LASTING:
             found_ah[place] = own_ah
     return found_ah if found_ah.any() else None
+
+
+def inner(ones: Increments, others: Increments) -> float:
+    """Their inner product, without the threads of BLAS, which spin on after so little work."""
+    return float(np.einsum("i,i", ones, others))
 
 
 def _joined(counter_ah: Charge) -> Increments:

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
 from .columns import Column
+from .counters import inner
 from .record import Decision, Hold
 from .samples import Samples
 
@@ -147,7 +148,7 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
         moved_ah = tuple(map(np.abs, moved_ah))
     backward_ah, forward_ah = moved_ah
     # The counters' own sign may be opposite to the file's.
-    if counted_ah @ backward_ah + counted_ah @ forward_ah < 0:
+    if inner(counted_ah, backward_ah) + inner(counted_ah, forward_ah) < 0:
         counted_ah = -counted_ah
     largest_ah = max(max(own_ah.max(), -own_ah.min()) for own_ah in moved_ah)
     # A hundredth of the record's largest step of charge keeps the noise of the current out.

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from .document import Block, Bullets, Table, make_table
+from .sentences import better_than
 from .soc_tables import MIDDLE_SOC, constants_table, errors_words, nodes_table, pay_sentence
 from .words import NOTHING, duration, joined, millivolt, percent, symbol, with_unit
 
@@ -26,7 +27,7 @@ def best_over_temperature(part: "TablesPart", over: "OverTemperature") -> str:
     how = "proved, " if is_close else f"proved, but not to the {aim} aimed at: "
     return (
         f"{how}no tables with time constants from {ends}, the same at each temperature, are "
-        f"more than {percent(over.proved_gap)} better."
+        f"{better_than(over.proved_gap)}."
     )
 
 

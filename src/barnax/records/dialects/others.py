@@ -98,6 +98,17 @@ CHINESE = Dialect(
     marks=("时间 & 电流 & 电压",),
     names={"time": "时间", "current": "电流", "voltage": "电压", "temperature": "温度"},
 )
-IVIUM = Dialect("Ivium", marks=("time & i & e",), names={"voltage": "e"})
+# Ivium and VersaStudio.
+IVIUM = Dialect("Ivium", marks=("time & i & e", "elapsed time & i & e"), names={"voltage": "u|v|e"})
+
+BITRODE = Dialect(
+    "Bitrode",
+    marks=("total time & loop counter", "total time & amp-hours & watt-hours"),
+    names={
+        "state": "mode",
+        "temperature": "temperature a1|temperature",
+        "net capacity": "amp-hours",
+    },
+)
 PYBAMM = Dialect("PyBaMM", marks=("current [a]",), sign=DISCHARGE)
 PLAIN = Dialect("plain")

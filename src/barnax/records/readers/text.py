@@ -17,8 +17,8 @@ import polars as pl
 
 from ...errors import InputError, counted
 from ..cells import numbers, without_groups
-from ..columns import NEEDED, QUANTITIES, unit_of
-from ..dialects import columns_of, is_ocv_table, names_record, other_table
+from ..columns import NEEDED
+from ..dialects import columns_of, is_ocv_table, names_record, other_table, with_units
 from ..table import Reader, Table
 
 Schema = Mapping[str, type[pl.DataType]]
@@ -76,13 +76,16 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     content, breaks = _without_repeats(content, layout.above)
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
-    header, has_units = _with_units(layout, "".join(lines[lead + blank : lead + blank + 1]))
+    below = "".join(lines[lead + blank : lead + blank + 1])
+    header, has_units = with_units(layout.header, _cells(below, layout.delimiter))
     _refuse_split_numbers(lines[lead:], layout, file)
     if has_units:
         lead += blank + 1
     delimiter, above = layout.delimiter, lead
     if delimiter == _BLANK:
         content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[_offset(content, lead) :])
+        # A date and its time are one cell.
+        content = re.sub(rb"(\d[-./]\d+)[ \t]+(\d+:\d)", rb"\1T\2", content)
         content, above, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
     columns = _columns(content, above, (*header, ""), delimiter, file)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
@@ -181,8 +184,7 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
     for above, line in enumerate(lines):
         if len(line) > _LONGEST_HEADER or not line.strip():
             continue
-        delimiter = max(_DELIMITERS, key=line.count)
-        header = tuple(_cells(line, delimiter))
+        delimiter, header = _names(line, given)
         if len(header) == 1 or delimiter not in line:
             delimiter, header = _BLANK, _blank_cells(line, given)
         found = _Layout(above, header, delimiter)
@@ -203,6 +205,16 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
             "samples; export the record as plain CSV."
         )
     return fallback
+
+
+def _names(line: str, given: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
+    """The delimiter of a line and its cells: by the one that names a record, else the commonest."""
+    commonest = sorted(_DELIMITERS, key=line.count, reverse=True)
+    split = [(each, tuple(_cells(line, each))) for each in commonest if each in line]
+    named = (each for each in split[1:] if names_record(each[1], given))
+    if not split or names_record(split[0][1], given):
+        return split[0] if split else (commonest[0], tuple(_cells(line, commonest[0])))
+    return next(named, split[0])
 
 
 def _blank_cells(line: str, given: Mapping[str, str]) -> tuple[str, ...]:
@@ -251,34 +263,6 @@ def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
             f"{file}: the rows have more cells than names and no decimal point: commas separate "
             "cells and also decimals; export it with semicolons, or with decimal points."
         )
-
-
-def _with_units(layout: _Layout, below: str) -> tuple[tuple[str, ...], bool]:
-    """The names with the units that stand in the line below them, and whether they do."""
-    cells = _cells(below, layout.delimiter)
-    cells += [""] * (len(layout.header) - len(cells))
-    units = [cell.strip("[]()") for cell in cells]
-    found = columns_of(layout.header)
-    own = {each.index: each for each in found.values()}
-    spelled = {
-        k: unit_of(own[k].quantity, units[k])
-        for k in own
-        if units[k] and own[k].quantity.is_required
-    }
-    if not spelled or not all(
-        unit and (own[k].is_unit_assumed or unit == own[k].unit) for k, unit in spelled.items()
-    ):
-        return layout.header, False
-    return tuple(
-        name
-        if (k in own and not own[k].is_unit_assumed) or not _is_unit(units[k])
-        else f"{name} [{units[k]}]"
-        for k, name in enumerate(layout.header)
-    ), True
-
-
-def _is_unit(text: str) -> bool:
-    return any(unit_of(quantity, text) for quantity in QUANTITIES)
 
 
 def _columns(

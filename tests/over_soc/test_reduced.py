@@ -225,7 +225,7 @@ def test_intervals_are_of_visited_nodes_and_hold_their_values(prepared):
         assert [each.soc for each in fit.of_table(name)] == nodes
         for each in fit.of_table(name):
             assert each.value == table[NODES.index(each.soc)]
-            assert each.low is None or each.low <= each.value <= each.high
+            assert each.low is None or each.high is None or each.low <= each.value <= each.high
     assert [each.name for each in fit.intervals[-2:]] == ["tau1 [s]", "tau2 [s]"]
     assert fit.parameters == 4 * len(nodes) + 2
 

@@ -225,15 +225,15 @@ def answer_block(
     Float[np.ndarray, "skeleton *channels"], Float[np.ndarray, "samples skeleton *channels"]
 ]:
     """The state after a block of at most `BLOCK` samples, and the answers at them."""
-    size = len(held)
     # One shape for all: what is added at the end moves no answer, and nothing follows it.
-    held, node, offset_s = (
+    sampled = (
         on_device(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
         for each in map(np.asarray, (held, intervals.node, intervals.offset_s))
     )
     intervals = eqx.tree_at(lambda each: (each.node, each.offset_s), intervals, (None, None))
-    state, answers = _respond(on_device(tau), on_device(state), held, intervals, node, offset_s)
-    return np.asarray(state), np.asarray(answers)[:size]
+    given, node, offset_s = sampled
+    after, answers = _respond(on_device(tau), on_device(state), given, intervals, node, offset_s)
+    return np.asarray(after), np.asarray(answers)[: len(held)]
 
 
 @eqx.filter_jit

@@ -211,10 +211,9 @@ def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
     """The columns at all samples of a record, block after block. Call inside float64."""
     nodes, rate = np.array(layout.nodes), layout.in_rate
     pairs = _SharedAnswers(layout.in_tau, len(nodes))
-    highest_gamma = turned = None
-    if rate is not None:
-        turn_tau = padded_tau(rate)
-        turned, highest_gamma = np.zeros(len(turn_tau)), 1 / float(turn_tau.min())
+    turn_tau = np.empty(0) if rate is None else padded_tau(rate)
+    turned = np.zeros(len(turn_tau))
+    highest_gamma = None if rate is None else 1 / float(turn_tau.min())
     start = float(prepared.start.direction)
     fastest_s = float(layout.in_tau.skeleton_tau.min())
     for here, given in TableInput.blocks(prepared, nodes, fastest_s, highest_gamma):

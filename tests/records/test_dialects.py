@@ -73,6 +73,7 @@ def test_a_mark_is_first_of_its_own_make(dialect):
 
 # Names as other programs and languages write them: whose they are, and seconds and amperes a unit.
 HEADERS = {
+    "DataSequence,StepNo,Type,TotTime(H:M:S),Voltage(V),Current(A)": ("plain", 1, 1),
     "Date_Time,Test_Time(s),Step_Index,Current(mA),Voltage(V)": ("Arbin", 1, 1e-3),
     "Data Point,Test Time (s),Step Index,Current (A),Voltage (V)": ("Arbin", 1, 1),
     "数据序号,循环号,工步号,工步类型,时间,总时间,电流(A),电压(V),容量(Ah)": ("Neware", 1, 1),
@@ -296,6 +297,30 @@ def test_units_below_the_names_of_a_workbook_are_theirs(tmp_path):
     record = read(tmp_path, content, "cell.xlsx")
     require_the_record(record)
     assert record.row[0] == 3
+
+
+def test_lines_of_words_between_the_rows_are_left_out(tmp_path):
+    """As Repower writes one where a step begins; the state, not a sign, tells a rest."""
+    text = "Cycle ID,Step ID,Record ID,Step State,System Time,Relative Time(Sec),Voltage(V),"
+    text += "Current(A),\n"
+    for k, (_, ampere, volt) in enumerate(TABLE.select(TIME, CURRENT, VOLTAGE).iter_rows()):
+        if k % 100 == 0:
+            text += f"\u25a1{k // 100}: 1 Still(1--6001): 0.000Ah [0.000Wh],,,,,,,,\n"
+        stamp = f"2024-04-30 12:{k // 60:02d}:{k % 60:02d}"
+        text += f"1,{k // 100},{k},Still,{stamp},{k % 100},{volt!r},{ampere!r},\n"
+    record = read(tmp_path, text.encode("gb18030"))
+    require_the_record(record)
+    assert "left out 3 lines of words between the rows" in " ".join(record.warnings)
+    assert record.row[[0, 99, 100]].tolist() == [3, 102, 104]
+
+
+def test_german_dates_are_a_clock(tmp_path):
+    rows = [
+        f"01.02.2026 10:{k // 60:02d}:{k % 60:02d};{ampere!r};{volt!r}\n"
+        for k, (_, ampere, volt) in enumerate(TABLE.select(TIME, CURRENT, VOLTAGE).iter_rows())
+    ]
+    text = "Datum;Strom [A];Spannung [V]\n" + "".join(rows)
+    require_the_record(read(tmp_path, text.encode()))
 
 
 def test_a_table_without_names_is_told_to_have_none(tmp_path):

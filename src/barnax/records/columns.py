@@ -158,7 +158,12 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "cycle", _COUNTS, "cycle index|cycle count|cycle|cycle number|totcycle", "Cycle Count / 1"
     ),
-    _quantity("state", _COUNTS, "state|step type|md|status|step name", "Step Type / 1"),
+    _quantity(
+        "state",
+        _COUNTS,
+        "state|step type|md|status|step name|mode|step mode|step state",
+        "Step Type / 1",
+    ),
     _quantity(
         "charging capacity",
         _AMPERE_HOURS,

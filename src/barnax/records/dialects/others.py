@@ -31,6 +31,8 @@ NOVONIX = Dialect(
         "date": "date and time",
         "voltage": "potential|voltage",
         "temperature": "temperature",
+        # Their step types are numbers.
+        "state": "",
         "step": "step number|step position",
         "cycle": "cycle number",
         "net capacity": "capacity",
@@ -90,8 +92,14 @@ BDF = Dialect(
 # What the words are in German and Chinese, of no make.
 GERMAN = Dialect(
     "German",
-    marks=("zeit & strom & spannung",),
-    names={"time": "zeit", "current": "strom", "voltage": "spannung", "temperature": "temperatur"},
+    marks=("zeit & strom & spannung", "datum & strom & spannung"),
+    names={
+        "time": "zeit",
+        "date": "datum",
+        "current": "strom",
+        "voltage": "spannung",
+        "temperature": "temperatur",
+    },
 )
 CHINESE = Dialect(
     "Chinese",

@@ -35,6 +35,7 @@ _PREAMBLE_LINES, _PREAMBLE_BYTES, _LONGEST_HEADER = 2000, 400_000, 20_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
 _CELL_V = 6.0
+_WORD = "[A-Za-z]{3}"
 # So many zero bytes may stand in text.
 _STRAY_ZEROS = 4
 
@@ -92,7 +93,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
     table = Table((*header, ""), tuple(columns), row, notes=_notes(layout, breaks))
-    return _within_the_names(_records_of_layers(table), file)
+    return _without_headings(_within_the_names(_records_of_layers(table), file))
 
 
 def _within_the_names(table: Table, file: str) -> Table:
@@ -367,6 +368,21 @@ def _records_of_layers(table: Table) -> Table:
         table.row[~front],
         notes=(*table.notes, note),
     )
+
+
+def _without_headings(table: Table) -> Table:
+    """The table without the lines between its rows that have words in the first cell alone."""
+    first, *others = table.columns
+    if first.dtype != pl.String or not all(column.null_count() for column in others):
+        return table
+    are_bare = np.all([column.is_null().to_numpy() for column in others], axis=0)
+    are_headings = are_bare & first.str.contains(_WORD).fill_null(False).to_numpy()
+    if not are_headings.any() or not names_record(table.header):
+        return table
+    note = f"left out {counted(int(are_headings.sum()), 'line')} of words between the rows"
+    columns = tuple(column.filter(pl.Series(~are_headings)) for column in table.columns)
+    notes = (*table.notes, note)
+    return replace(table, columns=columns, row=table.row[~are_headings], notes=notes)
 
 
 def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[str, ...]:

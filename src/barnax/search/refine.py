@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Scalar
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import (
-    SEEDS_PER_BLOCK,
+    CIRCUITS_PER_BLOCK,
     compile_for,
     in_float64,
     on_device,
@@ -48,7 +48,7 @@ class RefinedSeed:
 
 
 class Descent:
-    """Levenberg-Marquardt on one problem, compiled once for blocks of `SEEDS_PER_BLOCK` starts.
+    """Levenberg-Marquardt on one problem, compiled once for blocks of `CIRCUITS_PER_BLOCK`.
 
     It runs on the compressed objective, whichever the search took, unless the box is too wide for
     that or `kind` says otherwise; the errors it returns are the scan's unless that is left out.
@@ -64,7 +64,7 @@ class Descent:
         except InputError:
             self.kind = "scan"
             self.objective = problem.padded_objective("scan")
-        template = [np.asarray(self.objective.coordinates.lower)] * SEEDS_PER_BLOCK
+        template = [np.asarray(self.objective.coordinates.lower)] * CIRCUITS_PER_BLOCK
         self._compiled = compile_for(
             _descend, self.objective, *map(on_device, (template, 0.0, False))
         )
@@ -87,7 +87,8 @@ class Descent:
             settings = on_device(tolerance), on_device(holds_bounds)
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
-        ends = run_blocks(run, starts, wanted_rows(len(circuits)), progress)
+        wanted = wanted_rows(len(circuits), CIRCUITS_PER_BLOCK)
+        ends = run_blocks(run, starts, wanted, progress)
         points, errors_v, converged, evaluations = zip(*ends, strict=True)
         found = self.problem.parameters_at(points, self.objective.coordinates)
         if by_scan and self.kind != "scan":

@@ -80,7 +80,12 @@ def _enumerated(normal, gradient: Unknowns, low: Unknowns, high: Unknowns) -> Un
     return best
 
 
-def _free_minimum(normal, gradient: Unknowns, x: Unknowns, is_free: Bool[np.ndarray, "..."]):
+def _free_minimum(
+    normal,
+    gradient: Float[np.ndarray, "unknowns *problems"],
+    x: Float[np.ndarray, "unknowns *sets"],
+    is_free: Bool[np.ndarray, "unknowns *sets"],
+) -> Float[np.ndarray, "unknowns *sets"]:
     """x with its free entries where the slope vanishes, by an L D L' factorization.
 
     The diagonal of `normal` is one.
@@ -107,7 +112,7 @@ def _free_minimum(normal, gradient: Unknowns, x: Unknowns, is_free: Bool[np.ndar
     return np.where(is_free, np.stack(solved), x)
 
 
-def _times(normal, x: Unknowns) -> Unknowns:
+def _times(normal, x: Float[np.ndarray, "unknowns *sets"]) -> Float[np.ndarray, "unknowns *sets"]:
     return sum(normal[:, j] * x[j] for j in range(len(x)))
 
 

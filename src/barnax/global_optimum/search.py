@@ -30,7 +30,7 @@ TAUS = {1: 192, 2: 96, 3: 28, 4: 18}
 TAUS_BESIDE_GAMMA = {1: 96, 2: 48, 3: 20, 4: 12}
 GAMMAS = 24
 # Points that are solved at a time.
-CHUNK = 4096
+CHUNK = 8192
 # Local minima of the grid up to this many times its lowest error are polished, but never more of
 # them than this.
 FACTOR = 1.5

@@ -9,6 +9,7 @@ the sum over all samples, without the samples.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial, reduce
 from typing import Any
 
@@ -16,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Scalar
+from jaxtyping import Array, Float, Scalar
 from scipy.linalg import get_lapack_funcs, qr
 
 from ..execution import on_device, one_blas_thread
@@ -205,9 +206,7 @@ class Answers:
         # Padded, so that records with other clocks share one program.
         spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
         node_s = on_device(np.pad(intervals.node_s, (0, spare), mode="edge"))
-        self._intervals = eqx.tree_at(
-            lambda each: (each.node_s, each.node, each.offset_s), intervals, (node_s, None, None)
-        )
+        self._intervals = replace(intervals, node_s=node_s)
         # So are the time constants, to what a processor answers at once; the last is repeated.
         self._count = len(span.skeleton_tau)
         self._tau = on_device(np.pad(span.skeleton_tau, (0, -self._count % TAU_STEP), "edge"))
@@ -222,19 +221,12 @@ class Answers:
             on_device(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
             for each in (given, self._node[here], self._offset_s[here])
         )
-        self._state, answers = _respond(
-            self._tau, self._state, held, self._intervals, node, offset_s
-        )
+        intervals = replace(self._intervals, node=node, offset_s=offset_s)
+        self._state, answers = _respond(self._tau, self._state, held, intervals)
         return np.asarray(answers)[: len(self._held[here]), : self._count]
 
 
 @eqx.filter_jit
-def _respond(tau, state, held, intervals: Intervals, node: Int[Array, "samples"], offset_s):
-    intervals = eqx.tree_at(
-        lambda each: (each.node, each.offset_s),
-        intervals,
-        (node, offset_s),
-        is_leaf=lambda leaf: leaf is None,
-    )
+def _respond(tau, state, held, intervals: Intervals):
     respond_all = jax.vmap(partial(respond, held=held, intervals=intervals), out_axes=(0, 1))
     return respond_all(tau, state)

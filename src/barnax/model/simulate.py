@@ -7,6 +7,7 @@ ohmic drop. Functions are written for one candidate; callers vmap them.
 
 import abc
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -65,6 +66,10 @@ class Intervals(eqx.Module):
             is_even=len(groups) == 1,
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
+
+    def map_samples(self, change: Callable[[Array], Array]) -> "Intervals":
+        """The same with every array that has one entry a sample changed."""
+        return replace(self, node=change(self.node), offset_s=change(self.offset_s))
 
 
 class RCParameters(eqx.Module):
@@ -156,7 +161,22 @@ class SimulationInput(AbstractEvaluator):
 
     def map_samples(self, change: Callable[[Array], Array]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""
-        return eqx.tree_at(_sample_arrays, self, replace_fn=change)
+        moved = self.hysteresis
+        return SimulationInput(
+            current_a=change(self.current_a),
+            held_a=change(self.held_a),
+            source_v=change(self.source_v),
+            base_error_v=change(self.base_error_v),
+            weight=None if self.weight is None else change(self.weight),
+            scored=self.scored,
+            intervals=self.intervals.map_samples(change),
+            hysteresis=moved
+            and HysteresisInput(
+                change(moved.amplitude_v),
+                change(moved.hysteresis_input),
+                moved.intervals.map_samples(change),
+            ),
+        )
 
     def padded_to(self, samples: int) -> "SimulationInput":
         """The same in `samples` samples: those added at the end repeat the last and count nothing.
@@ -167,12 +187,8 @@ class SimulationInput(AbstractEvaluator):
         weight = np.ones(len(self.current_a)) if self.weight is None else self.weight
         # In NumPy: JAX would compile a program for every length it meets.
         filled = self.map_samples(lambda array: on_device(np.pad(array, (0, missing), mode="edge")))
-        return eqx.tree_at(
-            lambda inputs: inputs.weight,
-            filled,
-            on_device(np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))),
-            is_leaf=lambda leaf: leaf is None,
-        )
+        weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
+        return replace(filled, weight=on_device(weight))
 
     def squared_error(self, rc: RCParameters) -> Scalar:
         return squared_error(rc, self)
@@ -180,17 +196,6 @@ class SimulationInput(AbstractEvaluator):
     def errors(self, rc: RCParameters) -> Float[Array, "samples"]:
         error_v = self.base_error_v + overpotential(rc, self)
         return error_v if self.weight is None else self.weight * error_v
-
-
-def _sample_arrays(inputs: SimulationInput) -> list[Array]:
-    clocks = [inputs.intervals]
-    arrays = [inputs.current_a, inputs.held_a, inputs.source_v, inputs.base_error_v]
-    if inputs.weight is not None:
-        arrays.append(inputs.weight)
-    if inputs.hysteresis is not None:
-        arrays += [inputs.hysteresis.amplitude_v, inputs.hysteresis.hysteresis_input]
-        clocks.append(inputs.hysteresis.intervals)
-    return arrays + [array for clock in clocks for array in (clock.node, clock.offset_s)]
 
 
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:

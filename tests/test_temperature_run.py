@@ -73,6 +73,7 @@ def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(
     assert left.is_between
     assert f"{1e3 * left.errors.rmse_v:#.3g} mV" in text
     assert "left out" in text
+    assert "at 50 % SOC [mOhm]" in text
     flat = " ".join(text.split())
     assert "made at 15 is at 15 degC, which was not measured" in flat
     assert "its tables lie between those of 5 degC and 25 degC" in flat

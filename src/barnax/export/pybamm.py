@@ -71,14 +71,7 @@ def open_circuit_voltage(soc):
 
 
 """
-FUNCTIONS = """\
-def table(values):
-    def over_soc(T_cell, current, soc):
-        return pybamm.Interpolant(NODES, values, soc)
-
-    return over_soc
-
-
+CAPACITANCE = """\
 def capacitance(values, tau):
     resistance = table(values)
 
@@ -89,10 +82,19 @@ def capacitance(values, tau):
 
 
 """
+FUNCTIONS = f"""\
+def table(values):
+    def over_soc(T_cell, current, soc):
+        return pybamm.Interpolant(NODES, values, soc)
+
+    return over_soc
+
+
+{CAPACITANCE}"""
 
 
 # The model's OCV knows no temperature: it is that of the temperature the parameters are asked for.
-OVER_TEMPERATURE = """\
+OVER_TEMPERATURE = f"""\
 def within(T_cell):
     return pybamm.minimum(pybamm.maximum(T_cell, DEGC[0]), DEGC[-1])
 
@@ -104,16 +106,7 @@ def table(values):
     return over_soc
 
 
-def capacitance(values, tau):
-    resistance = table(values)
-
-    def over_soc(T_cell, current, soc):
-        return tau / resistance(T_cell, current, soc)
-
-    return over_soc
-
-
-def ocv_at(temperature_degc):
+{CAPACITANCE}def ocv_at(temperature_degc):
     ocv_v = [np.interp(temperature_degc, DEGC, column) for column in OCV_V.T]
 
     def over_soc(soc):

@@ -6,6 +6,7 @@ ohmic drop. Functions are written for one candidate; callers vmap them.
 """
 
 import abc
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -70,6 +71,13 @@ class Intervals(eqx.Module):
     def map_samples(self, change: Callable[[Array], Array]) -> "Intervals":
         """The same with every array that has one entry a sample changed."""
         return replace(self, node=change(self.node), offset_s=change(self.offset_s))
+
+    def in_one_form(self) -> "Intervals":
+        """The same in a form that the blocks of most clocks share, and so one program."""
+        nodes = 4 ** max(2, math.ceil(math.log(len(self.node_s), 4)))
+        offset_s = self.offset_s if self.has_offsets else np.zeros(len(self.offset_s))
+        node_s = np.pad(self.node_s, (0, nodes - len(self.node_s)), "edge")
+        return Intervals(on_device(node_s), self.node, on_device(offset_s), False, True)
 
 
 class RCParameters(eqx.Module):
@@ -190,12 +198,23 @@ class SimulationInput(AbstractEvaluator):
         weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
         return replace(filled, weight=on_device(weight))
 
+    def first(self, samples: int) -> "SimulationInput":
+        """Its first samples, filled up where there are fewer, in a form that blocks share."""
+        short = eqx.tree_at(_clocks, self, [each.in_one_form() for each in _clocks(self)])
+        cut = short.map_samples(lambda array: on_device(np.asarray(array)[:samples]))
+        return cut.padded_to(samples)
+
     def squared_error(self, rc: RCParameters) -> Scalar:
         return squared_error(rc, self)
 
     def errors(self, rc: RCParameters) -> Float[Array, "samples"]:
         error_v = self.base_error_v + overpotential(rc, self)
         return error_v if self.weight is None else self.weight * error_v
+
+
+def _clocks(inputs: SimulationInput) -> list[Intervals]:
+    moved = inputs.hysteresis
+    return [inputs.intervals] if moved is None else [inputs.intervals, moved.intervals]
 
 
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:

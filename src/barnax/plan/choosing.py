@@ -10,24 +10,18 @@ import numpy as np
 from ..cell.temperature import SAME_DEGC
 from ..errors import InputError
 from ..gather import OVER_TEMPERATURE, Reading, Watch, listed, unwatched
-from ..model.inputs import prepare_record
 from ..model.window import Window
 from .looking import Seen, files_of, look
 from .ocv import OCV_KINDS, OcvChoice, choose_ocv, ocv_reason
 from .parts import ROLES, Part, Plan, Use
 from .splitting import split
+from .starts import DIGITS, record_capacity_ah, started
 
 ROOM_DEGC = 25.0
 # Ranges of charge within this share of the widest are as good, and other things decide.
 _AS_WIDE = 0.9
-# A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
-_FULL = 0.005
 # Steps of current that a validation wants.
 _FEWEST_STEPS = 10
-# To so many digits a capacity is known.
-_DIGITS = 4
-# A file goes on from another where its counters agree to this share of the capacity, so soon after.
-_SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
 MAKE_OCV = (
     "measure one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
     "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
@@ -244,7 +238,8 @@ def _runnable(
         window = each.window
         if not lacks and not is_pulsed:
             try:
-                window = _started(draft, each, window, choice)
+                window, before = started(draft.seen, each, window, choice)
+                draft.goes_on_from |= {each: before} if before else {}
             except InputError as problem:
                 lacks = str(problem).removeprefix(f"{each.name}: ")
         if lacks:
@@ -265,61 +260,6 @@ def _runnable(
         )
 
     return sorted(found, key=rank)
-
-
-def _started(draft: _Draft, seen: Seen, window: Window, choice: OcvChoice) -> Window:
-    """The window with its start at full where it rests there, or where another file ends that it
-    goes on from. Raises `InputError` if none fits."""
-    capacity_ah = _record_capacity_ah(seen, window, choice)
-    own = replace(window, capacity_ah=capacity_ah)
-    try:
-        prepared = prepare_record(seen.record, choice.cell, "so-rc", own)
-    except InputError:
-        before = next((each for each in draft.seen if _goes_on(each, seen, choice)), None)
-        soc = None if before is None else _final_soc(before, choice)
-        if before is None or soc is None or window != Window():
-            raise
-        prepare_record(seen.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
-        draft.goes_on_from[seen] = before.name
-        return replace(window, initial_soc=soc)
-    if window.initial_soc is None and prepared.start.soc >= 1 - _FULL:
-        return replace(window, initial_soc=1.0)
-    return window
-
-
-def _goes_on(before: Seen, seen: Seen, choice: OcvChoice) -> bool:
-    """Whether a file's clock and counters go on where those of another end."""
-    if before.traits is None or seen.traits is None or before is seen:
-        return False
-    first, second = before.record, seen.record
-    if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
-        return False
-    apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
-    apart_s = float(second.time_s[0] - first.time_s[-1])
-    return apart_ah <= _SAME_COUNT * choice.cell.capacity_ah and 0 <= apart_s <= _PAUSE_S
-
-
-def _final_soc(seen: Seen, choice: OcvChoice) -> float | None:
-    """The state of charge at the end of a file, where it shows that anywhere."""
-    try:
-        prepared = prepare_record(seen.record, choice.cell, "so-rc")
-    except InputError:
-        return None
-    return float(f"{prepared.soc[-1]:.{_DIGITS}g}")
-
-
-def _record_capacity_ah(seen: Seen, window: Window, choice: OcvChoice) -> float | None:
-    """What the record takes out of the full cell, where that is more than the OCV test tells."""
-    if window.initial_soc != 1.0:
-        return None
-    discharged_ah = seen.record.discharged_ah
-    first = 0
-    if window.start_after_step is not None and seen.record.step is not None:
-        first = int(np.flatnonzero(seen.record.step == window.start_after_step)[-1])
-    elif window.start_time_s is not None:
-        first = int(np.searchsorted(seen.record.time_s, window.start_time_s))
-    taken_ah = float(discharged_ah[first:].max() - discharged_ah[first])
-    return float(f"{taken_ah:.{_DIGITS}g}") if taken_ah > choice.cell.capacity_ah else None
 
 
 def _reach_ah(seen: Seen) -> float:
@@ -386,7 +326,7 @@ def _options(
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {"ocv_fit": "interpolated"}
     reasons = {"ocv_fit": "the curves pass through every measured point"}
-    own_ah = _record_capacity_ah(record, window, choice)
+    own_ah = record_capacity_ah(record, window, choice)
     if own_ah is not None:
         options["capacity"] = own_ah
         reasons["capacity"] = (
@@ -394,7 +334,7 @@ def _options(
             f"{choice.cell.capacity_ah:.4g} Ah"
         )
     elif choice.capacity_ah is not None:
-        options["capacity"] = float(f"{choice.capacity_ah:.{_DIGITS}g}")
+        options["capacity"] = float(f"{choice.capacity_ah:.{DIGITS}g}")
         reasons["capacity"] = "in Ah; from the longest discharge, because the OCV test has none"
     return options, reasons
 

@@ -21,7 +21,7 @@ from .temperature import (
     temperature_rows,
 )
 from .terminal import BARE, bare_table, headed_line, indented, plain
-from .verdict import best_possible, weakest_point
+from .verdict import best_possible, circuit_words, weakest_point
 from .words import between, duration, figures, with_unit
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     if pulses := middle_pulses(result):
         yield indented(bare_table(middle_heads_of_pulses(result), pulses))
         yield Text()
-    lines = [("Best possible", best_possible(result))]
+    lines = [("Circuit", circuit_words(result)), ("Best possible", best_possible(result))]
     lines += _table_lines(result)
     weakest = weakest_point(result)
     if weakest:

@@ -31,7 +31,7 @@ from .sentences import (
 from .soc_tables import tables_blocks
 from .tables import METRICS, Cells, circuits_table
 from .temperature import prediction_sentences, temperature_blocks
-from .verdict import best_possible, seeds_sentences, weakest_point
+from .verdict import best_possible, circuit_words, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
 if TYPE_CHECKING:
@@ -109,8 +109,7 @@ def identification_document(
 def verdict_sentences(result: "Result") -> Iterator[str]:
     """How good the answer is, on the records it was fitted to and on others."""
     own = result.answer_metrics.identification
-    circuit = result.model if result.tables is None else f"{result.model} with tables over SOC"
-    yield f"The RMSE of {circuit} on {own.record} is {millivolt(own.rmse_v)}."
+    yield f"The RMSE of {circuit_words(result)} on {own.record} is {millivolt(own.rmse_v)}."
     yield from validation_sentences(own, result.answer_metrics.validation)
     yield from prediction_sentences(result)
     yield f"Best possible: {best_possible(result)}"

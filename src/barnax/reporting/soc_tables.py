@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
+from ..uncertainty.covariance import WIDEST_FACTOR
 from .document import Block, Bullets, Section, Table, make_table
 from .words import (
     NOTHING,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
+NOT_DETERMINED = "not determined"
 SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "hysteresis"}
 
 
@@ -205,7 +207,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
             return figures(1e3 * values[place])
 
         def interval(place: int, known: dict = known) -> str:
-            return _interval(known.get(fit.tables.nodes[place]), scale=1e3)
+            return _interval(known.get(fit.tables.nodes[place]), fit, scale=1e3)
 
         cells[f"{_name(name)} [{'mOhm' if 'Ohm' in name else 'mV'}]"] = value
         cells[f"{_name(name)}, 95 %"] = interval
@@ -227,7 +229,7 @@ def constants_table(fit: "TableFit", where: str = "") -> Table:
         {
             "parameter": str,
             "value": lambda name: with_unit(name, fit.tables.constants[name]),
-            "95 % interval": lambda name: _interval(known.get(name)),
+            "95 % interval": lambda name: _interval(known.get(name), fit),
         },
         ["parameter", "value", "95 % interval"],
     )
@@ -247,12 +249,12 @@ def middle_rows(fit: "TableFit") -> Iterator[tuple[str, str, str, str]]:
         yield (
             _name(name),
             with_unit(name, value) if "Ohm" in name else f"{figures(value, 2)} mV",
-            "" if here is None else _between(unit, here, scale),
+            "" if here is None else _between(unit, here, scale, fit),
             _range(unit, min(seen), max(seen)),
         )
     for name, value in tables.constants.items():
         here = next((e for e in fit.intervals if e.name == name and e.soc is None), None)
-        interval = "" if here is None else _between(name, here, 1.0)
+        interval = "" if here is None else _between(name, here, 1.0, fit)
         yield symbol(name), with_unit(name, value), interval, ""
 
 
@@ -280,18 +282,32 @@ def _range(unit: str, low: float, high: float) -> str:
     )
 
 
-def _between(unit: str, each: "NodeInterval", scale: float) -> str:
-    if each.low is None or each.high is None:
-        return "not determined"
-    return _range(unit, scale * each.low, scale * each.high)
+def _between(unit: str, each: "NodeInterval", scale: float, fit: "TableFit") -> str:
+    known = _determined(each, fit)
+    return NOT_DETERMINED if known is None else _range(unit, scale * known[0], scale * known[1])
 
 
-def _interval(each: "NodeInterval | None", scale: float = 1.0) -> str:
+def _interval(each: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) -> str:
     if each is None:
         return NOTHING
+    known = _determined(each, fit)
+    return NOT_DETERMINED if known is None else " to ".join(figures(scale * end) for end in known)
+
+
+def _determined(each: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:
+    """The ends of an interval; None where it is so wide that it says nothing."""
     if each.low is None or each.high is None:
-        return "open"
-    return f"{figures(scale * each.low)} to {figures(scale * each.high)}"
+        return None
+    if each.name == OCV_CORRECTION:
+        seen = [fit.tables.tables[each.name][place] for place in _visited(fit)]
+        is_wide = each.high - each.low > max(seen) - min(seen)
+    else:
+        # Half the hysteresis may well be zero, a resistance or time constant may not.
+        is_positive = each.low > 0
+        is_wide = (
+            each.high > WIDEST_FACTOR * each.low if is_positive else each.name != HALF_HYSTERESIS
+        )
+    return None if is_wide else (each.low, each.high)
 
 
 def errors_words(errors: "SocErrors") -> str:

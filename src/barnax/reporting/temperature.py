@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from .document import Block, Bullets, Table, make_table
+from .sentences import better_than
 from .soc_tables import MIDDLE_SOC, constants_table, errors_words, nodes_table, pay_sentence
 from .words import NOTHING, duration, joined, millivolt, percent, symbol, with_unit
 
@@ -22,11 +23,13 @@ def best_over_temperature(part: "TablesPart", over: "OverTemperature") -> str:
     ranges = part.fit.tau_ranges_s
     ends = joined([duration(end) for end in (ranges[0][0], ranges[-1][1])], "to")
     is_close = over.proved_gap <= part.settings.proved_share
+    if over.lower_bound_v <= 0:
+        return "verified on a grid of time constants, not proved."
     aim = percent(part.settings.proved_share)
     how = "proved, " if is_close else f"proved, but not to the {aim} aimed at: "
     return (
         f"{how}no tables with time constants from {ends}, the same at each temperature, are "
-        f"more than {percent(over.proved_gap)} better."
+        f"{better_than(over.proved_gap)}."
     )
 
 
@@ -54,7 +57,7 @@ def temperature_heads(part: "TablesPart") -> tuple[str, ...]:
     """The heads of `temperature_rows`."""
     soc = part.fits[0].tables.nodes[_middle(part.fits)]
     resistances = [f"R{number}" for number in range(len(part.fits[0].tables.r_ohm) + 1)]
-    return f"at {100 * soc:g} % SOC", *resistances, "RMSE", "held out", "by the others"
+    return f"at {100 * soc:g} % SOC", *resistances, "RMSE", "unseen", "left out"
 
 
 def expectation(over: "OverTemperature") -> str:
@@ -158,7 +161,7 @@ def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
         "temperature": lambda row: degrees(row[0].temperature_degc),
         "own tables [mV]": lambda row: errors_words(row[0].own),
         "held-out blocks [mV]": lambda row: _held_out(row[1]),
-        "by the others [mV]": lambda row: errors_words(row[0].errors),
+        "left out [mV]": lambda row: errors_words(row[0].errors),
         "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
     }
     return make_table(

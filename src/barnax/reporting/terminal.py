@@ -85,9 +85,9 @@ def bare_table(
     table = Shown(**BARE)
     for place, head in enumerate(heads):
         is_number = place > 0 if are_numbers is None else are_numbers[place]
-        table.add_column(head, justify="right" if is_number else "left", no_wrap=True)
+        table.add_column(plain(head), justify="right" if is_number else "left", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(plain, row))
     return table
 
 

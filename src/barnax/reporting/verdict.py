@@ -28,6 +28,11 @@ LOW_SOC = 0.1
 MUCH = 0.5
 
 
+def circuit_words(result: "Result") -> str:
+    """Which circuit the answer is."""
+    return result.model if result.tables is None else f"{result.model} with tables over SOC"
+
+
 def best_possible(result: "Result") -> str:
     """Whether a better circuit exists in the bounds, and how many seeds found this one."""
     optimum, refined = result.global_optimum, result.refined

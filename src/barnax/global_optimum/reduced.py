@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -113,7 +114,9 @@ def _free_minimum(
 
 
 def _times(normal, x: Float[np.ndarray, "unknowns *sets"]) -> Float[np.ndarray, "unknowns *sets"]:
-    return sum(normal[:, j] * x[j] for j in range(len(x)))
+    # In a fixed order of summation, however many problems there are.
+    total: Any = sum(normal[:, j] * x[j] for j in range(len(x)))
+    return total
 
 
 Columns = Float[np.ndarray, "points rows"]

@@ -1,7 +1,9 @@
 """Reduced records against every sample's columns, solved by SciPy."""
 
+import tracemalloc
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -9,14 +11,16 @@ from scipy.optimize import lsq_linear
 from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
+from barnax.model import compressed
 from barnax.model.inputs import Window, prepare_record
-from barnax.over_soc import TableSettings, fit_tables, simulate_tables
+from barnax.over_soc import TableSettings, fit_tables, reduced, simulate, simulate_tables
 from barnax.over_soc.cross_validation import blocks_of
 from barnax.over_soc.fit import box_of
 from barnax.over_soc.intervals import _linearized, sag_of
 from barnax.over_soc.objective import Objective
 from barnax.over_soc.reduced import layout_of, reduce_records, together
 from barnax.over_soc.search import find_best, polish
+from barnax.over_soc.simulate import TableInput, TableParameters, table_errors
 
 from .conftest import BOX, NODES, SMALL
 
@@ -63,6 +67,46 @@ def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     tables = objective.tables_at(found, (True,) * len(NODES))
     error_v = (prepared.voltage_v - simulate_tables(prepared, tables))[prepared.scored]
     assert np.sqrt(np.mean(error_v**2)) == pytest.approx(np.linalg.norm(found.error), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])
+def test_many_blocks_are_one_scan_over_all_samples(name, request, monkeypatch):
+    for module in (compressed, reduced, simulate):
+        monkeypatch.setattr(module, "BLOCK", 512)
+    prepared, has_rate = request.getfixturevalue(name), name == "with_hysteresis"
+    objective = objective_of(prepared, gamma_range=(5.0, 500.0) if has_rate else None)
+    found = objective.solve((np.log(10.0), np.log(100.0), *([np.log(40.0)] * has_rate)), exact=True)
+    tables = objective.tables_at(found, (True,) * len(NODES))
+    with jax.enable_x64(True):
+        given = TableInput.of(prepared, np.array(NODES), 5.0, 500.0 if has_rate else None)
+        error_v = np.asarray(jax.jit(table_errors)(TableParameters.of(tables), given))
+    simulated_v = simulate_tables(prepared, tables)
+    assert prepared.voltage_v - simulated_v == pytest.approx(error_v, rel=1e-9, abs=1e-13)
+    scored_v = error_v[prepared.scored]
+    assert np.linalg.norm(found.error) == pytest.approx(np.sqrt(np.mean(scored_v**2)), rel=1e-10)
+
+
+def test_a_longer_record_holds_no_more_than_a_few_of_its_arrays(bundled_record, bundled_cell):
+    def most_bytes(times):
+        """What is held at most beyond the record, sampled so many times as fast."""
+        at = np.repeat(np.arange(bundled_record.samples), times)
+        arrays = {name: getattr(bundled_record, name)[at] for name in ("current_a", "voltage_v")}
+        time_s = bundled_record.time_s[0] + np.arange(len(at)) / times
+        plain = {"temperature_degc": None, "step": None, "row": np.arange(len(at))}
+        record = replace(bundled_record, time_s=time_s, **arrays, **plain)
+        prepared = prepare_record(record, bundled_cell, "so-rc", Window(score_to_s=9000.5))
+        # Compiling takes memory too.
+        fit_tables([prepared.part(slice(0, 5000))], settings)
+        tracemalloc.start()
+        fit_tables([prepared], settings)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most, len(prepared.soc)
+
+    held = {"tau1 [s]": 20.0, "tau2 [s]": 80.0}
+    settings = replace(SMALL, nodes=(0.3, 1.0), bounds={}, fixed=held)
+    (short, few), (long, many) = most_bytes(1), most_bytes(3)
+    assert (long - short) / (many - few) < 24
 
 
 def test_the_normal_equations_are_accurate_enough_to_search_with(prepared):
@@ -181,7 +225,7 @@ def test_intervals_are_of_visited_nodes_and_hold_their_values(prepared):
         assert [each.soc for each in fit.of_table(name)] == nodes
         for each in fit.of_table(name):
             assert each.value == table[NODES.index(each.soc)]
-            assert each.low is None or each.low <= each.value <= each.high
+            assert each.low is None or each.high is None or each.low <= each.value <= each.high
     assert [each.name for each in fit.intervals[-2:]] == ["tau1 [s]", "tau2 [s]"]
     assert fit.parameters == 4 * len(nodes) + 2
 

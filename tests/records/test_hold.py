@@ -7,6 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from barnax.records import read_record
+from helpers.dialects import WRITERS, pulse_table
 from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell
 
 
@@ -72,6 +73,43 @@ def test_without_proof_an_arbin_record_is_held_backward(tmp_path):
     )
     decision = decided(tmp_path, frame)
     assert (decision.value, decision.strength) == ("backward", "weak")
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_one_change_of_step_counted_decides_before_the_make_does(tmp_path, hold):
+    # A rest, and 2 A from the eleventh row on, whose first interval is or is not counted.
+    current_a = np.repeat([0.0, 2.0], 10)
+    flowed_a = current_a[1:] if hold == "backward" else current_a[:-1]
+    charged_ah = np.concatenate([[0], np.cumsum(flowed_a)]) / 3600
+    frame = pl.DataFrame(
+        {
+            "Data Point": np.arange(20),
+            "Test Time (s)": np.arange(20.0),
+            "Step Index": np.repeat([1, 2], 10),
+            "Current (A)": current_a,
+            "Voltage (V)": 3.7 + 0.05 * current_a + 1e-3 * np.arange(20),
+            "Charge Capacity (Ah)": charged_ah,
+            "Discharge Capacity (Ah)": 0.0,
+        }
+    )
+    decision = decided(tmp_path, frame)
+    assert (decision.value, decision.strength) == (hold, "weak")
+    assert "at 1 change of step" in decision.reason
+
+
+def test_a_column_of_mean_currents_is_held_backward(tmp_path):
+    table = pulse_table()
+    (tmp_path / "cell.mpt").write_bytes(WRITERS["BioLogic .mpt"](table))
+    decision = read_record(tmp_path / "cell.mpt").hold
+    assert (decision.value, decision.strength) == ("backward", "weak")
+    assert "'<I>/mA' is the mean current" in decision.reason
+
+
+def test_counters_of_some_nanoampere_hours_prove_the_hold(tmp_path):
+    frame = counted("backward")
+    small = [pl.col(name) * 1e-6 for name in frame.columns if "Ah" in name or "/ A" in name]
+    decision = decided(tmp_path, frame.with_columns(small))
+    assert (decision.value, decision.strength) == ("backward", "strong")
 
 
 def test_steps_in_time_with_the_log_outweigh_a_cycle_on_its_own_clock(tmp_path):

@@ -23,16 +23,7 @@ def hats(
     >>> hats(np.array([-1.0, 0.25, 1.0]), (0.0, 0.5, 1.0)).tolist()
     [[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]]
     """
-    return np.stack([hat(soc, nodes, node) for node in range(len(nodes))], axis=1)
-
-
-def hat(
-    soc: Float[np.ndarray, "samples"],
-    nodes: Sequence[float] | Float[np.ndarray, "nodes"],
-    node: int,
-) -> Float[np.ndarray, "samples"]:
-    """One node's column of `hats`, for records so long that all of them would not fit."""
-    return np.interp(soc, nodes, np.eye(len(nodes))[node])
+    return np.stack([np.interp(soc, nodes, each) for each in np.eye(len(nodes))], axis=1)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import CircuitParameters
-from ..model.compressed import TOLERANCE
+from ..model.compressed import BLOCK, TOLERANCE
 from ..model.exponentials import Lagrange, span_of
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
@@ -160,8 +160,8 @@ class Reduced:
         largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
         responses = _Interpolated(factor[:, :count], short.in_tau, 1)
         prepared_records = problem.prepared_records
-        held_a = [prepared.held_a for prepared in prepared_records]
-        current_a = min(largest_a, earlier_rms(prepared_records, held_a))
+        held_a = earlier_rms(prepared_records, lambda part: part.held_a[:, None])
+        current_a = min(largest_a, float(held_a[0]))
         error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
         axes = []
         for pair in range(problem.bounds.pairs):
@@ -230,24 +230,38 @@ class _Interpolated:
 
 
 def earlier_rms(
-    prepared_records: Sequence[PreparedRecord], signals: Sequence[Float[np.ndarray, "_"]]
-) -> float:
-    """A bound on the RMS of a signal, such as the current, some time before the scored samples.
+    prepared_records: Sequence[PreparedRecord],
+    signals: Callable[[PreparedRecord], Float[np.ndarray, "samples signals"]],
+) -> Float[np.ndarray, "signals"]:
+    """Bounds on the RMS of signals, such as the current, some time before the scored samples.
 
-    Each record's signal is held from a sample to the next. An interval counts as often as samples
-    can be that time after it: as many as any run of its length holds.
+    A signal is held from a sample to the next. An interval counts as often as samples can be that
+    time after it: as many as any run of its length holds.
     """
-    squares, scored = 0.0, 0
-    for prepared, signal in zip(prepared_records, signals, strict=True):
-        scored_s = prepared.time_s[prepared.scored]
-        # Few distinct lengths, none of them shortened.
-        length_s = np.exp2(np.ceil(8 * np.log2(np.diff(prepared.time_s))) / 8)
-        for each in np.unique(length_s):
-            after = np.searchsorted(scored_s, scored_s + each)
-            most = np.max(after - np.arange(len(scored_s)))
-            squares += most * np.sum(signal[:-1][length_s == each] ** 2)
+    squares, scored = np.zeros(1), 0
+    for prepared in prepared_records:
+        scored_s = prepared.time_s if np.all(prepared.scored) else prepared.time_s[prepared.scored]
+        most: dict[float, int] = {}
+        for part in prepared.parts(BLOCK):
+            # Few distinct lengths, none of them shortened.
+            length_s = np.exp2(np.ceil(8 * np.log2(np.diff(part.time_s))) / 8)
+            lengths_s, kind = np.unique(length_s, return_inverse=True)
+            for each in lengths_s.tolist():
+                if each not in most:
+                    most[each] = _most_within(scored_s, each)
+            counts = np.array([most[each] for each in lengths_s.tolist()])[kind]
+            squares = squares + counts @ signals(part)[:-1] ** 2
         scored += len(scored_s)
-    return float(np.sqrt(squares / scored))
+    return np.sqrt(squares / scored)
+
+
+def _most_within(time_s: Float[np.ndarray, "samples"], length_s: float) -> int:
+    """How many samples a half-open run of that length holds at most."""
+    return max(
+        int(np.max(np.searchsorted(time_s, here + length_s) - first - np.arange(len(here))))
+        for first in range(0, len(time_s), BLOCK)
+        for here in [time_s[first : first + BLOCK]]
+    )
 
 
 def normal_equations(

@@ -7,7 +7,7 @@ the sum over all samples, without the samples.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial, reduce
 from typing import Any
@@ -188,44 +188,52 @@ def _blocks(
 
 
 class Answers:
-    """The skeleton's answers to a current, block after block.
+    """The skeleton's answers to a current, block after block."""
 
-    `spread` shares each sample's current among channels, which are answered one by one.
-    """
-
-    def __init__(
-        self,
-        held: Float[Array, "samples"],
-        intervals: Intervals,
-        span: Span,
-        spread: Callable[[slice], Float[np.ndarray, "samples channels"]] | None = None,
-    ):
-        self._held, self._spread = np.asarray(held), spread
+    def __init__(self, held: Float[Array, "samples"], intervals: Intervals, span: Span):
+        self._held = np.asarray(held)
         self._node, self._offset_s = np.asarray(intervals.node), np.asarray(intervals.offset_s)
         # Padded, so that records with other clocks share one program.
         spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
-        node_s = on_device(np.pad(intervals.node_s, (0, spare), mode="edge"))
-        self._intervals = eqx.tree_at(
-            lambda each: (each.node_s, each.node, each.offset_s), intervals, (node_s, None, None)
-        )
-        # So are the time constants, to what a processor answers at once; the last is repeated.
+        node_s = np.pad(intervals.node_s, (0, spare), mode="edge")
+        self._intervals = eqx.tree_at(lambda each: each.node_s, intervals, on_device(node_s))
         self._count = len(span.skeleton_tau)
-        self._tau = on_device(np.pad(span.skeleton_tau, (0, -self._count % TAU_STEP), "edge"))
-        channels = () if spread is None else spread(slice(0)).shape[1:]
-        self._state = on_device(np.zeros((*self._tau.shape, *channels)))
+        self._tau = padded_tau(span)
+        self._state = np.zeros(self._tau.shape)
 
-    def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton *channels"]:
-        given = self._held[here]
-        if self._spread is not None:
-            given = self._spread(here) * given[:, None]
-        held, node, offset_s = (
-            on_device(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
-            for each in (given, self._node[here], self._offset_s[here])
+    def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton"]:
+        intervals = eqx.tree_at(
+            lambda each: (each.node, each.offset_s),
+            self._intervals,
+            (self._node[here], self._offset_s[here]),
         )
-        self._state, answers = _respond(
-            self._tau, self._state, held, self._intervals, node, offset_s
-        )
-        return np.asarray(answers)[: len(self._held[here]), : self._count]
+        self._state, answers = answer_block(self._tau, self._state, self._held[here], intervals)
+        return answers[:, : self._count]
+
+
+def padded_tau(span: Span) -> Float[np.ndarray, "skeleton"]:
+    """The skeleton's time constants, filled up by the last one."""
+    return np.pad(span.skeleton_tau, (0, -len(span.skeleton_tau) % TAU_STEP), "edge")
+
+
+def answer_block(
+    tau: Float[np.ndarray, "skeleton"],
+    state: Float[np.ndarray, "skeleton *channels"],
+    held: Float[np.ndarray, "samples *channels"],
+    intervals: Intervals,
+) -> tuple[
+    Float[np.ndarray, "skeleton *channels"], Float[np.ndarray, "samples skeleton *channels"]
+]:
+    """The state after a block of at most `BLOCK` samples, and the answers at them."""
+    # One shape for all: what is added at the end moves no answer, and nothing follows it.
+    sampled = (
+        on_device(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
+        for each in map(np.asarray, (held, intervals.node, intervals.offset_s))
+    )
+    intervals = eqx.tree_at(lambda each: (each.node, each.offset_s), intervals, (None, None))
+    given, node, offset_s = sampled
+    after, answers = _respond(on_device(tau), on_device(state), given, intervals, node, offset_s)
+    return np.asarray(after), np.asarray(answers)[: len(held)]
 
 
 @eqx.filter_jit

@@ -1,6 +1,6 @@
 """One record made ready to simulate: which part of it, its SOC, and a resting cell's voltage."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +49,25 @@ class PreparedRecord:
     def span(self) -> slice:
         return slice(self.first, self.first + len(self.soc))
 
+    def part(self, here: slice) -> "PreparedRecord":
+        """Some neighboring ones of the simulated samples; the last one's current leads nowhere."""
+        amplitude_v = self.hysteresis_amplitude_v
+        return replace(
+            self,
+            first=self.first + here.start,
+            soc=self.soc[here],
+            direction=self.direction[here],
+            source_v=self.source_v[here],
+            hysteresis_amplitude_v=None if amplitude_v is None else amplitude_v[here],
+            scored=self.scored[here],
+        )
+
+    def parts(self, samples: int) -> Iterator["PreparedRecord"]:
+        """Blocks of so many samples, each with the next one's first, to which its last current
+        leads."""
+        for first in range(0, len(self.soc), samples):
+            yield self.part(slice(first, first + samples + 1))
+
     @property
     def time_s(self) -> Float[np.ndarray, "simulated"]:
         return self.record.time_s[self.span]
@@ -63,12 +82,12 @@ class PreparedRecord:
 
     @property
     def scored_duration_s(self) -> float:
-        times = self.time_s[self.scored]
-        return float(times[-1] - times[0])
+        first, after = np.argmax(self.scored), len(self.scored) - np.argmax(self.scored[::-1])
+        return float(self.time_s[after - 1] - self.time_s[first])
 
     @property
     def median_interval_s(self) -> float:
-        return float(np.median(np.diff(self.time_s)))
+        return float(np.median(np.diff(self.time_s), overwrite_input=True))
 
     @property
     def temperature_degc(self) -> float | None:

@@ -6,6 +6,7 @@ ohmic drop. Functions are written for one candidate; callers vmap them.
 """
 
 import abc
+import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -65,6 +66,13 @@ class Intervals(eqx.Module):
             is_even=len(groups) == 1,
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
+
+    def in_one_form(self) -> "Intervals":
+        """The same in a form that the blocks of most clocks share, and so one program."""
+        nodes = 4 ** max(2, math.ceil(math.log(len(self.node_s), 4)))
+        offset_s = self.offset_s if self.has_offsets else np.zeros(len(self.offset_s))
+        node_s = np.pad(self.node_s, (0, nodes - len(self.node_s)), "edge")
+        return Intervals(on_device(node_s), self.node, on_device(offset_s), False, True)
 
 
 class RCParameters(eqx.Module):
@@ -174,6 +182,11 @@ class SimulationInput(AbstractEvaluator):
             is_leaf=lambda leaf: leaf is None,
         )
 
+    def first(self, samples: int) -> "SimulationInput":
+        """Its first samples, filled up where there are fewer, in a form that blocks share."""
+        short = eqx.tree_at(_clocks, self, [each.in_one_form() for each in _clocks(self)])
+        return short.map_samples(lambda array: np.asarray(array)[:samples]).padded_to(samples)
+
     def squared_error(self, rc: RCParameters) -> Scalar:
         return squared_error(rc, self)
 
@@ -182,15 +195,18 @@ class SimulationInput(AbstractEvaluator):
         return error_v if self.weight is None else self.weight * error_v
 
 
+def _clocks(inputs: SimulationInput) -> list[Intervals]:
+    moved = inputs.hysteresis
+    return [inputs.intervals] if moved is None else [inputs.intervals, moved.intervals]
+
+
 def _sample_arrays(inputs: SimulationInput) -> list[Array]:
-    clocks = [inputs.intervals]
     arrays = [inputs.current_a, inputs.held_a, inputs.source_v, inputs.base_error_v]
     if inputs.weight is not None:
         arrays.append(inputs.weight)
     if inputs.hysteresis is not None:
         arrays += [inputs.hysteresis.amplitude_v, inputs.hysteresis.hysteresis_input]
-        clocks.append(inputs.hysteresis.intervals)
-    return arrays + [array for clock in clocks for array in (clock.node, clock.offset_s)]
+    return arrays + [array for clock in _clocks(inputs) for array in (clock.node, clock.offset_s)]
 
 
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:

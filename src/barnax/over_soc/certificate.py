@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..cell.tables import hat
+from ..cell.tables import hats
 from ..global_optimum.certificate import (
     ABSOLUTE_V,
     LEBESGUE,
@@ -36,11 +36,11 @@ from ..global_optimum.certificate import (
     THIRD_DERIVATIVE,
 )
 from ..global_optimum.reduced import earlier_rms
+from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord
 from ..model.search_space import Range
 from .bounded import least_in_box
 from .objective import Axis, Objective, Solution
-from .reduced import Layout
 from .search import Found, Searchable, polish
 from .settings import TableSettings
 
@@ -190,34 +190,43 @@ def _remainders(
 ) -> list[Float[np.ndarray, "2 _"]]:
     """Of each axis's columns: bounds on the RMS of their third derivative by the place, and on
     that of their own error."""
-    layout, found = objective.reduced.layout, []
+    nodes = objective.reduced.layout.nodes
+
+    def shares_of_current(part: PreparedRecord) -> Float[np.ndarray, "samples nodes"]:
+        return hats(part.soc, nodes) * part.held_a[:, None]
+
+    largest_a, _ = _largest_and_rms(prepared_records, shares_of_current)
+    rms_a = np.minimum(largest_a, earlier_rms(prepared_records, shares_of_current))
+    found = []
     for axis in objective.axes:
-        rows = []
-        for node in range(axis.shape[1]):
-            if axis.direction > 0:
-                signals = [
-                    hat(each.soc, layout.nodes, node) * each.held_a for each in prepared_records
-                ]
-                largest = max(float(np.max(np.abs(signal))) for signal in signals)
-                rms = min(largest, earlier_rms(prepared_records, signals))
-            else:
-                # What moves the hysteresis is at most 2, from one direction to the other.
-                signals = [_amplitude(each, axis, layout, node) for each in prepared_records]
-                largest = 2 * max(float(np.max(np.abs(signal))) for signal in signals)
-                rms = 2 * float(np.sqrt(np.mean(np.concatenate(signals) ** 2)))
-            rows.append((THIRD_DERIVATIVE * rms, axis.span.error * largest))
-        found.append(np.array(rows).T)
+        largest, rms = largest_a, rms_a
+        if axis.direction < 0:
+
+            def amplitude(part: PreparedRecord, table: int | None = axis.table):
+                measured_v = part.hysteresis_amplitude_v
+                if table is None and measured_v is not None:
+                    return part.scored[:, None] * measured_v[:, None]
+                return part.scored[:, None] * hats(part.soc, nodes)
+
+            # What moves the hysteresis is at most 2, from one direction to the other.
+            largest, rms = (2 * each for each in _largest_and_rms(prepared_records, amplitude))
+        found.append(np.array([THIRD_DERIVATIVE * rms, axis.span.error * largest]))
     return found
 
 
-def _amplitude(
-    prepared: PreparedRecord, axis: Axis, layout: Layout, node: int
-) -> Float[np.ndarray, "scored"]:
-    if axis.table is None:
-        amplitude_v = prepared.hysteresis_amplitude_v
-        assert amplitude_v is not None
-        return amplitude_v[prepared.scored]
-    return hat(prepared.soc[prepared.scored], layout.nodes, node)
+def _largest_and_rms(
+    prepared_records: Sequence[PreparedRecord],
+    signals: Callable[[PreparedRecord], Float[np.ndarray, "samples signals"]],
+) -> tuple[Float[np.ndarray, "signals"], Float[np.ndarray, "signals"]]:
+    """The largest magnitudes of signals, and the roots of their squares for each scored sample."""
+    largest, squares, scored = np.zeros(1), np.zeros(1), 0
+    for prepared in prepared_records:
+        for part in prepared.parts(BLOCK):
+            values = signals(part)[:BLOCK]
+            largest = np.maximum(largest, np.max(np.abs(values), axis=0))
+            squares = squares + np.sum(values**2, axis=0)
+        scored += int(np.count_nonzero(prepared.scored))
+    return largest, np.sqrt(squares / scored)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,7 +10,7 @@ from jaxtyping import Float, Int
 from ..model.inputs import PreparedRecord
 from .bounded import least_in_box
 from .objective import Objective, Solution
-from .reduced import Reduced
+from .reduced import Groups, Reduced
 from .search import find_best
 from .settings import TableSettings
 
@@ -30,9 +31,15 @@ class SocErrors:
     @classmethod
     def of(cls, error_v: Float[np.ndarray, "samples"], soc: Float[np.ndarray, "samples"]):
         """Those of some errors at some states of charge."""
-        above = error_v[soc > ABOVE_SOC]
-        above_v = float(np.sqrt(np.mean(above**2))) if len(above) else None
-        return cls(float(np.sqrt(np.mean(error_v**2))), above_v)
+        is_above = (soc > ABOVE_SOC).astype(int)
+        squares = np.bincount(is_above, error_v**2, minlength=2)
+        return cls.of_squares(squares, np.bincount(is_above, minlength=2))
+
+    @classmethod
+    def of_squares(cls, squares_v2: Float[np.ndarray, "2"], counts: Int[np.ndarray, "2"]):
+        """Those of the sums of squares up to `ABOVE_SOC` and above, of so many samples."""
+        above_v = float(np.sqrt(squares_v2[1] / counts[1])) if counts[1] else None
+        return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
 
     def is_worth(self, simpler: "SocErrors") -> bool:
         """Whether it is lower than a simpler circuit's by more than `WORTHWHILE` in both."""
@@ -60,19 +67,25 @@ class CrossValidation:
 
 def blocks_of(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> tuple[list[Int[np.ndarray, "_"]], int]:
-    """Each sample's group, -1 where it is not scored, and how many groups there are.
+) -> tuple[list[Groups], int]:
+    """For each record what gives the groups of some samples, -1 where one is not scored, and how
+    many groups there are.
 
     Two groups a fold: the samples up to and above `ABOVE_SOC`.
     """
-    if not settings.folds:
-        return [np.where(each.scored, 0, -1) for each in prepared_records], 1
-    groups = []
-    for each in prepared_records:
-        passed_s = each.time_s - each.time_s[each.scored][0]
-        fold = np.floor(passed_s / settings.block_s).astype(int) % settings.folds
-        groups.append(np.where(each.scored, 2 * fold + (each.soc > ABOVE_SOC), -1))
-    return groups, 2 * settings.folds
+
+    def group(here: slice, each: PreparedRecord, start_s: float) -> Int[np.ndarray, "samples"]:
+        if not settings.folds:
+            return np.where(each.scored[here], 0, -1)
+        fold = np.floor((each.time_s[here] - start_s) / settings.block_s).astype(int)
+        groups = 2 * (fold % settings.folds) + (each.soc[here] > ABOVE_SOC)
+        return np.where(each.scored[here], groups, -1)
+
+    groups: list[Groups] = [
+        partial(group, each=each, start_s=float(each.time_s[np.argmax(each.scored)]))
+        for each in prepared_records
+    ]
+    return groups, 2 * settings.folds or 1
 
 
 def cross_validate(
@@ -121,8 +134,4 @@ def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) ->
         x, _ = least_in_box(normal, gradient, *objective.box, best.sides)
         for at in np.flatnonzero(~is_rest):
             squares[at] = scored[at] * np.sum((bases[at] + columns[at] @ x) ** 2)
-    above = scored[1::2].sum()
-    return SocErrors(
-        float(np.sqrt(squares.sum() / scored.sum())),
-        float(np.sqrt(squares[1::2].sum() / above)) if above else None,
-    )
+    return SocErrors.of_squares(*(each.reshape(-1, 2).sum(axis=0) for each in (squares, scored)))

@@ -10,20 +10,21 @@ from jaxtyping import Bool, Float
 
 from ..cell import SocTables, get_circuit
 from ..cell.parameters import RATE
-from ..cell.tables import HALF_HYSTERESIS, hat, hats
+from ..cell.tables import HALF_HYSTERESIS, hats
 from ..errors import InputError
-from ..execution import one_blas_thread
+from ..execution import in_float64, one_blas_thread
+from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
 from .certificate import Proof, certify
-from .cross_validation import CrossValidation, SocErrors, blocks_of, cross_validate
+from .cross_validation import ABOVE_SOC, CrossValidation, SocErrors, blocks_of, cross_validate
 from .intervals import NodeInterval, intervals_of
 from .objective import Objective, Solution
 from .reduced import Reduced, layout_of, reduce_records, together
 from .search import find_best
 from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
-from .simulate import simulate_tables
+from .simulate import error_blocks
 
 # A constant is at a bound within this share of the logarithm of its range.
 AT_BOUND = 1e-3
@@ -190,21 +191,31 @@ def reduced_objective(
 
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
     """The errors of tables on a record, by scan."""
-    error_v = prepared.voltage_v - simulate_tables(prepared, tables)
-    return SocErrors.of(error_v[prepared.scored], prepared.soc[prepared.scored])
+    return pooled_errors([prepared], tables)
+
+
+@in_float64
+def pooled_errors(prepared_records: Sequence[PreparedRecord], tables: SocTables) -> SocErrors:
+    """The same on several records together."""
+    squares, counts = np.zeros(2), np.zeros(2, int)
+    for prepared in prepared_records:
+        for here, error_v in error_blocks(prepared, tables):
+            scored = prepared.scored[here]
+            is_above = (prepared.soc[here][scored] > ABOVE_SOC).astype(int)
+            squares += np.bincount(is_above, error_v[scored] ** 2, minlength=2)
+            counts += np.bincount(is_above, minlength=2)
+    return SocErrors.of_squares(squares, counts)
 
 
 def visited_nodes(
     prepared_records: Sequence[PreparedRecord], nodes: Sequence[float]
 ) -> Bool[np.ndarray, "nodes"]:
     """Which nodes some scored sample is nearest to."""
-    scored = [each.soc[each.scored] for each in prepared_records]
-    return np.array(
-        [
-            any(bool(np.any(hat(soc, nodes, node) >= 0.5)) for soc in scored)
-            for node in range(len(nodes))
-        ]
-    )
+    found = np.zeros(len(nodes), bool)
+    for prepared in prepared_records:
+        for part in prepared.parts(BLOCK):
+            found |= np.any(hats(part.soc[part.scored], nodes) >= 0.5, axis=0)
+    return found
 
 
 def beyond_visited(prepared: PreparedRecord, tables: SocTables) -> float:
@@ -222,7 +233,8 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
     # What is much faster than the sampling cannot be told from the ohmic resistance. A pulse test
     # logs its rests slowly and its pulses fast, which tell.
     dense_s = min(
-        float(np.quantile(np.diff(each.time_s), DENSE_QUANTILE)) for each in prepared_records
+        float(np.quantile(np.diff(each.time_s), DENSE_QUANTILE, overwrite_input=True))
+        for each in prepared_records
     )
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
     names = [f"tau{pair + 1} [s]" for pair in range(circuit.pairs)]
@@ -251,8 +263,16 @@ def _gamma_range(prepared_records: Sequence[PreparedRecord], settings: TableSett
 
 def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
     """How far the SOC goes without turning back, in the direction in which it goes less far."""
-    ways = [[way * each.soc for each in prepared_records] for way in (1, -1)]
-    return min(max(float(np.max(soc - np.minimum.accumulate(soc))) for soc in way) for way in ways)
+
+    def furthest(soc: Float[np.ndarray, "samples"], extreme: np.ufunc) -> float:
+        ends = extreme.accumulate(soc)
+        np.subtract(soc, ends, out=ends)
+        return float(max(ends.max(), -ends.min()))
+
+    return min(
+        max(furthest(each.soc, extreme) for each in prepared_records)
+        for extreme in (np.minimum, np.maximum)
+    )
 
 
 def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:

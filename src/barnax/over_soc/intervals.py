@@ -185,11 +185,11 @@ def _linearized(objective: Objective, found: Solution, prepared_records):
     layout = replace(layout, in_tau=_around(tau, 1), in_rate=_around(rate, -1) if rate else None)
     part = replace(objective.reduced, layout=layout)
     for prepared in prepared_records:
-        for here, block in blocks(prepared, layout):
-            scored = prepared.scored[here]
+        for block in blocks(prepared, layout):
+            scored = prepared.scored[block.here]
             if not np.any(scored):
                 continue
-            rows = replace(part, scored=1, factor=block[scored])
+            rows = replace(part, scored=1, factor=block.few[scored] @ block.mixing)
             taus, turns, standing, current, correction, base = (rows.part(n) for n in range(6))
             amplitude = list(standing)
             base = base[0][:, 0]

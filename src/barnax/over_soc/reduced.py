@@ -7,27 +7,40 @@ constants x nodes, what else there is, base error] gives the columns of every ti
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..cell.tables import hats
 from ..execution import in_float64, one_blas_thread
-from ..model.compressed import BLOCK, NEGLIGIBLE_V, TOLERANCE, Answers, extend, shorten
+from ..model.compressed import (
+    BLOCK,
+    NEGLIGIBLE_V,
+    TOLERANCE,
+    answer_block,
+    extend,
+    padded_tau,
+    shorten,
+)
 from ..model.exponentials import Span, span_of
 from ..model.inputs import PreparedRecord
 from ..model.search_space import Range
+from ..model.simulate import SimulationInput
 from .simulate import TableInput
 
 # Columns of one block reflector; there are ten times as many columns as for a constant circuit.
 REFLECTORS = 32
 CHAINS = 2
+# Nodes whose answers are computed at once.
+CHANNELS = 4
 
 Columns = Float[np.ndarray, "rows columns"]
+# The group of each of some samples of a record.
+Groups = Callable[[slice], Int[np.ndarray, "samples"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +53,17 @@ class Layout:
     in_rate: Span | None
     has_correction: bool
     has_amplitude: bool
+
+    @cached_property
+    def places(self) -> tuple[Int[np.ndarray, "count width"], ...]:
+        """Where the columns of each part stand."""
+        ends = np.cumsum([count * width for count, width in self.sizes])
+        parts = np.split(np.arange(ends[-1]), ends[:-1])
+        return tuple(part.reshape(size) for part, size in zip(parts, self.sizes, strict=True))
+
+    @property
+    def width(self) -> int:
+        return sum(count * width for count, width in self.sizes)
 
     @property
     def sizes(self) -> tuple[tuple[int, int], ...]:
@@ -69,11 +93,9 @@ class Reduced:
 
     def part(self, number: int) -> Float[np.ndarray, "few rows width"]:
         """The columns of the layout's part of that number."""
-        starts = np.cumsum([0, *(count * width for count, width in self.layout.sizes)])
-        count, width = self.layout.sizes[number]
-        block = self.factor[:, starts[number] : starts[number + 1]] / math.sqrt(max(self.scored, 1))
+        block = self.factor[:, self.layout.places[number]] / math.sqrt(max(self.scored, 1))
         # Contiguous for the products of a search, which are over the first axis.
-        return np.ascontiguousarray(block.reshape(len(block), count, width).transpose(1, 0, 2))
+        return np.ascontiguousarray(block.transpose(1, 0, 2))
 
     def constant(self) -> "Reduced":
         """The same for a circuit that does not change with SOC: hats add up to one everywhere."""
@@ -89,33 +111,45 @@ class Reduced:
 def reduce_records(
     prepared_records: Sequence[PreparedRecord],
     layout: Layout,
-    groups: Sequence[Int[np.ndarray, "_"]],
+    groups: Sequence[Groups],
     count: int,
 ) -> list[Reduced]:
     """The factor of each of `count` groups of samples; `groups` number those of every record, -1
     for samples that do not count. Nothing longer than a block is ever held.
     """
-    width = sum(count * each for count, each in layout.sizes)
     chains: dict[tuple[int, int], Future] = {}
-    scored = [sum(int(np.sum(each == group)) for each in groups) for group in range(count)]
+    scored = np.zeros(count, int)
     with one_blas_thread(), ThreadPoolExecutor(CHAINS) as pool:
-        for prepared, numbers in zip(prepared_records, groups, strict=True):
-            for turn, (here, block) in enumerate(blocks(prepared, layout)):
-                for group in np.unique(numbers[here][numbers[here] >= 0]).tolist():
+        for prepared, group_of in zip(prepared_records, groups, strict=True):
+            for turn, block in enumerate(blocks(prepared, layout)):
+                numbers = group_of(block.here)
+                for group in np.unique(numbers[numbers >= 0]).tolist():
+                    is_own = numbers == group
+                    scored[group] += np.count_nonzero(is_own)
                     # One group alone has two chains, so that two cores share it.
                     chain = group, turn % CHAINS if count == 1 else 0
                     # Waiting here keeps no more blocks than there are chains.
                     done = chains.get(chain)
-                    before = done.result() if done else np.zeros((width, width))
-                    chains[chain] = pool.submit(join, before, block[numbers[here] == group])
+                    before = done.result() if done else np.zeros((layout.width,) * 2)
+                    chains[chain] = pool.submit(_join_block, before, block, is_own)
         factors = [
             [done.result() for (own, _), done in chains.items() if own == group]
             for group in range(count)
         ]
         return [
-            Reduced(layout, number, reduce(join, own, np.zeros((width, width))))
-            for number, own in zip(scored, factors, strict=True)
+            Reduced(layout, number, reduce(join, own, np.zeros((layout.width,) * 2)))
+            for number, own in zip(scored.tolist(), factors, strict=True)
         ]
+
+
+def _join_block(
+    factor: Float[np.ndarray, "columns columns"], block: "Block", is_own: Bool[np.ndarray, "_"]
+) -> Float[np.ndarray, "columns columns"]:
+    """The triangular factor with those samples of a block that are its own."""
+    rows, few = block.few[is_own], block.few.shape[1]
+    if len(rows) > few:
+        rows = extend(np.zeros((few, few)), rows, REFLECTORS)
+    return join(factor, rows @ block.mixing)
 
 
 def together(parts: Sequence[Reduced]) -> Reduced:
@@ -160,39 +194,101 @@ def layout_of(
     return Layout(nodes, in_tau, in_rate, has_correction, has_amplitude)
 
 
-def blocks(
-    prepared: PreparedRecord, layout: Layout
-) -> Iterator[tuple[slice, Float[np.ndarray, "samples columns"]]]:
-    """The columns at all samples of a record, block after block."""
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The columns at the samples `here` of a record are `few` @ `mixing`.
+
+    What is near only few nodes moves only few columns: those of all others are what is left of
+    earlier answers, which decay alike at every node.
+    """
+
+    here: slice
+    few: Float[np.ndarray, "samples few"]
+    mixing: Float[np.ndarray, "few columns"]
+
+
+def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
+    """The columns at all samples of a record, block after block. Call inside float64."""
     nodes, rate = np.array(layout.nodes), layout.in_rate
-    slowest_gamma = None if rate is None else 1 / float(rate.skeleton_tau.min())
-    given = TableInput.of(prepared, nodes, float(layout.in_tau.skeleton_tau.min()), slowest_gamma)
-    inputs, moved = given.inputs, given.inputs.hysteresis
-
-    def shares(here: slice) -> Float[np.ndarray, "samples nodes"]:
-        return hats(prepared.soc[here], nodes)
-
-    pairs = Answers(inputs.held_a, inputs.intervals, layout.in_tau, shares)
-    turns = None
-    if rate is not None and moved is not None:
-        turns = Answers(moved.hysteresis_input, moved.intervals, rate)
-    current_a, base_v = np.asarray(inputs.current_a), np.asarray(inputs.base_error_v)
+    pairs = _SharedAnswers(layout.in_tau, len(nodes))
+    turn_tau = np.empty(0) if rate is None else padded_tau(rate)
+    turned = np.zeros(len(turn_tau))
+    highest_gamma = None if rate is None else 1 / float(turn_tau.min())
     start = float(prepared.start.direction)
-    for first in range(0, len(current_a), BLOCK):
-        here = slice(first, first + BLOCK)
-        spread = shares(here)
-        base = base_v[here, None]
-        columns = [pairs.next_block(here)]
-        if turns is not None and moved is not None:
-            amplitude_v = np.asarray(moved.amplitude_v)[here, None]
-            amplitude_v = spread if layout.has_amplitude else amplitude_v
-            columns.append(-turns.next_block(here)[:, :, None] * amplitude_v[:, None])
+    fastest_s = float(layout.in_tau.skeleton_tau.min())
+    for here, given in TableInput.blocks(prepared, nodes, fastest_s, highest_gamma):
+        inputs, moved, size = given.inputs, given.inputs.hysteresis, here.stop - here.start
+        spread = hats(prepared.soc[here], nodes)
+        near = np.flatnonzero(np.any(spread, axis=0))
+        spread = spread[:, near]
+        left, decays, answers = pairs.next_block(inputs, near, spread)
+        base = np.asarray(inputs.base_error_v)[:size, None]
+
+        into, columns = [layout.places[0][:, near]], [answers]
+        if rate is not None and moved is not None:
+            turning = np.asarray(moved.hysteresis_input)
+            turned, turns = answer_block(turn_tau, turned, turning, moved.intervals)
+            turns = turns[:size, : len(rate.skeleton)]
             if layout.has_amplitude:
-                columns.append(-start * spread)
+                into += [layout.places[1][:, near], layout.places[2][:, near]]
+                columns += [-turns[:, :, None] * spread[:, None], -start * spread]
             else:
+                amplitude_v = np.asarray(moved.amplitude_v)[:size, None]
+                into.append(layout.places[1])
+                columns.append(-turns * amplitude_v)
                 base = base - start * amplitude_v
-        columns.append(current_a[here, None] * spread)
+        into.append(layout.places[3][:, near])
+        columns.append(np.asarray(inputs.current_a)[:size, None] * spread)
         if layout.has_correction:
+            into.append(layout.places[4][:, near])
             columns.append(-spread)
-        rows = [each.reshape(len(spread), -1) for each in (*columns, base)]
-        yield here, np.concatenate(rows, axis=1)
+        into.append(layout.places[5])
+        columns.append(base)
+        own = np.eye(layout.width)[np.concatenate([each.ravel() for each in into])]
+        if np.any(left):
+            mixed = np.zeros((len(left), layout.width))
+            np.put_along_axis(mixed, layout.places[0], left, axis=1)
+            columns, own = [decays, *columns], np.concatenate([mixed, own])
+        few = np.concatenate([each.reshape(size, -1) for each in columns], axis=1)
+        yield Block(here, few, own)
+
+
+class _SharedAnswers:
+    """The skeleton's answers to a current that is shared among nodes, block after block."""
+
+    def __init__(self, span: Span, nodes: int):
+        self._tau, self._count = padded_tau(span), len(span.skeleton)
+        self._states = np.zeros((len(self._tau), nodes))
+
+    def next_block(
+        self, inputs: SimulationInput, near: Int[np.ndarray, "near"], spread: Columns
+    ) -> tuple[
+        Float[np.ndarray, "skeleton nodes"],
+        Float[np.ndarray, "samples skeleton"],
+        Float[np.ndarray, "samples skeleton near"],
+    ]:
+        """What is left of earlier answers at nodes that are not near, how that decays, and the
+        answers at those that are."""
+        size, wide = len(spread), 1 + len(near)
+        # The first channel starts from one and has no current.
+        held = np.zeros((BLOCK, -(-wide // CHANNELS) * CHANNELS))
+        held[:size, 1:wide] = spread * np.asarray(inputs.held_a)[:size, None]
+        states = np.zeros((len(self._tau), held.shape[1]))
+        states[:, 0], states[:, 1:wide] = 1.0, self._states[:, near]
+        # A few channels at a time, so that there is one program however many nodes are near.
+        found = [
+            answer_block(
+                self._tau,
+                states[:, first : first + CHANNELS],
+                held[:, first : first + CHANNELS],
+                inputs.intervals,
+            )
+            for first in range(0, held.shape[1], CHANNELS)
+        ]
+        ends = np.concatenate([each for each, _ in found], axis=1)
+        answers = np.concatenate([each for _, each in found], axis=2)[:size, : self._count]
+        left = self._states.copy()
+        left[:, near] = 0.0
+        self._states = left * ends[:, :1]
+        self._states[:, near] = ends[:, 1:wide]
+        return left[: self._count], answers[:, :, 0], answers[:, :, 1:wide]

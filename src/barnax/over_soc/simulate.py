@@ -4,6 +4,10 @@ Functions are written for one candidate; callers vmap them. What all candidates 
 where each sample's SOC lies between the nodes, is in a `TableInput`, made once.
 """
 
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +15,9 @@ from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
 from ..cell import SocTables
-from ..execution import compile_for, in_float64
+from ..execution import compile_for, in_float64, on_device
 from ..metrics import measure
+from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord, require_changing_voltage
 from ..model.simulate import Pair, SimulationInput
 from ..search.evaluate import Evaluation
@@ -39,23 +44,33 @@ class TableInput(eqx.Module):
         highest_gamma: float | None,
     ) -> "TableInput":
         """Exact for time constants and rates in these limits. Call inside float64."""
-        inputs = prepared.simulation_input(shortest_tau_s, highest_gamma)
+        source_v = prepared.source_v
         if prepared.hysteresis_amplitude_v is not None:
-            standing_v = prepared.start.direction * jnp.asarray(prepared.hysteresis_amplitude_v)
-            inputs = eqx.tree_at(
-                lambda each: (each.source_v, each.base_error_v),
-                inputs,
-                (inputs.source_v - standing_v, inputs.base_error_v + standing_v),
-            )
+            source_v = source_v - prepared.start.direction * prepared.hysteresis_amplitude_v
+        without = replace(prepared, source_v=source_v)
         # One node is a constant: its table gets a second, equal one.
         along = np.interp(prepared.soc, nodes, np.arange(len(nodes), dtype=float))
         place = np.clip(along.astype(int), 0, max(len(nodes) - 2, 0))
         return cls(
-            inputs=inputs,
-            place=jnp.asarray(place, jnp.int32),
-            share=jnp.asarray(along - place),
-            start_h=jnp.asarray(float(prepared.start.direction)),
+            inputs=without.simulation_input(shortest_tau_s, highest_gamma),
+            place=on_device(place.astype(np.int32)),
+            share=on_device(along - place),
+            start_h=on_device(float(prepared.start.direction)),
         )
+
+    @classmethod
+    def blocks(cls, prepared: PreparedRecord, *given: Any) -> Iterator[tuple[slice, "TableInput"]]:
+        """The same block after block, each of `BLOCK` samples: those after the last of a record
+        repeat it. A state moved on through a block is that at the start of the next."""
+        for number, part in enumerate(prepared.parts(BLOCK)):
+            block = cls.of(part, *given)
+            place, share = (
+                np.pad(np.asarray(each)[:BLOCK], (0, max(0, BLOCK - len(each))), "edge")
+                for each in (block.place, block.share)
+            )
+            here = slice(number * BLOCK, min((number + 1) * BLOCK, len(prepared.soc)))
+            inputs = block.inputs.first(BLOCK)
+            yield here, cls(inputs, on_device(place), on_device(share), block.start_h)
 
 
 class TableParameters(eqx.Module):
@@ -82,6 +97,19 @@ class TableParameters(eqx.Module):
 
 def table_errors(parameters: TableParameters, given: TableInput) -> Float[Array, "samples"]:
     """Measured minus simulated voltage at every sample, in V, scored or not."""
+    return _moved_on(parameters, given, at_rest(parameters))[1]
+
+
+def at_rest(parameters: TableParameters) -> Float[Array, "states"]:
+    """The states at the start: of every pair, then of a dynamic hysteresis that is moved."""
+    states = len(parameters.tau) + (parameters.gamma is not None)
+    return jnp.zeros(states, parameters.tables.dtype)
+
+
+def _moved_on(
+    parameters: TableParameters, given: TableInput, states: Float[Array, "states"]
+) -> tuple[Float[Array, "states"], Float[Array, "samples"]]:
+    """The states after the last sample, and the errors at all."""
     inputs, moved = given.inputs, given.inputs.hysteresis
     pairs = len(parameters.tau)
     below, rise = _lines(parameters.tables)
@@ -114,7 +142,7 @@ def table_errors(parameters: TableParameters, given: TableInput) -> Float[Array,
         *(given.place, given.share, inputs.current_a, inputs.base_error_v, inputs.held_a),
         *(inputs.intervals.node, inputs.intervals.offset_s, turning, amplitude_v),
     )
-    return lax.scan(step, jnp.zeros(len(clocks), below.dtype), samples)[1]
+    return lax.scan(step, states, samples)
 
 
 def table_squared_error(parameters: TableParameters, given: TableInput) -> Scalar:
@@ -138,10 +166,22 @@ def simulate_tables(prepared: PreparedRecord, tables: SocTables) -> Float[np.nda
     v = U + D(s) + g(s) h - R0(s) i - sum u_p. In every interval, a pair covers the fraction
     1 - exp(-dt / tau_p) of the way to R_p(s) i, with s the SOC at the start of the interval.
     """
-    given = TableInput.of(prepared, np.array(tables.nodes), min(tables.tau_s), tables.gamma)
+    simulated_v = prepared.voltage_v.copy()
+    for here, error_v in error_blocks(prepared, tables):
+        simulated_v[here] -= error_v
+    return simulated_v
+
+
+def error_blocks(
+    prepared: PreparedRecord, tables: SocTables
+) -> Iterator[tuple[slice, Float[np.ndarray, "samples"]]]:
+    """Measured minus simulated voltage in V, block after block. Call inside float64."""
     parameters = TableParameters.of(tables)
-    error_v = compile_for(table_errors, parameters, given)(parameters, given)
-    return prepared.voltage_v - np.asarray(error_v)
+    states, limits = at_rest(parameters), (min(tables.tau_s), tables.gamma)
+    for here, given in TableInput.blocks(prepared, np.array(tables.nodes), *limits):
+        advance = compile_for(_moved_on, parameters, given, states)
+        states, error_v = advance(parameters, given, states)
+        yield here, np.asarray(error_v)[: here.stop - here.start]
 
 
 def evaluate_tables(prepared: PreparedRecord, tables: SocTables) -> Evaluation:

@@ -20,11 +20,10 @@ from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
 from .certificate import Proof, certify, certify_together
 from .cross_validation import SocErrors
-from .fit import TableFit, box_of, fit_of, reduced_objective, visited_nodes
+from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective, visited_nodes
 from .objective import Axis, Objective, Place, Solution
 from .search import find_best, polish
 from .settings import TableSettings
-from .simulate import simulate_tables
 
 
 @dataclass(frozen=True)
@@ -305,21 +304,11 @@ def _left_out(
             LeftOut(
                 temperature_degc=degc[left],
                 is_between=0 < left < len(degc) - 1,
-                errors=_pooled_errors(own, tables.at(degc[left])),
-                own=_pooled_errors(own, at_home),
+                errors=pooled_errors(own, tables.at(degc[left])),
+                own=pooled_errors(own, at_home),
             )
         )
     return tuple(found)
-
-
-def _pooled_errors(prepared_records: Sequence[PreparedRecord], tables: SocTables) -> SocErrors:
-    scored = [each.scored for each in prepared_records]
-    errors_v = [
-        (each.voltage_v - simulate_tables(each, tables))[here]
-        for each, here in zip(prepared_records, scored, strict=True)
-    ]
-    soc = [each.soc[here] for each, here in zip(prepared_records, scored, strict=True)]
-    return SocErrors.of(np.concatenate(errors_v), np.concatenate(soc))
 
 
 def _reversals(fits: Sequence[TableFit]) -> tuple[Reversal, ...]:

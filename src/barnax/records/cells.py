@@ -1,6 +1,7 @@
 """What stands in cells, as numbers: decimal commas, clocks, dates, and words for steps."""
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 import polars as pl
@@ -52,7 +53,7 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
 
 def _from_zero(seconds: Numbers) -> Numbers:
     """Clock times as they are; dates from the first, or from day zero of spreadsheets."""
-    first = seconds[np.isfinite(seconds)][0]
+    first = seconds[np.argmax(np.isfinite(seconds))]
     if first < _DAY_ZERO_S + 100 * 86400.0:
         return seconds - _DAY_ZERO_S if first < 0 else seconds
     return seconds if first < _DATED_S else seconds - first
@@ -113,7 +114,9 @@ def _has_points(column: pl.Series) -> bool:
     return column.dtype.is_float() and bool((column % 1 > 0).any())
 
 
-_HOURS = re.compile(r"\s*(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+)")
+# Days, hours and minutes, or minutes alone.
+_MINUTES = re.compile(r"\s*(?:(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):)?(\d+)")
+_HALF_DAY_S = 43_200.0
 
 
 def _seconds(cells: pl.Series) -> Numbers:
@@ -132,23 +135,42 @@ def _seconds(cells: pl.Series) -> Numbers:
 
 
 def _clock_s(text: pl.Series) -> Numbers:
-    """Seconds of "1d 02:03:04.5", "144:02:18" and the like, NaN where a cell is none."""
-    parts = text.str.splitn(":", 3).struct.unnest()
-    before, minutes, seconds = parts.get_columns()
+    """Seconds of "1d 02:03:04.5", "144:02:18", "08:41:18 PM" or "05:30.0", NaN for what is none."""
+    text = text.rechunk()
+    first = next(iter(text.drop_nulls().head(1)), "")
+    if first.strip().lower().endswith(("am", "pm")):
+        text = text.str.strip_chars_end().str.to_lowercase()
+        twelve_s = _clock_s(text.str.head(-2).str.strip_chars_end())
+        return twelve_s % _HALF_DAY_S + _HALF_DAY_S * text.str.ends_with("pm").to_numpy()
+    # As a rule the colons stand in one place, and to split at them takes several times as long.
+    at = first.rfind(":")
+    whole, seconds = text.str.head(at), text.str.slice(at + 1)
     plain = seconds.cast(pl.Float64, strict=False)
-    if plain.null_count() > seconds.null_count():
+    if plain.null_count() > text.null_count():
+        hours, minutes, seconds = text.str.splitn(":", 3).struct.unnest().get_columns()
         # A comma, or a colon before the milliseconds.
         seconds = seconds.str.strip_chars().str.replace("[,:]", ".")
-        plain = seconds.cast(pl.Float64, strict=False)
-    # There are few hours and minutes, and a pattern takes long.
-    hours = {
-        word: 24 * float(match[1] or 0) + float(match[2])
-        for word in before.unique().drop_nulls()
-        if (match := _HOURS.fullmatch(word))
-    }
-    whole = before.replace_strict(hours, default=None, return_dtype=pl.Float64)
-    total = (whole * 60 + minutes.cast(pl.Float64, strict=False)) * 60 + plain
-    return total.to_numpy()
+        whole, plain = hours + ":" + minutes, seconds.cast(pl.Float64, strict=False)
+    elif ":" not in first[:at] and not seconds.str.contains(".", literal=True).any():
+        # Hours and minutes, or minutes and seconds?
+        return np.full(len(text), np.nan)
+    return _by_word(whole, _minutes) * 60 + plain.to_numpy()
+
+
+def _minutes(word: str) -> float:
+    match = _MINUTES.fullmatch(word)
+    if match is None:
+        return np.nan
+    days, hours, minutes = (float(part or 0) for part in match.groups())
+    return (24 * days + hours) * 60 + minutes
+
+
+def _by_word(text: pl.Series, meaning: Callable[[str], float]) -> Numbers:
+    """What the words of a column mean, NaN for none; they stand in runs, and few are different."""
+    lengths, words = text.rle().struct.unnest().get_columns()
+    meanings = {word: meaning(word) for word in words.unique().drop_nulls()}
+    values = words.replace_strict(meanings, default=None, return_dtype=pl.Float64)
+    return np.repeat(values.to_numpy(), lengths.to_numpy())
 
 
 def is_clock(cells: pl.Series) -> bool:
@@ -205,8 +227,9 @@ def _states(cells: pl.Series) -> Numbers:
     """The codes of `Record.state` for a column of words, of which there are few."""
     if cells.dtype != pl.String:
         return np.full(len(cells), np.nan)
-    codes = {}
-    for word in cells.unique().drop_nulls():
+
+    def code(word: str) -> float:
         plain = re.sub(r"[\s_]+", " ", word).strip().lower()
-        codes[word] = next((code for code, words in _STATES if re.match(words, plain)), OTHER_STATE)
-    return cells.replace_strict(codes, default=OTHER_STATE, return_dtype=pl.Float64).to_numpy()
+        return next((code for code, words in _STATES if re.match(words, plain)), OTHER_STATE)
+
+    return np.nan_to_num(_by_word(cells, code), nan=OTHER_STATE)

@@ -23,7 +23,7 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
     Stamps out of line are dropped, rows out of order are sorted, and a clock that starts again is
     made to run on.
     """
-    if not np.any(np.diff(samples.time_s) < 0):
+    if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return samples, []
     joined, findings = _join_steps(samples)
     if joined is not None:
@@ -165,7 +165,7 @@ _APART_S, _APART_SHARE = 5e-4, 0.1
 
 def separate_steps(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples with both sides of a change of step that share a time stamp, a little apart."""
-    is_repeat = np.diff(samples.time_s) == 0
+    is_repeat = samples.intervals_s == 0
     sides = is_repeat & (np.diff(samples.step) != 0) if samples.step is not None else ()
     if not np.any(sides):
         return samples, []
@@ -184,7 +184,7 @@ def separate_steps(samples: Samples) -> tuple[Samples, list[Finding]]:
 
 def merge_repeats(samples: Samples) -> Samples:
     """The samples without those that have the time stamp of the one before."""
-    return samples.keep(np.concatenate([[True], np.diff(samples.time_s) != 0]))
+    return samples.keep(np.concatenate([[True], samples.intervals_s != 0]))
 
 
 def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
@@ -194,7 +194,7 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
     than the two sides of a step explain, they are spread over the interval that follows.
     """
     # Interval by interval: of the stamp before, and alike wholly, within the resolution, or not.
-    is_repeat = np.diff(samples.time_s) == 0
+    is_repeat = samples.intervals_s == 0
     if not is_repeat.any():
         return samples, _close(samples)
     step_a, step_v = samples.step_a, samples.step_v
@@ -259,7 +259,7 @@ def _spread(time_s: Clock) -> Clock:
 
 def _close(samples: Samples) -> list[Finding]:
     """A note of samples hard upon the one before, which testers log where a step ends."""
-    interval_s = np.diff(samples.time_s)
+    interval_s = samples.intervals_s
     usual_s = samples.interval_s
     is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * usual_s)
     if not is_close.any():

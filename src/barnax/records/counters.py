@@ -95,8 +95,8 @@ class Counters:
         flowed_ah = np.add.reduceat(np.abs(integrated_ah), starts)
         least_ah = _QUANTA * self.quantum_ah
         best_ah, most = None, _AGREEING
-        for begun_ah, counted_ah in self._candidates(np.sign(integrated_ah)):
-            sign = float(np.sign(counted_ah @ integrated_ah)) or 1.0
+        for begun_ah, counted_ah in self._candidates(integrated_ah):
+            sign = float(np.sign(inner(counted_ah, integrated_ah))) or 1.0
             turned_ah = counted_ah if sign > 0 else -counted_ah
             apart_ah = np.abs(np.add.reduceat(turned_ah, starts) - summed_ah)
             moves = np.maximum(apart_ah, flowed_ah) > least_ah
@@ -117,14 +117,14 @@ class Counters:
             return None
         starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
         summed_ah = np.add.reduceat(integrated_ah, starts)
-        for _, counted_ah in self._candidates(np.sign(integrated_ah)):
+        for _, counted_ah in self._candidates(integrated_ah):
             blocks_ah = np.add.reduceat(counted_ah, starts)
             size = float(np.sqrt(np.sum(blocks_ah**2) * np.sum(summed_ah**2)))
             if size and abs(float(np.sum(blocks_ah * summed_ah))) > _PROPORTIONAL * size:
                 return float(np.sqrt(np.sum(summed_ah**2) / np.sum(blocks_ah**2)))
         return None
 
-    def _candidates(self, direction: Increments) -> Iterator[tuple[float, Increments]]:
+    def _candidates(self, integrated_ah: Increments) -> Iterator[tuple[float, Increments]]:
         """What the counters may mean, the plainest first: their first value, and what they gain."""
         if self.both:
             charged_ah, discharged_ah = self.both
@@ -139,6 +139,7 @@ class Counters:
         shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
         yield begun_ah, np.where(shrinks, self.net_ah[1:], steps_ah)
         # What a new step counts is of its own direction, whatever the hold says of the interval.
+        direction = np.sign(integrated_ah)
         own = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
         yield 0.0, _joined(np.abs(self.net_ah)) * own
 
@@ -152,11 +153,13 @@ def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) ->
     coarse moves by its quantum.
     """
     counted_ah = np.diff(charge_ah)
-    moving_ah = np.abs(counted_ah)
-    smallest_ah = np.min(moving_ah, where=moving_ah > 0, initial=np.inf)
-    least_ah = max(_SKIPPED * float(np.ptp(charge_ah)), _QUANTUM * smallest_ah)
+    least_ah = _SKIPPED * float(np.ptp(charge_ah))
     # What is far from both is far from one of them, and few are.
     places = np.flatnonzero(np.abs(counted_ah - begun_ah) > least_ah)
+    if not len(places):
+        return None
+    moving_ah = np.abs(counted_ah)
+    least_ah = max(least_ah, _QUANTUM * float(moving_ah[moving_ah > 0].min(initial=np.inf)))
     ends_ah = np.sort([begun_ah[places], ended_ah[places]], axis=0)
     excess_ah = counted_ah[places] - np.clip(counted_ah[places], *ends_ah)
     is_far = np.abs(excess_ah) > least_ah
@@ -171,6 +174,11 @@ def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) ->
         if (after - before) / own_ah > _LASTING:
             found_ah[place] = own_ah
     return found_ah if found_ah.any() else None
+
+
+def inner(ones: Increments, others: Increments) -> float:
+    """Their inner product, without the threads of BLAS, which spin on after so little work."""
+    return float(np.einsum("i,i", ones, others))
 
 
 def _joined(counter_ah: Charge) -> Increments:
@@ -190,7 +198,8 @@ def _decimal_place(values: Charge) -> float:
     # Of more values a share tells the same.
     values = values[:: 1 + len(values) // _ENOUGH]
     for digits in range(9):
-        scaled = values * 10.0**digits
-        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6 * (1 + np.abs(scaled))):
+        scaled = np.abs(values) * 10.0**digits
+        # Of a coin cell's few microampere-hours none is near a whole number for being small.
+        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6 * (min(1, scaled.max()) + scaled)):
             return 10.0**-digits
     return 0.0

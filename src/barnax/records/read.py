@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import polars as pl
@@ -35,6 +35,8 @@ from .units import (
     examine_voltage_range,
     examine_voltage_unit,
 )
+
+Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 
 _FEWEST_SAMPLES = 5
 _SHORTEST_S = 1e-6
@@ -99,7 +101,7 @@ def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
             findings += named(check, found)
             if short := _too_short(mended):
                 return Examined(None, None, (*findings, short))
-        is_usable = bool(np.all(np.diff(mended.time_s) > 0) and mended.peak_a > 0)
+        is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)
     return Examined(samples, mended if is_usable else None, tuple(findings))
@@ -301,27 +303,42 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     samples = source.cut(samples)
     if short := _too_short(samples):
         raise InputError(short.sentence(source.name))
-    record = Record(
+    turn = -1.0 if sign.value == CHARGE else 1.0
+    counted_ah = hidden_ah = None
+    if hold.value == "backward":
+        counted_ah = samples.counted_ah
+    elif samples.counters.written:
+        counted_ah = samples.counters.charge_ah(samples.begun_ah)
+    if counted_ah is not None:
+        hidden_ah = skipped_ah(counted_ah, samples.begun_ah, samples.ended_ah)
+    return Record(
         name=source.name,
-        time_s=samples.time_s,
-        # Adding zero makes the -0.0 of a resting tester a plain zero.
-        current_a=samples.current_a * (-1.0 if sign.value == CHARGE else 1.0) + 0.0,
-        voltage_v=samples.voltage_v,
-        temperature_degc=samples.temperature_degc,
-        step=samples.step,
-        row=samples.row,
+        time_s=_own(samples.time_s),
+        current_a=_own(_turned(samples.current_a, turn)),
+        voltage_v=_own(samples.voltage_v),
+        temperature_degc=_own(samples.temperature_degc),
+        step=_own(samples.step),
+        row=_own(samples.row),
         sign=sign,
         hold=hold,
         sha256=source.sha256,
-        cycle=samples.cycle,
-        state=samples.state,
+        charge_ah=_own(_turned(counted_ah, turn)),
+        skipped_ah=_own(_turned(hidden_ah, turn)),
+        cycle=_own(samples.cycle),
+        state=_own(samples.state),
     )
-    charge_ah = samples.counters.charge_ah(record.moved_ah)
-    if charge_ah is None:
-        return record
-    ends_a = record.current_a[:-1], record.current_a[1:]
-    ends_ah = [current_a * record.interval_s / 3600 for current_a in ends_a]
-    return replace(record, charge_ah=charge_ah, skipped_ah=skipped_ah(charge_ah, *ends_ah))
+
+
+def _turned(values: Values, turn: float) -> Values:
+    # Adding zero makes the -0.0 of a resting tester a plain zero.
+    return values if values is None else values * turn + 0.0
+
+
+def _own(values: Values) -> Values:
+    """The values, no longer to be written to, which saves a record its copy."""
+    if values is not None:
+        values.flags.writeable = False
+    return values
 
 
 def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:

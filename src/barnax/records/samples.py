@@ -23,7 +23,7 @@ _FAR_LONGER = 30
 # What a rest does not do to a voltage between two of its samples.
 _LOAD_V = 0.02
 # Medians of so many values are as good as of all.
-_ENOUGH = 200_000
+_ENOUGH = 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +67,14 @@ class Samples:
         return replace(self, counters=Counters(**counters), **arrays)
 
     @cached_property
+    def intervals_s(self) -> Float[np.ndarray, "intervals"]:
+        """Seconds between neighboring samples."""
+        return np.diff(self.time_s)
+
+    @cached_property
     def interval_s(self) -> float:
         """The usual interval."""
-        interval_s = np.diff(self.time_s)
-        return float(np.median(interval_s[:: 1 + len(interval_s) // _ENOUGH]))
+        return float(np.median(few(self.intervals_s)))
 
     @cached_property
     def step_a(self) -> Float[np.ndarray, "intervals"]:
@@ -82,12 +86,12 @@ class Samples:
 
     @cached_property
     def peak_a(self) -> float:
-        return float(np.abs(self.current_a).max())
+        return float(max(self.current_a.max(), -self.current_a.min()))
 
     @cached_property
     def middle_v(self) -> float:
         """The median voltage."""
-        return float(np.median(self.voltage_v[:: 1 + len(self) // _ENOUGH]))
+        return float(np.median(few(self.voltage_v)))
 
     @cached_property
     def is_step(self) -> Bool[np.ndarray, "intervals"]:
@@ -95,20 +99,35 @@ class Samples:
         return np.abs(self.step_a) > STEP_SHARE * self.peak_a
 
     @cached_property
+    def begun_ah(self) -> Float[np.ndarray, "intervals"]:
+        """The charge of each interval, if its first sample's current flowed throughout."""
+        return self.current_a[:-1] * self.intervals_s / 3600
+
+    @cached_property
+    def ended_ah(self) -> Float[np.ndarray, "intervals"]:
+        """The charge of each interval, if its last sample's current flowed throughout."""
+        return self.current_a[1:] * self.intervals_s / 3600
+
+    @cached_property
+    def counted_ah(self) -> Float[np.ndarray, "samples"] | None:
+        """The tester's net charge, in the file's own sign; None without counters that count."""
+        return self.counters.charge_ah(self.ended_ah)
+
+    @cached_property
     def span_ah(self) -> float:
         """The charge between the fullest and emptiest moments, by counters that count it too."""
-        flowed_ah = self.current_a[1:] * np.diff(self.time_s) / 3600
-        counted_ah = self.counters.charge_ah(flowed_ah)
-        integrated_ah = float(np.ptp(np.cumsum(flowed_ah)))
+        # Of many intervals, several in a row tell the same.
+        starts = np.arange(0, len(self.ended_ah), 1 + len(self.ended_ah) // _ENOUGH)
+        integrated_ah = float(np.ptp(np.cumsum(np.add.reduceat(self.ended_ah, starts))))
+        counted_ah = self.counted_ah
         return integrated_ah if counted_ah is None else max(integrated_ah, np.ptp(counted_ah))
 
     @cached_property
     def hidden_v(self) -> float:
         """By how much the voltage moved in gaps with no current on either side of them."""
-        interval_s = np.diff(self.time_s)
-        is_long = interval_s > _FAR_LONGER * np.median(interval_s)
-        is_small = np.abs(self.current_a) < STEADY_SHARE * self.peak_a
-        moved_v = np.abs(self.step_v[is_long & is_small[:-1] & is_small[1:]])
+        places = np.flatnonzero(self.intervals_s > _FAR_LONGER * self.interval_s)
+        ends_a = np.maximum(np.abs(self.current_a[places]), np.abs(self.current_a[places + 1]))
+        moved_v = np.abs(self.step_v[places[ends_a < STEADY_SHARE * self.peak_a]])
         return float(moved_v[moved_v > _LOAD_V].sum())
 
     @cached_property
@@ -126,12 +145,17 @@ class Samples:
         step_a, step_v = self.step_a[is_step], self.step_v[is_step]
         resistance_ohm = step_resistance_ohm(step_a, step_v)
         rising = np.sign(np.sum(step_a * step_v))
-        source_v = self.voltage_v - rising * resistance_ohm * self.current_a
-        low_v, high_v = np.quantile(source_v[:: 1 + len(source_v) // _ENOUGH], [0.02, 0.98])
+        source_v = few(self.voltage_v) - rising * resistance_ohm * few(self.current_a)
+        low_v, high_v = np.quantile(source_v, [0.02, 0.98])
         travel_v = float(high_v - low_v)
         if not resistance_ohm or travel_v <= 0:
             return 0.0, travel_v
         return resistance_ohm * 3600 * self.span_ah / travel_v, travel_v
+
+
+def few(values: Float[np.ndarray, "all"]) -> Float[np.ndarray, "some"]:
+    """An even share of many values, whose median and quantiles are as good as those of all."""
+    return values[:: 1 + len(values) // _ENOUGH]
 
 
 def samples_of(lines: Lines) -> Samples:
@@ -176,7 +200,7 @@ def voltage_noise_v(
     # Of more steps a share tells the same.
     every = 1 + len(step_v) // (5 * _ENOUGH)
     steps = step_v[::every][quiet[::every]]
-    steps = steps[:: 1 + len(steps) // _ENOUGH]
+    steps = few(steps)
     moved = np.abs(steps[steps != 0])
     if not len(moved):
         return 0.0

@@ -185,11 +185,11 @@ def _agreement(product: Float[np.ndarray, "steps"]) -> tuple[int, float, int]:
 def _under_sustained_current(samples: Samples) -> Evidence | None:
     """A steady charging current lifts the voltage; weighed by how far it moves."""
     current, voltage = samples.current_a, samples.voltage_v
-    peak = np.max(np.abs(current))
-    is_loaded = np.abs(current) > 0.05 * peak
-    is_steady = np.abs(np.diff(current)) < 0.05 * np.abs(current[1:])
+    magnitude = np.abs(current)
+    is_loaded = magnitude > 0.05 * samples.peak_a
+    is_steady = np.abs(samples.step_a) < 0.05 * magnitude[1:]
     is_steady &= is_loaded[1:] & is_loaded[:-1]
-    noise_v = voltage_noise_v(np.diff(voltage), np.ones(len(voltage) - 1, bool))
+    noise_v = voltage_noise_v(samples.step_v, np.ones(len(voltage) - 1, bool))
     first, last_interval = runs(is_steady)
     last = last_interval + 1
     # Eight intervals keep single relaxations out; what moves less than the noise is no trend.
@@ -218,8 +218,7 @@ def _of_counters(samples: Samples) -> Evidence | None:
     counted_ah = samples.counters.increments_ah(with_net=False)
     if counted_ah is None:
         return None
-    mean_a = (samples.current_a[1:] + samples.current_a[:-1]) / 2
-    integrated_ah = mean_a * np.diff(samples.time_s) / 3600
+    integrated_ah = (samples.begun_ah + samples.ended_ah) / 2
     product = counted_ah * integrated_ah
     size = float(np.sqrt(np.sum(counted_ah**2) * np.sum(integrated_ah**2)))
     cosine = float(product.sum()) / size if size else 0.0

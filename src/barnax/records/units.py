@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import counted
 from .counters import gain_ah
 from .findings import Finding, Severity, found_at
-from .samples import Samples, step_resistance_ohm
+from .samples import Samples, few, step_resistance_ohm
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 _CELL_RANGE_V = (0.5, 6.0)
@@ -259,8 +259,8 @@ def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
 
 def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
     """Why the currents look like milliamperes under an ampere's name, if they do."""
-    magnitude_a = np.abs(samples.current_a)
-    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * magnitude_a.max()]))
+    magnitude_a = np.abs(few(samples.current_a))
+    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * samples.peak_a]))
     moves = f"the record moves {samples.span_ah:.4g} Ah"
     reasons = []
     if loaded_a > _LOADED_A:
@@ -285,5 +285,4 @@ def _throughput_ratio(samples: Samples) -> float | None:
     # A counter printed to 0.1 mAh that moved a few times proves nothing.
     if counted_ah <= 1e-3:
         return None
-    interval_h = np.diff(samples.time_s) / 3600
-    return float(np.sum(np.abs(samples.current_a[1:]) * interval_h)) / counted_ah
+    return float(np.sum(np.abs(samples.ended_ah))) / counted_ah

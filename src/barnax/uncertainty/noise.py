@@ -143,7 +143,7 @@ class Slots:
         most: int = MOST_SLOTS,
     ) -> "Slots":
         """Those of a clock."""
-        interval_s = float(np.median(np.diff(time_s)))
+        interval_s = float(np.median(np.diff(time_s), overwrite_input=True))
         slot_s = max(interval_s, (time_s[-1] - time_s[0]) / (most - 1))
         count = int(np.floor((time_s[-1] - time_s[0]) / slot_s + 0.5)) + 1
         reach = count if longest_s is None else min(math.floor(longest_s / slot_s + 0.5) + 1, count)

@@ -5,10 +5,12 @@ layer, as Neware's reports have for cycles and steps, are left out. Polars reads
 """
 
 import codecs
+import contextlib
 import csv
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -18,6 +20,8 @@ from ..cells import numbers, without_groups
 from ..columns import NEEDED, QUANTITIES, unit_of
 from ..dialects import columns_of, is_ocv_table, names_record, other_table
 from ..table import Reader, Table
+
+Schema = Mapping[str, type[pl.DataType]]
 
 _DELIMITERS = ",;\t|"
 # Cells in columns of blanks, as printed for the eye.
@@ -70,18 +74,17 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     layout = _layout(lines, file, given)
     lead = layout.above + 1
     content, breaks = _without_repeats(content, layout.above)
-    start = _offset(content, lead)
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     header, has_units = _with_units(layout, "".join(lines[lead + blank : lead + blank + 1]))
     _refuse_split_numbers(lines[lead:], layout, file)
     if has_units:
-        start, lead = _offset(content, blank + 1, start), lead + blank + 1
-    delimiter = layout.delimiter
+        lead += blank + 1
+    delimiter, above = layout.delimiter, lead
     if delimiter == _BLANK:
-        content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[start:])
-        content, start, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
-    columns = _columns(content, start, (*header, ""), delimiter, file)
+        content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[_offset(content, lead) :])
+        content, above, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
+    columns = _columns(content, above, (*header, ""), delimiter, file)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
@@ -279,41 +282,54 @@ def _is_unit(text: str) -> bool:
 
 
 def _columns(
-    text: bytes, start: int, header: Sequence[str], delimiter: str, file: str
+    text: bytes, above: int, header: Sequence[str], delimiter: str, file: str
 ) -> list[pl.Series]:
-    """The cells from `start` on: numbers where a column holds nothing else, else text."""
+    """The cells below so many lines: numbers where a column holds nothing else, else text."""
+    start = _offset(text, above)
     if not text[start : start + _PREAMBLE_BYTES].strip() and not text[start:].strip():
         return [pl.Series(str(k), [], dtype=pl.String) for k in range(len(header))]
+    names = [str(k) for k in range(len(header))]
     # The first line tells Polars the width, and testers end the names or the cells with one more
     # delimiter: a line of our own is as wide as the header.
-    wide = delimiter * (len(header) - 1) if len(header) > 1 else '""'
-    content = b"".join([f"{wide}\n".encode(), memoryview(text)[start:]])
-    names = [str(k) for k in range(len(header))]
+    wide = f"{delimiter * (len(header) - 1)}\n".encode() if len(header) > 1 else b'""\n'
+    first = wide + text[start : _offset(text, _GUESSED_LINES, start)]
 
-    def parsed(schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
+    def parsed(content: bytes, schema: Schema, **options: Any) -> pl.DataFrame:
         return pl.read_csv(
             content,
             has_header=False,
             schema=dict(schema),
             separator=delimiter,
-            truncate_ragged_lines=True,
-            encoding="utf8" if content.isascii() else "utf8-lossy",
+            encoding="utf8" if text.isascii() else "utf8-lossy",
             quote_char='"',
-        )[1:]
+            **options,
+        )
 
-    try:
-        frame = parsed(_guessed(content, names, delimiter))
-    except pl.exceptions.PolarsError:
-        # A word among the numbers, or a quote within a cell: as text, a message can quote it.
-        frame = _parsed_as_text(parsed, names, delimiter, file)
-    return without_groups(frame.get_columns())
+    def as_wide_as_the_names() -> pl.DataFrame:
+        """Without a copy of the content, and nothing beyond the names."""
+        schema = _guessed(first, names, delimiter)
+        schema.pop(names[-1])
+        frame = parsed(text, schema, skip_lines=above)
+        return frame.with_columns(pl.lit(None, pl.String).alias(names[-1]))
+
+    def of_any_width(schema: Schema) -> pl.DataFrame:
+        content = b"".join([wide, memoryview(text)[start:]])
+        return parsed(content, schema, truncate_ragged_lines=True)[1:]
+
+    for read in (
+        as_wide_as_the_names,
+        lambda: of_any_width(_guessed(first, names, delimiter)),
+    ):
+        with contextlib.suppress(pl.exceptions.PolarsError):
+            return without_groups(read().get_columns())
+    # A word among the numbers, or a quote within a cell: as text, a message can quote it.
+    return without_groups(_parsed_as_text(of_any_width, names, delimiter, file).get_columns())
 
 
 def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type[pl.DataType]]:
     """Which columns hold numbers, by the first lines; whole numbers may go on with a fraction."""
-    end = _offset(content, _GUESSED_LINES)
     frame = pl.read_csv(
-        content[:end],
+        content,
         has_header=False,
         new_columns=names,
         separator=delimiter,
@@ -328,7 +344,7 @@ def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type
 
 
 def _parsed_as_text(
-    parsed: Callable[[Mapping[str, type[pl.DataType]]], pl.DataFrame],
+    parsed: Callable[[Schema], pl.DataFrame],
     names: list[str],
     delimiter: str,
     file: str,

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
 from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell, workbook
 

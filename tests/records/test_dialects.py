@@ -73,6 +73,9 @@ def test_a_mark_is_first_of_its_own_make(dialect):
 
 # Names as other programs and languages write them: whose they are, and seconds and amperes a unit.
 HEADERS = {
+    "Schritt Nr.,Zeitstempel,Programm Zeit,Schritt Zeit,Spannung,Strom": ("Digatron", 1, 1),
+    "Record number,State,Current(A),Voltage(V),Relative Time(h:min:s.ms)": ("Neware", 1, 1),
+    "step,time s,voltage V,current mA": ("plain", 1, 1e-3),
     "DataSequence,StepNo,Type,TotTime(H:M:S),Voltage(V),Current(A)": ("plain", 1, 1),
     "Date_Time,Test_Time(s),Step_Index,Current(mA),Voltage(V)": ("Arbin", 1, 1e-3),
     "Data Point,Test Time (s),Step Index,Current (A),Voltage (V)": ("Arbin", 1, 1),

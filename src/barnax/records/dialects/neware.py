@@ -31,7 +31,7 @@ NEWARE = Dialect(
     names={
         "time": "total time|cumulative time|test time|总时间|累计时间|测试时间",
         "step time": "step time|time|relative time|工步时间|相对时间|时间",
-        "date": "unix time|date|absolute time|realtime|system time|date time|timestamp|"
+        "date": "unix time|date|absolute time|realtime|real time|system time|date time|timestamp|"
         "系统时间|绝对时间|日期",
         "current": "current|cur|电流",
         "voltage": "voltage|volt|vol|电压",

@@ -9,7 +9,9 @@ from .conftest import contents
 
 
 def test_a_replay_is_a_screen_a_file_and_a_figure(run, finished, tmp_path):
-    outcome = run("soc", finished.folder, BUNDLED.validation, "--filter", "ukf", "--estimate", "", "--paper")
+    outcome = run(
+        "soc", finished.folder, BUNDLED.validation, "--filter", "ukf", "--estimate", "", "--paper"
+    )
     assert outcome.status == 0, outcome.err
     lines = outcome.out.splitlines()
     assert len(lines) <= 16

@@ -1,5 +1,6 @@
 """What every test shares: the data it may use."""
 
+import gc
 import os
 import shutil
 import tempfile
@@ -29,6 +30,8 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
         # Most programs run once here: optimizing them takes a quarter of the suite's time.
         os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+    # As `barnax` itself: traced programs are many objects and little garbage.
+    gc.set_threshold(50_000, 20, 20)
     # JAX has read its settings already where it was imported before.
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

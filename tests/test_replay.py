@@ -51,7 +51,7 @@ def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
     assert "Overconfident" not in dict(soc_lines(replay))
     part = replay.scenarios[0].model_copy(update={"in_band": 0.131})
     told = dict(soc_lines(replay.model_copy(update={"scenarios": (part,)})))
-    assert "contains the reference 13 % of the time" in told["Overconfident"]
+    assert "contains the reference SOC 13 % of the time" in told["Overconfident"]
 
 
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):

@@ -14,6 +14,7 @@ import fastnda
 import numpy as np
 import polars as pl
 
+from barnax.checks import check_file
 from barnax.records import read_record, read_source
 from benchmarks.pages import as_markdown, provenance, save_page
 
@@ -50,6 +51,7 @@ def _rows(what: str, file: Path, alone: Run, name: str, aim: float, sizes: Sizes
         "alone": alone,
         "table": Run(lambda: read_source(file)),
         "record": Run(lambda: read_record(file)),
+        "check": Run(lambda: check_file(file)),
     }
     taken = take_turns(runs, sizes.turns)
     return [
@@ -65,6 +67,7 @@ def _rows(what: str, file: Path, alone: Run, name: str, aim: float, sizes: Sizes
         for ours, words, own_aim in (
             ("table", "read", aim),
             ("record", "read and checked, sign and hold decided", None),
+            ("check", "looked through by `barnax check`", None),
         )
     ]
 

@@ -40,6 +40,8 @@ Outcome = TypeVar("Outcome")
 
 # Runs go in blocks of one fixed shape, so a seed's bits do not depend on how many run beside it.
 SEEDS_PER_BLOCK = 8
+# Circuits in a block that are refined or evaluated: mostly there are one or two.
+CIRCUITS_PER_BLOCK = 4
 # Enough for a comparison of all methods on a few models; the oldest program is let go.
 PROGRAMS_KEPT = 64
 
@@ -71,16 +73,14 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         return _programs[wanted]
 
 
-def seed_blocks(seeds: int) -> list[list[int]]:
+def seed_blocks(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[list[int]]:
     """Seed numbers in blocks of one size; the last one is filled up with further seeds."""
-    return [
-        list(range(first, first + SEEDS_PER_BLOCK)) for first in range(0, seeds, SEEDS_PER_BLOCK)
-    ]
+    return [list(range(first, first + size)) for first in range(0, seeds, size)]
 
 
-def wanted_rows(seeds: int) -> list[int]:
+def wanted_rows(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[int]:
     """How many rows of each block are seeds that were asked for."""
-    return [min(SEEDS_PER_BLOCK, seeds - first) for first in range(0, seeds, SEEDS_PER_BLOCK)]
+    return [min(size, seeds - first) for first in range(0, seeds, size)]
 
 
 def run_blocks(

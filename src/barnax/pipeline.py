@@ -236,7 +236,8 @@ def _search_and_assess(
     advise: bool,
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
-    with ThreadPoolExecutor(max_workers=3) as beside:
+    # A fleet has a process for every core: threads would only take turns.
+    with ThreadPoolExecutor(max_workers=3 if advise else 1) as beside:
         compiling = beside.submit(Descent, problem) if settings.seeds else None
         looking = beside.submit(_optimum_or_none, problem)
         tabulated = settings.circuit(problem.cell, "soc")

@@ -377,6 +377,19 @@ def test_a_gap_between_two_rests_is_not_in_doubt(tmp_path):
     assert "nothing seems to happen" in found(outcome, "gaps").what
 
 
+def test_an_interval_as_long_as_the_usual_ones_elsewhere_is_no_gap(tmp_path):
+    """A log every 5 s, and every 0.1 s on both sides of some of its intervals."""
+    interval_s = np.full(len(DRIVE) - 1, 5.0)
+    for start in range(1000, 9000, 200):
+        interval_s[start : start + 20] = 0.1
+        interval_s[start + 10] = 5.018
+    slow = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
+    assert "gaps" not in {each.check for each in checked(tmp_path, slow).findings}
+    interval_s[3010] = 31.0
+    holed = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
+    assert "a gap of 31 s" in found(checked(tmp_path, holed), "gaps").what
+
+
 def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
     low = OUT.filter(pl.col(TIME) > 100_000)
     outcome = checked(tmp_path, pl.concat([OUT.filter(pl.col(TIME) < 4000), low]))

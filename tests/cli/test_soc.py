@@ -9,13 +9,16 @@ from .conftest import contents
 
 
 def test_a_replay_is_a_screen_a_file_and_a_figure(run, finished, tmp_path):
-    outcome = run("soc", finished.folder, BUNDLED.validation, "--filter", "ukf", "--estimate", "")
+    outcome = run(
+        "soc", finished.folder, BUNDLED.validation, "--filter", "ukf", "--estimate", "", "--paper"
+    )
     assert outcome.status == 0, outcome.err
     lines = outcome.out.splitlines()
     assert len(lines) <= 16
     assert max(map(len, lines)) <= 80
     assert all(any(line.strip().startswith(each.name) for line in lines) for each in SCENARIOS)
     files = {"soc.json", "figures/soc.png", "timings.json", "files.json"}
+    files |= {f"figures/paper/soc.{kind}" for kind in ("pdf", "svg")}
     assert {f"barnax-soc/{each}" for each in files} <= set(contents(tmp_path))
     stored = json.loads((tmp_path / "barnax-soc/soc.json").read_text())
     assert stored["settings"]["kind"] == "ukf"

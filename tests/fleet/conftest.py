@@ -11,12 +11,12 @@ COLUMNS = ("Test Time / s", "Current / A", "Voltage / V")
 SAMPLES = (300, 337, 350, 361)
 
 
-def write_cell(path, cell, samples, seed, r0_ohm=0.05):
-    """A drive from 80 % SOC on, by the reference, in a charge-positive file."""
+def write_cell(path, cell, samples, seed, r0_ohm=0.05, soc=0.8):
+    """A drive from a SOC on, by the reference, in a charge-positive file."""
     time_s = np.arange(samples) * 1.0
     current_a = drive_a(samples, seed)
     charge_ah = np.append(0.0, np.cumsum(current_a[:-1])) / 3600
-    source_v = cell.average_ocv_v(0.8 - charge_ah / cell.capacity_ah)
+    source_v = cell.average_ocv_v(soc - charge_ah / cell.capacity_ah)
     drop = drop_v(looped_response, time_s, current_a, (r0_ohm, (0.01, 0.02), (5.0, 80.0)))
     noise_v = np.random.default_rng(seed).normal(0, 1e-3, samples)
     columns = (time_s, -current_a, source_v - drop + noise_v)

@@ -9,13 +9,14 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from barnax.errors import InputError
-from barnax.fleet import identify_fleet, read_manifest
+from barnax.fleet import cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
+from barnax.fleet.rows import identify_cell
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.records import read_record
 
-from .conftest import SAMPLES, comparable
+from .conftest import SAMPLES, comparable, write_cell
 
 # What a row says in place of an identification, where only the engine is looked at.
 ROW = {"id": "", "error": None, "RMSE [V]": 0.01, "seconds": 1.0, "warnings": []}
@@ -234,3 +235,22 @@ def test_a_problem_in_memory_has_a_row_too(small_fleet, bundled_cell, alone, tmp
     expected = alone.filter(pl.col("id") == "cell 0").to_dicts()[0]
     assert row["R0 [Ohm]"] == expected["R0 [Ohm]"]
     assert threading.active_count() < 50
+
+
+def test_validation_records_start_at_an_soc_of_their_own(small_fleet, bundled_cell, tmp_path):
+    # The parameters of the fleet's first cell, whose noise is 1 mV.
+    write_cell(tmp_path / "later.parquet", bundled_cell, 350, 7, soc=0.5)
+    (cell, *_), _ = read_manifest(small_fleet / "manifest.csv")
+    row = {
+        "id": "own",
+        "records": cell.records,
+        "ocv": cell.ocv,
+        "initial_soc": 0.8,
+        "model": "1rc",
+    }
+    row |= {"validate": tmp_path / "later.parquet", "validate_initial_soc": 0.5, "model": "1rc"}
+    found = identify_cell(cell_of(row), {"seeds": 0, "trust": "none"})
+    assert found["error"] is None
+    assert found["validation RMSE [V]"] == pytest.approx(found["RMSE [V]"], rel=0.3)
+    wrong = identify_cell(cell_of(row | {"validate_initial_soc": 0.6}), {"seeds": 0})
+    assert wrong["validation RMSE [V]"] > 10 * found["RMSE [V]"]

@@ -1,5 +1,6 @@
 """Every make's dialect gives the record that was written, from small files of our own."""
 
+import datetime
 import gzip
 import io
 import os
@@ -72,6 +73,10 @@ def test_a_mark_is_first_of_its_own_make(dialect):
 
 # Names as other programs and languages write them: whose they are, and seconds and amperes a unit.
 HEADERS = {
+    "Schritt Nr.,Zeitstempel,Programm Zeit,Schritt Zeit,Spannung,Strom": ("Digatron", 1, 1),
+    "Record number,State,Current(A),Voltage(V),Relative Time(h:min:s.ms)": ("Neware", 1, 1),
+    "step,time s,voltage V,current mA": ("plain", 1, 1e-3),
+    "DataSequence,StepNo,Type,TotTime(H:M:S),Voltage(V),Current(A)": ("plain", 1, 1),
     "Date_Time,Test_Time(s),Step_Index,Current(mA),Voltage(V)": ("Arbin", 1, 1e-3),
     "Data Point,Test Time (s),Step Index,Current (A),Voltage (V)": ("Arbin", 1, 1),
     "数据序号,循环号,工步号,工步类型,时间,总时间,电流(A),电压(V),容量(Ah)": ("Neware", 1, 1),
@@ -212,6 +217,121 @@ def test_durations_of_a_workbook_and_dates_are_times():
         require_the_record(record_from_frame(TABLE.with_columns(times.alias(TIME))))
 
 
+# What stands above and in every row of exports that have no writer of their own.
+EXPORTS = {
+    "Bitrode": (
+        '"Total Time, (h:m:s)","Cycle","Loop Counter #1","Step","Current, A","Voltage, V","Mode"',
+        '"{clock}",1,0,1,{ampere},{volt},"CHRG"',
+    ),
+    "units behind commas": (
+        "Time,s;Test step;E,J;I,A;P,W;Q,As;U,V",
+        "{second};1;0;{ampere};0;0;{volt}",
+    ),
+    "mV and mA": ("Time\tmV\tmA\tTemperature", "{clock}\t{millivolt}\t{milliampere}\t25"),
+    "Basytec with dates": (
+        "~Time[s] DataSet DateTime Line U[V] I[A]",
+        "{second} 1 2026-01-01 00:00:00 1 {volt} {ampere}",
+    ),
+    "Neware in millivolts": (
+        "Record ID,Step ID,Status,Time(H:M:S:ms),Vol(mV),Cur(mA)",
+        "1,1,CC,{clock}:000,{millivolt},{milliampere}",
+    ),
+    "Wonik": (
+        "StepNo,Type,StepTime(H:M:S),TotTime(H:M:S),Voltage(V),Current(A)",
+        "1,Rest,00:00:00,{clock},{volt},{ampere}",
+    ),
+    "VersaStudio": ("Segment,Point,E(V),I(A),Elapsed Time(s)", "0,1,{volt},{ampere},{second}"),
+    "a clock in words": (
+        "Record_number,current_A,voltage_V,Relative_Time_h_min_s.ms_",
+        "1,{ampere},{volt},{clock}.000",
+    ),
+    "channels": (
+        "Testtime,StepID,Steptime,Channel Voltage,Channel Current",
+        "{second},1,0,{volt},{ampere}",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_an_export_of_another_program_is_read(tmp_path, name):
+    header, row = EXPORTS[name]
+    text = ""
+    for second, ampere, volt in TABLE.select(TIME, CURRENT, VOLTAGE).iter_rows():
+        text += row.format(
+            second=second,
+            clock=f"{int(second) // 3600}:{int(second) // 60:02d}:{int(second) % 60:02d}",
+            ampere=repr(ampere),
+            milliampere=repr(1e3 * ampere),
+            volt=repr(volt),
+            millivolt=repr(1e3 * volt),
+        )
+        text += "\n"
+    text = text.replace(".", ",") if name == "units behind commas" else text
+    require_the_record(read(tmp_path, f"{header}\n{text}".encode()))
+
+
+@pytest.mark.parametrize("form", ["%M:%S.%f", "%I:%M:%S %p", "%H:%M:%S"])
+def test_a_clock_of_the_day_or_of_the_hour_runs_on(form):
+    evening = datetime.datetime(2026, 1, 1, 23, 10)
+    seconds = np.arange(300) * 20
+    clock = [(evening + datetime.timedelta(seconds=int(each))).strftime(form) for each in seconds]
+    record = record_from_frame(TABLE.with_columns(pl.Series(TIME, clock)))
+    np.testing.assert_allclose(record.time_s - record.time_s[0], seconds)
+
+
+def test_a_clock_of_two_parts_without_a_fraction_is_refused():
+    clock = [f"{k // 60:02d}:{k % 60:02d}" for k in range(300)]
+    with pytest.raises(InputError, match="'00:00' stands under 'Test Time / s'"):
+        record_from_frame(TABLE.with_columns(pl.Series(TIME, clock)))
+
+
+def test_a_clock_of_the_steps_need_not_begin_at_zero():
+    step = np.arange(300) // 3
+    table = TABLE.with_columns(
+        pl.Series("Step Index / 1", step), pl.Series(TIME, 1.0 + np.arange(300) % 3)
+    )
+    record = record_from_frame(table)
+    np.testing.assert_allclose(np.diff(record.time_s), 1)
+
+
+def test_units_below_the_names_of_a_workbook_are_theirs(tmp_path):
+    rows = [[t, 1e3 * i, v] for t, i, v in TABLE.select(TIME, CURRENT, VOLTAGE).iter_rows()]
+    content = workbook({"cell": [["Time", "Current", "Voltage"], ["s", "mA", "V"], *rows]})
+    record = read(tmp_path, content, "cell.xlsx")
+    require_the_record(record)
+    assert record.row[0] == 3
+
+
+def test_lines_of_words_between_the_rows_are_left_out(tmp_path):
+    """As Repower writes one where a step begins; the state, not a sign, tells a rest."""
+    text = "Cycle ID,Step ID,Record ID,Step State,System Time,Relative Time(Sec),Voltage(V),"
+    text += "Current(A),\n"
+    for k, (_, ampere, volt) in enumerate(TABLE.select(TIME, CURRENT, VOLTAGE).iter_rows()):
+        if k % 100 == 0:
+            text += f"\u25a1{k // 100}: 1 Still(1--6001): 0.000Ah [0.000Wh],,,,,,,,\n"
+        stamp = f"2024-04-30 12:{k // 60:02d}:{k % 60:02d}"
+        text += f"1,{k // 100},{k},Still,{stamp},{k % 100},{volt!r},{ampere!r},\n"
+    record = read(tmp_path, text.encode("gb18030"))
+    require_the_record(record)
+    assert "left out 3 lines of words between the rows" in " ".join(record.warnings)
+    assert record.row[[0, 99, 100]].tolist() == [3, 102, 104]
+
+
+def test_german_dates_are_a_clock(tmp_path):
+    rows = [
+        f"01.02.2026 10:{k // 60:02d}:{k % 60:02d};{ampere!r};{volt!r}\n"
+        for k, (_, ampere, volt) in enumerate(TABLE.select(TIME, CURRENT, VOLTAGE).iter_rows())
+    ]
+    text = "Datum;Strom [A];Spannung [V]\n" + "".join(rows)
+    require_the_record(read(tmp_path, text.encode()))
+
+
+def test_a_table_without_names_is_told_to_have_none(tmp_path):
+    rows = "".join(f"11/27/2018 8:41:{k} PM,{k},PAU,0:00:0{k}.0,3.7,0.1,{k}\n" for k in range(9))
+    with pytest.raises(InputError, match="numbers, not names; write a row of names above it"):
+        read(tmp_path, rows.encode())
+
+
 def test_cells_of_a_workbook_shown_as_durations_are_times(tmp_path):
     """Excel stores days; the style of the cells says that they are a duration."""
     names = ["Time", "Current (A)", "Voltage (V)"]
@@ -247,7 +367,9 @@ def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):
         threading.Thread(target=write).start()
         with os.fdopen(reading) as stream:
             monkeypatch.setattr("sys.stdin", stream)
-            require_the_record(read_record(name.format(reading)))
+            record = read_record(name.format(reading))
+            require_the_record(record)
+            assert record.name == ("standard input" if name == "-" else "piped file")
 
 
 @pytest.mark.parametrize(

@@ -253,7 +253,7 @@ def _is_counted(given: CheckInput, first: int, last: int) -> bool:
     """Whether the tester itself counted the charge of a run, which is then no rest."""
     counters = given.samples.counters.both
     counted_ah = sum(float(counter[last] - counter[first]) for counter in counters)
-    moved_ah = abs(float(np.diff(given.record.discharged_ah[[first, last]])[0]))
+    moved_ah = abs(float(given.moved_ah[first:last].sum()))
     return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
 

@@ -12,6 +12,8 @@ from .roles import FINE_S
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
 _GAP, _BESIDE = 3.0, 7
+# Such intervals are gaps only if of those within so much of their length more than this share are.
+_ALIKE, _FEW_ALIKE = 0.02, 0.05
 # What a gap hides is of no account below this share of the capacity, and this jump of voltage.
 _HIDDEN_SHARE, _HIDDEN_V = 1e-3, 0.02
 # Intervals this long under load, beside others a tenth as long, hide what the load did.
@@ -166,7 +168,16 @@ def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
     before[likely == 0] = -np.inf
     after[likely == len(interval_s) - 1] = -np.inf
     usual_s = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
-    return likely[interval_s[likely] > _GAP * usual_s]
+    gaps = likely[interval_s[likely] > _GAP * usual_s]
+    # Intervals of a length that is common elsewhere are how the tester samples.
+    alone, all_s = (np.sort(each) for each in (interval_s[gaps], interval_s))
+    counts = (
+        np.searchsorted(each, interval_s[gaps] * (1 + _ALIKE), "right")
+        - np.searchsorted(each, interval_s[gaps] * (1 - _ALIKE))
+        for each in (alone, all_s)
+    )
+    among_gaps, among_all = counts
+    return gaps[among_gaps > _FEW_ALIKE * among_all]
 
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3

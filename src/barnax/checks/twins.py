@@ -34,9 +34,9 @@ def find_twins(source: Source, given: CheckInput) -> Iterator[Finding]:
         own = getattr(given.samples, f"{name}_{'v' if name == 'voltage' else 'a'}")
         for column in _others(table, name, given.samples.columns[name]):
             lines = take_lines(table, {name: column})
-            place = dict(zip(lines.row.tolist(), range(len(lines.row)), strict=True))
-            at = [place.get(row, -1) for row in given.samples.row.tolist()]
-            if len(given.samples.sheets) > 1 or -1 in at:
+            rows = given.samples.row
+            at = np.minimum(np.searchsorted(lines.row, rows), len(lines.row) - 1)
+            if len(given.samples.sheets) > 1 or np.any(lines.row[at] != rows):
                 continue
             values = lines.values[name][at]
             if np.isfinite(values).all() and np.ptp(values) > 0:

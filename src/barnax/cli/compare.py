@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .groups import grouped
-from .options import Output, Rows, SearchOptions, require_choice, run_options
+from .options import Output, Paper, Rows, SearchOptions, require_choice, run_options
 from .output import DEFAULT_FOLDER, write_results
 from .record_options import Files, RecordOptions
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..comparison import Comparison, ComparisonResult
+    from ..reporting.illustrations import Illustration
 
 # What of the report stands in the terminal unless everything is asked for.
 SHOWN = {
@@ -43,6 +44,7 @@ def compare(
             show_default=False,
         ),
     ] = None,
+    paper: Paper = False,
 ) -> None:
     """Compare models and methods on one cell, and write a report with tables and figures.
 
@@ -74,7 +76,7 @@ def compare(
     written: set[str] = set()
     if folder is not None:
         answer = {"comparison.json": result.to_json().encode()}
-        draw = partial(_report, result, comparison, seconds)
+        draw = partial(_report, result, comparison, seconds, paper)
         folder, written = write_results(session, folder, answer, draw, output.force)
     if output.as_json:
         typer.echo(result.to_json(), nl=False)
@@ -148,13 +150,26 @@ def _names(text: str) -> dict[str, None]:
 
 
 def _report(
-    result: "ComparisonResult", comparison: "Comparison", seconds: dict[str, float]
+    result: "ComparisonResult", comparison: "Comparison", seconds: dict[str, float], paper: bool
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
-    from ..reporting import comparison_document, comparison_illustrations, report_files
+    from ..plots import column_width
+    from ..reporting import (
+        comparison_document,
+        comparison_illustrations,
+        paper_files,
+        report_files,
+    )
 
-    drawn = comparison_illustrations(result, comparison, comparison.optima)
-    return report_files(comparison_document(result, drawn, seconds).spelled(as_flags), drawn)
+    def draw() -> "list[Illustration]":
+        return comparison_illustrations(result, comparison, comparison.optima)
+
+    drawn = draw()
+    files = report_files(comparison_document(result, drawn, seconds).spelled(as_flags), drawn)
+    if paper:
+        with column_width():
+            files |= paper_files(draw())
+    return files
 
 
 def optimizers() -> None:

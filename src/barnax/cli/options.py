@@ -46,6 +46,17 @@ StoredResult = Annotated[
 ]
 
 
+Paper = Annotated[
+    bool,
+    flag(
+        OUTPUT,
+        "--paper",
+        "Also write figures/paper: every figure as PDF and SVG, one journal column wide "
+        "(89 mm, 7 pt).",
+    ),
+]
+
+
 @dataclass(frozen=True)
 class SearchOptions:
     """The box, and the search in it."""
@@ -141,15 +152,7 @@ class Choices:
     report: Annotated[
         bool, flag(OUTPUT, "--report", "Also write report.html and report.md, with every figure.")
     ] = False
-    paper: Annotated[
-        bool,
-        flag(
-            OUTPUT,
-            "--paper",
-            "Also write figures/paper: every figure as PDF and SVG, one journal column wide "
-            "(89 mm, 7 pt).",
-        ),
-    ] = False
+    paper: Paper = False
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from .groups import FILTER, WINDOW, flag, grouped, option
-from .options import Output, StoredResult
+from .options import Output, Paper, StoredResult
 from .output import write_results
 from .record_options import Hold, RecordOptions, Sign
 from .results import load, stored_window
@@ -71,6 +71,7 @@ def soc(
         bool,
         flag(WINDOW, "--whole-record", "Replay the whole record, ignoring the stored window."),
     ] = False,
+    paper: Paper = False,
 ) -> None:
     """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
 
@@ -93,7 +94,9 @@ def soc(
         )
     if folder is not None:
         answer = {"soc.json": replay.to_json().encode()}
-        folder, _ = write_results(session, folder, answer, partial(_draw, replay), output.force)
+        folder, _ = write_results(
+            session, folder, answer, partial(_draw, replay, paper), output.force
+        )
     if output.as_json:
         typer.echo(replay.to_json(), nl=False)
     session.show(soc_screen(replay))
@@ -102,8 +105,14 @@ def soc(
     session.warn(as_flags(text) for text in replay.warnings)
 
 
-def _draw(replay: "SocReplay") -> dict[str, bytes]:
-    from ..plots import plot_soc_replay
+def _draw(replay: "SocReplay", paper: bool) -> dict[str, bytes]:
+    from ..plots import column_width, plot_soc_replay
     from ..plots.style import encode
+    from ..reporting import paper_files
+    from ..reporting.illustrations import Illustration
 
-    return {"figures/soc.png": encode(plot_soc_replay(replay), dpi=180)}
+    files = {"figures/soc.png": encode(plot_soc_replay(replay), dpi=180)}
+    if paper:
+        with column_width():
+            files |= paper_files([Illustration("soc", plot_soc_replay(replay), "", "")])
+    return files

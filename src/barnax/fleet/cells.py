@@ -22,9 +22,10 @@ OPTIONS = (
 class FleetCell:
     """A cell, or one test of it: its files, options, and the columns copied to its row.
 
-    `window` has fields of a `Window`, `options` arguments of `barnax.identify`. `cell` is the
-    result.json whose cell model is used instead of OCV tests. `missing` are the files and
-    patterns that were not found. `problem` replaces all files.
+    `window` has fields of a `Window`, `validate_window` those that differ for validation records;
+    `options` are arguments of `barnax.identify`. `cell` is the result.json whose cell model is used
+    instead of OCV tests. `missing` are the files and patterns that were not found. `problem`
+    replaces all files.
     """
 
     id: str
@@ -34,6 +35,7 @@ class FleetCell:
     cell: str | None = None
     bounds: str | None = None
     window: Mapping[str, Any] = field(default_factory=dict)
+    validate_window: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     carried: Mapping[str, Any] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
@@ -49,8 +51,8 @@ class FleetCell:
         """What changes where an input or a setting does: files by path, size and time of change."""
         known = [
             *(__version__, self.id, _plain(settings), self.records, self.ocv, self.validate),
-            *(self.cell, self.bounds, _plain(self.window), _plain(self.options)),
-            *(_plain(self.carried), self.missing, [stamp(path) for path in self.files]),
+            *(self.cell, self.bounds, self.missing, [stamp(path) for path in self.files]),
+            *map(_plain, (self.window, self.validate_window, self.options, self.carried)),
         ]
         content = json.dumps(known, default=str).encode()
         if self.problem is not None:

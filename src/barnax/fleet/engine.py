@@ -43,6 +43,13 @@ DIED = (
 )
 # What an engine raises where it gave a task up because workers died.
 WORKER_DIED = ("KilledWorker",)
+# What Dask's processes do every few milliseconds beside their work: nobody looks at it here.
+QUIET_DASK = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.monitor-interval": "1s",
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
+}
 Batch = tuple[tuple[str, FleetCell], ...]
 
 
@@ -274,6 +281,7 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
     """Dask's own executor, on a scheduler that runs or on a cluster of this machine's processes,
     and how many threads its workers have now."""
     try:
+        import dask.config  # pyright: ignore[reportMissingImports]
         from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
     except ImportError as problem:
         raise InputError(
@@ -282,6 +290,7 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
     with ExitStack() as stack:
         where: Any = address
         if address == "local":
+            stack.enter_context(dask.config.set(QUIET_DASK))
             where = stack.enter_context(
                 LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0")
             )

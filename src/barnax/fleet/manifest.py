@@ -18,7 +18,10 @@ FILES = ("records", "ocv", "validate")
 ALIKE = {"record": "records", "circuit": "model"}
 # Between several files in one cell of a table.
 SEPARATOR = ";"
-KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *WINDOW_OPTIONS}
+# Before what is known of validation records only.
+OF_VALIDATION = "validate_"
+OF_WINDOWS = {*WINDOW_OPTIONS, *(OF_VALIDATION + name for name in WINDOW_OPTIONS)}
+KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
 
 
 def read_manifest(
@@ -131,6 +134,7 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
         cell=model,
         bounds=bounds,
         window=_window(row, where),
+        validate_window=_window(row, where, OF_VALIDATION),
         options={each: row[each] for each in OPTIONS if each in row},
         carried={each: row[each] for each in row if each not in KNOWN and each != "problem"},
         missing=tuple(missing),
@@ -138,9 +142,10 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
     )
 
 
-def _window(row: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _window(row: Mapping[str, Any], where: str, whose: str = "") -> dict[str, Any]:
     found = {}
-    for asked, (name, parse, example) in WINDOW_OPTIONS.items():
+    for option, (name, parse, example) in WINDOW_OPTIONS.items():
+        asked = whose + option
         if asked not in row:
             continue
         value = row[asked]

@@ -4,6 +4,7 @@ import functools
 import hashlib
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from ..cell import CellModel, OcvTable, characterize, read_ocv_test
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
-from ..gather import Reading, Settings, input_warnings, source_of
+from ..gather import Reading, Settings, file_names, input_warnings, source_of
 from ..model.window import Window
 from ..pipeline import identify, identify_problem
 from ..records import Record, source_from_frame
@@ -62,14 +63,14 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     if cell.missing:
         raise InputError(f"{', '.join(cell.missing)}: does not exist; correct the manifest")
     chosen |= cell.options
-    window = Window(**cell.window)
+    window, windows = Window(**cell.window), _windows(cell)
     reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})
     names = ("ocv_capacity", "ocv_fit", "hysteresis_fit")
     fits = tuple((name, chosen.pop(name)) for name in names if name in chosen)
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say.
         found = identify(
-            list(cell.records), validate=list(cell.validate), bounds=cell.bounds, window=window,
+            list(cell.records), validate=list(cell.validate), bounds=cell.bounds, window=windows,
             reading=reading, advise=False, **dict(fits), **chosen,
         )  # fmt: skip
         return found, found.warnings
@@ -83,7 +84,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         ocv=known.tests,
         cell=known.model,
         bounds=cell.bounds,
-        window=window,
+        window=windows,
         reading=reading,
         advise=False,
         **chosen,
@@ -93,6 +94,17 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     measured = [(each.record.name, each.temperature_degc) for each in used]
     more = compare_temperatures(measured, known.temperatures_degc)
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
+
+
+def _windows(cell: FleetCell) -> Window | dict[str, Window]:
+    """One window for all records, or also what those for validation have of their own."""
+    common = Window(**cell.window)
+    if not cell.validate_window:
+        return common
+    own = replace(common, **cell.validate_window)
+    names = file_names([path for path in (*cell.records, *cell.validate) if not is_address(path)])
+    called = (short_name(path) if is_address(path) else names[Path(path)] for path in cell.validate)
+    return {"": common, **dict.fromkeys(called, own)}
 
 
 class _Known(NamedTuple):

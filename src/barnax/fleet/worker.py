@@ -24,6 +24,8 @@ from .dataset import count_rows, marking, write_rows
 MALLOC_OPTIONS = {-1: 1 << 29, -3: 1 << 29}  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
 # One program at a time, on one thread: cores are shared among processes. The bits are the same.
 XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+# How many threads XLA keeps for itself; with one a core, they wake each other all the time.
+XLA_THREADS = {"NPROC": "1"}
 WATCH_S = 0.5
 
 
@@ -71,6 +73,7 @@ def prepare_process() -> None:
         # Once: a process inherits them, and another text is another key in the cache.
         own = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")
         os.environ["XLA_FLAGS"] = f"{own.strip()} {XLA_FLAGS}".strip()
+        os.environ.update(XLA_THREADS)
         cache = platformdirs.user_cache_path("barnax") / "jax"
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..model.inputs import PreparedRecord, other_direction, prepare_record, settle_direction
-from ..model.problem import Problem
+from ..model.problem import BOX, Problem
 from ..records import Decision
 from ..records.record import Hold
 from .search import find_global_optimum
@@ -24,7 +24,8 @@ def with_better_directions(problem: Problem) -> Problem:
             if records[place] is not prepared:
                 problem = problem.keeping_computed(prepared_records=tuple(records))
             continue
-        tried = replace(problem, prepared_records=(*records[:place], other, *records[place + 1 :]))
+        turned = (*records[:place], other, *records[place + 1 :])
+        tried = problem.keeping_computed(BOX, prepared_records=turned)
         try:
             own_v, other_v = (
                 find_global_optimum(each, prove=False).rmse_v for each in (problem, tried)

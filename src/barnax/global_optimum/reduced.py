@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,6 +20,8 @@ from ..model.search_space import ResistanceBounds
 RIDGE = 1e-13
 # Guesses of which unknowns are at a bound; those few problems that still change are enumerated.
 GUESSES = 10
+# Active sets, over all problems, that are tried at once.
+SETS_AT_ONCE = 4096
 
 Unknowns = Float[np.ndarray, "unknowns problems"]
 
@@ -42,18 +45,11 @@ def least_in_box(
     normal = normal / scale[:, None] / scale
     gradient, box = gradient / scale, (low, high)
     low, high = low * scale, high * scale
-    held = low >= high
-    at_low = at_high = np.zeros_like(held)
+    given = [normal, gradient, low, high, low >= high]
+    at_low = at_high = np.zeros(low.shape, bool)
     found, open_problems = low.copy(), np.arange(low.shape[1])
     for _ in range(GUESSES):
-        here = np.ix_(np.arange(len(low)), open_problems)
-        h, g, least, most, pinned = (
-            normal[:, :, open_problems],
-            gradient[here],
-            low[here],
-            high[here],
-            held[here],
-        )
+        h, g, least, most, pinned = given
         is_free = ~(at_low | at_high | pinned)
         x = _free_minimum(h, g, np.where(at_high, most, least), is_free)
         slope = g + _times(h, x)
@@ -61,49 +57,54 @@ def least_in_box(
         now_high = ((is_free & (x > most)) | (at_high & (slope <= 0))) & ~pinned
         settled = np.all((now_low == at_low) & (now_high == at_high), axis=0)
         found[:, open_problems[settled]] = np.clip(x, least, most)[:, settled]
-        open_problems = open_problems[~settled]
         at_low, at_high = now_low[:, ~settled], now_high[:, ~settled]
+        open_problems, *given = (each[..., ~settled] for each in (open_problems, *given))
         if not len(open_problems):
             break
     if len(open_problems):
-        here = np.ix_(np.arange(len(low)), open_problems)
-        found[here] = _enumerated(
-            normal[:, :, open_problems], gradient[here], low[here], high[here]
-        )
+        found[:, open_problems] = _enumerated(*given[:-1])
     return np.clip(found / scale, *box)
 
 
 def _enumerated(normal, gradient: Unknowns, low: Unknowns, high: Unknowns) -> Unknowns:
     """The best of all active sets, each moved into the box."""
-    least, best = np.full(low.shape[1], np.inf), low.copy()
-    for sides in itertools.product((-1, 0, 1), repeat=len(low)):
-        side = np.array(sides)[:, None]
-        is_free = (side == 0) & (low < high)
-        x = _free_minimum(normal, gradient, np.where(side > 0, high, low), is_free)
-        x = np.clip(x, low, high)
-        value = np.sum(x * (2 * gradient + _times(normal, x)), axis=0)
-        best = np.where(value < least, x, best)
-        least = np.minimum(value, least)
+    sides = np.array([*itertools.product((-1, 0, 1), repeat=len(low))]).T[..., None]
+    step, best = max(1, SETS_AT_ONCE // sides.shape[1]), low.copy()
+    for first in range(0, low.shape[1], step):
+        here = slice(first, first + step)
+        h, g, least, most = (each[..., None, here] for each in (normal, gradient, low, high))
+        x = _free_minimum(h, g, np.where(sides > 0, most, least), (sides == 0) & (least < most))
+        x = np.clip(x, least, most)
+        value = np.sum(x * (2 * g + _times(h, x)), axis=0)
+        lowest = np.argmin(np.where(np.isnan(value), np.inf, value), axis=0)
+        best[:, here] = np.take_along_axis(x, lowest[None, None], axis=1)[:, 0]
     return best
 
 
-def _free_minimum(normal, gradient: Unknowns, x: Unknowns, is_free: Bool[np.ndarray, "..."]):
+def _free_minimum(
+    normal,
+    gradient: Float[np.ndarray, "unknowns *problems"],
+    x: Float[np.ndarray, "unknowns *sets"],
+    is_free: Bool[np.ndarray, "unknowns *sets"],
+) -> Float[np.ndarray, "unknowns *sets"]:
     """x with its free entries where the slope vanishes, by an L D L' factorization.
 
     The diagonal of `normal` is one.
     """
     count = len(x)
     target = -(gradient + _times(normal, np.where(is_free, 0.0, x)))
+    coupled = np.where(is_free[:, None] & is_free, normal, 0.0)
     factor = {}
     pivots, forward = [], []
     for i in range(count):
         for j in range(i):
-            value = np.where(is_free[i] & is_free[j], normal[i, j], 0.0)
+            value = coupled[i, j]
             for k in range(j):
                 value = value - factor[i, k] * factor[j, k] * pivots[k]
             factor[i, j] = value / pivots[j]
+        # Of an unknown that is not free, nothing here reaches the others.
         pivot = 1.0 + RIDGE - sum(factor[i, k] ** 2 * pivots[k] for k in range(i))
-        pivots.append(np.where(is_free[i], np.maximum(pivot, RIDGE), 1.0))
+        pivots.append(np.maximum(pivot, RIDGE))
         forward.append(target[i] - sum(factor[i, k] * forward[k] for k in range(i)))
     solved = [np.empty(0)] * count
     for i in reversed(range(count)):
@@ -112,8 +113,10 @@ def _free_minimum(normal, gradient: Unknowns, x: Unknowns, is_free: Bool[np.ndar
     return np.where(is_free, np.stack(solved), x)
 
 
-def _times(normal, x: Unknowns) -> Unknowns:
-    return np.einsum("ijn,jn->in", normal, x)
+def _times(normal, x: Float[np.ndarray, "unknowns *sets"]) -> Float[np.ndarray, "unknowns *sets"]:
+    # In a fixed order of summation, however many problems there are.
+    total: Any = sum(normal[:, j] * x[j] for j in range(len(x)))
+    return total
 
 
 Columns = Float[np.ndarray, "points rows"]

@@ -30,7 +30,7 @@ TAUS = {1: 192, 2: 96, 3: 28, 4: 18}
 TAUS_BESIDE_GAMMA = {1: 96, 2: 48, 3: 20, 4: 12}
 GAMMAS = 24
 # Points that are solved at a time.
-CHUNK = 4096
+CHUNK = 8192
 # Local minima of the grid up to this many times its lowest error are polished, but never more of
 # them than this.
 FACTOR = 1.5
@@ -198,13 +198,12 @@ def find_global_optimum(
     constants; if that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
     "grid-verified". Raises `InputError` if the box is too wide to compress.
     """
-    descent = Descent(problem)
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):
         reduced = Reduced.of(problem)
         landscape = landscape_of(reduced)
         starts = landscape.minima(FACTOR)[:MOST_MINIMA]
-        ends = _polish(descent, [landscape.circuit(point) for point in starts])
+        ends = _polish(problem, [landscape.circuit(point) for point in starts])
         vars(problem)["minima"] = reduced, landscape, ends
     reduced, landscape, ends = vars(problem)["minima"]
     certificate = None
@@ -213,20 +212,20 @@ def find_global_optimum(
         if certificate.better is None:
             break
         # The grid can miss a basin; a proof cannot.
-        ends = [*ends, *_polish(descent, [certificate.better])]
+        ends = [*ends, *_polish(problem, [certificate.better])]
     optima = distinct_optima(ends)
     optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
-    bounded = at_bound(descent.objective.coordinates, optima[0].parameters)
+    bounded = at_bound(problem.log_coordinates, optima[0].parameters)
     return GlobalOptimum(optima, bounded, certificate, landscape)
 
 
-def _polish(descent: Descent, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
-    """Levenberg-Marquardt from grid points, in blocks of one shape so that nothing recompiles."""
-    missing = -len(circuits) % SEEDS_PER_BLOCK
-    ends = descent([*circuits, *circuits[-1:] * missing], SEED_TOLERANCE, by_scan=False)
+def _polish(problem: Problem, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
+    """Levenberg-Marquardt from grid points."""
+    descent = Descent(problem)
+    ends = descent(circuits, SEED_TOLERANCE, by_scan=False)
     for _ in range(FINAL_ROUNDS):
         starts = [end.parameters for end in ends]
         ends = descent(starts, FINAL_TOLERANCE, holds_bounds=True)
         if min(ends, key=lambda end: end.rmse_v).has_converged:
             break
-    return ends[: len(circuits)]
+    return ends

@@ -9,6 +9,7 @@ the sum over all samples, without the samples.
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial, reduce
 from typing import Any
 
@@ -16,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Scalar
+from jaxtyping import Array, Float, Scalar
 from scipy.linalg import get_lapack_funcs, qr
 
 from ..execution import on_device, one_blas_thread
@@ -196,7 +197,7 @@ class Answers:
         # Padded, so that records with other clocks share one program.
         spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
         node_s = np.pad(intervals.node_s, (0, spare), mode="edge")
-        self._intervals = eqx.tree_at(lambda each: each.node_s, intervals, on_device(node_s))
+        self._intervals = replace(intervals, node_s=on_device(node_s))
         self._count = len(span.skeleton_tau)
         self._tau = padded_tau(span)
         self._state = np.zeros(self._tau.shape)
@@ -230,19 +231,13 @@ def answer_block(
         on_device(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
         for each in map(np.asarray, (held, intervals.node, intervals.offset_s))
     )
-    intervals = eqx.tree_at(lambda each: (each.node, each.offset_s), intervals, (None, None))
     given, node, offset_s = sampled
-    after, answers = _respond(on_device(tau), on_device(state), given, intervals, node, offset_s)
+    intervals = replace(intervals, node=node, offset_s=offset_s)
+    after, answers = _respond(on_device(tau), on_device(state), given, intervals)
     return np.asarray(after), np.asarray(answers)[: len(held)]
 
 
 @eqx.filter_jit
-def _respond(tau, state, held, intervals: Intervals, node: Int[Array, "samples"], offset_s):
-    intervals = eqx.tree_at(
-        lambda each: (each.node, each.offset_s),
-        intervals,
-        (node, offset_s),
-        is_leaf=lambda leaf: leaf is None,
-    )
+def _respond(tau, state, held, intervals: Intervals):
     respond_all = jax.vmap(partial(respond, held=held, intervals=intervals), out_axes=(0, 1))
     return respond_all(tau, state)

@@ -1,15 +1,14 @@
 """Records of any length in one shape, so that one compiled scan serves them all."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from typing import Self
 
-import equinox as eqx
 import numpy as np
 
 from ..execution import on_device
 from .compressed import Compressed
-from .simulate import AbstractEvaluator, Joint, SimulationInput
+from .simulate import AbstractEvaluator, Intervals, Joint, SimulationInput
 
 # Rows and nodes of a compressed record are filled up to a multiple of this where it is refined: a
 # program for another size takes five seconds to compile, the zeros a few percent of its time.
@@ -51,11 +50,12 @@ class PaddedSize:
         """The record, made as large as this; its errors keep their bits."""
         if not self.is_shared:
             inputs = inputs.padded_to(self.samples)
-        inputs = _with_nodes(inputs, lambda inputs: inputs.intervals.node_s, self.nodes)
-        if inputs.hysteresis is None:
-            return inputs
-        return _with_nodes(
-            inputs, lambda inputs: inputs.hysteresis.intervals.node_s, self.turning_nodes
+        moved = inputs.hysteresis
+        if moved is not None:
+            turning = _with_nodes(moved.intervals, self.turning_nodes)
+            moved = replace(moved, intervals=turning)
+        return replace(
+            inputs, intervals=_with_nodes(inputs.intervals, self.nodes), hysteresis=moved
         )
 
 
@@ -111,12 +111,6 @@ def records_in(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
     return all_inputs if len(all_inputs) == len(parts) else ()
 
 
-def _with_nodes(
-    inputs: SimulationInput, nodes_of: Callable[[Any], Any], count: int
-) -> SimulationInput:
-    missing = count - len(nodes_of(inputs))
-    return eqx.tree_at(
-        nodes_of,
-        inputs,
-        replace_fn=lambda node_s: on_device(np.pad(node_s, (0, missing), mode="edge")),
-    )
+def _with_nodes(intervals: Intervals, count: int) -> Intervals:
+    missing = count - len(intervals.node_s)
+    return replace(intervals, node_s=on_device(np.pad(intervals.node_s, (0, missing), mode="edge")))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..execution import compile_for, in_float64, on_device, seed_blocks
+from ..execution import CIRCUITS_PER_BLOCK, compile_for, in_float64, on_device, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
 from .inputs import PreparedRecord, prepare_record, require_changing_voltage
@@ -44,8 +44,9 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
 Kind = Literal["scan", "compressed"]
 KINDS: tuple[Kind, ...] = ("scan", "compressed")
 # What a problem keeps of its arrays, and of the search for its global optimum.
+BOX = ("coordinates", "log_coordinates")
 COMPUTED = (
-    "all_inputs", "scan", "compressed", "coordinates", "padded_scan", "padded_compressed", "minima",
+    *BOX, "all_inputs", "scan", "compressed", "padded_scan", "padded_compressed", "minima",
 )  # fmt: skip
 
 
@@ -91,10 +92,10 @@ class Problem:
         """How many samples count."""
         return sum(int(np.count_nonzero(prepared.scored)) for prepared in self.prepared_records)
 
-    def keeping_computed(self, **changes: Any) -> "Problem":
+    def keeping_computed(self, names: Sequence[str] = COMPUTED, **changes: Any) -> "Problem":
         """The problem with other fields that leave what is computed already as it is."""
         other = replace(self, **changes)
-        for name in COMPUTED:
+        for name in names:
             if name in vars(self):
                 vars(other)[name] = vars(self)[name]
         return other
@@ -109,7 +110,16 @@ class Problem:
     @in_float64
     def coordinates(self) -> Coordinates:
         """The coordinates that are searched."""
-        return Coordinates.of(self.bounds, self.scale)
+        return self._coordinates_in(self.scale)
+
+    @cached_property
+    @in_float64
+    def log_coordinates(self) -> Coordinates:
+        """The coordinates of every descent."""
+        return Coordinates.of(self.bounds, "log")
+
+    def _coordinates_in(self, scale: Scale) -> Coordinates:
+        return self.log_coordinates if scale == "log" else Coordinates.of(self.bounds, scale)
 
     @cached_property
     @in_float64
@@ -155,13 +165,13 @@ class Problem:
     def padded_objective(self, kind: Kind = "scan") -> Objective:
         """The objective in log coordinates, in one of few shapes."""
         evaluator = self.padded_compressed if kind == "compressed" else self.padded_scan
-        return Objective(evaluator, Coordinates.of(self.bounds, "log"))
+        return Objective(evaluator, self.log_coordinates)
 
     @in_float64
     def objective_in(self, scale: Scale, kind: Kind | None = None) -> Objective:
         """The same objective in other coordinates, or computed the other way."""
         evaluator = self.compressed if (kind or self.kind) == "compressed" else self.scan
-        return Objective(evaluator, Coordinates.of(self.bounds, scale))
+        return Objective(evaluator, self._coordinates_in(scale))
 
     def parameters_at(
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
@@ -198,7 +208,8 @@ def point_blocks(
         for each in circuits
     ]
     last = len(values) - 1
-    blocks = [[values[min(at, last)] for at in block] for block in seed_blocks(len(values))]
+    numbers = seed_blocks(len(values), CIRCUITS_PER_BLOCK)
+    blocks = [[values[min(at, last)] for at in block] for block in numbers]
     return [_encode(on_device(block), coordinates) for block in blocks]
 
 

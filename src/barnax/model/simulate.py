@@ -8,6 +8,7 @@ ohmic drop. Functions are written for one candidate; callers vmap them.
 import abc
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -66,6 +67,10 @@ class Intervals(eqx.Module):
             is_even=len(groups) == 1,
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
+
+    def map_samples(self, change: Callable[[Array], Array]) -> "Intervals":
+        """The same with every array that has one entry a sample changed."""
+        return replace(self, node=change(self.node), offset_s=change(self.offset_s))
 
     def in_one_form(self) -> "Intervals":
         """The same in a form that the blocks of most clocks share, and so one program."""
@@ -164,7 +169,22 @@ class SimulationInput(AbstractEvaluator):
 
     def map_samples(self, change: Callable[[Array], Array]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""
-        return eqx.tree_at(_sample_arrays, self, replace_fn=change)
+        moved = self.hysteresis
+        return SimulationInput(
+            current_a=change(self.current_a),
+            held_a=change(self.held_a),
+            source_v=change(self.source_v),
+            base_error_v=change(self.base_error_v),
+            weight=None if self.weight is None else change(self.weight),
+            scored=self.scored,
+            intervals=self.intervals.map_samples(change),
+            hysteresis=moved
+            and HysteresisInput(
+                change(moved.amplitude_v),
+                change(moved.hysteresis_input),
+                moved.intervals.map_samples(change),
+            ),
+        )
 
     def padded_to(self, samples: int) -> "SimulationInput":
         """The same in `samples` samples: those added at the end repeat the last and count nothing.
@@ -175,17 +195,14 @@ class SimulationInput(AbstractEvaluator):
         weight = np.ones(len(self.current_a)) if self.weight is None else self.weight
         # In NumPy: JAX would compile a program for every length it meets.
         filled = self.map_samples(lambda array: on_device(np.pad(array, (0, missing), mode="edge")))
-        return eqx.tree_at(
-            lambda inputs: inputs.weight,
-            filled,
-            on_device(np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))),
-            is_leaf=lambda leaf: leaf is None,
-        )
+        weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
+        return replace(filled, weight=on_device(weight))
 
     def first(self, samples: int) -> "SimulationInput":
         """Its first samples, filled up where there are fewer, in a form that blocks share."""
         short = eqx.tree_at(_clocks, self, [each.in_one_form() for each in _clocks(self)])
-        return short.map_samples(lambda array: np.asarray(array)[:samples]).padded_to(samples)
+        cut = short.map_samples(lambda array: on_device(np.asarray(array)[:samples]))
+        return cut.padded_to(samples)
 
     def squared_error(self, rc: RCParameters) -> Scalar:
         return squared_error(rc, self)
@@ -198,15 +215,6 @@ class SimulationInput(AbstractEvaluator):
 def _clocks(inputs: SimulationInput) -> list[Intervals]:
     moved = inputs.hysteresis
     return [inputs.intervals] if moved is None else [inputs.intervals, moved.intervals]
-
-
-def _sample_arrays(inputs: SimulationInput) -> list[Array]:
-    arrays = [inputs.current_a, inputs.held_a, inputs.source_v, inputs.base_error_v]
-    if inputs.weight is not None:
-        arrays.append(inputs.weight)
-    if inputs.hysteresis is not None:
-        arrays += [inputs.hysteresis.amplitude_v, inputs.hysteresis.hysteresis_input]
-    return arrays + [array for clock in _clocks(inputs) for array in (clock.node, clock.offset_s)]
 
 
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:

@@ -76,7 +76,8 @@ def _serves(seen: Seen, record: Record, first: int, last: int) -> bool:
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
     """What lies between the ends of the record's long charges, and whether full comes before."""
-    span_ah = float(np.ptp(record.discharged_ah))
+    discharged_ah = record.discharged_ah
+    span_ah = float(np.ptp(discharged_ah))
     rest_a = rest_current_a(record, span_ah)
     charging = np.flatnonzero(record.current_a < -rest_a)
     discharging = np.flatnonzero(record.current_a > rest_a)
@@ -87,7 +88,7 @@ def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
         if not len(run):
             continue
         first, last = int(run[0]), int(run[-1])
-        if record.discharged_ah[first] - record.discharged_ah[last] < _BULK * span_ah:
+        if discharged_ah[first] - discharged_ah[last] < _BULK * span_ah:
             continue
         is_slow = record.time_s[last] - record.time_s[first] > _SLOW_S
         yield begin, (last if is_slow else max(first - 1, begin)), is_full

@@ -34,6 +34,8 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
     if quantity in CLOCKS and not cells.dtype.is_numeric():
         seconds = _seconds(cells)
         if np.isfinite(seconds).any():
+            if quantity == "time":
+                seconds = _past_the_end(seconds, _DAY_S)
             return seconds if quantity == "date" else _from_zero(seconds)
     if cells.dtype == pl.String:
         cells = _plain(cells)
@@ -116,7 +118,9 @@ def _has_points(column: pl.Series) -> bool:
 
 # Days, hours and minutes, or minutes alone.
 _MINUTES = re.compile(r"\s*(?:(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):)?(\d+)")
-_HALF_DAY_S = 43_200.0
+_HALF_DAY_S, _DAY_S, _HOUR_S = 43_200.0, 86_400.0, 3600.0
+# A clock that begins anew does so from so near to its end.
+_NEAR_END = 0.01
 
 
 def _seconds(cells: pl.Series) -> Numbers:
@@ -146,15 +150,25 @@ def _clock_s(text: pl.Series) -> Numbers:
     at = first.rfind(":")
     whole, seconds = text.str.head(at), text.str.slice(at + 1)
     plain = seconds.cast(pl.Float64, strict=False)
-    if plain.null_count() > text.null_count():
+    if plain.null_count() > text.null_count() or first.count(":") > 2:
         hours, minutes, seconds = text.str.splitn(":", 3).struct.unnest().get_columns()
         # A comma, or a colon before the milliseconds.
         seconds = seconds.str.strip_chars().str.replace("[,:]", ".")
         whole, plain = hours + ":" + minutes, seconds.cast(pl.Float64, strict=False)
-    elif ":" not in first[:at] and not seconds.str.contains(".", literal=True).any():
-        # Hours and minutes, or minutes and seconds?
-        return np.full(len(text), np.nan)
-    return _by_word(whole, _minutes) * 60 + plain.to_numpy()
+    clock_s = _by_word(whole, _minutes) * 60 + plain.to_numpy()
+    if ":" in first[:at]:
+        return clock_s
+    # Minutes and seconds, as spreadsheets show them without their hours; or hours and minutes?
+    are_seconds = bool(seconds.str.contains(".", literal=True).any())
+    return _past_the_end(clock_s, _HOUR_S) if are_seconds else np.full(len(text), np.nan)
+
+
+def _past_the_end(clock_s: Numbers, period_s: float) -> Numbers:
+    """The clock made to run on where it shows a time of day past midnight, or of an hour."""
+    if np.any(clock_s >= period_s):
+        return clock_s
+    begins = np.abs(np.diff(clock_s) + period_s) < _NEAR_END * period_s
+    return clock_s + period_s * np.cumsum(np.append(False, begins))
 
 
 def _minutes(word: str) -> float:

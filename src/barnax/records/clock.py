@@ -65,6 +65,8 @@ def _join_steps(samples: Samples) -> tuple[Samples | None, list[Finding]]:
         changes = np.diff(samples.step) != 0
         is_low = time[1:] <= _FROM_ZERO * time[:-1]
         is_at_steps = np.mean((changes & is_low)[falls]) > _AT_STEPS
+        # A step's first sample may come late.
+        is_at_steps |= falls.sum() > _SLIPS and np.mean(changes == falls) == 1
         # Of joined files, the clock falls at one change of step among many.
         is_steps |= bool(is_at_steps and np.mean(falls[changes]) > 0.5)
         starts = falls | changes

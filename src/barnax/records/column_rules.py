@@ -67,7 +67,7 @@ def examine_columns(
         raise InputError(f"{file}: {what}, not a record of time, current and voltage; {remedy}.")
     found = columns_of(table.header, given)
     wrong = list(_not_there(table, found, given))
-    is_nameless = any(map(_is_number, table.header[:1]))
+    is_nameless = np.mean([False, *map(_is_number, filter(None, table.header))]) >= 0.5
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
     if not is_like and not is_nameless:
         if wrong:
@@ -100,6 +100,7 @@ def examine_columns(
         what, remedy = _missing(quantity, guess, free, table)
         if is_nameless:
             what += "; the first row holds numbers, not names"
+            remedy = f"write a row of names above it, here {_examples(quantity)}"
         findings.append(Finding("error", what, remedy, row=table.names_row))
     return found, findings
 
@@ -191,11 +192,17 @@ def _missing(
     what = f"no column for the {quantity.name}"
     names = f"{_examples(quantity)}, with its unit ({_symbols(quantity)})"
     if guess is not None:
-        what += f"; '{guess.header}' is likely it"
-        return what, f"rename '{guess.header}' to {names}"
+        given = f"{quantity.name}={guess.header}"
+        given += ":UNIT" if guess.is_unit_assumed else ""
+        remedy = f"give `columns='{given}'`, or rename '{guess.header}' to {names}"
+        return f"{what}; '{guess.header}' is likely it", remedy
     likely = likely_names(quantity, free)
     if likely:
-        return f"{what}; likely: {_quoted(likely)}", f"rename the right one to {names}"
+        remedy = f"give the right one's name with `columns`, or rename it to {names}"
+        is_out = ["discharge" in name.lower() for name in likely]
+        if quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out):
+            remedy = f"write their difference, charge positive, into one column, {names}"
+        return f"{what}; likely: {_quoted(likely)}", remedy
     remedy = f"export it, name it {names}, or give its name with `columns`"
     return f"{what} among {_quoted(list(table.header))}", remedy
 

@@ -47,7 +47,18 @@ class Quantity:
 # What no record can do without, by the quantities' names.
 NEEDED = frozenset({"time", "current", "voltage"})
 # Aliases that carry their unit in themselves.
-_SELF_EXPLAINING = {"seconds", "amps", "mamps", "volts", "amp-hr", "mamp-hr", "chgah", "disah"}
+_SELF_EXPLAINING = {
+    "seconds",
+    "amps",
+    "mamps",
+    "volts",
+    "amp-hr",
+    "mamp-hr",
+    "chgah",
+    "disah",
+    "ma",
+    "mv",
+}
 
 
 def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
@@ -101,7 +112,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "time",
         _SECONDS,
-        "test time|testtime|total time|cumulative time|elapsed time|time|seconds|t",
+        "test time|testtime|total time|tottime|cumulative time|elapsed time|time|seconds|t",
         "Test Time / s|test_time_second",
         "zeit|temps|tiempo|tempo|时间",
     ),
@@ -116,7 +127,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "current",
         _AMPERES,
-        "cell current|current|current measured|cur|amps|we(1).current|i",
+        "cell current|channel current|current|current measured|cur|amps|we(1).current|i|ma=mA",
         "Current / A|current_ampere",
         "strom|courant|corriente|corrente|电流",
     ),
@@ -124,8 +135,8 @@ QUANTITIES: tuple[Quantity, ...] = (
     _quantity(
         "voltage",
         _VOLTS,
-        "terminal voltage|cell voltage|voltage|voltage measured|potential|volts|ecell|ewe|"
-        "working electrode|working electrode vs. nhe|we(1).potential|u|v",
+        "terminal voltage|cell voltage|channel voltage|voltage|voltage measured|potential|volts|"
+        "ecell|ewe|working electrode|working electrode vs. nhe|we(1).potential|u|v|mv=mV",
         "Voltage / V|voltage_volt",
         "spannung|tension|voltaje|tensione|电压",
     ),
@@ -139,10 +150,20 @@ QUANTITIES: tuple[Quantity, ...] = (
         "Surface Temperature / degC|Ambient Temperature / degC",
     ),
     _quantity(
-        "step", _COUNTS, "step index|step|step id|step number|ns|step count", "Step Index / 1"
+        "step",
+        _COUNTS,
+        "step index|step|step id|stepid|step number|step no|stepno|ns|step count",
+        "Step Index / 1",
     ),
-    _quantity("cycle", _COUNTS, "cycle index|cycle count|cycle|cycle number", "Cycle Count / 1"),
-    _quantity("state", _COUNTS, "state|step type|md|status|step name", "Step Type / 1"),
+    _quantity(
+        "cycle", _COUNTS, "cycle index|cycle count|cycle|cycle number|totcycle", "Cycle Count / 1"
+    ),
+    _quantity(
+        "state",
+        _COUNTS,
+        "state|step type|md|status|step name|mode|step mode|step state",
+        "Step Type / 1",
+    ),
     _quantity(
         "charging capacity",
         _AMPERE_HOURS,
@@ -182,11 +203,13 @@ OCV_QUANTITIES: tuple[Quantity, ...] = (
 )
 
 
-# A unit stands behind a slash or #, in brackets, or after a blank (machine names); Arbin numbers
-# its auxiliary channels behind the bracket.
-_UNIT = re.compile(r"^(?:\s*[/\[(#]\s*|\s+(?:in\s+)?)(?P<unit>[^\])]*?)\s*(?:[\])]\s*\d*)?$")
-# "h:min:s.ms", "Hours in hh:mm:ss.xxx" and "ss.xxx" are forms of seconds.
-_CLOCK_FORM = re.compile(r".*\bh+:m.*|s+\.x+")
+# A unit stands behind a slash, # or comma, in brackets, or after a blank (machine names); Arbin
+# numbers its auxiliary channels behind the bracket.
+_UNIT = re.compile(
+    r"^(?:\s*[/\[(#]\s*|\s*,\s*\(?|\s+(?:in\s+)?)(?P<unit>[^\])]*?)\s*(?:[\])]\s*\d*)?$"
+)
+# "h:min:s.ms", "h min s.ms", "Hours in hh:mm:ss.xxx", "mm:ss" and "ss.xxx" are forms of seconds.
+_CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
 
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000

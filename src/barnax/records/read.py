@@ -42,6 +42,8 @@ _FEWEST_SAMPLES = 5
 _SHORTEST_S = 1e-6
 
 STDIN, STDIN_NAME = Path("-"), "standard input"
+# How a shell names what another command writes.
+_PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"
 _CONTENT = {
     b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm", ".ndax")),
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
@@ -166,7 +168,9 @@ def read_source(path: str | Path, *, columns: Mapping[str, str] | str = NOTHING)
     """
     given = read_columns(columns)
     path = Path(path)
-    name = STDIN_NAME if path == STDIN else printable(path.name)
+    name = printable(path.name)
+    if path == STDIN or path.parent in _PIPES:
+        name = STDIN_NAME if path == STDIN else _PIPE_NAME
     content = _read_content(path)
     # Of large files the hash takes a tenth of the time, and lets another thread work.
     with ThreadPoolExecutor(1) as beside:

@@ -148,21 +148,22 @@ def step_votes(
     samples: Samples,
 ) -> tuple[Int[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
     """The clear current steps, and for each +1 where the file's current raises the voltage."""
-    step_a, step_v = samples.step_a, samples.step_v
-    at = np.flatnonzero(samples.is_step & (np.abs(step_v) > 6 * samples.noise_v))
-    return at, np.sign(step_a[at] * step_v[at])
+    at = np.flatnonzero(samples.is_step)
+    at = at[np.abs(samples.step_v[at]) > 6 * samples.noise_v]
+    return at, np.sign(samples.step_a[at] * samples.step_v[at])
 
 
 def _at_current_steps(samples: Samples) -> Evidence | None:
     """A cell's resistance lifts its voltage when the charging current steps up."""
-    step_a, step_v, is_step = samples.step_a, samples.step_v, samples.is_step
-    noise_v = voltage_noise_v(step_v, ~is_step)
-    is_clear = is_step & (np.abs(step_v) > 6 * noise_v)
-    vote, share, count = clear = _agreement(step_a[is_clear] * step_v[is_clear])
+    noise_v = voltage_noise_v(samples.step_v, ~samples.is_step)
+    at = np.flatnonzero(samples.is_step)
+    step_v = samples.step_v[at]
+    product = samples.step_a[at] * step_v
+    vote, share, count = clear = _agreement(product[np.abs(step_v) > 6 * noise_v])
     # Where few of the steps are clear, the current may be noise and the clear ones chance.
-    is_strong = share >= 0.85 and count >= max(3, 0.2 * is_step.sum())
+    is_strong = share >= 0.85 and count >= max(3, 0.2 * len(at))
     if not is_strong:
-        vote, share, count = _agreement(step_a[is_step] * step_v[is_step])
+        vote, share, count = _agreement(product)
         # Small steps among relaxations stand out only by their number: four sigma of a fair coin.
         is_strong = share >= 0.7 and (2 * share - 1) * count**0.5 >= 4
         vote, share, count = (vote, share, count) if is_strong else clear

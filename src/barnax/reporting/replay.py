@@ -57,8 +57,8 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         shares = f"{low} %" if low == high else f"{low} to {high} %"
         yield (
             "Overconfident",
-            f"the filter's 95 % band contains the reference {shares} of the time: its errors are "
-            "larger than it assumes",
+            f"the filter's 95 % band contains the reference SOC {shares} of the time: its errors "
+            "of SOC are larger than it assumes",
         )
     right = replay.scenarios[0]
     found = [_estimate(name, *right.estimates[name]) for name in right.estimates]
@@ -70,11 +70,12 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         low, high = tested.mean_square_bounds
         size = tested.mean_square
         how = "as expected" if low <= size <= high else "smaller" if size < low else "larger"
-        than = "" if how == "as expected" else " than the filter expects"
+        than = "" if how == "as expected" else " than the filter expects of a single sample"
         yield (
             "Innovations",
-            f"{white} (autocorrelation at lag one {tested.first_lag:.2f}, below "
-            f"{tested.bound:.2f} for white noise), {how}{than} (mean square {size:.2g}, ideally 1)",
+            f"measured minus predicted voltage is {white} (autocorrelation at lag one "
+            f"{tested.first_lag:.2f}, below {tested.bound:.2f} for white noise), "
+            f"{how}{than} (mean square {size:.2g}, ideally 1)",
         )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
-from rich.console import RenderableType
+from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table as Shown
@@ -49,9 +49,9 @@ def plain(text: str, style: str = "") -> Text:
     return Text("\n".join(map(printable, text.split("\n"))), style=style)
 
 
-def terminal_table(table: Table) -> Shown:
-    """A document's table as a terminal shows it."""
-    shown = Shown(caption=plain(table.caption), caption_justify="left", **LAYOUT)
+def terminal_table(table: Table) -> RenderableType:
+    """A document's table as a terminal shows it, its caption as wide as the terminal."""
+    shown = Shown(**LAYOUT)
     if len(table.columns) > MOST_SPACED:
         shown.padding = 0
     for column in table.columns:
@@ -73,7 +73,7 @@ def terminal_table(table: Table) -> Shown:
                 for index, cell in enumerate(row)
             )
         )
-    return shown
+    return Group(shown, plain(table.caption, style="italic dim")) if table.caption else shown
 
 
 def bare_table(

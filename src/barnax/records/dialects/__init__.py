@@ -6,7 +6,7 @@ A new make is one `Dialect` and its place in `DIALECTS`; the first that a header
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from ..columns import OCV_QUANTITIES, QUANTITIES, Column, find_columns, named_column
+from ..columns import OCV_QUANTITIES, QUANTITIES, Column, find_columns, named_column, unit_of
 from .arbin import ARBIN
 from .biologic import BIOLOGIC
 from .dialect import CHARGE, DISCHARGE, Dialect, Sign, bare
@@ -16,6 +16,7 @@ from .neware import NEWARE
 from .others import (
     BASYTEC,
     BDF,
+    BITRODE,
     CHINESE,
     GAMRY,
     GERMAN,
@@ -37,6 +38,7 @@ DIALECTS: tuple[Dialect, ...] = (
     NOVONIX,
     LANDT,
     PEC,
+    BITRODE,
     GAMRY,
     BIOLOGIC,
     PYBAMM,
@@ -87,6 +89,32 @@ def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> b
     """Whether the header names a clock, a current and a voltage."""
     found = columns_of(header, given).keys() if len(header) > 2 else set()
     return "voltage" in found and bool(found & _CURRENTS) and bool(found & _CLOCKS)
+
+
+def with_units(header: Sequence[str], below: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+    """The names with the units that stand in the cells below them, and whether they do."""
+    units = [cell.strip("[]()") for cell in below]
+    units += [""] * (len(header) - len(units))
+    own = {each.index: each for each in columns_of(header).values()}
+    spelled = {
+        k: unit_of(own[k].quantity, units[k])
+        for k in own
+        if units[k] and own[k].quantity.is_required
+    }
+    if not spelled or not all(
+        unit and (own[k].is_unit_assumed or unit == own[k].unit) for k, unit in spelled.items()
+    ):
+        return tuple(header), False
+    return tuple(
+        name
+        if (k in own and not own[k].is_unit_assumed) or not _is_unit(units[k])
+        else f"{name} [{units[k]}]"
+        for k, name in enumerate(header)
+    ), True
+
+
+def _is_unit(text: str) -> bool:
+    return any(unit_of(quantity, text) for quantity in QUANTITIES)
 
 
 def other_table(header: Sequence[str]) -> str | None:

@@ -25,6 +25,7 @@ BIOLOGIC = Dialect(
         "voltage": "ecell|ewe-ece|ewe|u",
         "temperature": "temperature",
         "step": "ns",
+        "state": "",
         "cycle": "cycle number|half cycle",
         "charging capacity": "",
         "discharging capacity": "",

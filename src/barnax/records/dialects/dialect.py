@@ -49,4 +49,4 @@ class Dialect:
 def bare(header: Sequence[str]) -> set[str]:
     """The names as marks give them, each with its unit and without."""
     names = {normal(name).replace(" (", "(") for name in header}
-    return names | {re.split(r" *[(\[/#]", name)[0] for name in names}
+    return names | {re.split(r" *[(\[/#,]", name)[0] for name in names}

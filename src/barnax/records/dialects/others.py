@@ -31,6 +31,8 @@ NOVONIX = Dialect(
         "date": "date and time",
         "voltage": "potential|voltage",
         "temperature": "temperature",
+        # Their step types are numbers.
+        "state": "",
         "step": "step number|step position",
         "cycle": "cycle number",
         "net capacity": "capacity",
@@ -90,14 +92,31 @@ BDF = Dialect(
 # What the words are in German and Chinese, of no make.
 GERMAN = Dialect(
     "German",
-    marks=("zeit & strom & spannung",),
-    names={"time": "zeit", "current": "strom", "voltage": "spannung", "temperature": "temperatur"},
+    marks=("zeit & strom & spannung", "datum & strom & spannung"),
+    names={
+        "time": "zeit",
+        "date": "datum",
+        "current": "strom",
+        "voltage": "spannung",
+        "temperature": "temperatur",
+    },
 )
 CHINESE = Dialect(
     "Chinese",
     marks=("时间 & 电流 & 电压",),
     names={"time": "时间", "current": "电流", "voltage": "电压", "temperature": "温度"},
 )
-IVIUM = Dialect("Ivium", marks=("time & i & e",), names={"voltage": "e"})
+# Ivium and VersaStudio.
+IVIUM = Dialect("Ivium", marks=("time & i & e", "elapsed time & i & e"), names={"voltage": "u|v|e"})
+
+BITRODE = Dialect(
+    "Bitrode",
+    marks=("total time & loop counter", "total time & amp-hours & watt-hours"),
+    names={
+        "state": "mode",
+        "temperature": "temperature a1|temperature",
+        "net capacity": "amp-hours",
+    },
+)
 PYBAMM = Dialect("PyBaMM", marks=("current [a]",), sign=DISCHARGE)
 PLAIN = Dialect("plain")

@@ -17,8 +17,8 @@ import polars as pl
 
 from ...errors import InputError, counted
 from ..cells import numbers, without_groups
-from ..columns import NEEDED, QUANTITIES, unit_of
-from ..dialects import columns_of, is_ocv_table, names_record, other_table
+from ..columns import NEEDED
+from ..dialects import columns_of, is_ocv_table, names_record, other_table, with_units
 from ..table import Reader, Table
 
 Schema = Mapping[str, type[pl.DataType]]
@@ -35,6 +35,7 @@ _PREAMBLE_LINES, _PREAMBLE_BYTES, _LONGEST_HEADER = 2000, 400_000, 20_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
 _CELL_V = 6.0
+_WORD = "[A-Za-z]{3}"
 # So many zero bytes may stand in text.
 _STRAY_ZEROS = 4
 
@@ -76,20 +77,23 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     content, breaks = _without_repeats(content, layout.above)
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
-    header, has_units = _with_units(layout, "".join(lines[lead + blank : lead + blank + 1]))
+    below = "".join(lines[lead + blank : lead + blank + 1])
+    header, has_units = with_units(layout.header, _cells(below, layout.delimiter))
     _refuse_split_numbers(lines[lead:], layout, file)
     if has_units:
         lead += blank + 1
     delimiter, above = layout.delimiter, lead
     if delimiter == _BLANK:
         content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[_offset(content, lead) :])
+        # A date and its time are one cell.
+        content = re.sub(rb"(\d[-./]\d+)[ \t]+(\d+:\d)", rb"\1T\2", content)
         content, above, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
     columns = _columns(content, above, (*header, ""), delimiter, file)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
     table = Table((*header, ""), tuple(columns), row, notes=_notes(layout, breaks))
-    return _within_the_names(_records_of_layers(table), file)
+    return _without_headings(_within_the_names(_records_of_layers(table), file))
 
 
 def _within_the_names(table: Table, file: str) -> Table:
@@ -181,8 +185,7 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
     for above, line in enumerate(lines):
         if len(line) > _LONGEST_HEADER or not line.strip():
             continue
-        delimiter = max(_DELIMITERS, key=line.count)
-        header = tuple(_cells(line, delimiter))
+        delimiter, header = _names(line, given)
         if len(header) == 1 or delimiter not in line:
             delimiter, header = _BLANK, _blank_cells(line, given)
         found = _Layout(above, header, delimiter)
@@ -203,6 +206,16 @@ def _layout(lines: list[str], file: str, given: Mapping[str, str]) -> _Layout:
             "samples; export the record as plain CSV."
         )
     return fallback
+
+
+def _names(line: str, given: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
+    """The delimiter of a line and its cells: by the one that names a record, else the commonest."""
+    commonest = sorted(_DELIMITERS, key=line.count, reverse=True)
+    split = [(each, tuple(_cells(line, each))) for each in commonest if each in line]
+    named = (each for each in split[1:] if names_record(each[1], given))
+    if not split or names_record(split[0][1], given):
+        return split[0] if split else (commonest[0], tuple(_cells(line, commonest[0])))
+    return next(named, split[0])
 
 
 def _blank_cells(line: str, given: Mapping[str, str]) -> tuple[str, ...]:
@@ -251,34 +264,6 @@ def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
             f"{file}: the rows have more cells than names and no decimal point: commas separate "
             "cells and also decimals; export it with semicolons, or with decimal points."
         )
-
-
-def _with_units(layout: _Layout, below: str) -> tuple[tuple[str, ...], bool]:
-    """The names with the units that stand in the line below them, and whether they do."""
-    cells = _cells(below, layout.delimiter)
-    cells += [""] * (len(layout.header) - len(cells))
-    units = [cell.strip("[]()") for cell in cells]
-    found = columns_of(layout.header)
-    own = {each.index: each for each in found.values()}
-    spelled = {
-        k: unit_of(own[k].quantity, units[k])
-        for k in own
-        if units[k] and own[k].quantity.is_required
-    }
-    if not spelled or not all(
-        unit and (own[k].is_unit_assumed or unit == own[k].unit) for k, unit in spelled.items()
-    ):
-        return layout.header, False
-    return tuple(
-        name
-        if (k in own and not own[k].is_unit_assumed) or not _is_unit(units[k])
-        else f"{name} [{units[k]}]"
-        for k, name in enumerate(layout.header)
-    ), True
-
-
-def _is_unit(text: str) -> bool:
-    return any(unit_of(quantity, text) for quantity in QUANTITIES)
 
 
 def _columns(
@@ -383,6 +368,21 @@ def _records_of_layers(table: Table) -> Table:
         table.row[~front],
         notes=(*table.notes, note),
     )
+
+
+def _without_headings(table: Table) -> Table:
+    """The table without the lines between its rows that have words in the first cell alone."""
+    first, *others = table.columns
+    if first.dtype != pl.String or not all(column.null_count() for column in others):
+        return table
+    are_bare = np.all([column.is_null().to_numpy() for column in others], axis=0)
+    are_headings = are_bare & first.str.contains(_WORD).fill_null(False).to_numpy()
+    if not are_headings.any() or not names_record(table.header):
+        return table
+    note = f"left out {counted(int(are_headings.sum()), 'line')} of words between the rows"
+    columns = tuple(column.filter(pl.Series(~are_headings)) for column in table.columns)
+    notes = (*table.notes, note)
+    return replace(table, columns=columns, row=table.row[~are_headings], notes=notes)
 
 
 def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ import polars as pl
 from ...errors import InputError, cut, listed
 from ..cells import numbers
 from ..columns import NEEDED
-from ..dialects import columns_of, is_ocv_table, names_record
+from ..dialects import columns_of, is_ocv_table, names_record, with_units
 from ..table import Reader, Table
 from .libraries import quieted
 
@@ -33,10 +33,15 @@ _ABOVE = 100
 
 @dataclass(frozen=True)
 class _Names:
-    """A sheet's row of names, and how many rows stand above it."""
+    """A sheet's names, with the units below them, and how many rows stand above its numbers."""
 
     above: int
     header: tuple[str, ...]
+    rows: int = 1
+
+    @property
+    def body(self) -> int:
+        return self.above + self.rows
 
 
 def _recognizes(content: bytes) -> bool:
@@ -51,7 +56,7 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
             sheets = {name: _names(workbook, name, given) for name in workbook.sheet_names}
             headers = {name: sheet.header for name, sheet in sheets.items()}
             chosen = _chosen_sheets(headers, file, given)
-            bodies = {name: _body(workbook, name, sheets[name].above + 1) for name in chosen}
+            bodies = {name: _body(workbook, name, sheets[name].body) for name in chosen}
     except InputError:
         raise
     except BaseException as error:
@@ -77,7 +82,8 @@ def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str])
     headers = [tuple("" if cell is None else cell for cell in row) for row in rows.rows()]
     for above, header in enumerate(headers):
         if names_record(header, given) or is_ocv_table(header):
-            return _Names(above, header)
+            names, has_units = with_units(header, *headers[above + 1 : above + 2] or [()])
+            return _Names(above, names, 1 + has_units)
     return _Names(0, headers[0] if headers else ())
 
 
@@ -131,7 +137,7 @@ def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) 
 
     Workbooks do not promise the order of their sheets; the clock does.
     """
-    header, first = names.header, names.above + 2
+    header, first = names.header, names.body + 1
     filled = {name: body for name, body in bodies.items() if body.height}
     order = list(filled)
     found = columns_of(header)

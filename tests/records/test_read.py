@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barnax.records import read_record
+from barnax.errors import InputError
+from barnax.records import read_record, record_from_frame
 from helpers.records import arbin_rows, pulse_frame, pulses_a, simulated_cell, workbook
 
 LABELS = {
@@ -258,3 +259,13 @@ def test_a_long_file_is_read_within_two_seconds(tmp_path):
 def test_importing_the_records_imports_no_jax():
     code = "import barnax.records, sys; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_currents_of_either_direction_are_to_be_joined():
+    table = {
+        "Time [s]": range(9),
+        "Charge Current [A]": [1.0] * 9,
+        "Discharge Current [A]": [0.0] * 9,
+    }
+    with pytest.raises(InputError, match="write their difference, charge positive"):
+        record_from_frame({**table, "Voltage [V]": [3.7] * 9})

@@ -199,6 +199,9 @@ def _missing(
     likely = likely_names(quantity, free)
     if likely:
         remedy = f"give the right one's name with `columns`, or rename it to {names}"
+        is_out = ["discharge" in name.lower() for name in likely]
+        if quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out):
+            remedy = f"write their difference, charge positive, into one column, {names}"
         return f"{what}; likely: {_quoted(likely)}", remedy
     remedy = f"export it, name it {names}, or give its name with `columns`"
     return f"{what} among {_quoted(list(table.header))}", remedy

@@ -196,7 +196,7 @@ def memory_rows() -> Iterator[str]:
         before, after, cpu_s = map(float, ran.stdout.split())
         added.append(after - before)
         yield f"| {samples:,} | {before:.0f} | {after:.0f} | {added[-1]:.0f} | {cpu_s:.1f} s |"
-    a_sample = (added[-1] - added[0]) * 2**20 / (LENGTHS[-1] - LENGTHS[0])
+    a_sample = max(0.0, added[-1] - added[0]) * 2**20 / (LENGTHS[-1] - LENGTHS[0])
     yield ""
     yield f"A further sample adds {a_sample:.0f} bytes for a moment; its record keeps 8 a column."
 

@@ -322,7 +322,7 @@ def _tables_beside(
         constants[RATE] = found.gamma
     try:
         records = [
-            prepare_record(each.record, problem.cell, circuit, each.window)
+            prepare_record(each.record, problem.cell, circuit, each.settled_window)
             for each in problem.prepared_records
         ]
         return None, expected_rmse_v(records, constants)

@@ -63,8 +63,10 @@ def table_warnings(run: TableRun) -> Iterator[str]:
     degc = [""] if over is None else [f" at {each:.3g} degC" for each in over.temperatures_degc]
     texts: dict[str, list[str]] = {}
     for where, fit in zip(degc, run.found.fits, strict=True):
+        at_low = {each.name for each in fit.at_bound if each.side == "lower"}
         for each in fit.warnings:
-            texts.setdefault(_fit_warning(each), []).append(where)
+            text = _fit_warning(each, each.name in at_low, run.settings.ocv_correction)
+            texts.setdefault(text, []).append(where)
     for text, found in texts.items():
         # What is so at every temperature is said once.
         for where in found if len(found) < len(degc) else [""]:
@@ -73,12 +75,19 @@ def table_warnings(run: TableRun) -> Iterator[str]:
     yield from _outside_warnings(run)
 
 
-def _fit_warning(each: FitWarning) -> str:
+def _fit_warning(each: FitWarning, is_low: bool, has_correction: bool) -> str:
     share = f"{100 * each.value:.0f} %"
     if each.kind == "at bound" and each.name.startswith("tau"):
+        bound = f"{each.name} ended at its {'lower' if is_low else 'upper'} bound"
+        if is_low:
+            return (
+                f"{bound} of {each.value:.4g} s: the cell has a faster pair, which needs faster "
+                "sampling, or fewer pairs than the circuit; widen its `bounds`, or take fewer pairs"
+            )
+        drift = ", and with an OCV correction so does a wrong capacity" if has_correction else ""
         return (
-            f"{each.name} ended at its bound of {each.value:.4g} s; with an OCV correction, a slow "
-            "pair imitates a wrong capacity, so check `capacity`, or widen its `bounds`"
+            f"{bound} of {each.value:.4g} s: slower relaxation looks like that{drift}; check "
+            "`capacity`, or widen its `bounds`"
         )
     if each.kind == "at bound":
         return f"{each.name} ended at its bound of {each.value:.4g}: the data do not set it"

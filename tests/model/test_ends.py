@@ -80,6 +80,15 @@ def test_counters_that_began_at_an_end_tell_the_charge_if_the_voltage_agrees(bun
         start(bundled_cell, counting(record, begun_ah + 0.4), 0)
 
 
+@pytest.mark.parametrize(("begun", "source"), [(0.3, "counters"), (0.26, "rested voltage")])
+def test_counters_that_an_opening_rest_denies_began_elsewhere(bundled_cell, begun, source):
+    record, soc = made(bundled_cell, [(0.0, 300), (1.0, 100), *PULSES], 0.7)
+    found = start(bundled_cell, counting(record, begun * bundled_cell.capacity_ah), 0)
+    assert found.soc_source == source
+    # The rest is read on the curve of the branch, the record follows the fitted hysteresis.
+    assert found.soc == pytest.approx(soc[0], abs=0.01)
+
+
 def test_a_long_rest_elsewhere_tells_the_charge(bundled_cell):
     record, soc = made(bundled_cell, [*PULSES, (1.0, 900), (0.0, 3600), *PULSES], 0.6)
     found = start(bundled_cell, record, 0)

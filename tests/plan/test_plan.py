@@ -81,6 +81,16 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
     assert roles(given)["cold.parquet"] == "identification"
 
 
+def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
+    for name, degc in (("b", 0.0), ("c", 0.0), ("d", 0.0)):
+        path = folder / f"{name}.parquet"
+        pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE)).write_parquet(path)
+    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(pl.lit(25.0).alias(TEMPERATURE))
+    warm.write_parquet(folder / "warm.parquet")
+    found = plan(folder)
+    assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
+
+
 def test_where_a_test_is_missing_it_says_which_to_make(folder):
     lone = plan(BUNDLED.record)
     assert lone.missing.startswith(

@@ -1,5 +1,7 @@
 """One file that holds a whole schedule is cut into its tests."""
 
+import shutil
+
 import numpy as np
 import polars as pl
 import pytest
@@ -48,6 +50,14 @@ def test_each_test_of_a_schedule_has_a_role_of_its_own(schedule):
     assert served["validation"].window.initial_soc == 1.0
     begin_s, end_s = served["identification"].span_s
     assert end_s - begin_s == pytest.approx(5.47 * 3600, rel=0.01)
+
+
+def test_a_copy_of_a_schedule_serves_nothing(schedule, tmp_path):
+    for name in ("one.parquet", "two.parquet"):
+        shutil.copy(schedule, tmp_path / name)
+    copies = [part for part in plan(tmp_path).parts if part.name.startswith("two.parquet")]
+    assert [part.role for part in copies] == ["not used"] * 3
+    assert copies[0].reason == "the same as one.parquet#1, byte for byte"
 
 
 def test_a_cut_file_gives_the_circuit_of_its_parts(schedule, tmp_path):

@@ -12,7 +12,7 @@ from barnax.reporting.sentences import (
     finding_sentence,
     identifiability_sentences,
     local_optima_sentence,
-    optimum_sentence,
+    optimum_words,
     profile_sentence,
     suggestion_sentences,
     uncertainty_sentence,
@@ -44,10 +44,10 @@ def optima() -> list[str]:
     other = Optimum(0.02515, CIRCUIT, 3, is_family=False)
     tried = replace(Found(), status="grid-verified", proved_gap=0.0312, cells=50_000)
     return [
-        optimum_sentence(Found()),
-        optimum_sentence(replace(Found(), proved_gap=0.0)),
-        optimum_sentence(tried),
-        optimum_sentence(replace(tried, cells=None)),
+        optimum_words(Found()),
+        optimum_words(replace(Found(), proved_gap=0.0)),
+        optimum_words(tried),
+        optimum_words(replace(tried, cells=None)),
         local_optima_sentence(Found()),
         local_optima_sentence(replace(Found(), local_optima=(other,))),
         local_optima_sentence(

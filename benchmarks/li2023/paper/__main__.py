@@ -13,7 +13,7 @@ from pathlib import Path
 
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Difference, Row
-from barnax.reporting.sentences import optimum_sentence
+from barnax.reporting.sentences import optimum_words
 from benchmarks.pages import bounds_named, save_page
 
 from . import section_5_5
@@ -265,7 +265,7 @@ def main() -> None:
         *settings_table(settings),
         "",
         *(
-            f"- {name}: {model} - {optimum_sentence(optimum)}"
+            f"- {name}: {model} - {optimum_words(optimum)}."
             for name, comparison in settings.items()
             for model, optimum in comparison.optima.items()
         ),

@@ -104,7 +104,7 @@ def count_rows(part: Path) -> tuple[int, int] | None:
     """How many rows a part has, and how many of them are errors; None where it is not there."""
     if not part.exists():
         return None
-    errors = pl.read_parquet(part, columns=["error"])["error"]
+    errors = pl.read_parquet(part, columns=["error"], glob=False)["error"]
     return len(errors), len(errors) - errors.null_count()
 
 
@@ -121,7 +121,8 @@ def read_rows(
     frames = []
     for path in sorted(found, key=lambda path: path.stat().st_mtime_ns):
         try:
-            frames.append(pl.read_parquet(path, columns=None if columns is None else [*columns]))
+            chosen = None if columns is None else [*columns]
+            frames.append(pl.read_parquet(path, columns=chosen, glob=False))
         except (OSError, pl.exceptions.PolarsError) as problem:
             raise InputError(
                 f"{path}: not part of a fleet's dataset ({problem}); delete it, and its cells "

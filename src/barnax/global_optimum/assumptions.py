@@ -65,7 +65,7 @@ def try_other_hold(problem: Problem) -> OtherHold | None:
     def turned(prepared: PreparedRecord) -> PreparedRecord:
         hold = Decision(value, "given", "tried")
         record = replace(prepared.record, hold=hold)
-        return prepare_record(record, problem.cell, problem.circuit, prepared.window)
+        return prepare_record(record, problem.cell, problem.circuit, prepared.settled_window)
 
     try:
         records = [

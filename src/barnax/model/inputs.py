@@ -49,6 +49,13 @@ class PreparedRecord:
     def span(self) -> slice:
         return slice(self.first, self.first + len(self.soc))
 
+    @property
+    def settled_window(self) -> Window:
+        """The window, with the direction before the start that was found to fit better."""
+        if self.start.direction_source != "better fit":
+            return self.window
+        return replace(self.window, initial_direction=self.start.direction)
+
     def part(self, here: slice) -> "PreparedRecord":
         """Some neighboring ones of the simulated samples; the last one's current leads nowhere."""
         amplitude_v = self.hysteresis_amplitude_v

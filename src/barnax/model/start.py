@@ -61,6 +61,8 @@ def find_start(
         # Of a record's opening rest nobody knows how long it was; counters tell more.
         only = not unrested
         known = known_soc(record, cell, capacity_ah, first, rest_a, only_counters=only)
+        if only and known is not None and _denies(cell, voltage_v, known.soc):
+            known = None
     if window.initial_soc is not None:
         soc, soc_source = window.initial_soc, "given"
     elif known is not None:
@@ -120,6 +122,17 @@ def _soc_from_rest(record: Record, cell: CellModel, first: int, direction: int) 
         raise InputError(f"{record.name}: row {record.row[first]}: {problem}") from problem
 
 
+def _denies(cell: CellModel, voltage_v: float, soc: float) -> bool:
+    """Whether a rested voltage lies off both branches at a SOC, by voltage and by SOC."""
+    try:
+        ends = [cell.soc_from_rest_voltage(voltage_v, direction) for direction in (-1, 1)]
+    except InputError:  # far from where the other branch ends
+        return False
+    expected_v = [float(curve(np.array([soc]))[0]) for curve in (cell.discharge, cell.charge)]
+    is_far = not min(expected_v) - DOUBTFUL_V <= voltage_v <= max(expected_v) + DOUBTFUL_V
+    return is_far and not min(ends) - DOUBTFUL_SOC <= soc <= max(ends) + DOUBTFUL_SOC
+
+
 def start_warnings(
     record: Record, cell: CellModel, window: Window, first: int, start: Start, rest_a: float
 ) -> list[str]:
@@ -137,16 +150,10 @@ def start_warnings(
         ]
     if window.initial_soc is None:
         return []
-    try:
-        ends = [cell.soc_from_rest_voltage(start.voltage_v, direction) for direction in (-1, 1)]
-    except InputError:  # far from where the other branch ends
+    if not _denies(cell, start.voltage_v, start.soc):
         return []
-    given_v = [float(curve(np.array([start.soc]))[0]) for curve in (cell.discharge, cell.charge)]
-    is_far = not min(given_v) - DOUBTFUL_V <= start.voltage_v <= max(given_v) + DOUBTFUL_V
-    if is_far and not min(ends) - DOUBTFUL_SOC <= start.soc <= max(ends) + DOUBTFUL_SOC:
-        soc = ends[1 if start.direction > 0 else 0]
-        return [
-            f"{place}, which corresponds to a state of charge of {soc:.3f}, but `initial_soc` is "
-            f"{start.soc:g}; leave it out to use the rested voltage"
-        ]
-    return []
+    soc = cell.soc_from_rest_voltage(start.voltage_v, start.direction)
+    return [
+        f"{place}, which corresponds to a state of charge of {soc:.3f}, but `initial_soc` is "
+        f"{start.soc:g}; leave it out to use the rested voltage"
+    ]

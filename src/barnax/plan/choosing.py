@@ -49,9 +49,9 @@ class _Draft:
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""
         for seen, (role, reason, window) in self.taken.items():
-            degc = seen.temperature_degc
-            if role in ("identification", "validation") and seen.record.temperature_degc is None:
-                window = replace(window, temperature_degc=window.temperature_degc or degc)
+            is_open = role in ("identification", "validation") and window.temperature_degc is None
+            if is_open and seen.record.temperature_degc is None:
+                window = replace(window, temperature_degc=seen.temperature_degc)
                 self.taken[seen] = role, reason, window
 
     def parts(self) -> tuple[Part, ...]:
@@ -112,14 +112,13 @@ def _decide(
 ) -> Plan:
     """The plan of files of which some have their role given; `is_over` all their temperatures."""
     draft = _Draft(seen)
-    first_of: dict[str, Seen] = {}
+    first_of: dict[tuple[object, ...], Seen] = {}
     for each in seen:
-        sha256 = each.source.sha256 if each.source else ""
+        # What came from no file is itself alone.
+        source = (each.source.sha256, each.source.span_s) if each.source else (id(each),)
         if each.refusal:
             draft.take(each, "not used", each.refusal.removeprefix(f"{each.name}: "))
-        elif each.source and each.source.span_s:
-            continue
-        elif (same := first_of.setdefault(sha256, each)) is not each:
+        elif (same := first_of.setdefault(source, each)) is not each:
             draft.take(each, "not used", f"the same as {same.name}, byte for byte")
     for each in others:
         draft.take(each, "validation", "given", each.window)
@@ -301,7 +300,8 @@ def _take_other_temperatures(
 
 def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
     """What is left has no role, for a reason."""
-    degc = next((each.temperature_degc for each in choice.tests if each.temperature_degc), None)
+    known = (each.temperature_degc for each in choice.tests if each.temperature_degc is not None)
+    degc = next(known, None)
     for each in draft.seen:
         if each in draft.taken:
             continue

@@ -154,9 +154,8 @@ def _within_ocv(window: Window, record: Record, cell: CellModel, first: int) -> 
     A test that ends at its cut-off without a rest has no point there.
     """
     low, high = cell.soc_range
-    soc = soc_along(
-        record, window.capacity_ah or cell.capacity_ah, first, window.initial_soc or 1.0
-    )
+    start = 1.0 if window.initial_soc is None else window.initial_soc
+    soc = soc_along(record, window.capacity_ah or cell.capacity_ah, first, start)
     reach = (low - OCV_MARGIN, high + OCV_MARGIN)
     is_inside = reach[0] <= soc[first:].min() and soc[first:].max() <= reach[1]
     return window if is_inside or window.score_soc else replace(window, score_soc=reach)

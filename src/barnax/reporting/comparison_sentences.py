@@ -30,6 +30,9 @@ ADDITIONS = {
     SWITCHES: "hysteresis that follows the charge passed (esc instead of iso-rc)",
 }
 
+# Of fewer seeds even a win of all has a p over 5 %.
+ENOUGH_SEEDS = 6
+
 
 def answered(result: "ComparisonResult") -> "list[RowPart]":
     """The rows that have an answer."""
@@ -150,17 +153,18 @@ def _lead_sentences(
     # Stored may be the second row against the first.
     sign = 1 if found.first == leader else -1
     low_v, high_v = sorted(-sign * end_v for end_v in over_time.interval_v)
-    chance, holds = ("", "excludes") if over_time.is_real else ("not ", "includes")
-    narrow = f" ({NARROW})" if over_time.is_block_capped else ""
+    narrow, sure = (f" ({NARROW})", "may be") if over_time.is_block_capped else ("", "is")
+    chance, holds = (sure, "excludes") if over_time.is_real else ("is not", "includes")
     yield (
-        f"The lead of {millivolt(lead_v)} over the next, {other}, is {chance}significant: its 95 % "
+        f"The lead of {millivolt(lead_v)} over the next, {other}, {chance} significant: its 95 % "
         f"interval over time, {1e3 * low_v:.2f} to {millivolt(high_v)}, {holds} zero{narrow}."
     )
     if seeds is not None:
         wins, losses = (seeds.wins, seeds.losses)[::sign]
+        few = "; too few seeds to tell" if wins + losses < ENOUGH_SEEDS else ""
         yield (
             f"Seed by seed, it wins {wins} times and loses {losses} times (Wilcoxon signed-rank "
-            f"p = {seeds.p_value:.2g})."
+            f"p = {seeds.p_value:.2g}{few})."
         )
 
 

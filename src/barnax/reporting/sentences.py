@@ -42,17 +42,17 @@ DRIFT = (
 BandQuantity = Literal["SOC", "current", "temperature"]
 
 
-def optimum_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:
-    """Whether the circuit is the best one, and how that is known."""
+def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
+    """How it is known that the circuit is the best one."""
     which = f"no {NUMBERS[optimum.parameters.pairs]}-RC circuit in the bounds is"
     # Rounded up, and without an exponent.
     better = f"{which} {better_than(optimum.proved_gap)}"
     if optimum.status == "certified":
-        return f"Best possible: proved, {better}."
-    grid = "Best found: verified on a grid of time constants"
+        return f"proved, {better}"
+    grid = "verified on a grid of time constants"
     if optimum.cells is None:
-        return f"{grid}, not proved."
-    return f"{grid}; the proof stopped after {optimum.cells:,} cells: {better}."
+        return f"{grid}, not proved"
+    return f"{grid}; the proof stopped after {optimum.cells:,} cells: {better}"
 
 
 def better_than(proved_gap: float) -> str:
@@ -66,13 +66,25 @@ def local_optima_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:
     others, reach = optimum.local_optima, f"less than {percent(FACTOR - 1)} above the best one"
     if not others:
         return f"No other local optimum is {reach}."
-    gap = percent(optimality_gap(others[0].rmse_v, optimum.rmse_v))
-    where = f"{gap} above at {_taus(others[0].parameters.tau_s)}"
-    if others[0].rmse_v < (1 + HARDLY_ABOVE) * optimum.rmse_v:
+    where = f"{_nearest_gap(optimum)} above at {_taus(others[0].parameters.tau_s)}"
+    if nearly_as_good(optimum):
         where += ", a different circuit with nearly the same error"
     if len(others) == 1:
         return f"One other local optimum is {reach}: {where}."
     return f"{len(others)} other local optima are {reach}, the nearest {where}."
+
+
+def nearly_as_good(optimum: "GlobalOptimum | GlobalPart") -> str:
+    """A different circuit that has nearly the same error, empty where there is none."""
+    others = optimum.local_optima
+    if not others or others[0].rmse_v >= (1 + HARDLY_ABOVE) * optimum.rmse_v:
+        return ""
+    where = _taus(others[0].parameters.tau_s)
+    return f"A different circuit, with {where}, is only {_nearest_gap(optimum)} worse."
+
+
+def _nearest_gap(optimum: "GlobalOptimum | GlobalPart") -> str:
+    return percent(optimality_gap(optimum.local_optima[0].rmse_v, optimum.rmse_v))
 
 
 def _at_bounds(at_bound: Sequence[AtBound]) -> str:

@@ -12,7 +12,8 @@ from .sentences import (
     WORTH_TELLING,
     diagnostics_sentences,
     local_optima_sentence,
-    optimum_sentence,
+    nearly_as_good,
+    optimum_words,
     option,
 )
 from .soc_tables import best_tables
@@ -52,8 +53,7 @@ def best_possible(result: "Result") -> str:
         gap = percent(optimum.rmse_v / result.metrics.identification.rmse_v - 1)
         return f"not proved: the seeds found a circuit {gap} better than the grid."
     found = f" ({optimum.seeds_there} of {counted(seeds, 'seed')} found it)" if seeds else ""
-    text = optimum_sentence(optimum).partition(": ")[2].rstrip(".")
-    return f"{text}{found}."
+    return f"{optimum_words(optimum)}{found}. {nearly_as_good(optimum)}".rstrip()
 
 
 def seeds_sentences(result: "Result") -> Iterator[str]:

@@ -30,6 +30,10 @@ TIMES_PER_DECADE = 3
 LONGEST_TIME = 1 / 4
 LAGS_PER_OCTAVE = 2
 LONGEST_LAG = 1 / 2
+# Of the pairs of samples that an even clock has of a lag, fewer than this share count for less.
+FEW_PAIRS = 1 / 2
+# So many filled slots, if most are empty, are few enough for sums over all pairs of them.
+MOST_FILLED = 1500
 # Clocks finer than this many intervals a record are read in coarser slots.
 MOST_SLOTS = 2**20
 
@@ -51,7 +55,8 @@ class Noise:
     _from_lags: Float[np.ndarray, "parts lags"]
     _edges: Int[np.ndarray, "edges"]
     _power_v2: Float[np.ndarray, "frequencies"]
-    _filled: int
+    _counts: Float[np.ndarray, "slots"]
+    _autocovariance: Float[np.ndarray, "slots"]
     _padded: int
 
     @property
@@ -85,18 +90,27 @@ class Noise:
         is_used = self.variance_v2 > 0
         if variance <= 0:
             return math.inf
-        # Padding and empty slots repeat each independent value of the periodogram this often.
-        repeats = self._padded / self._filled
-        uncertainty = repeats * float(np.sum((shares[is_used] @ self._spectra) ** 2))
-        return 2 * variance**2 / uncertainty
+        used = shares[is_used]
+        return 2 * variance**2 / float(used @ self._uncertainty @ used)
 
     @cached_property
-    def _spectra(self) -> Float[np.ndarray, "used frequencies"]:
-        """What the periodogram's own spread adds to the variance of each part that is there."""
+    def _uncertainty(self) -> Float[np.ndarray, "used used"]:
+        """Half the covariance of the variances of the parts that are there."""
         by_lag = np.zeros((np.count_nonzero(self.variance_v2), self._padded))
         by_bin = self._from_lags[self.variance_v2 > 0]
         by_lag[:, : self._edges[-1]] = np.repeat(by_bin, np.diff(self._edges), axis=1)
-        return _both_sides(rfft(by_lag).real) / self._padded * self._power_v2
+        slot = np.flatnonzero(self._counts)
+        if len(slot) >= min(MOST_FILLED, len(self._counts) / 2):
+            # What the periodogram's own spread adds. Padding and empty slots repeat each
+            # independent value of it.
+            spectra = _both_sides(rfft(by_lag).real) / self._padded * self._power_v2
+            return self._padded / len(slot) * spectra @ spectra.T
+        # Where samples come in bursts, its values are not independent.
+        apart, counts = np.abs(slot[:, None] - slot), self._counts[slot]
+        covariance = np.outer(counts, counts) * self._autocovariance[apart]
+        by_lag[:, 1:] /= 2
+        weighed = [each[apart] @ covariance for each in by_lag]
+        return np.array([[np.sum(one * other.T) for other in weighed] for one in weighed])
 
 
 def fit_noise(
@@ -200,9 +214,12 @@ def fit_gathered(
 
     power = np.abs(rfft(error_v, padded)) ** 2
     measured = _binned(irfft(power, padded)[: slots.count], edges)
-    # Every bin counts alike, as the mean over its pairs: lags that no two samples have do not.
+    # Every bin counts alike, as the mean over its pairs. Lags that no two samples have do not, and
+    # where an uneven clock has few pairs of a lag, that bin counts for less.
     total_pairs = _binned(pairs, edges)
-    weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, 0.5), 0.0)
+    even_pairs = _binned((samples / slots.count) ** 2 * (slots.count - lag), edges)
+    fewest = np.maximum(FEW_PAIRS * even_pairs, 0.5)
+    weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, fewest), 0.0)
     unit_v2 = squares_v2 / samples
     design = expected * weight[:, None]
     variance = np.zeros(len(spread))
@@ -222,7 +239,8 @@ def fit_gathered(
         _from_lags=from_lags,
         _edges=edges,
         _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
-        _filled=int(np.count_nonzero(counts)),
+        _counts=counts,
+        _autocovariance=autocovariance,
         _padded=padded,
     )
 

@@ -312,12 +312,10 @@ def _prepared_again(
     prepared_records = []
     for prepared in problem.prepared_records:
         window = replace(
-            prepared.window,
+            prepared.settled_window,
             initial_soc=prepared.start.soc if initial_soc is None else initial_soc,
             rest_current_a=prepared.rest_current_a,
             capacity_ah=prepared.capacity_ah if capacity_ah is None else capacity_ah,
         )
-        if prepared.start.direction_source == "better fit":
-            window = replace(window, initial_direction=prepared.start.direction)
         prepared_records.append(prepare_record(prepared.record, problem.cell, circuit, window))
     return replace(problem, prepared_records=tuple(prepared_records))

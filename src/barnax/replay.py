@@ -186,8 +186,11 @@ def replay_soc(
     measured, warnings = read_validation(record, reading, window, result.cell_model)
     used = result if settings.tables else result.model_copy(update={"tables": None})
     prepared = prepare_record(measured, result.cell_model, result.model, window)
+    degc = prepared.temperature_degc
     if used.tables is not None and used.tables.over_temperature is not None:
-        used = used.at_temperature(require_temperature(prepared))
+        degc = require_temperature(prepared)
+    if degc is not None:
+        used = used.at_temperature(degc)
     model = eqx.tree_at(
         lambda each: each.capacity_ah,
         model_of(used, settings.estimate),

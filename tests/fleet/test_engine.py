@@ -269,7 +269,7 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
 
     monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
     cells = cells_of(["a", "deadly", "b"])
-    with pytest.raises(InputError, match="`executor` is broken"):
+    with pytest.raises(InputError, match="the executor is broken"):
         identify_fleet(cells, tmp_path, executor=Limited(), batch=1)
     dies.append(False)
     state = identify_fleet(cells, tmp_path, executor=Inline(), batch=1)

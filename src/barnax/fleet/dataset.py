@@ -50,8 +50,9 @@ def parts_folder(out: Path, shard: Shard | None = None) -> Path:
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> None:
     """The rows as a Parquet file, whole or not at all."""
     aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    frame = rows
-    if not isinstance(frame, pl.DataFrame):
+    if isinstance(rows, pl.DataFrame):
+        frame = rows
+    else:
         names = dict.fromkeys(name for row in rows for name in row)
         frame = pl.DataFrame([_column(name, [row.get(name) for row in rows]) for name in names])
     try:

@@ -141,6 +141,19 @@ def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, made_
     assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
 
 
+def test_shards_run_beside_each_other(tmp_path, made_rows):
+    names = [f"cell {number}" for number in range(24)]
+    with ThreadPoolExecutor(4) as pool:
+        running = [
+            pool.submit(
+                identify_fleet, cells_of(names), tmp_path, executor=Inline(), shard=(n, 4), batch=1
+            )
+            for n in (1, 2, 3, 4)
+        ]
+    assert sum(each.result().finished for each in running) == len(names)
+    assert identify_fleet(cells_of(names), tmp_path, executor=Inline()).skipped == len(names)
+
+
 def test_two_commands_cannot_write_to_one_folder(tmp_path, made_rows, monkeypatch):
     refused = []
 
@@ -256,7 +269,7 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
 
     monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
     cells = cells_of(["a", "deadly", "b"])
-    with pytest.raises(InputError, match="`executor` is broken"):
+    with pytest.raises(InputError, match="the executor is broken"):
         identify_fleet(cells, tmp_path, executor=Limited(), batch=1)
     dies.append(False)
     state = identify_fleet(cells, tmp_path, executor=Inline(), batch=1)

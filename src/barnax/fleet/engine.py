@@ -254,7 +254,7 @@ def _opened(
             yield (lambda: executor), workers
         except BrokenExecutor as problem:
             raise InputError(
-                "`executor` is broken, because one of its workers died; call this again with a new "
+                "the executor is broken, because a worker of it died; call this again with a new "
                 "one, or without, where workers that die are replaced"
             ) from problem
     elif scheduler is not None:

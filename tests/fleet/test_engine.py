@@ -101,6 +101,21 @@ def test_a_folder_may_be_called_like_a_pattern(tmp_path, made_rows):
     assert (state.finished, state.skipped, made_rows) == (1, 2, ["a", "b", "c"])
 
 
+def test_settings_that_come_back_have_their_own_rows(tmp_path, made_rows):
+    def stop(state):
+        if state.finished:
+            raise Stop
+
+    for trust in ("none", "basic"):
+        with pytest.raises(Stop):
+            identify_fleet(
+                cells_of("a"), tmp_path, executor=Inline(), settings={"trust": trust}, report=stop
+            )
+    options = {"executor": Inline(), "settings": {"trust": "none"}}
+    assert identify_fleet(cells_of("a"), tmp_path, **options).finished == 1
+    assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
+
+
 def test_rows_of_other_cells_stay(tmp_path, made_rows):
     identify_fleet(cells_of("ab"), tmp_path, executor=Inline())
     identify_fleet(cells_of("c"), tmp_path, executor=Inline())

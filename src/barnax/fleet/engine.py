@@ -91,9 +91,8 @@ def identify_fleet(
     out, chosen = Path(out), {"seeds": 0, **(settings or {})}
     state, skipped = Progress(), [0]
     with writing(out, shard) as folder:
-        if retry:
-            # A part that stands is not computed again, and some hold what failed.
-            compact(out, shard)
+        # A part that stands is not computed again, and some hold what failed or was replaced since.
+        compact(out, shard)
         queue = _wanted(cells, chosen, shard, finished(out), retry, skipped)
         few = list(queue) if isinstance(cells, Sequence) else None
         if few is not None:

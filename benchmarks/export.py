@@ -25,7 +25,8 @@ NOTES = """\
 `apart from turns` leaves out the samples at which the current turns, `without hysteresis` compares
 with barnax's circuit without its hysteresis voltage. What the figures come from:
 
-- 50 µV everywhere: the OCV table, which its readers interpolate linearly.
+- 50 µV everywhere: the OCV table, which its readers interpolate linearly. Tables of resistances add
+  some: barnax holds a resistance over an interval (here cut in 16), and a solver does not.
 - PyBaMM, `iso-rc` and `esc`: its model has no hysteresis voltage. Without ours, the same 50 µV.
 - thevenin, `iso-rc`: the hysteresis is a state there, which turns once charge has passed, with
   gamma = 1e5; ours has turned at the sample at which the current turns, and does not turn below

@@ -63,7 +63,7 @@ int main(void)
     for (turn = 0; turn < 20; turn++) {
         const clock_t begun = clock();
         double spent;
-        barnax_filter_start(&f, (barnax_real)0.9, (barnax_real)0.1);
+        barnax_filter_start(&f, (barnax_real)0.9, (barnax_real)0.1, 1);
         for (k = 0; k < n; k++)
             barnax_filter_step(&f, (barnax_real)in[k][0], (barnax_real)in[k][1],
                                (barnax_real)in[k][2], (barnax_real)in[k][3]);

@@ -1,22 +1,25 @@
 """A record replayed through a filter: what is scored, and what is an answer where nothing is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from barnax.bundled import BUNDLED
+from barnax.cell import InterpolatedCurve
 from barnax.errors import InputError
+from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import FilterSettings, Scenario, SocReplay, _converged, replay_soc
 from barnax.reporting.replay import soc_lines, soc_screen
+from helpers.results import make_record, make_result
 
 SCENARIOS = (Scenario("right start"), Scenario("lost", soc_error=1e300))
 
 
 @pytest.fixture(scope="module")
 def result():
-    from barnax.model.window import Window
-
     return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=2, iterations=5)
 
 
@@ -61,6 +64,21 @@ def test_a_replay_is_stored_and_read_back(replay, tmp_path):
     with pytest.raises(InputError, match="replay the record again"):
         plot_soc_replay(again)
     assert len(plot_soc_replay(replay).axes) == 2
+
+
+def test_without_tables_the_cell_is_that_of_the_records_temperature():
+    made = make_result("so-rc")
+    soc = np.linspace(0, 1, 41)
+    cold = InterpolatedCurve.fit(soc, made.cell.average_ocv_v(soc) - 0.03)
+    there = replace(made.cell, charge=cold, discharge=cold, capacity_ah=1.8, temperature_degc=10.0)
+    cells = replace(made.cell, temperature_degc=25.0, elsewhere=(there,)), there
+    window, settings = Window(initial_soc=0.9, temperature_degc=10.0), FilterSettings(tables=False)
+    both, alone = (
+        replay_soc(made.model_copy(update={"cell": cell}), make_record(300), window, settings)
+        for cell in cells
+    )
+    np.testing.assert_array_equal(both.traces.estimate.soc, alone.traces.estimate.soc)
+    assert both.scenarios == alone.scenarios
 
 
 def test_convergence_must_hold_ten_minutes_or_to_the_end():

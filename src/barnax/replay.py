@@ -4,7 +4,7 @@ The truth is the record's own ampere-hour counter. The filter does not see it: i
 counts with an offset, or takes a wrong capacity, and has the voltage to notice by.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -173,21 +173,28 @@ def replay_soc(
     scenarios: Sequence[Scenario] = SCENARIOS,
     current_sign: Any = "auto",
     current_hold: Any = "auto",
+    columns: Mapping[str, str] | str = "",
 ) -> SocReplay:
     """How well a Kalman filter with this circuit tracks the SOC of a record, for each scenario.
 
     The reference is the record's ampere-hour count, which the filter does not see. `window` is by
-    default the one on which the identification records agree. Raises `InputError` if the record,
+    default the one on which the identification records agree, and the record is read as
+    `validate_stored` reads it. Raises `InputError` if the record,
     its window or `settings.estimate` cannot be used, and for a result without an assessment, from
     which the filter takes its noise.
     """
     settings, window = settings or FilterSettings(), window or result.common_window
-    reading = Reading(validate_current_sign=current_sign, current_hold=current_hold)
+    reading = Reading(
+        validate_current_sign=current_sign, current_hold=current_hold, columns=columns
+    )
     measured, warnings = read_validation(record, reading, window, result.cell_model)
     used = result if settings.tables else result.model_copy(update={"tables": None})
     prepared = prepare_record(measured, result.cell_model, result.model, window)
+    degc = prepared.temperature_degc
     if used.tables is not None and used.tables.over_temperature is not None:
-        used = used.at_temperature(require_temperature(prepared))
+        degc = require_temperature(prepared)
+    if degc is not None:
+        used = used.at_temperature(degc)
     model = eqx.tree_at(
         lambda each: each.capacity_ah,
         model_of(used, settings.estimate),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from .cell import CellModel, CircuitParameters, get_circuit
+from .cell.temperature import SAME_DEGC
 from .errors import InputError
 from .global_optimum import GlobalOptimum, OtherHold
 from .model.problem import Kind
@@ -307,19 +308,38 @@ class Result(Document):
         return self.metrics if self.tables is None else self.tables.metrics
 
     def at_temperature(self, temperature_degc: float) -> Self:
-        """The same with the tables over SOC, the OCV and the capacity of one temperature alone;
-        itself where they are of no other."""
+        """The same with the tables over SOC, the OCV and the capacity of one temperature alone."""
+        # The capacity is the cell's now, and no record's.
+        alone: dict[str, Any] = {
+            "cell": self.cell_at(temperature_degc),
+            "inputs": tuple(each.model_copy(update={"capacity_ah": None}) for each in self.inputs),
+        }
         part = self.tables
-        if part is None or part.over_temperature is None:
-            return self
-        fit = replace(part.fit, tables=part.found.at(temperature_degc))
-        own = part.model_copy(update={"fits": (fit,), "over_temperature": None})
-        cell = self.cell.at(temperature_degc)
-        return self.model_copy(update={"tables": own, "cell": replace(cell, elsewhere=())})
+        if part is not None and part.over_temperature is not None:
+            fit = replace(part.fit, tables=part.found.at(temperature_degc))
+            alone["tables"] = part.model_copy(update={"fits": (fit,), "over_temperature": None})
+        return self.model_copy(update=alone)
 
     @property
     def cell_model(self) -> CellModel:
         return self.cell
+
+    def cell_at(self, temperature_degc: float | None = None) -> CellModel:
+        """The cell as the identification simulated it at a temperature, by default that of the
+        first record: with the capacity of the first record there, which may be its own."""
+        records = self.of_role("identification")
+        if temperature_degc is None:
+            temperature_degc, near = self._first.temperature_degc, records[:1]
+        else:
+            near = [
+                each
+                for each in records
+                if each.temperature_degc is not None
+                and abs(each.temperature_degc - temperature_degc) <= SAME_DEGC
+            ]
+        cell = self.cell.at(temperature_degc)
+        capacity_ah = (near[0].capacity_ah if near else None) or cell.capacity_ah
+        return replace(cell, capacity_ah=capacity_ah, elsewhere=())
 
     def of_role(self, role: str) -> tuple[InputPart, ...]:
         """The inputs that served as `role`."""

@@ -2,6 +2,8 @@
 
 import json
 
+import polars as pl
+
 from barnax.bundled import BUNDLED
 from barnax.replay import SCENARIOS
 
@@ -31,6 +33,23 @@ def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
     outcome = run("soc", finished.folder, BUNDLED.validation, "--json", "--score-to", "1000")
     assert json.loads(outcome.out)["samples"] == 1001
     assert contents(tmp_path) == {}
+
+
+def test_columns_that_are_not_recognized_can_be_named(run, finished, tmp_path):
+    table = pl.read_parquet(BUNDLED.validation).head(1200)
+    table.write_parquet(tmp_path / "known.parquet")
+    time, current, voltage = (
+        next(each for each in table.columns if each.startswith(word))
+        for word in ("Test Time", "Current", "Voltage")
+    )
+    unknown = table.select(**{"Zeit": time, "Strom": current, "Klemme": voltage})
+    unknown.write_parquet(tmp_path / "unknown.parquet")
+    names = ("--columns", "time=Zeit:s,current=Strom:A,voltage=Klemme:V")
+    expected, found = (
+        run("soc", finished.folder, *given, "--json", "--score-to", "1000")
+        for given in (["known.parquet"], ["unknown.parquet", *names])
+    )
+    assert json.loads(found.out)["scenarios"] == json.loads(expected.out)["scenarios"]
 
 
 def test_what_is_unknown_is_refused(refuse, finished):

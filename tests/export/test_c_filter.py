@@ -2,6 +2,8 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,15 +18,19 @@ from helpers.results import PAIRS_OF, make_record, make_result, make_table_resul
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="this system has no C compiler")
+HYSTERETIC = ("iso-rc", "esc", "takacs")
+# So many samples pass before the current flows.
+REST = 40
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2")
 PROGRAM = """\
 #include <stdio.h>
+#include <stdlib.h>
 #include "barnax_filter.h"
-int main(void)
+int main(int count, char **given)
 {
     barnax_filter f;
     double in[4], out[4];
-    barnax_filter_start(&f, (barnax_real)0.7, (barnax_real)0.1);
+    barnax_filter_start(&f, (barnax_real)0.7, (barnax_real)0.1, count > 1 ? atoi(given[1]) : 0);
     while (fread(in, sizeof(double), 4, stdin) == 4) {
         barnax_filter_step(&f, (barnax_real)in[0], (barnax_real)in[1], (barnax_real)in[2],
                            (barnax_real)in[3]);
@@ -39,8 +45,8 @@ int main(void)
 """
 
 
-def in_c(folder, result, drive, precision):
-    """SOC, its deviation, innovation and its deviation after every sample."""
+def compiled(folder, result, precision):
+    """A function that runs the filter in C from a last direction."""
     (folder / "barnax_filter.h").write_bytes(EXPORTERS["c-filter"].write(result).content)
     (folder / "main.c").write_text(PROGRAM)
     program = folder / precision
@@ -48,15 +54,25 @@ def in_c(folder, result, drive, precision):
         [COMPILER, *STRICT, f"-DBARNAX_REAL={precision}", folder / "main.c", "-o", program, "-lm"],
         check=True,
     )
-    rows = np.stack([drive.interval_s, drive.held_a, drive.current_a, drive.voltage_v], axis=1)
-    ran = subprocess.run([program], input=rows.tobytes(), capture_output=True, check=True)
-    return np.frombuffer(ran.stdout).reshape(-1, 4)
+
+    def run(direction, drive):
+        """SOC, its deviation, innovation and its deviation after every sample."""
+        rows = np.stack([drive.interval_s, drive.held_a, drive.current_a, drive.voltage_v], axis=1)
+        command = [program, str(direction)]
+        ran = subprocess.run(command, input=rows.tobytes(), capture_output=True, check=True)
+        return np.frombuffer(ran.stdout).reshape(-1, 4)
+
+    return run
 
 
 @in_float64
-def in_python(result, prepared):
+def in_python(result, prepared, direction):
+    """The same; an unknown direction is halfway between both, with a deviation of one."""
+    before_load = np.arange(len(prepared.soc)) < REST
+    prepared = replace(prepared, direction=np.where(before_load, direction, prepared.direction))
     model, drive = model_of(result, ("offset", "capacity")), Drive.of(prepared)
-    found = run_filter(model, model.start(0.7, 0.1, float(prepared.start.direction), 0.0), drive)
+    start = model.start(0.7, 0.1, float(direction), 1.0 if direction == 0 else 0.0)
+    found = run_filter(model, start, drive)
     columns = (found.soc, found.soc_sd, found.innovation_v, found.innovation_sd_v)
     return np.asarray(jnp.stack(columns, axis=1)), drive
 
@@ -68,10 +84,27 @@ def in_python(result, prepared):
 def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
     make = make_table_result if with_tables else make_result
     result = make(circuit, rest_current_a=0.05)
+    record = make_record(2000)
+    at_rest = np.arange(record.samples) < REST
+    record = replace(record, current_a=np.where(at_rest, 0.0, record.current_a))
     window = Window(initial_soc=0.9, initial_direction=1, rest_current_a=0.05)
-    prepared = prepare_record(make_record(2000), result.cell_model, circuit, window)
-    expected, drive = in_python(result, prepared)
-    found = in_c(tmp_path, result, drive, "double")
-    assert np.abs(found - expected).max() < 1e-9
-    single = in_c(tmp_path, result, drive, "float")
-    assert np.abs(single[:, 0] - expected[:, 0]).max() < 2e-3
+    prepared = prepare_record(record, result.cell_model, circuit, window)
+    in_double, in_single = (compiled(tmp_path, result, each) for each in ("double", "float"))
+    for direction in (1, 0) if circuit in HYSTERETIC else (1,):
+        expected, drive = in_python(result, prepared, direction)
+        assert np.abs(in_double(direction, drive) - expected).max() < 1e-9
+        single = in_single(direction, drive)
+        assert np.abs(single[:, 0] - expected[:, 0]).max() < 2e-3
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_an_unknown_direction_leaves_room_for_both(tmp_path, direction):
+    """At rest on a branch at 70 % SOC, as believed: the surer of a wrong one, the farther off."""
+    result = make_result("esc", rest_current_a=0.05)
+    cell, rest, soc = result.cell_model, np.zeros(600), np.array([0.7])
+    voltage_v = (cell.average_ocv_v(soc) + direction * cell.hysteresis_v(soc) / 2)[0] + rest
+    drive = SimpleNamespace(interval_s=rest + 1, held_a=rest, current_a=rest, voltage_v=voltage_v)
+    run = compiled(tmp_path, result, "double")
+    wrong, unknown, right = (run(each, drive)[-1] for each in (-direction, 0, direction))
+    assert abs(right[0] - 0.7) < abs(unknown[0] - 0.7) < abs(wrong[0] - 0.7)
+    assert unknown[1] > wrong[1]

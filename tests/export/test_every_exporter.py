@@ -1,5 +1,7 @@
 """What holds for every registered exporter and every circuit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,16 @@ def test_equal_results_give_equal_bytes_and_another_gives_others(exporter, circu
     written = exporter.write(result)
     assert written == exporter.write(make_result(circuit))
     assert written.content != exporter.write(changed).content
+
+
+@every_exporter
+@every_circuit
+def test_the_capacity_is_the_one_the_record_was_simulated_with(exporter, circuit):
+    result = make_result(circuit)
+    larger = replace(result.cell, capacity_ah=2.2)
+    expected = exporter.write(result.model_copy(update={"cell": larger}))
+    assert exporter.write(make_result(circuit, capacity_ah=2.2)) == expected
+    assert exporter.write(result) != expected
 
 
 @every_exporter

@@ -60,6 +60,20 @@ def test_every_temperature_has_its_own_ocv(result):
         assert np.interp(soc, axis.soc, row) == pytest.approx(ocv_v, abs=6e-5)
 
 
+def test_the_capacity_is_that_of_the_record_nearest_to_25_degc(result):
+    (record,) = result.inputs
+    inputs = tuple(
+        record.model_copy(update={"temperature_degc": degc, "capacity_ah": own_ah})
+        for degc, own_ah in ((1.0, 1.7), (24.0, 1.6), (24.5, 1.5))
+    )
+    own = result.model_copy(update={"inputs": inputs})
+    exported = EXPORTERS["json"].write(own)
+    assert json.loads(exported.content)["capacity [A.h]"] == 1.6
+    assert "at 0, 25, 45 degC it was 1.7, 1.6, 2.1 Ah" in " ".join(exported.caveats)
+    header = EXPORTERS["c-filter"].write(own).content
+    assert b"barnax_capacity_ah = 1.6;" in header
+
+
 def ocv_v(result, degc, soc):
     return tables_of(result.at_temperature(degc)).ocv(np.asarray(soc))
 

@@ -10,6 +10,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from scipy.io import loadmat
 
 from barnax.export import EXPORTERS, pulse_profile
@@ -69,6 +70,21 @@ def test_the_ocv_holds_the_correction_exactly():
     table = tables_of(make_table_result()).ocv
     assert np.abs(table(SOC) - corrected_ocv_v(SOC)).max() < 1.1 * TOLERANCE_V
     assert table.soc[0] == NODES[0]
+
+
+@pytest.mark.parametrize("kept", [slice(2, 6), slice(4, 5)], ids=["0.1 to 0.8", "0.5 alone"])
+def test_a_table_that_is_read_on_straight_is_constant_beyond_its_nodes(kept):
+    result = make_table_result("esc", kept)
+    expected_ohm = np.interp(SOC, NODES[kept], TABLE_OHM[0][kept])
+    found = json.loads(EXPORTERS["json"].write(result).content)["resistances"]
+    stored = loadmat(io.BytesIO(EXPORTERS["simscape"].write(result).content), squeeze_me=True)
+    block = stored["BatteryEquivalentCircuit"]
+    for nodes, values in (
+        (found["SOC"], found["R0 [Ohm]"]),
+        (block["ResistanceSOCBreakpoints"].item(), block["R0"].item()),
+    ):
+        straight = make_interp_spline(nodes, values, k=1)
+        np.testing.assert_allclose(straight(SOC), expected_ohm, rtol=1e-12)
 
 
 @every_exporter

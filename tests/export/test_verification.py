@@ -12,9 +12,11 @@ from barnax.errors import InputError
 from barnax.export import EXPORTERS, Profile, pulse_profile, require_package, verify
 from barnax.export.tables import TOLERANCE_V, tables_of
 from barnax.export.verification import simulate_here
-from helpers.results import CAPACITY_AH, PAIRS, make_result
+from helpers.results import CAPACITY_AH, PAIRS, make_result, make_table_result
 
 SHORT = Profile(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))
+# Nearly to empty, beyond nodes that end before.
+DISCHARGE = Profile(5.0 * np.arange(620), np.full(620, 2.0))
 
 
 def faked(result, error_v):
@@ -58,10 +60,11 @@ def test_samples_at_which_the_current_turns_are_told_apart():
     assert found.without_turns_v == pytest.approx(1e-6)
 
 
-def test_barnax_own_side_is_the_circuit_that_was_identified():
-    result = make_result("so-rc")
+@pytest.mark.parametrize("own_ah", [None, 1.5])
+def test_barnax_own_side_is_the_circuit_that_was_identified(own_ah):
+    result = make_result("so-rc", capacity_ah=own_ah)
     found_v = simulate_here(result, SHORT)
-    soc = 0.9 - np.append(0, np.cumsum(SHORT.current_a[:-1])) / 3600 / CAPACITY_AH
+    soc = 0.9 - np.append(0, np.cumsum(SHORT.current_a[:-1])) / 3600 / (own_ah or CAPACITY_AH)
     expected_v = result.cell_model.average_ocv_v(soc) - 0.0511 * SHORT.current_a
     for r, c in PAIRS[:2]:
         decay = math.exp(-1 / (r * c))
@@ -107,15 +110,25 @@ def test_a_missing_package_is_named_with_how_to_get_it():
         require_package(missing)
 
 
-@pytest.mark.parametrize("name", ["pybamm", "thevenin"])
-@pytest.mark.parametrize("circuit", ["so-rc", "3rc"])
 # What other packages warn of when they are imported is theirs.
 @pytest.mark.filterwarnings("ignore")
-def test_a_circuit_without_hysteresis_is_the_same_in_the_package(name, circuit, monkeypatch):
+@pytest.mark.parametrize("name", ["pybamm", "thevenin"])
+@pytest.mark.parametrize(
+    ("result", "profile"),
+    [
+        (make_result("so-rc"), SHORT),
+        (make_result("3rc", capacity_ah=1.5), SHORT),
+        (make_table_result(kept=slice(2, 6)), DISCHARGE),
+        (make_table_result(kept=slice(4, 5)), DISCHARGE),
+    ],
+    ids=["so-rc", "3rc of its own capacity", "nodes from 0.1 to 0.8", "one node"],
+)
+def test_a_circuit_without_hysteresis_is_the_same_in_the_package(
+    name, result, profile, monkeypatch
+):
     if importlib.util.find_spec(name) is None:
         pytest.skip(f"{name} is not installed; it is in the extra verify")
     monkeypatch.setenv("PYBAMM_DISABLE_TELEMETRY", "true")
-    result = make_result(circuit)
     exporter = EXPORTERS[name]
-    found = verify(result, exporter, exporter.write(result).content, SHORT)
+    found = verify(result, exporter, exporter.write(result).content, profile)
     assert found.largest_v < 1.5 * TOLERANCE_V

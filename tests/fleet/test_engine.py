@@ -3,13 +3,16 @@
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
 
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
 from barnax.errors import InputError
-from barnax.fleet import cell_of, identify_fleet, read_manifest
+from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
 from barnax.fleet.rows import identify_cell
 from barnax.model.problem import make_problem
@@ -64,6 +67,55 @@ def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, m
     assert again.finished == 3
 
 
+class Stop(Exception):
+    """Ends a command between two batches."""
+
+
+@pytest.mark.parametrize("shard", [None, (1, 1)])
+@pytest.mark.parametrize("is_interrupted", [False, True])
+def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_interrupted, shard):
+    failing, computed = {"b"}, []
+
+    def row(cell, settings, kept=None):
+        computed.append(cell.id)
+        return ROW | {"id": cell.id, "error": "no" if cell.id in failing else None}
+
+    def stop(state):
+        if is_interrupted and state.finished:
+            raise Stop
+
+    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
+    one_each = {"executor": Inline(), "shard": shard, "batch": 1}
+    with suppress(Stop):
+        identify_fleet(cells_of("abc"), tmp_path, report=stop, **one_each)
+    assert computed == ["a", "b", "c"]
+    failing.clear()
+    state = identify_fleet(cells_of("abc"), tmp_path, retry=True, **one_each)
+    assert (state.finished, state.failed, state.skipped, computed[3:]) == (1, 0, 2, ["b"])
+    assert read_rows(tmp_path)["error"].to_list() == [None] * 3
+
+
+def test_a_folder_may_be_called_like_a_pattern(tmp_path, made_rows):
+    for names in ("ab", "abc"):
+        state = identify_fleet(cells_of(names), tmp_path / "[A1] *", executor=Inline())
+    assert (state.finished, state.skipped, made_rows) == (1, 2, ["a", "b", "c"])
+
+
+def test_settings_that_come_back_have_their_own_rows(tmp_path, made_rows):
+    def stop(state):
+        if state.finished:
+            raise Stop
+
+    for trust in ("none", "basic"):
+        with pytest.raises(Stop):
+            identify_fleet(
+                cells_of("a"), tmp_path, executor=Inline(), settings={"trust": trust}, report=stop
+            )
+    options = {"executor": Inline(), "settings": {"trust": "none"}}
+    assert identify_fleet(cells_of("a"), tmp_path, **options).finished == 1
+    assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
+
+
 def test_rows_of_other_cells_stay(tmp_path, made_rows):
     identify_fleet(cells_of("ab"), tmp_path, executor=Inline())
     identify_fleet(cells_of("c"), tmp_path, executor=Inline())
@@ -104,6 +156,19 @@ def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, made_
     assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
 
 
+def test_shards_run_beside_each_other(tmp_path, made_rows):
+    names = [f"cell {number}" for number in range(24)]
+    with ThreadPoolExecutor(4) as pool:
+        running = [
+            pool.submit(
+                identify_fleet, cells_of(names), tmp_path, executor=Inline(), shard=(n, 4), batch=1
+            )
+            for n in (1, 2, 3, 4)
+        ]
+    assert sum(each.result().finished for each in running) == len(names)
+    assert identify_fleet(cells_of(names), tmp_path, executor=Inline()).skipped == len(names)
+
+
 def test_two_commands_cannot_write_to_one_folder(tmp_path, made_rows, monkeypatch):
     refused = []
 
@@ -129,6 +194,33 @@ def test_an_unknown_method_is_refused_before_any_cell(tmp_path, made_rows):
     with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
         identify_fleet(cells_of("a"), tmp_path, executor=Inline(), settings={"method": "magic"})
     assert made_rows == []
+
+
+def test_a_mapping_may_leave_columns_empty(tmp_path, made_rows):
+    empty = {"capacity": None, "ocv": None, "circuit": None, "age": None}
+    cells = [*cells_of("a"), cells_of("b")[0] | empty]
+    assert identify_fleet(cells, tmp_path, executor=Inline()).finished == 2
+    assert read_rows(tmp_path)["age"].to_list() == [1, None]
+
+
+def test_an_edited_result_is_another_cell(tmp_path, monkeypatch):
+    given = []
+
+    def identify(records, *, cell, **_):
+        given.append(cell)
+        raise InputError("only the cell is looked at")
+
+    monkeypatch.setattr("barnax.fleet.rows.identify", identify)
+    monkeypatch.setattr(
+        "barnax.fleet.rows.Result.from_json",
+        lambda path: SimpleNamespace(cell=Path(path).read_text()),
+    )
+    path = tmp_path / "result.json"
+    for text in ("2 A.h", "1.5 A.h"):
+        path.write_text(text)
+        for name in "ab":
+            identify_cell(FleetCell(name, records=("drive.csv",), cell=str(path)), {})
+    assert given == ["2 A.h", "2 A.h", "1.5 A.h", "1.5 A.h"]
 
 
 class Deadly(Exception):
@@ -173,6 +265,40 @@ def test_a_cell_that_kills_its_worker_costs_one_row(tmp_path, monkeypatch):
     assert "the worker died" in failed["error"].item()
 
 
+def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch):
+    computed, dies = [], [True]
+
+    def row(cell, settings, kept=None):
+        if cell.id == "deadly" and dies.pop():
+            raise Deadly
+        computed.append(cell.id)
+        return ROW | {"id": cell.id}
+
+    class Limited(Fragile):
+        asked = 0
+
+        def submit(self, fn, /, *args, **kwargs):
+            self.asked += 1
+            assert self.asked < 100
+            return super().submit(fn, *args, **kwargs)
+
+    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
+    cells = cells_of(["a", "deadly", "b"])
+    with pytest.raises(InputError, match="the executor is broken"):
+        identify_fleet(cells, tmp_path, executor=Limited(), batch=1)
+    dies.append(False)
+    state = identify_fleet(cells, tmp_path, executor=Inline(), batch=1)
+    assert (state.finished, state.skipped, computed) == (2, 1, ["a", "deadly", "b"])
+
+
+def test_a_pool_that_breaks_while_nothing_runs_is_replaced(tmp_path, made_rows, monkeypatch):
+    broken = Fragile()
+    broken.is_broken = True
+    pools = iter([broken, Inline()])
+    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: next(pools))
+    assert identify_fleet(cells_of("ab"), tmp_path).finished == 2
+
+
 def test_workers_that_never_begin_are_no_endless_loop(tmp_path, monkeypatch):
     class Dead(Fragile):
         is_broken = True
@@ -210,6 +336,13 @@ def test_a_row_says_what_was_found_or_why_nothing_was(alone):
         assert row["R0 [Ohm] low"] < row["R0 [Ohm]"] < row["R0 [Ohm] high"]
         assert row["R0 [Ohm]"] == pytest.approx(0.05 + 0.01 * seed, abs=0.004)
         assert row["RMSE [V]"] < 0.01
+
+
+def test_no_column_of_a_manifest_can_be_one_of_the_dataset(alone):
+    others = {"id", "age", "circuit", "records"}
+    for name in {*alone.columns, "C4 [F] high", "gamma low", "tables RMSE [V]"} - others:
+        with pytest.raises(InputError, match="the dataset has its own"):
+            cell_of({"id": "a", "records": "a.csv", name: 1})
 
 
 def test_a_row_has_the_same_bits_in_a_batch_and_in_another_order(alone, small_fleet, tmp_path):

@@ -70,6 +70,16 @@ def test_a_folder_of_folders_is_a_cell_each(folder):
     assert cells[0].records == (str(folder / "one" / "drive.csv"),)
 
 
+def test_only_what_a_row_says_is_a_pattern(tmp_path):
+    folder = tmp_path / "[A1] cells"
+    (folder / "c[1];2").mkdir(parents=True)
+    drive = folder / "c[1];2" / "drive.csv"
+    drive.write_text("time\n")
+    (folder / "m.csv").write_text("id,records\nx,*/dri*.csv\n")
+    assert read_manifest(folder / "m.csv")[0][0].records == (str(drive),)
+    assert read_manifest(folder)[0][0].records == (str(drive),)
+
+
 def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
     (folder / "m.csv").write_text("id,records\nx,nowhere*.csv;b.csv\n")
     (cell,), _ = read_manifest(folder / "m.csv")
@@ -85,6 +95,10 @@ def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
         ("id,records,capacity\nx,b.csv,much\n", r"row 2 \(x\): `capacity` 'much': write it like 5"),
         ("id,records\nx,b.csv\nx,b.csv\n", "the id 'x' occurs twice"),
         ("id,records\n", "has no cells"),
+        ("id,records\n../x,b.csv\n", r"row 2 \(../x\): an id is the name of a folder"),
+        ("id,records\nC:\\x,b.csv\n", "an id is the name of a folder"),
+        ("id,records\n..,b.csv\n", "an id is the name of a folder"),
+        ("id,records,error,age\nx,b.csv,alarm,3\n", "the dataset has its own error; rename"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_row(folder, content, message):
@@ -93,9 +107,18 @@ def test_what_is_wrong_is_named_with_its_row(folder, content, message):
         read_manifest(folder / "m.csv")
 
 
-def test_a_manifest_that_is_no_table_is_refused(folder):
-    (folder / "m.toml").write_text("cells = [")
-    with pytest.raises(InputError, match=r"m\.toml: cannot be read"):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("cells = [", r"m\.toml: cannot be read"),
+        ("cell = [1, 2]", "must contain .* in another form"),
+        ('[[cell]]\nid = "a"\nrecords = 5', r"row 1 \(a\): `records` '5': write names of files"),
+        ('[[cell]]\nid = "a"\nrecords = "b.csv"\nocv = [5]', r"`ocv` '\[5\]': write names"),
+    ],
+)
+def test_a_manifest_that_is_no_table_of_files_is_refused(folder, content, message):
+    (folder / "m.toml").write_text(content)
+    with pytest.raises(InputError, match=message):
         read_manifest(folder / "m.toml")
 
 

@@ -1,5 +1,6 @@
 """Records, evaluations, searches and results made by hand, whose every number a test knows."""
 
+from dataclasses import replace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -149,8 +150,9 @@ def make_result(
     hysteresis_fit: str = "continuous",
     initial_direction: Literal[-1, 1] = 1,
     rest_current_a: float | None = 0.035,
+    capacity_ah: float | None = None,
 ) -> Result:
-    """A result of this circuit, with what an export reads of it."""
+    """A result of this circuit, with what an export reads of it; `capacity_ah` is the record's."""
     parameters = {"R0 [Ohm]": 0.0511}
     for pair, (r, c) in enumerate(PAIRS[: PAIRS_OF[model]], start=1):
         parameters |= {f"R{pair} [Ohm]": r, f"C{pair} [F]": c}
@@ -177,6 +179,7 @@ def make_result(
                 sha256="",
                 start=given,
                 rest_current_a=rest_current_a,
+                capacity_ah=capacity_ah,
             ),
         ),
         versions={"barnax": "0.1.0"},
@@ -228,12 +231,21 @@ def make_fit(circuit: str = "so-rc") -> TableFit:
     )
 
 
-def make_table_result(circuit: str = "so-rc", **given: Any) -> Result:
-    """The same with tables over SOC beside the constant circuit."""
+def make_table_result(circuit: str = "so-rc", kept: slice = slice(None), **given: Any) -> Result:
+    """The same with tables over SOC beside the constant circuit, with those of `NODES` kept."""
     metrics = MetricsPart.model_construct(record="cycle.csv", rmse_v=0.0049)
+    fit = make_fit(circuit)
+    tables = replace(
+        fit.tables,
+        nodes=NODES[kept],
+        r0_ohm=TABLE_OHM[0][kept],
+        r_ohm=tuple(each[kept] for each in TABLE_OHM[1:]),
+        ocv_correction_v=CORRECTION_V[kept],
+        visited=fit.tables.visited[kept],
+    )
     part = TablesPart.model_construct(
         settings=TableSettings(nodes=NODES),
-        fits=(make_fit(circuit),),
+        fits=(replace(fit, tables=tables),),
         metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
         by_soc=(),
     )

@@ -31,6 +31,17 @@ def test_a_band_holds_the_errors_of_its_samples(colored):
     assert top.samples == np.count_nonzero(prepared.soc >= 0.9)
 
 
+def test_rates_are_of_the_capacity_a_record_was_simulated_with(colored):
+    prepared = colored.problem.prepared
+    aged = replace(prepared, capacity_ah=prepared.capacity_ah / 4)
+    problem = replace(colored.problem, prepared_records=(aged,))
+    found = diagnostics(problem, colored.assessment.covariance).by_current
+    rate = 4 * prepared.current_a / prepared.capacity_ah
+    for band in found:
+        low, high = band.low or -np.inf, band.high or np.inf
+        assert band.samples == np.count_nonzero((rate >= low) & (rate < high))
+
+
 def test_the_autocorrelation_is_the_residuals_own(colored):
     found = colored.assessment.diagnostics
     error_v = colored.assessment.covariance.linearization.error_v

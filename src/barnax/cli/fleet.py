@@ -170,7 +170,7 @@ def fleet(
         )
     lines = closing_lines(state, output.out, session.elapsed_s, engine.shard)
     # Shards run beside each other: the command that takes them together writes the report.
-    if not engine.shard and (state.finished or not (output.out / "report.html").exists()):
+    if not engine.shard:
         with session.watch("Writing the report"):
             lines[1] = _write_report(cells, carried, settings, output.out)
     session.show(shown(as_flags(line)) for line in lines)
@@ -190,9 +190,9 @@ def _write_report(
         fleet_sentence,
     )
 
-    rows = read_fleet(out)
-    summary = summarize(rows, carried)
     known = {cell.id: cell for cell in cells}
+    rows = read_fleet(out, known)
+    summary = summarize(rows, carried)
     worst = {}
     for name, _ in summary.worst:
         with suppress(InputError, KeyError):

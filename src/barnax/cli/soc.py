@@ -10,7 +10,7 @@ import typer
 from .groups import FILTER, WINDOW, flag, grouped, option
 from .options import Output, Paper, StoredResult
 from .output import write_results
-from .record_options import Hold, RecordOptions, Sign
+from .record_options import Columns, Hold, RecordOptions, Sign
 from .results import load, stored_window
 from .session import as_flags, use_compilation_cache
 
@@ -67,6 +67,7 @@ def soc(
     output: Output,
     current_sign: Sign = "auto",
     current_hold: Hold = "auto",
+    columns: Columns = "",
     whole_record: Annotated[
         bool,
         flag(WINDOW, "--whole-record", "Replay the whole record, ignoring the stored window."),
@@ -90,8 +91,9 @@ def soc(
     settings = FilterSettings(chosen.filter, chosen.form, chosen.names, tables=chosen.tables)
     with session.watch("Replaying"):
         replay = replay_soc(
-            stored, record, window, settings, current_sign=current_sign, current_hold=current_hold
-        )
+            stored, record, window, settings,
+            current_sign=current_sign, current_hold=current_hold, columns=columns,
+        )  # fmt: skip
     if folder is not None:
         answer = {"soc.json": replay.to_json().encode()}
         folder, _ = write_results(

@@ -25,8 +25,13 @@ TEMPLATE = """\
  * Include it in one source file, with BARNAX_REAL defined as float where double is too slow.
  *
  *     barnax_filter filter;
- *     barnax_filter_start(&filter, 0.5, 0.1);
+ *     barnax_filter_start(&filter, 0.5, 0.1, 0);
  *     for every sample: barnax_filter_step(&filter, interval_s, held_a, current_a, voltage_v);
+ *
+ * The start is of a cell that has rested: its state of charge, the standard deviation of that, and
+ * which way the current last flowed: 1 charging, -1 discharging, or 0 where that is not known. A
+ * hysteresis then starts halfway between its branches; one that turns with the charge passed, with
+ * a standard deviation that reaches both of them.
  *
  * held_a flowed since the sample before, interval_s ago (0 at the first sample); current_a and
  * voltage_v are of this sample. filter.x[0] is the state of charge, sqrt(filter.p[0][0]) its
@@ -86,8 +91,9 @@ static void barnax_look_up(barnax_real soc, barnax_real *value, barnax_real *slo
     }}
 }}
 
-/* A cell that has rested at a SOC, known to a standard deviation. */
-static void barnax_filter_start(barnax_filter *f, barnax_real soc, barnax_real soc_sd)
+/* A cell that has rested at a SOC, known to a standard deviation, after 1, -1 or an unknown 0. */
+static void barnax_filter_start(barnax_filter *f, barnax_real soc, barnax_real soc_sd,
+                                int direction)
 {{
     barnax_real value[BARNAX_COLUMNS], slope[BARNAX_COLUMNS];
     int i, j;
@@ -103,11 +109,13 @@ static void barnax_filter_start(barnax_filter *f, barnax_real soc, barnax_real s
         const barnax_real rest_v = value[4 + i] * barnax_rest_current_a;
         f->p[1 + i][1 + i] = rest_v * rest_v;
     }}
-    f->direction = f->turned = f->turned_from = barnax_initial_direction;
+    f->direction = f->turned = f->turned_from = direction;
     f->drawn = 0;
     f->has_begun = 0;
-    if (BARNAX_HYSTERESIS == 2)
-        f->x[1 + BARNAX_PAIRS] = barnax_initial_direction;
+    if (BARNAX_HYSTERESIS == 2) {{
+        f->x[1 + BARNAX_PAIRS] = direction;
+        f->p[1 + BARNAX_PAIRS][1 + BARNAX_PAIRS] = direction == 0;
+    }}
     for (i = 0; i < BARNAX_ERRORS; i++)
         f->p[BARNAX_FIRST_ERROR + i][BARNAX_FIRST_ERROR + i] =
             barnax_error_sd_v[i] * barnax_error_sd_v[i];
@@ -265,16 +273,15 @@ def write_c_filter(result: Result) -> Export:
         pairs=model.pairs,
         errors=len(model.error_s),
         kind=REMEMBERS if get_circuit(result.model).turning else HYSTERESIS[model.hysteresis],
-        declarations="\n".join(_declarations(model, tables.rest_current_a, result.start_direction)),
+        declarations="\n".join(_declarations(model, tables.rest_current_a)),
     )
     return Export(content.encode(), caveats)
 
 
-def _declarations(model: FilterModel, rest_current_a: float, direction: int) -> Iterator[str]:
+def _declarations(model: FilterModel, rest_current_a: float) -> Iterator[str]:
     offset_sd_a, capacity_sd = np.asarray(model.slow_sd).tolist()
     scalars = (
         ("capacity_ah", float(model.capacity_ah), "A.h"),
-        ("initial_direction", float(direction), "1 after charging, -1 after discharging"),
         ("rest_current_a", rest_current_a, "A, turns no hysteresis below"),
         ("gamma", float(model.gamma), "per unit of SOC"),
         ("turn_soc", TURN_WIDTH, "SOC, of the tangent along which a hysteresis turns"),

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -130,9 +130,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
 
     A format that itself remembers where the current turned says so by `may_remember`.
     """
-    cell = result.cell_model
-    if result.tables is not None:
-        cell = cell.at(result.tables.found.reference_degc)
+    cell = result.cell_at(result.tables.found.reference_degc if result.tables else None)
     circuit = get_circuit(result.model)
     if circuit.turning is not None and not may_remember:
         raise InputError(
@@ -141,7 +139,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
             "iso-rc"
         )
     kind = _kind_of(circuit, cell)
-    over_soc = result.tables.fit.tables if result.tables else None
+    over_soc = _from_empty_to_full(result.tables.fit.tables) if result.tables else None
     breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])
     ocv, hysteresis = _average(circuit, cell), None
     if kind != "none":
@@ -184,15 +182,35 @@ def _temperature_axis(result: Result, circuit: Circuit) -> TemperatureAxis | Non
         for low, high in itertools.pairwise(measured)
     ]
     degc = (*np.concatenate(parts).tolist(), measured[-1])
-    over_soc = tuple(tables.at(each) for each in degc)
+    over_soc = tuple(_from_empty_to_full(tables.at(each)) for each in degc)
     averages = [_average(circuit, result.cell.at(each)) for each in degc]
     soc = np.unique(np.concatenate([each.soc for each in averages]))
     corrected = [
         _corrected(average, each, soc) for average, each in zip(averages, over_soc, strict=True)
     ]
     ocv_v = np.array([each.voltage_v for each in corrected])
-    capacities_ah = tuple(result.cell.at(each).capacity_ah for each in measured)
+    capacities_ah = tuple(result.cell_at(each).capacity_ah for each in measured)
     return TemperatureAxis(degc, measured, capacities_ah, over_soc, corrected[0].soc, ocv_v)
+
+
+def _from_empty_to_full(tables: SocTables) -> SocTables:
+    """The same circuit with nodes that reach SOC 0 and 1: a tool may go on straight beyond the
+    ends, or take no table of a single node."""
+    first, last = tables.nodes[0] > 0, tables.nodes[-1] < 1
+
+    def held(table: tuple) -> tuple:
+        return (*table[:first], *table, *table[len(table) - last :])
+
+    correction_v, half_v = tables.ocv_correction_v, tables.half_hysteresis_v
+    return replace(
+        tables,
+        nodes=(*[0.0][:first], *tables.nodes, *[1.0][:last]),
+        r0_ohm=held(tables.r0_ohm),
+        r_ohm=tuple(held(each) for each in tables.r_ohm),
+        ocv_correction_v=None if correction_v is None else held(correction_v),
+        half_hysteresis_v=None if half_v is None else held(half_v),
+        visited=held(tables.visited),
+    )
 
 
 def table_caveats(tables: Tables) -> tuple[str, ...]:

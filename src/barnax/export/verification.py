@@ -78,10 +78,12 @@ def verify(
     found = []
     for degc in [profile.temperature_degc] if over is None else over.temperatures_degc:
         there = replace(profile, temperature_degc=degc)
-        here = result.at_temperature(degc)
-        # What an export holds of the capacity is one value, and said to be.
-        cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
-        here = here.model_copy(update={"cell": cell})
+        here = result
+        if over is not None:
+            here = result.at_temperature(degc)
+            # What an export holds of the capacity is one value, and said to be.
+            cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
+            here = here.model_copy(update={"cell": cell})
         found.append(_differences(here, simulate, content, there))
     differences_v, without_v, turns_v = (np.concatenate(each) for each in zip(*found, strict=True))
     return Verification(
@@ -112,7 +114,7 @@ def simulate_here(
     Where resistances change with SOC, intervals are cut in `FINER`: barnax holds a resistance over
     an interval, and a solver does not.
     """
-    cell, tables = result.cell_model, result.tables.fit.tables if result.tables else None
+    cell, tables = result.cell_at(), result.tables.fit.tables if result.tables else None
     if without_hysteresis:
         cell = replace(cell, hysteresis=SegmentedHysteresis.zero())
     finer = 1 if tables is None else FINER
@@ -152,7 +154,7 @@ def simulate_here(
 
 def pulse_profile(result: Result) -> Profile:
     """Pulses of 1C and C/5 both ways, with rests, from the initial SOC toward its far end."""
-    cell = result.cell_model
+    cell = result.cell_at()
     low, high = cell.soc_range
     margin = UNUSED_SHARE * (high - low)
     is_discharge = result.initial_soc >= (low + high) / 2

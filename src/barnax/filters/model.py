@@ -367,7 +367,7 @@ def model_of(result: "Result", slow: Sequence[str] = ()) -> FilterModel:
         relative = float(np.clip(fitted.get(name) or LEAST_SD, LEAST_SD, LARGEST_SD))
         slow_sd.append({OFFSET: rest_a, CAPACITY: CAPACITY_SD}.get(name, relative))
     return make_model(
-        result.cell_model,
+        result.cell_at(),
         result.model,
         result.circuit_parameters,
         errors,

@@ -7,7 +7,8 @@ final file takes in the parts the same way; what both hold counts once.
 import os
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from numbers import Number
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +50,11 @@ def parts_folder(out: Path, shard: Shard | None = None) -> Path:
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> None:
     """The rows as a Parquet file, whole or not at all."""
     aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    frame = rows
-    if not isinstance(frame, pl.DataFrame):
-        known = {name: TYPES[name] for name in TYPES if any(name in row for row in rows)}
-        frame = pl.DataFrame(rows, infer_schema_length=None, strict=False, schema_overrides=known)
+    if isinstance(rows, pl.DataFrame):
+        frame = rows
+    else:
+        names = dict.fromkeys(name for row in rows for name in row)
+        frame = pl.DataFrame([_column(name, [row.get(name) for row in rows]) for name in names])
     try:
         with aside.open("wb") as file:
             frame.write_parquet(file)
@@ -61,6 +63,45 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> 
         os.replace(aside, path)
     finally:
         aside.unlink(missing_ok=True)
+
+
+def _column(name: str, values: Sequence[Any]) -> pl.Series:
+    """The values in one type; as text where they are numbers and dates, or of other such kinds."""
+    if name in TYPES:
+        return pl.Series(name, values, TYPES[name])
+    kinds = {
+        Number if isinstance(value, Number) and not isinstance(value, bool) else type(value)
+        for value in values
+        if value is not None
+    }
+    if len(kinds) < 2:
+        with suppress(pl.exceptions.PolarsError, TypeError, ValueError, OverflowError):
+            found = pl.Series(name, values, strict=False)
+            if found.dtype != pl.Object:
+                return found
+    return _text(name, values)
+
+
+def _text(name: str, values: Iterable[Any]) -> pl.Series:
+    return pl.Series(name, [None if value is None else str(value) for value in values], pl.String)
+
+
+def _joined(frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """One below the other; columns whose types differ by more than a number's become text."""
+    types: dict[str, set[Any]] = {}
+    for frame in frames:
+        for name, dtype in frame.schema.items():
+            types.setdefault(name, set()).update([dtype] if dtype != pl.Null else [])
+    mixed = {
+        name
+        for name, found in types.items()
+        if len(found) > 1 and not all(dtype.is_numeric() for dtype in found)
+    }
+    alike = [
+        frame.with_columns(_text(each, frame[each].to_list()) for each in mixed & {*frame.columns})
+        for frame in frames
+    ]
+    return pl.concat(alike, how="diagonal_relaxed")
 
 
 def keep_result(out: Path, name: str, text: str) -> None:
@@ -104,7 +145,7 @@ def count_rows(part: Path) -> tuple[int, int] | None:
     """How many rows a part has, and how many of them are errors; None where it is not there."""
     if not part.exists():
         return None
-    errors = pl.read_parquet(part, columns=["error"])["error"]
+    errors = pl.read_parquet(part, columns=["error"], glob=False)["error"]
     return len(errors), len(errors) - errors.null_count()
 
 
@@ -115,22 +156,36 @@ def read_rows(
 
     Raises `InputError` for a broken file.
     """
-    pattern = "" if shard is None else _named("", shard)
-    found = [*out.glob(f"cells{pattern or '*'}.parquet")]
-    found += out.glob(f"parts{pattern or '*'}/[!.]*.parquet")
-    frames = []
-    for path in sorted(found, key=lambda path: path.stat().st_mtime_ns):
+    chosen = None if columns is None else [*columns]
+    found = []
+    for path in _files(out, shard):
         try:
-            frames.append(pl.read_parquet(path, columns=None if columns is None else [*columns]))
+            time_ns = path.stat().st_mtime_ns
+            found.append((time_ns, pl.read_parquet(path, columns=chosen, glob=False)))
+        except FileNotFoundError:
+            continue
         except (OSError, pl.exceptions.PolarsError) as problem:
             raise InputError(
                 f"{path}: not part of a fleet's dataset ({problem}); delete it, and its cells "
                 "are identified again"
             ) from problem
-    if not frames:
+    if not found:
         return pl.DataFrame(schema={"id": pl.String, "fingerprint": pl.String, "error": pl.String})
-    rows = pl.concat(frames, how="diagonal_relaxed")
+    # Of one time, a part is newer than a file that takes parts in.
+    found.reverse()
+    found.sort(key=lambda each: each[0])
+    rows = _joined([frame for _, frame in found])
     return rows.unique("id", keep="last", maintain_order=True).sort("id")
+
+
+def _files(out: Path, shard: Shard | None) -> Iterator[Path]:
+    """The files of rows in the order in which these are passed on, listed as late as they can be:
+    what another shard takes in meanwhile is found in a later one."""
+    pattern = "*" if shard is None else _named("", shard)
+    yield from list(out.glob(f"parts{pattern}/[!.]*.parquet"))
+    if shard is None:
+        yield from list(out.glob("cells-*.parquet"))
+    yield dataset_path(out, shard)
 
 
 def finished(out: Path) -> dict[str, tuple[str, bool]]:

@@ -85,12 +85,14 @@ def identify_fleet(
     one), or on your own `executor`. `shard` is (part, parts) of the fleet; `retry` repeats failed
     cells. `report` is called with the progress after every batch, which is returned at the end.
 
-    Raises `InputError` if `out` cannot be written to or an id occurs twice. If a cell cannot be
-    identified, its row says why.
+    Raises `InputError` if `out` cannot be written to, an id occurs twice or your executor breaks.
+    If a cell cannot be identified, its row says why.
     """
     out, chosen = Path(out), {"seeds": 0, **(settings or {})}
     state, skipped = Progress(), [0]
     with writing(out, shard) as folder:
+        # A part that stands is not computed again, and some hold what failed or was replaced since.
+        compact(out, shard)
         queue = _wanted(cells, chosen, shard, finished(out), retry, skipped)
         few = list(queue) if isinstance(cells, Sequence) else None
         if few is not None:
@@ -179,6 +181,7 @@ def _run(
     suspects: list[Batch] = []
     while True:
         lost: list[Batch] = []
+        is_broken = False
         try:
             while len(waiting) < most_out:
                 batch = again.popleft() if again else next(batches, None)
@@ -188,6 +191,7 @@ def _run(
                 waiting[submit(executor, batch)] = batch
                 again.popleft()
         except BrokenExecutor:
+            is_broken = True
             done = wait(waiting).done
         else:
             if not waiting:
@@ -201,13 +205,14 @@ def _run(
             if _has_died(future):
                 lost.append(batch)
             else:
+                breaks = 0
                 yield future.result()
-        if lost:
+        if lost or is_broken:
             executor = reopen()
             at = [marked_place(folder, batch_name([print_ for print_, _ in each])) for each in lost]
             breaks = breaks + 1 if all(place is None for place in at) else 0
             if breaks == FEW:
-                raise RuntimeError(
+                raise BrokenExecutor(
                     "workers die before they begin; in a script, call this from under "
                     "`if __name__ == '__main__':`"
                 )
@@ -244,7 +249,13 @@ def _opened(
     """What gives the executor, and another one of the same kind where that is broken; how many
     workers it has."""
     if executor is not None:
-        yield (lambda: executor), workers
+        try:
+            yield (lambda: executor), workers
+        except BrokenExecutor as problem:
+            raise InputError(
+                "the executor is broken, because a worker of it died; call this again with a new "
+                "one, or without, where workers that die are replaced"
+            ) from problem
     elif scheduler is not None:
         with _dask(scheduler, workers) as (given, found):
             yield (lambda: given), found

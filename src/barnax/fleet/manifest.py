@@ -2,6 +2,7 @@
 
 import glob
 import hashlib
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -22,6 +23,12 @@ SEPARATOR = ";"
 OF_VALIDATION = "validate_"
 OF_WINDOWS = {*WINDOW_OPTIONS, *(OF_VALIDATION + name for name in WINDOW_OPTIONS)}
 KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
+# Columns that the dataset has of its own, by their whole names.
+OWN = re.compile(
+    r"error|samples|answer|certified|proved gap|at bound|warnings|inputs sha256|seconds|fingerprint"
+    r"|duration \[s\]|capacity \[A\.h\]|temperature \[degC\]|initial SOC"
+    r"|(validation |tables )?(RMSE|max error).* \[V\]|((R|C|tau)\d \[\w+\]|gamma)( low| high)?"
+)
 
 
 def read_manifest(
@@ -38,7 +45,7 @@ def read_manifest(
     path = Path(path)
     if path.is_dir():
         rows = [
-            {"id": each.name, "records": f"{each.name}/*"}
+            {"id": each.name, "records": [f"{glob.escape(each.name)}/*"]}
             for each in sorted(path.iterdir())
             if each.is_dir()
         ]
@@ -76,16 +83,21 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         if suffix == ".toml":
             document = tomllib.loads(path.read_text(encoding="utf-8"))
             defaults, rows = document.pop("defaults", {}), document.pop("cell", [])
-            if document or not isinstance(rows, list) or not isinstance(defaults, dict):
+            tables = [defaults, *rows] if isinstance(rows, list) else [None]
+            if document or not all(isinstance(each, dict) for each in tables):
                 raise InputError(
                     f"{path}: must contain [[cell]] tables and [defaults]; it contains "
                     f"{listed(document) or 'them in another form'}"
                 )
             return rows, defaults
         if suffix in (".parquet", ".pq"):
-            return pl.read_parquet(path).to_dicts(), {}
+            return pl.read_parquet(path, glob=False).to_dicts(), {}
         frame = pl.read_csv(
-            path, infer_schema_length=None, schema_overrides={"id": pl.String}, try_parse_dates=True
+            path,
+            infer_schema_length=None,
+            schema_overrides={"id": pl.String},
+            try_parse_dates=True,
+            glob=False,
         )
         return frame.to_dicts(), {}
     except (OSError, ValueError, pl.exceptions.PolarsError) as problem:
@@ -104,7 +116,11 @@ def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
     """What a row says, without what it leaves empty."""
-    return {name: value for name, value in _renamed(row).items() if value not in (None, "", [])}
+    return {
+        name: value
+        for name, value in _renamed(row).items()
+        if value is not None and not (isinstance(value, str | list) and not value)
+    }
 
 
 def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -> FleetCell:
@@ -113,16 +129,24 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
     Paths are relative to `folder`. Raises `InputError` where a value cannot be used; `where` says
     in messages which row it was.
     """
-    row = _renamed(row)
+    row = _filled(row)
     identity = row.get("id")
     if identity is None or not str(identity).strip():
         raise InputError(f"{where}: no id; give each cell its own")
     name = str(identity)
     where = f"{where} ({cut(name, LONGEST_NAME)})"
+    if name in (".", "..") or "/" in name or "\\" in name:
+        raise InputError(
+            f"{where}: an id is the name of a folder too; write one without / and \\, not . or .."
+        )
+    carried = {each: row[each] for each in row if each not in KNOWN and each != "problem"}
+    taken = listed([each for each in carried if OWN.fullmatch(each)])
+    if taken:
+        raise InputError(f"{where}: the dataset has its own {taken}; rename the column")
     missing: list[str] = []
-    records, ocv, validate = (tuple(_found(row.get(each), folder, missing)) for each in FILES)
-    model, bounds = (
-        next(iter(_found(row.get(each), folder, missing)), None) for each in ("cell", "bounds")
+    records, ocv, validate, models, bounds = (
+        tuple(_found(row.get(each), folder, missing, f"{where}: `{each}`"))
+        for each in (*FILES, "cell", "bounds")
     )
     if not row.get("records") and "problem" not in row:
         raise InputError(f"{where}: no record; give files in the column records")
@@ -131,12 +155,12 @@ def cell_of(row: Mapping[str, Any], folder: Path = Path(), where: str = "row") -
         records=records,
         ocv=ocv,
         validate=validate,
-        cell=model,
-        bounds=bounds,
+        cell=next(iter(models), None),
+        bounds=next(iter(bounds), None),
         window=_window(row, where),
         validate_window=_window(row, where, OF_VALIDATION),
         options={each: row[each] for each in OPTIONS if each in row},
-        carried={each: row[each] for each in row if each not in KNOWN and each != "problem"},
+        carried=carried,
         missing=tuple(missing),
         problem=row.get("problem"),
     )
@@ -159,18 +183,23 @@ def _window(row: Mapping[str, Any], where: str, whose: str = "") -> dict[str, An
     return found
 
 
-def _found(value: Any, folder: Path, missing: list[str]) -> Iterator[str]:
+def _found(value: Any, folder: Path, missing: list[str], where: str) -> Iterator[str]:
     """The files that a column names, a pattern's by their names; what is not there is noted."""
     if value is None:
         return
     texts = value.split(SEPARATOR) if isinstance(value, str) else value
-    for text in [texts] if isinstance(texts, Path) else texts:
+    texts = [texts] if isinstance(texts, Path) else texts
+    if not isinstance(texts, list | tuple) or not all(isinstance(t, str | Path) for t in texts):
+        raise InputError(f"{where} {cut(str(value), LONGEST_NAME)!r}: write names of files")
+    for text in texts:
         pattern = str(text).strip()
         if is_address(pattern):
             yield pattern
             continue
-        place = str(folder / pattern)
-        found = [place] if Path(place).exists() else sorted(glob.glob(place, recursive=True))
+        place = folder / pattern
+        # The folder's own name is none.
+        inside = [] if place.exists() else glob.glob(pattern, root_dir=folder, recursive=True)
+        found = [str(place)] if place.exists() else sorted(str(folder / each) for each in inside)
         if not found:
             missing.append(pattern)
         yield from found

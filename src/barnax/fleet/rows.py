@@ -75,7 +75,8 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         )  # fmt: skip
         return found, found.warnings
     known = _known_cell(
-        cell.cell, tuple((path, stamp(path)) for path in cell.ocv),
+        cell.cell and (cell.cell, stamp(cell.cell)),
+        tuple((path, stamp(path)) for path in cell.ocv),
         window.capacity_ah, window.rest_current_a, reading, fits,
     )  # fmt: skip
     result = identify(
@@ -118,7 +119,7 @@ class _Known(NamedTuple):
 
 @functools.lru_cache(maxsize=CELLS_KEPT)
 def _known_cell(
-    earlier: str | None,
+    earlier: tuple[str, Any] | None,
     ocv: tuple[tuple[str, Any], ...],
     capacity_ah: float | None,
     rest_current_a: float | None,
@@ -127,7 +128,7 @@ def _known_cell(
 ) -> _Known:
     """What many cells of a fleet share is read and fitted once; a changed file is another one."""
     if earlier is not None:
-        return _Known(Result.from_json(earlier).cell, [], [], [])
+        return _Known(Result.from_json(earlier[0]).cell, [], [], [])
     options: dict[str, Any] = dict(fits)
     tests, warnings, temperatures_degc = [], [], []
     sign: Any = reading.ocv_current_sign

@@ -1,7 +1,7 @@
 """What a fleet shows as a whole: distributions, outliers, trends, failures, and the worst fits."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,9 +97,11 @@ class Summary:
     worst: tuple[tuple[str, float], ...]
 
 
-def read_fleet(out: str | Path) -> pl.DataFrame:
-    """The rows of a fleet's folder, finished or not, one a cell."""
-    return read_rows(Path(out))
+def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFrame:
+    """The rows of a fleet's folder, finished or not, one a cell: of all cells, or of those with
+    these ids."""
+    rows = read_rows(Path(out))
+    return rows if ids is None else rows.filter(pl.col("id").is_in([*ids]))
 
 
 def summarize(rows: pl.DataFrame, carried: Sequence[str] = ()) -> Summary:

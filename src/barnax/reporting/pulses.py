@@ -63,13 +63,13 @@ def _levels(result: "Result") -> list[tuple[str, tuple[Pulse, ...]]]:
         if not groups or _degc(pulse) - _degc(groups[-1][-1]) > SAME_DEGC:
             groups.append([])
         groups[-1].append(pulse)
-    labelled = [
-        (f", {_degc(group[0]):.0f} degC" if len(groups) > 1 else "", level)
-        for group in groups
-        for level in levels(group)
-    ]
-    capacity_ah = result.cell_model.capacity_ah
-    return [(rate_label(level, capacity_ah) + where, level) for where, level in labelled]
+    found = []
+    for group in groups:
+        degc = _degc(group[0]) if len(groups) > 1 else None
+        where = "" if degc is None else f", {degc:.0f} degC"
+        capacity_ah = result.cell_at(degc).capacity_ah
+        found += [(rate_label(level, capacity_ah) + where, level) for level in levels(group)]
+    return found
 
 
 def _degc(pulse: Pulse) -> float:

@@ -58,11 +58,12 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
     """The residuals of an optimum over the scored samples of its records."""
     linearization, noise = covariance.linearization, covariance.noise
     prepared_records = problem.prepared_records
-    capacity_ah = problem.cell.capacity_ah
     interval_s = linearization.interval_s
     time_s = noise.correlation_time_s(interval_s)
-    rest_c = max(prepared.rest_current_a for prepared in prepared_records) / capacity_ah
-    rate = _scored(prepared_records, "current_a") / capacity_ah
+    rest_c = max(each.rest_current_a / each.capacity_ah for each in prepared_records)
+    rate = np.concatenate(
+        [each.current_a[each.scored] / each.capacity_ah for each in prepared_records]
+    )
     return Diagnostics(
         lags_s=tuple(noise.lags_s.tolist()),
         autocorrelation=tuple(noise.autocorrelation.tolist()),

@@ -95,7 +95,7 @@ def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Sugg
     pairs = problem.bounds.pairs
     if pairs == MOST_PAIRS:
         return []
-    capacity_ah, limits = problem.cell.capacity_ah, problem.bounds.tau_limits_s
+    capacity_ah, limits = problem.prepared.capacity_ah, problem.bounds.tau_limits_s
     fresh = Bounds.default(capacity_ah, 2 * limits[0], limits[1], pairs=pairs + 1)
     ranges = dict(problem.bounds.ranges)
     ranges |= {name: fresh.ranges[name] for name in (RESISTANCES[pairs + 1], PAIRS[pairs][0])}

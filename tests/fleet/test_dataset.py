@@ -1,0 +1,69 @@
+"""The dataset: nothing is lost while others write to it, and values of different types."""
+
+import itertools
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from barnax.fleet.dataset import compact, finished, parts_folder, read_rows, write_rows
+
+# Values of a carried column, and what they are where others have another type.
+KINDS = (
+    (3, "3"),
+    ("x", "x"),
+    (True, "True"),
+    (date(2026, 1, 2), "2026-01-02"),
+    (datetime(2026, 1, 2, 3, tzinfo=UTC), "2026-01-02 03:00:00+00:00"),
+    ([1, 2], "[1, 2]"),
+    ({"a": 1}, "{'a': 1}"),
+    (Path("a.csv"), "a.csv"),
+)
+
+
+@pytest.mark.parametrize("more", [(), (None,)], ids=["alone", "and the whole"])
+def test_what_another_shard_takes_in_meanwhile_is_read_once(tmp_path, monkeypatch, more):
+    rows = [{"id": name, "error": None, "fingerprint": "0"} for name in "abc"]
+    folder = parts_folder(tmp_path, (2, 2))
+    folder.mkdir()
+    for place, row in enumerate(rows):
+        write_rows(folder / f"{place}.parquet", [row])
+    read, taken_in = pl.read_parquet, [(2, 2), *more]
+
+    def read_late(path, **options):
+        while taken_in:
+            compact(tmp_path, taken_in.pop(0))
+        return read(path, **options)
+
+    monkeypatch.setattr("barnax.fleet.dataset.pl.read_parquet", read_late)
+    assert finished(tmp_path) == dict.fromkeys("abc", ("0", False))
+    assert not list(folder.glob("*.parquet"))
+
+
+def carried(out, is_one_part, *values):
+    """A column after rows with these values are written, beside each other or one by one."""
+    rows = [
+        {"id": str(place), "error": None, "fingerprint": "0", "carried": value}
+        for place, value in enumerate(values)
+    ]
+    folder = parts_folder(out)
+    folder.mkdir(parents=True)
+    for place, part in enumerate([rows] if is_one_part else [[row] for row in rows]):
+        write_rows(folder / f"{place}.parquet", part)
+    found = read_rows(out)["carried"].to_list()
+    compact(out)
+    assert read_rows(out)["carried"].to_list() == found
+    return found
+
+
+@pytest.mark.parametrize("is_one_part", [True, False])
+def test_carried_values_of_two_kinds_are_kept_as_text(tmp_path, is_one_part):
+    for number, pair in enumerate(itertools.combinations(KINDS, 2)):
+        values, texts = zip(*pair, strict=True)
+        assert carried(tmp_path / str(number), is_one_part, *values) == list(texts)
+
+
+@pytest.mark.parametrize("is_one_part", [True, False])
+def test_carried_numbers_stay_numbers(tmp_path, is_one_part):
+    assert carried(tmp_path, is_one_part, 3, 0.5, None) == [3.0, 0.5, None]

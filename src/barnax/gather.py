@@ -39,6 +39,9 @@ LIMITS = (
     ("key", 0, 2**32 - 1),
 )
 OVER_TEMPERATURE = "soc,temperature"
+# What a data frame is called, and where another is beside it.
+FRAME = "data frame"
+_FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -154,7 +157,7 @@ def read_inputs(
         """What a file or frame holds, read once, and remembered to be checked."""
         if isinstance(each, Record | OcvTable):
             return each
-        source = source_of(each, names, reading.columns)
+        source = source_of(each, names, reading.columns, _FRAMES.get(role, FRAME))
         looked_at.append((role, source, read(source)))
         return looked_at[-1][2]
 
@@ -270,13 +273,16 @@ def read_validation(
 
 
 def source_of(
-    given: Given, names: Mapping[Path, str], columns: Mapping[str, str] | str = ""
+    given: Given,
+    names: Mapping[Path, str],
+    columns: Mapping[str, str] | str = "",
+    frame: str = FRAME,
 ) -> Source:
     """A file or a data frame, read once, under the name that results call it."""
     if isinstance(given, Source):
         return given
     if not isinstance(given, str | Path):
-        return source_from_frame(given, "data frame", columns=columns)
+        return source_from_frame(given, frame, columns=columns)
     source = read_source(given, columns=columns)
     return replace(source, name=names.get(Path(given), source.name))
 
@@ -338,7 +344,7 @@ def listed(sources: Given | Sequence[Given]) -> list[Given]:
 def _name_of(source: Given) -> str:
     if isinstance(source, str | Path):
         return printable(Path(source).name)
-    return source.name if isinstance(source, Record | Source) else "data frame"
+    return source.name if isinstance(source, Record | Source) else FRAME
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:

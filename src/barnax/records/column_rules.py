@@ -182,7 +182,7 @@ def _no_record(table: Table, file: str) -> str:
         f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
         for quantity in REQUIRED
     )
-    return f"{message}Accepted names: {accepted}. Rename the columns so, in the file's first row."
+    return f"{message}Accepted names: {accepted}. Rename the columns so."
 
 
 def _missing(

@@ -90,6 +90,13 @@ def test_without_a_model_tables_are_of_so_rc_and_of_esc_for_flat_cells(half_gap_
     assert Settings(model="3rc", over=over).circuit(cell) == "3rc"
 
 
+def test_an_ocv_table_is_an_ocv_test():
+    soc = np.linspace(0, 1, 21)
+    table = pl.DataFrame({"SOC [-]": soc, "OCV [V]": 3.0 + 1.2 * soc})
+    found = read(BUNDLED.record, ocv=[table], capacity=2.0)
+    assert found.cell.average_ocv_v(np.array([0.5]))[0] == pytest.approx(3.6, abs=1e-3)
+
+
 def test_a_record_without_an_ocv_test_is_refused_by_its_name():
     with pytest.raises(InputError, match=r"^identification.parquet: an OCV test"):
         read(BUNDLED.record, ocv=())

@@ -176,7 +176,8 @@ def read_inputs(
             take(each, "validation", reader(reading.validate_current_sign)) for each in others
         ]
         _require_different([*dynamic, *further])
-        _require_different(ocv_records)
+        # A table has no samples of its own.
+        _require_different([each for each in ocv_records if isinstance(each, Record)])
     with watch("Characterizing the cell", 0):
         options: Any = {
             "capacity_ah": capacity,
@@ -200,6 +201,7 @@ def _checked(
     capacity_ah: float | None,
     window: Window | Mapping[str, Window] | None,
     reading: Reading,
+    identified: Sequence[tuple[str, float | None]] = (),
 ) -> list[str]:
     """What the checks have against the files, by themselves and against each other.
 
@@ -235,7 +237,7 @@ def _checked(
         warnings += input_warnings(found, role, window)
         if found.traits is not None:
             degc[is_test].append((found.file, found.traits.temperature_degc))
-    return warnings + compare_temperatures(degc[False], degc[True])
+    return warnings + compare_temperatures(degc[False], degc[True], identified)
 
 
 def _simulated(source: Source, record: Record, window: Window) -> Source:
@@ -261,15 +263,20 @@ def read_validation(
     reading: Reading,
     window: Window | Mapping[str, Window] | None,
     cell: CellModel,
+    identified: Sequence[tuple[str, float | None]] = (),
 ) -> tuple[Record, list[str]]:
-    """A record to validate a cell's circuit on, and what the checks have against it."""
+    """A record to validate a cell's circuit on, and what the checks have against it.
+
+    `identified` are names and temperatures of the records that the circuit is of.
+    """
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {}, reading.columns)
     sign: Any = reading.validate_current_sign
     hold: Any = reading.current_hold
     record = read_record(source, current_sign=sign, current_hold=hold)
-    return record, _checked([("validation", source, record)], cell, None, window, reading)
+    looked_at = [("validation", source, record)]
+    return record, _checked(looked_at, cell, None, window, reading, identified)
 
 
 def source_of(

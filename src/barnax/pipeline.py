@@ -6,7 +6,7 @@ optimum is looked for beside them, and the best circuit known is assessed and va
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -138,7 +138,9 @@ def identify(
     if settings.over is None and tables != TableSettings():
         raise InputError("settings of tables need `over` 'soc'; give it too")
     if options:
-        raise TypeError(f"identify() has no option {', '.join(sorted(options))}")
+        own = sorted(options.keys() & {each.name for each in fields(Window)})
+        remedy = f"; give window=barnax.Window({own[0]}=...)" if own else ""
+        raise TypeError(f"identify() has no option {', '.join(sorted(options))}{remedy}")
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
     if trust not in ("none", "basic", "full"):
         raise InputError(f"`trust` {trust!r} is not known; there are none, basic, full")
@@ -385,7 +387,7 @@ def validate_stored(
     )
     window = window or stored.common_window
     cell = stored.cell_model
-    measured, warnings = read_validation(record, reading, window, cell)
+    measured, warnings = read_validation(record, reading, window, cell, stored.measured_at)
     own = {each.sha256: each.name for each in stored.of_role("identification")}
     if measured.sha256 in own:
         warnings.append(

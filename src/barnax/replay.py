@@ -187,7 +187,9 @@ def replay_soc(
     reading = Reading(
         validate_current_sign=current_sign, current_hold=current_hold, columns=columns
     )
-    measured, warnings = read_validation(record, reading, window, result.cell_model)
+    measured, warnings = read_validation(
+        record, reading, window, result.cell_model, result.measured_at
+    )
     used = result if settings.tables else result.model_copy(update={"tables": None})
     prepared = prepare_record(measured, result.cell_model, result.model, window)
     degc = prepared.temperature_degc

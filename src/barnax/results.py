@@ -355,6 +355,20 @@ class Result(Document):
         return self.of_role("identification")[0]
 
     @property
+    def measured_at(self) -> list[tuple[str, float | None]]:
+        """The records identified on and their temperatures, where the circuit is of one alone."""
+        if self.tables is not None and self.tables.over_temperature is not None:
+            return []
+        planned = {each.name: each.temperature_degc for each in self.plan}
+        return [
+            (
+                each.name,
+                planned.get(each.name) if each.temperature_degc is None else each.temperature_degc,
+            )
+            for each in self.of_role("identification")
+        ]
+
+    @property
     def start(self) -> Start:
         """Where the simulation of the first record starts."""
         start = self._first.start

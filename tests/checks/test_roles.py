@@ -139,8 +139,6 @@ def test_a_slow_sweep_beside_steps_is_to_be_cut(tmp_path):
     current_a = np.concatenate([0 * sweep_s - 0.1, steps_a])
     time_s = np.concatenate([sweep_s, steps_s])
     soc = 1 + np.cumsum(current_a * np.diff(time_s, prepend=0)) / 3600 / 2
-    table = pl.DataFrame(
-        {TIME: time_s, CURRENT: current_a, VOLTAGE: 3.1 + soc + 0.05 * current_a}
-    )
+    table = pl.DataFrame({TIME: time_s, CURRENT: current_a, VOLTAGE: 3.1 + soc + 0.05 * current_a})
     reason = roles(checked(tmp_path, table))["identification"].reason
     assert reason.startswith("it holds a slow sweep beside ")

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
+from ..errors import InputError
 from .model import CellModel
 from .parameters import parameter_names
 
@@ -128,11 +129,11 @@ CIRCUITS: Mapping[str, Circuit] = MappingProxyType(
 
 
 def get_circuit(name: str) -> Circuit:
-    """The circuit registered as `name`. Raises `ValueError` that lists the names.
+    """The circuit registered as `name`. Raises `InputError` that lists the names.
 
     >>> get_circuit("so-rc").name
     'so-rc'
     """
     if name not in CIRCUITS:
-        raise ValueError(f"no circuit is called {name!r}; there are {', '.join(CIRCUITS)}")
+        raise InputError(f"no circuit is called {name!r}; there are {', '.join(CIRCUITS)}")
     return CIRCUITS[name]

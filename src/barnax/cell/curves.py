@@ -123,13 +123,13 @@ def fit_curve(
 ) -> Curve:
     """The curve of the kind `fit` through the points, SOC strictly increasing.
 
-    Raises `ValueError` for an unknown kind and `InputError` for too few points.
+    Raises `InputError` for an unknown kind and for too few points.
     """
     if fit == "polynomial":
         return PolynomialCurve.fit(soc, voltage_v)
     if fit == "interpolated":
         return InterpolatedCurve.fit(soc, voltage_v)
-    raise ValueError(f"no OCV fit is called {fit!r}; there are polynomial, interpolated")
+    raise InputError(f"no OCV fit is called {fit!r}; there are polynomial, interpolated")
 
 
 def curve_warnings(curve: AbstractCurve, name: str) -> tuple[str, ...]:

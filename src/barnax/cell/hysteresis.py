@@ -45,10 +45,10 @@ class SegmentedHysteresis:
 
         Where a segment holds too few points, its open values follow their neighbors (continuous)
         or the continuous fit (independent), by a tie too weak to matter elsewhere. Raises
-        `ValueError` for an unknown kind and `InputError` without any point.
+        `InputError` for an unknown kind, and without any point.
         """
         if kind not in ("continuous", "independent"):
-            raise ValueError(
+            raise InputError(
                 f"no hysteresis fit is called {kind!r}; there are continuous, independent"
             )
         if len(soc) == 0:

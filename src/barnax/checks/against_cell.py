@@ -113,20 +113,28 @@ def compare_with_cell(
 
 
 def compare_temperatures(
-    records: Sequence[tuple[str, float | None]], tests: Sequence[tuple[str, float | None]]
+    records: Sequence[tuple[str, float | None]],
+    tests: Sequence[tuple[str, float | None]],
+    identified: Sequence[tuple[str, float | None]] = (),
 ) -> list[str]:
-    """A sentence for each record that is much warmer or colder than every OCV test."""
-    known = [(name, degc) for name, degc in tests if degc is not None]
+    """A sentence for each record that is much warmer or colder than every OCV test, or than every
+    record that its circuit was identified on."""
+    of_test = (
+        "the OCV test {} at {:.3g} degC: the open-circuit voltage and the capacity change with "
+        "temperature; give an OCV test of the record's temperature with `ocv`"
+    )
+    of_circuit = (
+        "{}, which the circuit was identified on, at {:.3g} degC: resistances, open-circuit "
+        "voltage and capacity change with temperature; identify at the record's temperature"
+    )
     found = []
-    for name, degc in records:
-        if degc is None or not known:
-            continue
-        apart = {abs(own_degc - degc): (test, own_degc) for test, own_degc in known}
-        if min(apart) > _DEGREES:
-            test, test_degc = apart[min(apart)]
-            found.append(
-                f"{name}: was measured at {degc:.3g} degC, the OCV test {test} at {test_degc:.3g} "
-                "degC: the open-circuit voltage and the capacity change with temperature; give an "
-                "OCV test of the record's temperature with `ocv`"
-            )
+    for others, words in ((tests, of_test), (identified, of_circuit)):
+        known = [(name, degc) for name, degc in others if degc is not None]
+        for name, degc in records:
+            if degc is None or not known:
+                continue
+            apart = {abs(own_degc - degc): (other, own_degc) for other, own_degc in known}
+            if min(apart) > _DEGREES:
+                other = words.format(*apart[min(apart)])
+                found.append(f"{name}: was measured at {degc:.3g} degC, {other}")
     return found

@@ -171,15 +171,25 @@ def fleet(
     lines = closing_lines(state, output.out, session.elapsed_s, engine.shard)
     # Shards run beside each other: the command that takes them together writes the report.
     if not engine.shard:
+        page = output.out / "report.html"
+        is_old = not page.exists() or page.stat().st_mtime < manifest.stat().st_mtime
         with session.watch("Writing the report"):
-            lines[1] = _write_report(cells, carried, settings, output.out)
+            lines[1] = _summed_up(
+                cells, carried, settings, output.out, write=is_old or state.finished > 0
+            )
     session.show(shown(as_flags(line)) for line in lines)
 
 
-def _write_report(
-    cells: "list[FleetCell]", carried: tuple[str, ...], settings: dict[str, Any], out: Path
+def _summed_up(
+    cells: "list[FleetCell]",
+    carried: tuple[str, ...],
+    settings: dict[str, Any],
+    out: Path,
+    *,
+    write: bool,
 ) -> str:
-    """The report in the folder, and its sentence; fits that cannot be repeated are not drawn."""
+    """The report's sentence, and in the folder itself where something is new in it; fits that
+    cannot be repeated are not drawn."""
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
     from ..reporting import to_html
@@ -193,6 +203,9 @@ def _write_report(
     known = {cell.id: cell for cell in cells}
     rows = read_fleet(out, known)
     summary = summarize(rows, carried)
+    told = fleet_sentence(summary) + failed_sentence(summary)
+    if not write:
+        return told
     worst = {}
     for name, _ in summary.worst:
         with suppress(InputError, KeyError):
@@ -200,7 +213,7 @@ def _write_report(
             worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
     write_file(out / "report.html", to_html(document.spelled(_as_columns)).encode())
-    return fleet_sentence(summary) + failed_sentence(summary)
+    return told
 
 
 def _as_columns(text: str) -> str:

@@ -153,15 +153,15 @@ def compare(
     without `validation_windows`, to the validation records too. `watch` returns a context manager
     for every row, by its name; the row reports to it how many seeds have finished. A method that
     fails has a row that says why. Raises `InputError` if record, window or box do not fit,
-    `ValueError` for an unknown circuit or method.
+    and for an unknown circuit or method.
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):
-    ValueError: no method is called 'guess'; there are ls, rls, wrls, ...
+    barnax.errors.InputError: no method is called 'guess'; there are ls, rls, wrls, ...
     """
     for _, method in rows:
         if method not in METHODS:
-            raise ValueError(f"no method is called {method!r}; there are {', '.join(METHODS)}")
+            raise InputError(f"no method is called {method!r}; there are {', '.join(METHODS)}")
     budget, window = budget or Budget(), window or Window()
     windows = [window] * len(validation) if validation_windows is None else validation_windows
     problems = make_problems(

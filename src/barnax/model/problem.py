@@ -263,11 +263,11 @@ def make_problem(
     `source`. `objective` is "scan", which simulates every sample for every candidate, or
     "compressed", which reduces the records once and agrees with it to 1e-9.
 
-    Raises `InputError` if window, box or OCV range do not fit a record or the box is too wide to
-    compress, `ValueError` for an unknown circuit or objective and for windows that do not match.
+    Raises `InputError` if window, box or OCV range do not fit a record, the box is too wide to
+    compress, or circuit or objective are unknown; `ValueError` for windows that do not match.
     """
     if objective not in KINDS:
-        raise ValueError(f"no objective is called {objective!r}; there are {', '.join(KINDS)}")
+        raise InputError(f"no objective is called {objective!r}; there are {', '.join(KINDS)}")
     records = (record,) if isinstance(record, Record) else tuple(record)
     if not records:
         raise ValueError("a problem needs at least one record")

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..errors import InputError
 from .barnacle import BarnacleMating, bmo, ibmo, ibmo_centered, ibmo_printed
 from .genetic import AdaptiveGenetic
 from .gwo import GreyWolf, ImprovedGreyWolf
@@ -82,15 +83,15 @@ class OptimizerSummary(NamedTuple):
 def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopulationMinimiser:
     """The optimizer registered as `name` in `OPTIMIZERS`.
 
-    `population` candidates take part in each of `iterations` generations. Raises `ValueError` for
+    `population` candidates take part in each of `iterations` generations. Raises `InputError` for
     an unknown name, and for a population or budget that is too small.
     """
     if name not in OPTIMIZERS:
-        raise ValueError(f"no optimizer is called {name!r}; there are {', '.join(OPTIMIZERS)}")
+        raise InputError(f"no optimizer is called {name!r}; there are {', '.join(OPTIMIZERS)}")
     if population < 4:
-        raise ValueError(f"a population needs at least 4 candidates; {population} was given")
+        raise InputError(f"a population needs at least 4 candidates; {population} was given")
     if iterations < 1:
-        raise ValueError(f"a search needs at least 1 iteration; {iterations} was given")
+        raise InputError(f"a search needs at least 1 iteration; {iterations} was given")
     return OPTIMIZERS[name](population=population, iterations=iterations)
 
 

@@ -66,7 +66,9 @@ def local_optima_sentence(optimum: "GlobalOptimum | GlobalPart") -> str:
     others, reach = optimum.local_optima, f"less than {percent(FACTOR - 1)} above the best one"
     if not others:
         return f"No other local optimum is {reach}."
-    where = f"{_nearest_gap(optimum)} above at {_taus(others[0].parameters.tau_s)}"
+    nearest = others[0].parameters
+    ohms = joined([with_unit("R [Ohm]", each) for each in (nearest.r0, *nearest.r)])
+    where = f"{_nearest_gap(optimum)} above at {_taus(nearest.tau_s)} (R0 and R: {ohms})"
     if nearly_as_good(optimum):
         where += ", a different circuit with nearly the same error"
     if len(others) == 1:

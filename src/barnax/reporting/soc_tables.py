@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
+# Errors on all of a record that differ by less than this share are alike.
+ALIKE = 0.02
 NOT_DETERMINED = "not determined"
 SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "hysteresis"}
 
@@ -51,22 +53,41 @@ def pay_sentence(fit: "TableFit", unseen: "Sequence[tuple[SocErrors, SocErrors]]
     `unseen` are the constant circuit's errors and the tables' on each validation record, which
     decide where there are any; else blocks held out of the fit do.
     """
-    held, told, pays = fit.cross_validation, [], False
+    told, pays = [], tables_pay(fit, unseen)
     if unseen:
-        constant, tables = (_together(each) for each in zip(*unseen, strict=True))
-        pays = tables.rmse_v < constant.rmse_v
-        told.append(f"{_change(constant, tables)} on the validation records")
+        told.append(f"{_change(*_of_all(unseen))} on the validation records")
+    held = fit.cross_validation
     if held is not None:
-        agrees = held.tables.is_worth(held.constant)
-        pays = pays if told else agrees
-        joint = "" if not told else ", and from " if agrees == pays else ", but from "
-        change = _change(held.constant, held.tables)
-        told.append(f"{joint}{change} on held-out blocks")
+        is_alike = (held.tables.rmse_v < held.constant.rmse_v) == pays
+        joint = "" if not told else ", and from " if is_alike else ", but from "
+        told.append(f"{joint}{_change(held.constant, held.tables)} on held-out blocks")
     if not told:
         return ""
+    if pays and unseen and _of_all(unseen)[1].rmse_v >= _of_all(unseen)[0].rmse_v:
+        return f"tables help above 10 % SOC: RMSE from {''.join(told)}."
     if pays:
         return f"tables lower the RMSE from {''.join(told)}."
     return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
+
+
+def tables_pay(fit: "TableFit", unseen: "Sequence[tuple[SocErrors, SocErrors]]" = ()) -> bool:
+    """Whether tables are better where they were not fitted, as `pay_sentence` says it."""
+    if not unseen:
+        held = fit.cross_validation
+        return held is not None and held.tables.is_worth(held.constant)
+    constant, tables = _of_all(unseen)
+    if constant.above_v is None or tables.above_v is None:
+        return tables.rmse_v < constant.rmse_v
+    if abs(tables.rmse_v / constant.rmse_v - 1) > ALIKE:
+        return tables.rmse_v < constant.rmse_v
+    # Nearly empty both may fail alike; what is above it decides.
+    return tables.above_v < constant.above_v
+
+
+def _of_all(unseen: "Sequence[tuple[SocErrors, SocErrors]]") -> "tuple[SocErrors, SocErrors]":
+    """The errors of both over all records."""
+    constant, tables = zip(*unseen, strict=True)
+    return _together(constant), _together(tables)
 
 
 def unseen_errors(result: "Result") -> "list[tuple[SocErrors, SocErrors]]":

@@ -16,7 +16,7 @@ from .sentences import (
     optimum_words,
     option,
 )
-from .soc_tables import best_tables
+from .soc_tables import best_tables, tables_pay, unseen_errors
 from .temperature import best_over_temperature
 from .words import counted, joined, millivolt, percent
 
@@ -118,6 +118,8 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
         where = joined([f"{degc:.3g}" for degc in others])
         what = f"for tables over temperature too, with the records at {where} degC"
         return {"over": OVER_TEMPERATURE}, what
+    if result.tables is not None and not tables_pay(result.tables.fit, unseen_errors(result)):
+        return {}, "use the constant circuit: identify again without `over`"
     if result.tables is not None:
         return {}, "export the tables with barnax export"
     if tables_would_pay(result):

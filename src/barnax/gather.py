@@ -42,6 +42,8 @@ OVER_TEMPERATURE = "soc,temperature"
 # What a data frame is called, and where another is beside it.
 FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
+# What a warning says where the checks refuse a file for its role.
+NOT_SUITABLE = "not suitable for"
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -231,12 +233,13 @@ def _checked(
             current_hold=hold,
             rest_current_a=own.rest_current_a,
         )
+        if not is_test:
+            # That the OCV test is of another cell may be why the file seems at fault.
+            against = compare_with_cell(taken, own_cell, own_ah)
+            warnings += [each.sentence(found.file) for each in against]
         warnings += input_warnings(found, role, window)
         if found.traits is not None:
             degc[is_test].append((found.file, found.traits.temperature_degc))
-        if not is_test:
-            against = compare_with_cell(taken, own_cell, own_ah)
-            warnings += [each.sentence(found.file) for each in against]
     return warnings + compare_temperatures(degc[False], degc[True], identified)
 
 
@@ -301,7 +304,7 @@ def input_warnings(
     texts = [each.sentence(found.file) for each in found.findings if each.counts]
     for each in found.roles:
         if each.name == role and not each.is_usable:
-            texts.append(f"{found.file}: not suitable for {role}: {each.reason}")
+            texts.insert(0, f"{found.file}: {NOT_SUITABLE} {role}: {each.reason}")
         elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
             advice = each.window.advice
             texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []

@@ -41,6 +41,9 @@ CHECKS: Mapping[str, Check] = {
     "resolution": sampling.find_resolution,
 }
 _ORDER = {"error": 0, "warning": 1, "note": 2}
+# Testers' own files, which nobody edits, and what is then to be done first.
+_TESTERS_OWN = (".nda", ".ndax", ".mpr", ".res")
+_EDITED, _FIRST = "delete these rows", "export it as CSV, and "
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,11 @@ def check_file(
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
             findings += named("twin columns", find_twins(source, given))
+        if source.name.lower().endswith(_TESTERS_OWN):
+            findings = [
+                replace(each, remedy=each.remedy.replace(_EDITED, _FIRST + _EDITED))
+                for each in findings
+            ]
         findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
         traits = traits_of(given) if given else None
         return FileCheck(

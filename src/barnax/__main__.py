@@ -45,7 +45,10 @@ def main() -> None:
     except SystemExit as end:
         # Typer turns Ctrl-C into this status, and says nothing.
         if end.code == INTERRUPTED:
-            Console(stderr=True).print("interrupted; earlier results are as they were")
+            kept = "earlier results are as they were"
+            if sys.argv[1:2] == ["fleet"]:
+                kept = "the finished cells are kept, and the same command continues"
+            Console(stderr=True).print(f"interrupted; {kept}")
         raise
 
 

@@ -1,5 +1,6 @@
 """What is said where an input cannot be used, and how a message quotes what stands in it."""
 
+import re
 import textwrap
 import unicodedata
 from collections.abc import Iterable
@@ -15,6 +16,8 @@ class InputError(ValueError):
     """
 
 
+# An option in a message, with its value if it has one.
+OPTION = re.compile(r"`([a-z][a-z_]*)(?:=([^`]*))?`")
 # Of names, and of what stands in a cell: longer text is cut before anybody quotes it.
 LONGEST_NAME = 200
 LONGEST_CELL = 80
@@ -43,6 +46,25 @@ def printable(text: str) -> str:
 def reason_of(error: BaseException) -> str:
     """What a library says went wrong, in one line."""
     return printable(cut(next(iter(str(error).splitlines()), type(error).__name__), 200))
+
+
+def toml_reason(error: BaseException) -> str:
+    """Where a text is not TOML; a library's words only where it says no place.
+
+    >>> toml_reason(ValueError("Invalid value (at line 14, column 8)"))
+    'error at line 14, column 8'
+    """
+    found = re.search(r"\(at (?:(line \d+, column \d+)|end of document)\)", str(error))
+    return f"error at {found[1] or 'its end'}" if found else reason_of(error)
+
+
+def as_keys(text: str) -> str:
+    """A message with the options that it names as keys of a plan or columns of a manifest.
+
+    >>> as_keys("give `initial_soc=0.9` or `ocv_fit='interpolated'`, not `model`")
+    'give initial_soc = 0.9 or ocv_fit = interpolated, not model'
+    """
+    return OPTION.sub(lambda f: f[1] if f[2] is None else f"{f[1]} = {f[2].strip(chr(39))}", text)
 
 
 def listed(names: Iterable[str]) -> str:

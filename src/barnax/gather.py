@@ -39,6 +39,11 @@ LIMITS = (
     ("key", 0, 2**32 - 1),
 )
 OVER_TEMPERATURE = "soc,temperature"
+# What a data frame is called, and where another is beside it.
+FRAME = "data frame"
+_FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
+# What a warning says where the checks refuse a file for its role.
+NOT_SUITABLE = "not suitable for"
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -154,7 +159,7 @@ def read_inputs(
         """What a file or frame holds, read once, and remembered to be checked."""
         if isinstance(each, Record | OcvTable):
             return each
-        source = source_of(each, names, reading.columns)
+        source = source_of(each, names, reading.columns, _FRAMES.get(role, FRAME))
         looked_at.append((role, source, read(source)))
         return looked_at[-1][2]
 
@@ -228,12 +233,13 @@ def _checked(
             current_hold=hold,
             rest_current_a=own.rest_current_a,
         )
+        if not is_test:
+            # That the OCV test is of another cell may be why the file seems at fault.
+            against = compare_with_cell(taken, own_cell, own_ah)
+            warnings += [each.sentence(found.file) for each in against]
         warnings += input_warnings(found, role, window)
         if found.traits is not None:
             degc[is_test].append((found.file, found.traits.temperature_degc))
-        if not is_test:
-            against = compare_with_cell(taken, own_cell, own_ah)
-            warnings += [each.sentence(found.file) for each in against]
     return warnings + compare_temperatures(degc[False], degc[True], identified)
 
 
@@ -277,13 +283,16 @@ def read_validation(
 
 
 def source_of(
-    given: Given, names: Mapping[Path, str], columns: Mapping[str, str] | str = ""
+    given: Given,
+    names: Mapping[Path, str],
+    columns: Mapping[str, str] | str = "",
+    frame: str = FRAME,
 ) -> Source:
     """A file or a data frame, read once, under the name that results call it."""
     if isinstance(given, Source):
         return given
     if not isinstance(given, str | Path):
-        return source_from_frame(given, "data frame", columns=columns)
+        return source_from_frame(given, frame, columns=columns)
     source = read_source(given, columns=columns)
     return replace(source, name=names.get(Path(given), source.name))
 
@@ -295,7 +304,7 @@ def input_warnings(
     texts = [each.sentence(found.file) for each in found.findings if each.counts]
     for each in found.roles:
         if each.name == role and not each.is_usable:
-            texts.append(f"{found.file}: not suitable for {role}: {each.reason}")
+            texts.insert(0, f"{found.file}: {NOT_SUITABLE} {role}: {each.reason}")
         elif each.name == role and each.window and not window_of(window, found.file).is_chosen:
             advice = each.window.advice
             texts += [f"{found.file}: {each.window.reason}; {advice}"] if advice else []
@@ -345,7 +354,7 @@ def listed(sources: Given | Sequence[Given]) -> list[Given]:
 def _name_of(source: Given) -> str:
     if isinstance(source, str | Path):
         return printable(Path(source).name)
-    return source.name if isinstance(source, Record | Source) else "data frame"
+    return source.name if isinstance(source, Record | Source) else FRAME
 
 
 def file_names(paths: Sequence[str | Path]) -> dict[Path, str]:

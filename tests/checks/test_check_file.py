@@ -152,3 +152,10 @@ def test_a_rough_record_of_any_shape_is_checked_without_a_crash(tmp_path_factory
         }
     )
     assert json.dumps(checked(tmp_path_factory.mktemp("rough"), table).to_dict())
+
+
+def test_rows_of_a_testers_own_file_are_deleted_in_an_export():
+    voltage_v = frame()[VOLTAGE].to_numpy()
+    source = source_from_frame(changed(frame(), VOLTAGE, voltage_v[700] + 0.3, 700), "cell.nda")
+    remedies = [each.remedy for each in check_file(source).findings]
+    assert "export it as CSV, and delete these rows, or correct them" in remedies

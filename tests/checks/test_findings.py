@@ -401,3 +401,23 @@ def test_the_integrated_charge_is_that_of_a_plain_sum(tmp_path):
     facts = checked(tmp_path, DRIVE).facts
     assert facts.charged_ah == pytest.approx(moved_ah[moved_ah > 0].sum())
     assert facts.discharged_ah == pytest.approx(-moved_ah[moved_ah < 0].sum())
+
+
+def test_an_interval_no_longer_than_most_is_no_gap(tmp_path):
+    """Logged every 10 s, and at once where the voltage moves: what is between may be anything."""
+    interval_s = np.full(len(DRIVE) - 1, 10.0)
+    for start in range(1000, 9000, 200):
+        interval_s[start : start + 20] = 0.1
+        interval_s[start + 10] = 4 + start / 2000
+    table = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
+    assert "gaps" not in {each.check for each in checked(tmp_path, table).findings}
+    interval_s[1:-1:2] = 0.004
+    table = changed(DRIVE, TIME, np.concatenate([[0], np.cumsum(interval_s)]))
+    assert "gaps" not in {each.check for each in checked(tmp_path, table).findings}
+
+
+def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
+    """A day without samples, after a minute of pulses."""
+    cut_s = np.where(LINES[:120] < 60, LINES[:120], LINES[:120] + 86400.0)
+    what = found(checked(tmp_path, changed(DRIVE[:120], TIME, cut_s)), "gaps").what
+    assert "what passed meanwhile was not logged" in what

@@ -115,3 +115,30 @@ def test_without_a_full_charge_the_long_rest_before_the_profile_is_the_start(tmp
     # The start is the last sample of the rest and no other.
     assert abs(record.current_a[prepared.first]) < 0.02 < abs(record.current_a[prepared.first + 1])
     assert prepared.start.soc_source == "rested voltage"
+
+
+def test_a_table_of_ocv_over_soc_serves_as_ocv_test_only(tmp_path):
+    path = tmp_path / "ocv.csv"
+    path.write_text("SOC [-],OCV [V]\n0,3.0\n0.3,3.5\n0.6,3.7\n1,4.2\n")
+    outcome = check_file(path)
+    assert outcome.is_clean
+    assert [role.is_usable for role in outcome.roles] == [True, False, False]
+    assert roles(outcome)["OCV test"].reason == (
+        "4 points, SOC 0 to 1, 3.000 to 4.200 V, rising throughout; give it with `ocv`"
+    )
+    path.write_text("SOC [-],OCV [V]\n0,3.0\n0.3,3.5\n0.6,3.4\n1,4.2\n")
+    (finding,) = check_file(path).findings
+    assert (finding.severity, finding.row) == ("warning", 4)
+    assert finding.what == "the OCV falls from 3.5000 V at SOC 0.3 to 3.4000 V at SOC 0.6"
+
+
+def test_a_slow_sweep_beside_steps_is_to_be_cut(tmp_path):
+    sweep_s = np.arange(0, 72_000.0, 36)
+    steps_s = sweep_s[-1] + 36 + np.arange(3000.0)
+    steps_a = np.where(np.arange(3000) // 30 % 2 == 0, -0.5, 0.5)
+    current_a = np.concatenate([0 * sweep_s - 0.1, steps_a])
+    time_s = np.concatenate([sweep_s, steps_s])
+    soc = 1 + np.cumsum(current_a * np.diff(time_s, prepend=0)) / 3600 / 2
+    table = pl.DataFrame({TIME: time_s, CURRENT: current_a, VOLTAGE: 3.1 + soc + 0.05 * current_a})
+    reason = roles(checked(tmp_path, table))["identification"].reason
+    assert reason.startswith("it holds a slow sweep beside ")

@@ -106,3 +106,11 @@ def test_a_slow_log_in_seconds_is_no_millisecond_file(tmp_path):
         {TIME: hours * 3600, CURRENT: 0 * hours - 0.05, VOLTAGE: 4.1 - 0.03 * hours}
     )
     assert "error" not in counting(checked(tmp_path, table, capacity_ah=2.0)).values()
+
+
+def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
+    """Whatever the capacity, which may be another cell's."""
+    table = scaled(frame(), CURRENT, 1e3).rename({CURRENT: "Current [mA]"})
+    found_checks = {each.check for each in checked(tmp_path, table, capacity_ah=0.05).findings}
+    assert "current unit" not in found_checks
+    assert "capacity" in found_checks

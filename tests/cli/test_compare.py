@@ -87,6 +87,8 @@ def test_json_goes_to_stdout_alone(run, tmp_path):
         (("--models", "so-rc,rc"), "--models 'rc' is not known"),
         (("--methods", "ls,guess"), "--methods 'guess' is not known"),
         (("--ocv", "test.csv"), "give a record to identify on"),
+        ((".",), "compare takes one record and its --ocv, not a folder or a plan"),
+        (("plan.toml",), "not a folder or a plan"),
         (("missing.csv",), "an OCV test of the same cell is also needed"),
     ],
 )

@@ -21,3 +21,30 @@ def test_the_report_is_of_the_cells_of_the_manifest(run, tmp_path, monkeypatch):
         assert told in found.out
         assert told in (out / "report.html").read_text()
     assert pl.read_parquet(out / "cells.parquet")["id"].to_list() == ["a", "b"]
+
+
+def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1)
+    )
+    (tmp_path / "b.csv").touch()
+    manifest = tmp_path / "m.csv"
+    manifest.write_text("id,records,ocv,initial_soc\na,nowhere.csv,b.csv,\nb,b.csv,b.csv,95\n")
+    found = run("fleet", manifest, "--out", tmp_path / "out")
+    assert "a: no file 'nowhere.csv'; correct the name in the manifest" in " ".join(
+        found.out.split()
+    )
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "initial_soc 95.0 is not a fraction" in report
+    dry = run("fleet", manifest, "--dry-run")
+    assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
+
+
+def test_an_interrupted_fleet_says_how_to_continue(run, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("barnax.fleet.manifest.read_manifest", interrupted)
+    outcome = run("fleet", "m.csv")
+    assert outcome.status == 130
+    assert "finished cells are kept, and the same command continues" in outcome.err

@@ -158,3 +158,18 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     whole = barnax.read_record(bundled_file("identification"))
     expected = 1 - whole.discharged_ah[half] / 2.0
     assert second.window.initial_soc == pytest.approx(expected, abs=0.005)
+
+
+def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
+    for name in ("b", "d"):
+        path = folder / f"{name}.parquet"
+        small = pl.read_parquet(path).with_columns(pl.col("Current / A") / 100)
+        small.write_parquet(path)
+    for name, degc in (("a", 0.0), ("c", 25.0)):
+        path = folder / f"{name}.parquet"
+        pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE)).write_parquet(path)
+    (folder / "b.bdf.json").write_text("{}")
+    found = plan(folder)
+    assert found.missing.startswith("no record can be identified on with d.parquet")
+    assert "the cell of the OCV test holds 0.02 Ah" in reason(found, "a.parquet")
+    assert "b.bdf.json" not in roles(found)

@@ -111,15 +111,23 @@ def test_records_of_other_temperatures_are_the_next_step_towards_tables_over_it(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("capacity = ", "cannot be read as a plan"),
-        ("capacity = 'x'\n", "`capacity` is 'x'; it takes a number"),
+        ("capacity = ", r"cannot be read as a plan in TOML \(error at its end\)"),
+        ("\ncapacity = x\n", r"\(error at line 2, column 12\)"),
+        ("model = '2rc'\n", "plan.toml: model '2rc' is not known; there are iso-rc, so-rc"),
+        ("method = 'varpro'\n", "plan.toml: method 'varpro' is not known; there are ibmo"),
+        ("ocv_fit = 'spline'\n", "ocv_fit 'spline' is not known; there are polynomial, interp"),
+        ("capacity = 'x'\n", "plan.toml: capacity is 'x'; it takes a number"),
         ("colour = 1\n", "'colour' is not a key of a plan"),
         ("command = 'fly'\n", "there are identify, hppc"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
         ("[[files]]\nfile = 'a'\nrole = 'other'\n", "there are identification, OCV test"),
         ("[[files]]\nfile = 'a'\nrole = 'validation'\n", "no file has the role identification"),
+        ("[[files]]\nfile = 'a'\nrole = 'identification'\n", "no file has the role OCV test"),
         ("[[files]]\nfile = 'a'\nrole = 'validation'\nscore_steps = 7\n", "takes whole numbers"),
-        ("[[files]]\nfile = 'a'\nrole = 'validation'\ninitial_soc = 7\n", "is not a fraction"),
+        (
+            "[[files]]\nfile = 'a'\nrole = 'validation'\ninitial_soc = 7\n",
+            "a: initial_soc 7.0 is not a fraction",
+        ),
     ],
 )
 def test_a_plan_that_cannot_be_used_is_refused_with_the_key(tmp_path, text, message):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from barnax.fleet import FleetCell, Progress
-from barnax.reporting.fleet import closing_lines, missing_lines, progress_remark
+from barnax.reporting.fleet import closing_lines, problem_lines, progress_remark
 
 
 def test_the_end_is_three_lines_that_count_what_was_done():
@@ -29,5 +29,15 @@ def test_progress_tells_throughput_and_failures():
     assert progress_remark(Progress(finished=10, failed=1), 4.0) == "2.5 cells a second, 1 failed"
 
 
-def test_what_is_missing_is_named_with_its_cell():
-    assert missing_lines([FleetCell("a", missing=("x.csv",))]) == ["a: x.csv does not exist"]
+def test_what_is_wrong_in_a_row_is_named_with_its_cell_and_column():
+    cells = [
+        FleetCell("a", missing=("x.csv",)),
+        FleetCell("b", window={"initial_soc": 95.0}, options={"model": "2rc"}),
+        FleetCell("c", validate_window={"initial_soc": 95.0}),
+        FleetCell("d", window={"initial_soc": 0.9}, options={"model": "1rc"}),
+    ]
+    missing, soc, circuit, of_validation = problem_lines(cells)
+    assert missing == "a: x.csv does not exist"
+    assert soc.startswith("b: initial_soc 95.0 is not a fraction")
+    assert circuit.startswith("b: model '2rc' is not known; there are iso-rc, so-rc")
+    assert of_validation.startswith("c: initial_soc 95.0")

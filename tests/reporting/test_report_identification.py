@@ -120,6 +120,12 @@ def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen(stored):
     assert "Assumed: the cell was last" not in " ".join(screen(stored).split())
 
 
+def test_that_the_record_is_unfit_is_on_the_first_screen(stored):
+    unfit = "drive.csv: not suitable for identification: 6 current steps sampled finely enough"
+    warned = stored.model_copy(update={"warnings": (unfit,)})
+    assert f"Do not use: {unfit}" in " ".join(screen(warned).split())
+
+
 def test_what_the_bounds_decide_is_on_the_first_screen(stored):
     longest = stored.inputs[0].duration_s
     slow = stored.circuit_parameters

@@ -115,7 +115,8 @@ class CellModel:
         if not low_v - REST_VOLTAGE_MARGIN_V <= voltage_v <= high_v + REST_VOLTAGE_MARGIN_V:
             raise InputError(
                 f"the rested voltage {voltage_v:.4f} V is outside the OCV of this cell, "
-                f"{low_v:.4f} to {high_v:.4f} V; give the SOC there as `initial_soc`"
+                f"{low_v:.4f} to {high_v:.4f} V; check that the OCV test is of this "
+                "cell, or give the SOC there as `initial_soc`"
             )
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])

@@ -79,9 +79,11 @@ def join_sweeps(sweeps: list[Sweep]) -> Sweep:
     if len(sweeps) == 1:
         return sweeps[0]
     word = WORD[sweeps[0].direction]
-    names = ", ".join(sweep.source for sweep in sweeps)
     if any(sweep.kind == "slow" for sweep in sweeps):
-        raise InputError(f"there are {len(sweeps)} {word} sweeps ({names}); give only one of them")
+        where = ", ".join(
+            f"{each.source} rows {each.points[0].row} to {each.points[-1].row}" for each in sweeps
+        )
+        raise InputError(f"there are {len(sweeps)} {word} sweeps ({where}); give only one of them")
     ordered = sorted(sweeps, key=lambda s: s.direction * s.points[0].voltage_v)
     joined = ordered[0]
     for part in ordered[1:]:

@@ -7,16 +7,17 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..cell import OcvTable, read_ocv_table
 from ..errors import InputError
 from ..records import Hold
-from ..records.dialects import Sign
+from ..records.dialects import Sign, is_ocv_table
 from ..records.findings import Finding, named
 from ..records.hold import decide_hold
 from ..records.read import Source, examine, make_record, read_source
 from ..records.sign import decide_sign
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput
-from .roles import Role, Traits, find_roles, traits_of
+from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of
 from .twins import find_twins
 
 # The registry of checks on a record, in the order in which they are told.
@@ -40,6 +41,9 @@ CHECKS: Mapping[str, Check] = {
     "resolution": sampling.find_resolution,
 }
 _ORDER = {"error": 0, "warning": 1, "note": 2}
+# Testers' own files, which nobody edits, and what is then to be done first.
+_TESTERS_OWN = (".nda", ".ndax", ".mpr", ".res")
+_EDITED, _FIRST = "delete these rows", "export it as CSV, and "
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,8 @@ class Facts:
 
 @dataclass(frozen=True)
 class FileCheck:
-    """What was found in one file. `facts` is None, and `roles` empty, if too little can be read.
+    """What was found in one file. `facts` is None, and `roles` empty, if too little can be read;
+    a table of OCV over SOC has roles, and no facts.
 
     `findings` are ordered by severity, then by row. The roles are those of the file once its
     errors are fixed.
@@ -142,6 +147,8 @@ def check_file(
         raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns)
+    if is_ocv_table(source.table.header):
+        return _check_table(read_ocv_table(source))
     examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]
     given = None
@@ -160,6 +167,11 @@ def check_file(
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
             findings += named("twin columns", find_twins(source, given))
+        if source.name.lower().endswith(_TESTERS_OWN):
+            findings = [
+                replace(each, remedy=each.remedy.replace(_EDITED, _FIRST + _EDITED))
+                for each in findings
+            ]
         findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
         traits = traits_of(given) if given else None
         return FileCheck(
@@ -169,3 +181,20 @@ def check_file(
             roles=find_roles(given, traits) if given and traits else (),
             traits=traits,
         )
+
+
+def _check_table(table: OcvTable) -> FileCheck:
+    """What was found in a table of OCV over SOC."""
+    findings = [Finding("note", text.removeprefix(f"{table.name}: ")) for text in table.warnings]
+    for points in table.branches.values():
+        fall = find_fall(points)
+        if fall:
+            before, after = fall
+            what = (
+                f"the OCV falls from {before.voltage_v:.4f} V at SOC {before.soc:.4g} to "
+                f"{after.voltage_v:.4f} V at SOC {after.soc:.4g}"
+            )
+            remedy = "correct or delete these points"
+            findings.append(Finding("warning", what, remedy, after.row, check="monotone"))
+    findings.sort(key=lambda finding: _ORDER[finding.severity])
+    return FileCheck(table.name, tuple(findings), None, roles_of_table(table))

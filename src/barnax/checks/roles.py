@@ -5,14 +5,17 @@ The kind is told by its sweeps, its current steps and how far they reach.
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Int
 
+from ..cell import OcvPoint, OcvTable
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
-from ..cell.soc_axis import WORD, Sweep, decide_capacity, join_sweeps
+from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError, counted
 from .check_input import CheckInput
 
@@ -77,6 +80,9 @@ class Traits:
 
     def lacks(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
         """What it lacks to identify or validate a circuit on, in words; nothing if it is fit."""
+        if self.is_slow and self.steps >= STEPS:
+            steps = counted(self.steps, "current step")
+            return f"it holds a slow sweep beside {steps}; give the part with the steps by itself"
         if self.is_slow:
             return "a slow sweep does not show what follows a step of current"
         if self.steep_v:
@@ -319,6 +325,33 @@ class Role:
 def find_roles(given: CheckInput, traits: Traits) -> tuple[Role, ...]:
     """Every role, usable or not."""
     return (_ocv_test(given), *_profiles(given, traits))
+
+
+def roles_of_table(table: OcvTable) -> tuple[Role, ...]:
+    """Every role of a table of OCV over SOC."""
+    names = {DISCHARGE: "discharge: ", CHARGE: "charge: "}
+    reason = "; ".join(
+        f"{names.get(direction, '')}{len(points)} points, SOC {points[0].soc:.4g} to "
+        f"{points[-1].soc:.4g}, {min(each.voltage_v for each in points):.3f} to "
+        f"{max(each.voltage_v for each in points):.3f} V, {_rising(points)}"
+        for direction, points in table.branches.items()
+    )
+    others = ("identification", "validation")
+    lacks = "a table of OCV has no load"
+    return (
+        Role("OCV test", True, f"{reason}; give it with `ocv`"),
+        *(Role(name, False, lacks) for name in others),
+    )
+
+
+def _rising(points: Sequence[OcvPoint]) -> str:
+    return "falling in places" if find_fall(points) else "rising throughout"
+
+
+def find_fall(points: Sequence[OcvPoint]) -> tuple[OcvPoint, OcvPoint] | None:
+    """The two neighboring points between which an OCV falls the most, if it does."""
+    drop = min(pairwise(points), key=lambda pair: pair[1].voltage_v - pair[0].voltage_v)
+    return drop if drop[1].voltage_v < drop[0].voltage_v else None
 
 
 def _ocv_test(given: CheckInput) -> Role:

@@ -14,6 +14,8 @@ from .roles import FINE_S
 _GAP, _BESIDE = 3.0, 7
 # Such intervals are gaps only if of those within so much of their length more than this share are.
 _ALIKE, _FEW_ALIKE = 0.02, 0.05
+# More than this share of all intervals is how the tester samples.
+_MANY = 0.1
 # What a gap hides is of no account below this share of the capacity, and this jump of voltage.
 _HIDDEN_SHARE, _HIDDEN_V = 1e-3, 0.02
 # Intervals this long under load, beside others a tenth as long, hide what the load did.
@@ -27,7 +29,9 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     record = given.record
     interval_s = record.interval_s
     gaps = _gaps(interval_s)
-    if not len(gaps):
+    # Most samples lie as far apart as the shorter ones.
+    gaps = gaps[interval_s[gaps] > np.median(interval_s)]
+    if not 0 < len(gaps) <= max(1, _MANY * len(interval_s)):
         return
     source_v = record.voltage_v + given.resistance_ohm * record.current_a
     jump_v = np.abs(np.diff(source_v)[gaps])
@@ -44,6 +48,7 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         # The tester counted on: what the samples do not show is in its counters.
         doubt_a[:] = 0
     doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
+    moved_ah = given.charged_ah + given.discharged_ah
     worst = gaps[int(np.argmax(interval_s[gaps]))]
     where = f"a gap of {interval_s[worst]:.4g} s"
     if len(gaps) > 1:
@@ -54,10 +59,12 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         lost = f"up to {doubt_ah:.2g} Ah are in doubt"
         if is_counted:
             lost = "the tester's counters tell the charge"
-        elif is_lost or doubt_ah < _HIDDEN_SHARE * given.scale_ah:
+        elif is_lost or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
             lost = "what passed meanwhile was not logged"
         what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
         remedy = "score up to it only (`score_to`), or start behind it (`start_time`)"
+        if len(gaps) > 1:
+            remedy = "score a part between them only (`score_from`, `score_to`)"
         yield given.at(first, "warning", what, remedy)
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")

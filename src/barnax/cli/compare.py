@@ -1,6 +1,7 @@
 """`barnax compare`: models and methods side by side on one cell; `barnax optimizers`."""
 
 import itertools
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..errors import InputError
 from .groups import grouped
 from .options import Output, Paper, Rows, SearchOptions, require_choice, run_options
 from .output import DEFAULT_FOLDER, write_results
@@ -53,6 +55,11 @@ def compare(
 
     Without arguments, it runs the paper's five rows on the bundled cell.
     """
+    if record and (record.is_dir() or record.suffix.lower() == ".toml"):
+        raise InputError(
+            f"{record}: compare takes one record and its `ocv`, not a folder or a plan; "
+            f"barnax identify {shlex.quote(str(record))} --plan shows which file serves for what"
+        )
     session, folder = output.begun(DEFAULT_FOLDER)
     with session.watch("Loading JAX"):
         use_compilation_cache()

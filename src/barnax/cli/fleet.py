@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from ..errors import InputError
+from ..errors import InputError, as_keys
 from .groups import OUTPUT, SEARCH, flag, grouped, option
 from .options import TableOptions, complete_circuits, complete_methods
 from .output import write_file
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DEFAULT_FOLDER = Path("barnax-fleet")
 ENGINE = "Engine"
-# Missing files that a dry run lists one by one.
+# Problems of a manifest that a dry run lists one by one.
 MOST_LISTED = 50
 
 
@@ -90,7 +90,11 @@ class EngineOptions:
     retry: Annotated[bool, flag(ENGINE, "--retry", "Repeat the cells that failed.")] = False
     dry_run: Annotated[
         bool,
-        flag(ENGINE, "--dry-run", "List the cells and missing files, and compute nothing."),
+        flag(
+            ENGINE,
+            "--dry-run",
+            "List missing files and values that cannot be used, and compute nothing.",
+        ),
     ] = False
 
 
@@ -133,22 +137,25 @@ def fleet(
     session = Session(is_quiet=output.quiet)
     from ..fleet.manifest import parse_shard, read_manifest
     from ..fleet.worker import prepare_process
-    from ..reporting.fleet import closing_lines, missing_lines, progress_remark
+    from ..reporting.fleet import closing_lines, problem_lines, progress_remark
     from ..reporting.words import counted
 
     cells, carried = read_manifest(manifest, _defaults(files, of_records, search))
     session.note(_what_is_there(cells, carried))
+    prepare_process()
+    settings = _settings(search, tables, output)
     if engine.dry_run:
-        lines = missing_lines(cells)
+        from ..plan.text import require_choices
+
+        require_choices(settings)
+        lines = problem_lines(cells)
         session.show(map(shown, lines[:MOST_LISTED]))
         if lines:
-            count = counted(len(lines), "missing file")
-            raise InputError(f"{manifest}: {count}; correct them")
+            count = counted(len(lines), "problem")
+            raise InputError(f"{manifest}: {count} to correct")
         return
-    prepare_process()
     from ..fleet.engine import identify_fleet
 
-    settings = _settings(search, tables, output)
     started_s = time.perf_counter()
     with session.counting("Identifying", len(cells)) as advance:
 
@@ -203,7 +210,7 @@ def _summed_up(
     known = {cell.id: cell for cell in cells}
     rows = read_fleet(out, known)
     summary = summarize(rows, carried)
-    told = fleet_sentence(summary) + failed_sentence(summary)
+    told = as_keys(fleet_sentence(summary) + failed_sentence(summary))
     if not write:
         return told
     worst = {}
@@ -212,13 +219,8 @@ def _summed_up(
             alone = replace(known[name], validate=())
             worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
-    write_file(out / "report.html", to_html(document.spelled(_as_columns)).encode())
+    write_file(out / "report.html", to_html(document.spelled(as_keys)).encode())
     return told
-
-
-def _as_columns(text: str) -> str:
-    """A message with the options that it names as a manifest's columns are called."""
-    return text.replace("`", "")
 
 
 def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:

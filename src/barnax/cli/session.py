@@ -25,11 +25,10 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from ..errors import printable
+from ..errors import OPTION, printable
 
 # Where and how results appear is no part of them.
 APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1, "--verbose": 1}
-_OPTION = re.compile(r"`([a-z][a-z_]*)(?:=([^`]*))?`")
 
 
 def flag_of(name: str) -> str:
@@ -48,7 +47,7 @@ def as_flags(text: str) -> str:
         name = flag_of(found[1])
         return name if found[2] is None else f"{name} {shlex.quote(found[2].strip(chr(39)))}"
 
-    return _OPTION.sub(flag, text)
+    return OPTION.sub(flag, text)
 
 
 def shown(text: object) -> str:

@@ -100,7 +100,10 @@ def identify_fleet(
             queue = iter(few)
         first = next(queue, None)
         if first is not None:
-            _require_known(chosen)
+            from ..plan.text import require_choices  # loads JAX
+
+            # Before all cells fail of it.
+            require_choices(chosen)
             report(state)
             queue = itertools.chain([first], queue)
             with _opened(scheduler, executor, workers or os.cpu_count() or 1) as (reopen, count):
@@ -120,18 +123,6 @@ def identify_fleet(
                     report(state)
         compact(out, shard)
     return replace(state, skipped=skipped[0], total=state.finished + skipped[0])
-
-
-def _require_known(settings: Mapping[str, Any]) -> None:
-    """Raise `InputError` for a circuit or a method that there is not, before all cells fail."""
-    from ..cell import CIRCUITS
-    from ..optimizers import OPTIMIZERS
-
-    for name, known in (("model", CIRCUITS), ("method", OPTIMIZERS)):
-        if name in settings and settings[name] not in known:
-            raise InputError(
-                f"`{name}` {settings[name]!r} is not known; there are {', '.join(known)}"
-            )
 
 
 def _wanted(

@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from ..errors import LONGEST_NAME, InputError, cut, listed
+from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
 from ..model.window import OPTIONS as WINDOW_OPTIONS
 from .cells import OPTIONS, FleetCell, is_address
 
@@ -103,7 +103,7 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     except (OSError, ValueError, pl.exceptions.PolarsError) as problem:
         if isinstance(problem, InputError):
             raise
-        reason = cut(str(getattr(problem, "strerror", None) or problem), LONGEST_NAME)
+        reason = cut(getattr(problem, "strerror", None) or toml_reason(problem), LONGEST_NAME)
         raise InputError(
             f"{path}: cannot be read ({reason}); give a table in CSV, Parquet or TOML with a row "
             "for each cell"

@@ -3,7 +3,7 @@
 import functools
 import hashlib
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from ..errors import InputError, reason_of
 from ..gather import Reading, Settings, file_names, input_warnings, source_of
 from ..model.window import Window
 from ..pipeline import identify, identify_problem
+from ..plan.text import require_choices
 from ..records import Record, source_from_frame
 from ..results import MetricsPart, Result
 from ..storing import bands_by_soc, joint_metrics
@@ -61,7 +62,9 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         found = identify_problem(cell.problem, Settings(**chosen), trust=trust)
         return found, found.warnings
     if cell.missing:
-        raise InputError(f"{', '.join(cell.missing)}: does not exist; correct the manifest")
+        raise InputError(
+            f"no file {', '.join(map(repr, cell.missing))}; correct the name in the manifest"
+        )
     chosen |= cell.options
     window, windows = Window(**cell.window), _windows(cell)
     reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})
@@ -95,6 +98,17 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     measured = [(each.record.name, each.temperature_degc) for each in used]
     more = compare_temperatures(measured, known.temperatures_degc)
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
+
+
+def reasons_against(cell: FleetCell) -> Iterator[str]:
+    """What is wrong with a cell's row, as far as that can be said without reading its files."""
+    for each in cell.missing:
+        yield f"{each} does not exist"
+    for require in (lambda: _windows(cell), lambda: require_choices(cell.options)):
+        try:
+            require()
+        except InputError as problem:
+            yield str(problem)
 
 
 def _windows(cell: FleetCell) -> Window | dict[str, Window]:

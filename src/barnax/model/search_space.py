@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..cell.parameters import MOST_PAIRS, RATE
-from ..errors import LONGEST_NAME, InputError, cut
+from ..errors import LONGEST_NAME, InputError, cut, toml_reason
 from ..execution import on_device
 from .simulate import RCParameters
 
@@ -185,7 +185,7 @@ def read_bounds(path: Path) -> dict[str, Range]:
         raise
     except (ValueError, RecursionError) as problem:
         # No TOML, no text, or an integer of more digits than Python turns into one.
-        reason = cut(str(problem), LONGEST_NAME)
+        reason = toml_reason(problem)
         raise InputError(f"{path}: is not a TOML file ({reason})") from problem
     table = document.get("bounds")
     if not isinstance(table, dict) or len(document) != 1:

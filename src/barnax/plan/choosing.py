@@ -22,6 +22,8 @@ ROOM_DEGC = 25.0
 _AS_WIDE = 0.9
 # Steps of current that a validation wants.
 _FEWEST_STEPS = 10
+# What moves so many times the charge of a cell is of another.
+_BEYOND = 1.2
 MAKE_OCV = (
     "measure one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
     "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
@@ -141,7 +143,9 @@ def _decide(
         for each in choice.tests:
             draft.take(each, "OCV test", ocv_reason([each]))
         _leave_others(draft, choice)
-        return Plan("identify", draft.parts(), missing=MAKE_RECORD)
+        names = " and ".join(each.name for each in choice.tests)
+        unfit = f"no record can be identified on with {names}, for the reasons beside each"
+        return Plan("identify", draft.parts(), missing=unfit if dynamic else MAKE_RECORD)
     record, window = runs[0]
     is_own = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record])}; " if is_own else ""
@@ -317,7 +321,13 @@ def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
 
 
 def _why_useless(seen: Seen, capacity_ah: float | None) -> str:
-    return seen.lacks(capacity_ah) or "no role is left for it"
+    lacks = seen.lacks(capacity_ah)
+    if not lacks and capacity_ah and seen.traits and seen.traits.span_ah > _BEYOND * capacity_ah:
+        lacks = (
+            f"it moves {seen.traits.span_ah:.3g} Ah, and the cell of the OCV test holds "
+            f"{capacity_ah:.3g} Ah"
+        )
+    return lacks or "no role is left for it"
 
 
 def _options(

@@ -22,7 +22,7 @@ from ..records.dialects import is_ocv_table
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
 # What lies in a folder beside measured files, and is no candidate for one.
-_BESIDE = (".toml",)
+_BESIDE = (".toml", ".json")
 _TEMPORARY = (".", "~$")
 # Quantiles of the current by which two profiles are told apart, and by how much of the larger peak
 # they differ on average.

@@ -5,14 +5,20 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import tomlkit
 from tomlkit.items import Table
 
-from ..errors import InputError, printable
-from ..gather import file_names
+from ..cell.circuits import CIRCUITS
+from ..cell.curves import OcvFit
+from ..cell.hysteresis import HysteresisFit
+from ..errors import InputError, as_keys, printable, toml_reason
+from ..gather import OVER_TEMPERATURE, file_names
 from ..model.window import Window
+from ..optimizers import OPTIMIZERS
+from ..records.dialects.dialect import Sign
+from ..records.record import Hold
 from .parts import ROLES, Part, Plan
 
 _HEAD = (
@@ -72,6 +78,19 @@ _OPTIONS: Mapping[str, Callable[[Any], Any]] = {
     "ocv_current_sign": _text,
     "validate_current_sign": _text,
     "columns": _text,
+}
+_SIGNS = ("auto", *get_args(Sign))
+_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "ocv_fit": get_args(OcvFit),
+    "hysteresis_fit": get_args(HysteresisFit),
+    "model": tuple(CIRCUITS),
+    "over": ("soc", OVER_TEMPERATURE),
+    "method": tuple(OPTIMIZERS),
+    "trust": ("none", "basic", "full"),
+    "current_hold": ("auto", *get_args(Hold)),
+    "current_sign": _SIGNS,
+    "ocv_current_sign": _SIGNS,
+    "validate_current_sign": _SIGNS,
 }
 _READ: Mapping[str, Callable[[Any], Any]] = {
     "start_after_step": _whole,
@@ -135,19 +154,37 @@ def plan_from_toml(path: str | Path) -> Plan:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise InputError(f"{shown}: cannot be read as a plan ({reason})") from problem
+        reason = getattr(problem, "strerror", None) or toml_reason(problem)
+        raise InputError(
+            f"{shown}: cannot be read as a plan in TOML ({reason}); correct it"
+        ) from problem
     listed = content.pop("files", [])
     command = content.pop("command", "identify")
     if command not in ("identify", "hppc"):
         raise InputError(f"{shown}: command {command!r} is not known; there are identify, hppc")
     options = _read(shown, content, _OPTIONS)
+    try:
+        require_choices(options)
+    except InputError as problem:
+        raise InputError(f"{shown}: {as_keys(str(problem))}") from problem
     if not isinstance(listed, list) or not all(isinstance(each, dict) for each in listed):
         raise InputError(f"{shown}: each file needs a line [[files]] above it")
     parts = tuple(_part(shown, path.parent, each) for each in listed)
-    if not any(part.role == "identification" for part in parts):
-        raise InputError(f"{shown}: no file has the role identification; give one file that role")
+    roles = {part.role for part in parts}
+    for role in ("identification", "OCV test"):
+        # A pulse test shows its own OCV.
+        if role not in roles and (role, command) != ("OCV test", "hppc"):
+            raise InputError(f"{shown}: no file has the role {role}; give one file that role")
     return Plan(command, _named(parts), options)
+
+
+def require_choices(options: Mapping[str, Any]) -> None:
+    """Raise `InputError` for an option of a run that is none of its choices."""
+    for name, value in options.items():
+        if name in _CHOICES and value not in _CHOICES[name]:
+            raise InputError(
+                f"`{name}` {value!r} is not known; there are {', '.join(_CHOICES[name])}"
+            )
 
 
 def _part(shown: str, folder: Path, table: Mapping[str, Any]) -> Part:
@@ -167,7 +204,7 @@ def _part(shown: str, folder: Path, table: Mapping[str, Any]) -> Part:
     try:
         window = Window(**{_WINDOW[option]: value for option, value in given.items()})
     except InputError as problem:
-        raise InputError(f"{shown}: {file}: {problem}") from problem
+        raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
     place = folder / file
     return Part(place if os.path.isfile(place) else Path(file), name, role, "", "", window, span)
 
@@ -203,6 +240,6 @@ def _read(
                 "text": "text in quotes",
             }
             raise InputError(
-                f"{shown}: `{key}` is {value!r}; it takes {words.get(kind, 'a number')}"
+                f"{shown}: {key} is {value!r}; it takes {words.get(kind, 'a number')}"
             ) from problem
     return values

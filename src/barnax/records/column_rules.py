@@ -177,12 +177,12 @@ def _no_record(table: Table, file: str) -> str:
     names = printable(listed(name for name in table.header if name)) or "none"
     message = f"{file}: no column for time, current, voltage; columns found: {names}. "
     if is_ocv_table(table.header):
-        return f"{message}It is a table of OCV over SOC; give it as the OCV test."
+        return f"{message}It is a table of OCV over SOC; give it as the OCV test (`ocv`)."
     accepted = "; ".join(
         f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
         for quantity in REQUIRED
     )
-    return f"{message}Accepted names: {accepted}. Rename the columns so, in the file's first row."
+    return f"{message}Accepted names: {accepted}. Rename the columns so."
 
 
 def _missing(

@@ -259,6 +259,8 @@ def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
 
 def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
     """Why the currents look like milliamperes under an ampere's name, if they do."""
+    if samples.columns["current"].unit.factor == 1e-3:
+        return ""
     magnitude_a = np.abs(few(samples.current_a))
     loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * samples.peak_a]))
     moves = f"the record moves {samples.span_ah:.4g} Ah"

@@ -8,6 +8,7 @@ from rich.console import RenderableType
 from rich.table import Table as Shown
 from rich.text import Text
 
+from ..gather import NOT_SUITABLE
 from .decisions import carried_sentences, guess_sentences
 from .pulses import middle_heads as middle_heads_of_pulses
 from .pulses import middle_pulses
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from ..uncertainty import Estimate
 
 LONGEST_NAME = 40
+UNFIT = f": {NOT_SUITABLE} identification: "
 
 
 def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterator[RenderableType]:
@@ -46,7 +48,8 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     if pulses := middle_pulses(result):
         yield indented(bare_table(middle_heads_of_pulses(result), pulses))
         yield Text()
-    lines = [("Circuit", circuit_words(result)), ("Best possible", best_possible(result))]
+    unfit = [("Do not use", text) for text in result.warnings if UNFIT in text]
+    lines = [*unfit, ("Circuit", circuit_words(result)), ("Best possible", best_possible(result))]
     lines += _table_lines(result)
     weakest = weakest_point(result)
     if weakest:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ..errors import as_keys
 from .document import Document, Paragraph, Pictures, Section, Table, make_table
 from .words import counted, duration, figures, millivolt
 
@@ -173,9 +174,11 @@ def _worst(summary: "Summary") -> Table:
     )
 
 
-def missing_lines(cells: "Sequence[FleetCell]") -> list[str]:
-    """What of a manifest is not there, a line each."""
-    return [f"{cell.id}: {each} does not exist" for cell in cells for each in cell.missing]
+def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:
+    """What is wrong in a manifest by itself, a line each."""
+    from ..fleet.rows import reasons_against
+
+    return [f"{cell.id}: {as_keys(each)}" for cell in cells for each in reasons_against(cell)]
 
 
 def progress_remark(state: "Progress", elapsed_s: float) -> str:

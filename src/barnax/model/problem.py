@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
+from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, compile_for, in_float64, on_device, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress

@@ -22,7 +22,7 @@ from .temperature import (
     temperature_rows,
 )
 from .terminal import BARE, bare_table, headed_line, indented, plain
-from .verdict import best_possible, circuit_words, weakest_point
+from .verdict import best_possible, weakest_point
 from .words import between, duration, figures, with_unit
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
         yield indented(bare_table(middle_heads_of_pulses(result), pulses))
         yield Text()
     unfit = [("Do not use", text) for text in result.warnings if UNFIT in text]
-    lines = [*unfit, ("Circuit", circuit_words(result)), ("Best possible", best_possible(result))]
+    lines = [*unfit, ("Best possible", best_possible(result))]
     lines += _table_lines(result)
     weakest = weakest_point(result)
     if weakest:
@@ -118,7 +118,7 @@ def _errors_table(result: "Result") -> Shown:
     cells = zip(*columns.values(), strict=True)
     told = (["" if each is None else _millivolt(each) for each in row] for row in cells)
     return bare_table(
-        ["", *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
+        [result.model, *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
     )
 
 

@@ -58,7 +58,7 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
     lines = finished.outcome.out.splitlines()
     # What is to be copied is in one line, however long.
     assert max(len(line) for line in lines if not line.startswith("    barnax ")) <= 80
-    assert len([line for line in lines if line.strip()]) <= 22
+    assert len([line for line in lines if line.strip()]) <= 23
     text = " ".join(finished.outcome.out.split())
     own = result.metrics.identification
     assert f"identification {1e3 * own.rmse_v:.1f} mV" in text

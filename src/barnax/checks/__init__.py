@@ -3,7 +3,8 @@
 from ..records.findings import Finding, Severity
 from .check_file import CHECKS, Facts, FileCheck, check_file
 from .check_input import Check, CheckInput
-from .roles import Role, SuggestedWindow
+from .roles import Role
+from .windows import SuggestedWindow
 
 __all__ = [
     "CHECKS",

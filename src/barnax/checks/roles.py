@@ -1,23 +1,21 @@
-"""What kind of test a record is, what it can serve as, and the window it then needs.
+"""What kind of test a record is, and what it can serve as.
 
 The kind is told by its sweeps, its current steps and how far they reach.
 """
 
-import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Int
 
 from ..cell import OcvPoint, OcvTable
-from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, decide_capacity, join_sweeps
 from ..errors import InputError, counted
 from .check_input import CheckInput
+from .windows import SuggestedWindow, suggest_window
 
 Kind = Literal[
     "OCV test", "slow sweep", "pulse test", "drive cycle", "capacity test", "charge", "nothing"
@@ -139,164 +137,6 @@ def _temperature_degc(given: CheckInput) -> float | None:
         return float(np.nanmedian(measured))
     named = _NAMED_DEGC.search(given.record.name)
     return float(named[1]) if named else None
-
-
-# Current steps inside a step of the tester that make it a profile.
-_FEWEST_STEPS = 10
-# A record that is profile to this share needs no window.
-_WHOLE = 0.95
-# Intervals up to this many times the usual one under load are sampled alike.
-_ALIKE = 1.5
-# A held voltage, and a current that tapers under it to this share.
-_HELD_V, _FULL_V, _TAPERED, _TAPER_S = 0.01, 0.06, 0.5, 300.0
-
-
-@dataclass(frozen=True)
-class SuggestedWindow:
-    """How to cut a whole test to its profile, and why.
-
-    The fields are those of `barnax.Window`; what is None stays at its default.
-    `needs_initial_soc` says that the record does not tell the state of charge at the start, so
-    that the user must; `is_settled` that the cell has rested when the profile begins.
-    """
-
-    reason: str
-    start_time_s: float | None = None
-    start_after_step: int | None = None
-    initial_soc: float | None = None
-    score_steps: tuple[int, ...] | None = None
-    needs_initial_soc: bool = False
-    is_settled: bool = True
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """What to give to `barnax.Window`."""
-        names = ("start_time_s", "start_after_step", "initial_soc", "score_steps")
-        return {name: value for name in names if (value := getattr(self, name)) is not None}
-
-    @property
-    def advice(self) -> str:
-        """What to give, where a record is not to be simulated from its first sample to its last."""
-        options = [
-            f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
-            for name, value in self.options.items()
-        ]
-        return f"give {' '.join(options)}" if options else ""
-
-
-def suggest_window(given: CheckInput) -> SuggestedWindow:
-    """The window that starts where the charge is known and scores the profile."""
-    record = given.record
-    whole = _from_the_beginning(given)
-    numbers = _profile_numbers(given)
-    if record.step is None or not len(numbers):
-        return whole
-    inside = np.flatnonzero(np.isin(record.step, numbers))
-    first, last = int(inside[0]), int(inside[-1])
-    if last - first + 1 >= _WHOLE * record.samples:
-        return whole
-    # Steps that are met inside the profile only belong to it.
-    outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
-    own = tuple(np.setdiff1d(record.step[first : last + 1], outside).tolist())
-    at, rest_s = _rest_before(given, first)
-    is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
-    rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
-    if not rest_s:
-        rest = "without a rest before it"
-    profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(map(str, own))}, {rest}"
-    full = _full_step(given, first)
-    if full is not None:
-        reason = f"{profile}; the cell is full at the end of step {full}"
-        return SuggestedWindow(
-            reason, start_after_step=full, initial_soc=1.0, score_steps=own, is_settled=is_settled
-        )
-    if is_settled:
-        reason = f"{profile} at {record.voltage_v[at]:.4f} V"
-        return SuggestedWindow(reason, start_time_s=_clock_before(given, at), score_steps=own)
-    # Ampere-hours carry the charge from the record's own beginning.
-    reason = f"{profile}; {whole.reason}"
-    if _is_fine_throughout(given):
-        # What comes before the profile is simulated anyhow, and tells as much.
-        return replace(whole, reason=f"{reason}; all of it is sampled alike")
-    return replace(whole, reason=reason, score_steps=own, is_settled=is_settled)
-
-
-def _is_fine_throughout(given: CheckInput) -> bool:
-    """Whether nearly all of the record is logged at the interval of its loads."""
-    interval_s = given.record.interval_s
-    loaded_s = float(np.median(interval_s[~given.is_rested[1:]]))
-    return bool(np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s)
-
-
-def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
-    """How a simulation of the whole record learns its state of charge."""
-    record = given.record
-    if not given.is_rested[0]:
-        return SuggestedWindow("it starts under load", needs_initial_soc=True, is_settled=False)
-    loaded = np.flatnonzero(~given.is_rested)
-    at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
-    first_v, last_v = record.voltage_v[0], record.voltage_v[at]
-    if abs(last_v - first_v) <= SETTLED_V:
-        return SuggestedWindow(f"it starts at rest at {first_v:.4f} V")
-    moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
-    if record.time_s[at] - record.time_s[0] >= MINIMUM_REST_S - CLOCK_SLACK_S:
-        return SuggestedWindow(moves, start_time_s=_clock_before(given, at))
-    return SuggestedWindow(moves, needs_initial_soc=True, is_settled=False)
-
-
-def _rest_before(given: CheckInput, first: int) -> tuple[int, float]:
-    """The last rested sample before the profile's load, and how long the rest had been."""
-    loaded = np.flatnonzero(~given.is_rested)
-    before, after = loaded[loaded < first], loaded[loaded >= first]
-    at = int(after[0]) - 1 if len(after) else first
-    if not len(before) or at <= before[-1]:
-        return max(at, 0), 0.0
-    return at, float(given.record.time_s[at] - given.record.time_s[before[-1]])
-
-
-def _clock_before(given: CheckInput, at: int) -> float:
-    """A time of few digits that selects the sample `at` as the first one not before it."""
-    time_s = given.record.time_s
-    short = float(f"{math.floor(time_s[at] * 1e3) / 1e3:.10g}")
-    return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
-
-
-def _profile_numbers(given: CheckInput) -> Int[np.ndarray, "numbers"]:
-    """The tester's step numbers inside which the current steps about."""
-    step = given.record.step
-    if step is None:
-        return np.zeros(0, int)
-    is_inside = given.is_step & (np.diff(step) == 0)
-    numbers, times = np.unique(step[1:][is_inside], return_counts=True)
-    return numbers[times >= _FEWEST_STEPS]
-
-
-def _full_step(given: CheckInput, before: int) -> int | None:
-    """The number of the step that ends full: a charge at a held voltage, its current tapered."""
-    record = given.record
-    step = record.step
-    if step is None:
-        return None
-    starts = np.flatnonzero(np.diff(step, prepend=step[0] - 1) != 0)
-    ends = np.append(starts[1:], record.samples) - 1
-    for start, end in zip(starts[::-1], ends[::-1], strict=True):
-        # What a brake gives back is no charge to full.
-        if end >= before or record.time_s[end] - record.time_s[start] < _TAPER_S:
-            continue
-        current_a, voltage_v = record.current_a[start : end + 1], record.voltage_v[start : end + 1]
-        is_held = np.ptp(voltage_v[1:]) < _HELD_V
-        is_full = np.median(voltage_v) > record.voltage_v.max() - _FULL_V
-        is_tapered = current_a.max() < 0 and current_a[-1] > _TAPERED * current_a[0]
-        # The last block of a step is what `start_after_step` takes.
-        if is_held and is_full and is_tapered and not np.any(step[end + 1 :] == step[start]):
-            return int(step[start])
-    return None
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.3g} s"
-    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
 # Current steps that a validation wants.

@@ -1,0 +1,195 @@
+"""How to cut a whole test to its profile: where the charge is known, and what to score."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
+from ..records.record import runs
+from .check_input import CheckInput
+
+# Current steps inside a step of the tester that make it a profile.
+_FEWEST_STEPS = 10
+# A record that is profile to this share needs no window.
+_WHOLE = 0.95
+# Intervals up to this many times the usual one under load are sampled alike.
+_ALIKE = 1.5
+# A held voltage, and a current that tapers under it to this share.
+_HELD_V, _FULL_V, _TAPERED, _TAPER_S, _BRAKES = 0.01, 0.06, 0.5, 300.0, 0.99
+
+
+@dataclass(frozen=True)
+class SuggestedWindow:
+    """How to cut a whole test to its profile, and why.
+
+    The fields are those of `barnax.Window`; what is None stays at its default.
+    `needs_initial_soc` says that the record does not tell the state of charge at the start, so
+    that the user must; `is_settled` that the cell has rested when the profile begins.
+    """
+
+    reason: str
+    start_time_s: float | None = None
+    start_after_step: int | None = None
+    initial_soc: float | None = None
+    score_steps: tuple[int, ...] | None = None
+    needs_initial_soc: bool = False
+    is_settled: bool = True
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What to give to `barnax.Window`."""
+        names = ("start_time_s", "start_after_step", "initial_soc", "score_steps")
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+    @property
+    def advice(self) -> str:
+        """What to give, where a record is not to be simulated from its first sample to its last."""
+        options = [
+            f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
+            for name, value in self.options.items()
+        ]
+        return f"give {' '.join(options)}" if options else ""
+
+
+def suggest_window(given: CheckInput) -> SuggestedWindow:
+    """The window that starts where the charge is known and scores the profile."""
+    record = given.record
+    whole = _from_the_beginning(given)
+    numbers = _profile_numbers(given)
+    if record.step is None or not len(numbers):
+        return _after_full_charge(given) or whole
+    inside = np.flatnonzero(np.isin(record.step, numbers))
+    first, last = int(inside[0]), int(inside[-1])
+    if last - first + 1 >= _WHOLE * record.samples:
+        return whole
+    # Steps that are met inside the profile only belong to it.
+    outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
+    own = tuple(np.setdiff1d(record.step[first : last + 1], outside).tolist())
+    at, rest_s = _rest_before(given, first)
+    is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
+    rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
+    if not rest_s:
+        rest = "without a rest before it"
+    profile = f"the profile is step{'s' if len(own) > 1 else ''} {', '.join(map(str, own))}, {rest}"
+    full = _full_step(given, first)
+    if full is not None:
+        reason = f"{profile}; the cell is full at the end of step {full}"
+        return SuggestedWindow(
+            reason, start_after_step=full, initial_soc=1.0, score_steps=own, is_settled=is_settled
+        )
+    if is_settled:
+        reason = f"{profile} at {record.voltage_v[at]:.4f} V"
+        return SuggestedWindow(reason, start_time_s=_clock_before(given, at), score_steps=own)
+    # Ampere-hours carry the charge from the record's own beginning.
+    reason = f"{profile}; {whole.reason}"
+    if _is_fine_throughout(given):
+        # What comes before the profile is simulated anyhow, and tells as much.
+        return replace(whole, reason=f"{reason}; all of it is sampled alike")
+    return replace(whole, reason=reason, score_steps=own, is_settled=is_settled)
+
+
+def _after_full_charge(given: CheckInput) -> SuggestedWindow | None:
+    """From the end of the rest after a charge to full, where all current steps come after it."""
+    record = given.record
+    if given.sweeps and not isinstance(given.sweeps, str):
+        return None
+    steps = np.flatnonzero(given.is_step)
+    for start, end in zip(*runs((record.current_a < 0) & ~given.is_rested), strict=True):
+        before, after = np.sum(steps < end), np.sum(steps > end)
+        if before >= _FEWEST_STEPS or after < _FEWEST_STEPS:
+            return None
+        at, rest_s = _rest_before(given, end + 1)
+        is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
+        if is_settled and _is_charge_to_full(given, start, end):
+            full = f"the charge to full that ends in row {record.row[end]}"
+            reason = f"the profile follows {full}, after {_duration(rest_s)} of rest"
+            return SuggestedWindow(reason, _clock_before(given, at), initial_soc=1.0)
+    return None
+
+
+def _is_fine_throughout(given: CheckInput) -> bool:
+    """Whether nearly all of the record is logged at the interval of its loads."""
+    interval_s = given.record.interval_s
+    loaded_s = float(np.median(interval_s[~given.is_rested[1:]]))
+    return bool(np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s)
+
+
+def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
+    """How a simulation of the whole record learns its state of charge."""
+    record = given.record
+    if not given.is_rested[0]:
+        return SuggestedWindow("it starts under load", needs_initial_soc=True, is_settled=False)
+    loaded = np.flatnonzero(~given.is_rested)
+    at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
+    first_v, last_v = record.voltage_v[0], record.voltage_v[at]
+    if abs(last_v - first_v) <= SETTLED_V:
+        return SuggestedWindow(f"it starts at rest at {first_v:.4f} V")
+    moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
+    if record.time_s[at] - record.time_s[0] >= MINIMUM_REST_S - CLOCK_SLACK_S:
+        return SuggestedWindow(moves, start_time_s=_clock_before(given, at))
+    return SuggestedWindow(moves, needs_initial_soc=True, is_settled=False)
+
+
+def _rest_before(given: CheckInput, first: int) -> tuple[int, float]:
+    """The last rested sample before the profile's load, and how long the rest had been."""
+    loaded = np.flatnonzero(~given.is_rested)
+    before, after = loaded[loaded < first], loaded[loaded >= first]
+    at = int(after[0]) - 1 if len(after) else first
+    if not len(before) or at <= before[-1]:
+        return max(at, 0), 0.0
+    return at, float(given.record.time_s[at] - given.record.time_s[before[-1]])
+
+
+def _clock_before(given: CheckInput, at: int) -> float:
+    """A time of few digits that selects the sample `at` as the first one not before it."""
+    time_s = given.record.time_s
+    short = float(f"{math.floor(time_s[at] * 1e3) / 1e3:.10g}")
+    return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
+
+
+def _profile_numbers(given: CheckInput) -> Int[np.ndarray, "numbers"]:
+    """The tester's step numbers inside which the current steps about."""
+    step = given.record.step
+    if step is None:
+        return np.zeros(0, int)
+    is_inside = given.is_step & (np.diff(step) == 0)
+    numbers, times = np.unique(step[1:][is_inside], return_counts=True)
+    return numbers[times >= _FEWEST_STEPS]
+
+
+def _full_step(given: CheckInput, before: int) -> int | None:
+    """The number of the step that ends full: a charge at a held voltage, its current tapered."""
+    record = given.record
+    step = record.step
+    if step is None:
+        return None
+    starts = np.flatnonzero(np.diff(step, prepend=step[0] - 1) != 0)
+    ends = np.append(starts[1:], record.samples) - 1
+    for start, end in zip(starts[::-1], ends[::-1], strict=True):
+        # The last block of a step is what `start_after_step` takes.
+        is_last = not np.any(step[end + 1 :] == step[start])
+        if end < before and is_last and _is_charge_to_full(given, start, end):
+            return int(step[start])
+    return None
+
+
+def _is_charge_to_full(given: CheckInput, start: int, end: int) -> bool:
+    """Whether a charge ends at a held voltage near the highest, its current tapered."""
+    record = given.record
+    current_a, voltage_v = (each[start : end + 1] for each in (record.current_a, record.voltage_v))
+    moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > _HELD_V)
+    held = int(moving[-1]) + 1 if len(moving) else 0
+    # What a brake gives back is no charge to full, though it may go higher for seconds.
+    is_long = record.time_s[end] - record.time_s[start + held] >= _TAPER_S
+    is_full = voltage_v[-1] > np.quantile(record.voltage_v, _BRAKES) - _FULL_V
+    is_tapered = current_a[held:].max() < 0 and current_a[-1] > _TAPERED * current_a[held]
+    return bool(is_long and is_full and is_tapered)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"

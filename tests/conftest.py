@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+import hypothesis
 import jax
 import pytest
 
@@ -30,6 +31,9 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
         # Most programs run once here: optimizing them takes a quarter of the suite's time.
         os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+    # What takes long on a busy machine is no error.
+    hypothesis.settings.register_profile("barnax", deadline=None)
+    hypothesis.settings.load_profile("barnax")
     # As `barnax` itself: traced programs are many objects and little garbage.
     gc.set_threshold(50_000, 20, 20)
     # JAX has read its settings already where it was imported before.

@@ -35,7 +35,7 @@ def test_workers_minimize_the_functions_ours_minimize(name):
 
 
 @given(samples, samples)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_difference_is_that_of_scipys_mann_whitney_test(first, second):
     found = agreement.difference(first, second)
     expected = scipy.stats.mannwhitneyu(first, second, method="asymptotic", use_continuity=False)

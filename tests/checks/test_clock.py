@@ -25,7 +25,7 @@ def test_a_stamp_out_of_line_is_found_at_its_row(tmp_path, inputs, line, wrong_s
     assert "delete these rows" in found(outcome, "clock").remedy
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     line=st.integers(5, 1990),
     off_s=st.floats(100, 1e8),
@@ -106,7 +106,7 @@ def test_a_row_logged_twice_with_the_tester_s_noise_is_no_more_than_a_note(tmp_p
     assert "within the tester's resolution" in found(outcome, "repeats").what
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(lines=st.sets(st.integers(1, 400).map(lambda number: 40 * number), max_size=20))
 def test_single_doubled_stamps_are_merged_and_the_first_of_two_kept(tmp_path_factory, lines):
     inputs = frame().with_columns(pl.Series(CURRENT, np.sin(np.arange(19_680.0))))

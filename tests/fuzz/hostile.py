@@ -13,7 +13,7 @@ EXAMPLES = [pytest.param(25, id="few"), pytest.param(500, id="many", marks=pytes
 def repeated(examples: int, test: Callable[[Any], None], strategy: st.SearchStrategy) -> None:
     """Run `test` on that many examples, the slow ones of which hypothesis may not give up on."""
 
-    @settings(max_examples=examples, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=examples, suppress_health_check=list(HealthCheck))
     @given(strategy)
     def test_one(example: Any) -> None:
         test(example)

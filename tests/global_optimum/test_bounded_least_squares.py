@@ -40,7 +40,7 @@ def expected_error(columns, base, low, high):
     return np.array(errors)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     unknowns=st.integers(1, 5),
     seed=st.integers(0, 10_000),

@@ -109,7 +109,7 @@ def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound
         assert np.sqrt(np.mean(earlier_a**2)) <= bound
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     wave=st.floats(0.1, 8.0),
     phase=st.floats(0.0, 6.3),
@@ -132,7 +132,7 @@ def test_what_a_response_does_between_the_three_places_is_allowed_for(wave, phas
     assert certify(reduced, 0.9 * lowest, cells).lower_bound_v <= lowest
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
 @given(
     seed=st.integers(0, 10_000),
     noise_v=st.sampled_from([1e-2, 1e-3, 1e-5]),

@@ -108,7 +108,7 @@ def test_every_circuit_in_the_box_has_the_scans_error(bundled_cell, circuit, clo
     assert_both_agree(make_problem(record, bundled_cell, circuit, window=KNOWN_SOC), scale)
 
 
-@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=4, suppress_health_check=[HealthCheck.too_slow])
 @given(
     seed=st.integers(0, 10_000),
     clock=st.sampled_from(CLOCKS),

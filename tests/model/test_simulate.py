@@ -107,7 +107,7 @@ def test_the_shortest_time_constant_is_exact(clock):
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     interval_s=st.lists(
         st.one_of(st.sampled_from([1.0, 1.0155]), st.floats(1e-3, 100.0)), min_size=39, max_size=39

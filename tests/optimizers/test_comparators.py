@@ -41,7 +41,7 @@ def loop_over_wolves(leader_losses, wolf_losses):
 
 
 @given(losses, st.lists(st.integers(0, 9).map(float), min_size=3, max_size=3))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_grey_wolf_leaders_change_as_in_a_loop_over_the_wolves(wolf_losses, leader_losses):
     # With a position that names its wolf, the leaders' positions say who was chosen.
     wolves = jnp.arange(len(wolf_losses), dtype=float)[:, None]

@@ -42,7 +42,7 @@ def decided(folder, frame, **options):
     return read_record(folder / "cell.parquet", **options).hold
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     hold=st.sampled_from(["forward", "backward"]),
     seed=st.integers(0, 2**32 - 1),

@@ -44,7 +44,7 @@ def test_usual_column_names_are_understood(tmp_path, names):
     np.testing.assert_allclose(record.voltage_v, frame["Voltage / V"].to_numpy(), rtol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     charge_positive=st.booleans(),

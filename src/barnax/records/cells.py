@@ -42,7 +42,9 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
     elif not cells.dtype.is_numeric():
         # A date or a truth value is no number of the stated unit.
         return np.full(len(cells), np.nan)
-    values = cells.cast(pl.Float64).to_numpy()
+    # NumPy joins the pieces in larger pages of memory than Polars, of which the first use is slow.
+    pieces = cells.cast(pl.Float64).get_chunks()
+    values = np.concatenate([piece.to_numpy() for piece in pieces])
     if quantity == "date":
         return values * _date_unit_s(values)
     if quantity == "temperature":

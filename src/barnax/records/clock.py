@@ -168,8 +168,10 @@ _APART_S, _APART_SHARE = 5e-4, 0.1
 def separate_steps(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples with both sides of a change of step that share a time stamp, a little apart."""
     is_repeat = samples.intervals_s == 0
-    sides = is_repeat & (np.diff(samples.step) != 0) if samples.step is not None else ()
-    if not np.any(sides):
+    if samples.step is None or not is_repeat.any():
+        return samples, []
+    sides = is_repeat & (np.diff(samples.step) != 0)
+    if not sides.any():
         return samples, []
     stamp = np.concatenate([[0], np.cumsum(~is_repeat)])
     first = np.searchsorted(stamp, np.arange(stamp[-1] + 1))

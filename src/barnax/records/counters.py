@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from jaxtyping import Float
@@ -69,7 +69,7 @@ class Counters:
             parts.append(-np.maximum(np.diff(self.discharged_ah), 0))
         if not parts and with_net and self.net_ah is not None:
             parts.append(np.diff(self.net_ah))
-        return np.sum(parts, axis=0) if parts else None
+        return reduce(np.add, parts) if parts else None
 
     def magnitudes_ah(self) -> Increments | None:
         """Ah counted in each interval by a lone counter without a sign that begins anew."""
@@ -94,19 +94,22 @@ class Counters:
         summed_ah = np.add.reduceat(integrated_ah, starts)
         flowed_ah = np.add.reduceat(np.abs(integrated_ah), starts)
         least_ah = _QUANTA * self.quantum_ah
-        best_ah, most = None, _AGREEING
+        best, most = None, _AGREEING
         for begun_ah, counted_ah in self._candidates(integrated_ah):
             sign = float(np.sign(inner(counted_ah, integrated_ah))) or 1.0
-            turned_ah = counted_ah if sign > 0 else -counted_ah
-            apart_ah = np.abs(np.add.reduceat(turned_ah, starts) - summed_ah)
+            apart_ah = np.abs(sign * np.add.reduceat(counted_ah, starts) - summed_ah)
             moves = np.maximum(apart_ah, flowed_ah) > least_ah
             agrees = (apart_ah <= _NEAR * flowed_ah + least_ah)[moves]
             if len(agrees) and agrees.mean() > most:
-                best_ah = np.concatenate([[begun_ah * sign], turned_ah])
-                most = float(agrees.mean())
+                best, most = (sign, begun_ah, counted_ah), float(agrees.mean())
             if most == 1:
                 break
-        return None if best_ah is None else np.cumsum(best_ah)
+        if best is None:
+            return None
+        sign, begun_ah, counted_ah = best
+        charge_ah = np.concatenate([[begun_ah], counted_ah])
+        charge_ah *= sign
+        return np.cumsum(charge_ah, out=charge_ah)
 
     def net_ratio(self, integrated_ah: Increments) -> float | None:
         """How many times what a lone net counter counted the integral is, in every part alike.
@@ -176,7 +179,7 @@ def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) ->
     return found_ah if found_ah.any() else None
 
 
-def inner(ones: Increments, others: Increments) -> float:
+def inner(ones: Float[np.ndarray, "n"], others: Float[np.ndarray, "n"]) -> float:
     """Their inner product, without the threads of BLAS, which spin on after so little work."""
     return float(np.einsum("i,i", ones, others))
 

@@ -153,7 +153,8 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
     largest_ah = max(max(own_ah.max(), -own_ah.min()) for own_ah in moved_ah)
     # A hundredth of the record's largest step of charge keeps the noise of the current out.
     floor_ah = max(5 * quantum_ah, 0.01 * float(largest_ah))
-    places = np.flatnonzero(np.abs(backward_ah - forward_ah) > floor_ah)
+    apart_ah = backward_ah - forward_ah
+    places = np.flatnonzero((apart_ah > floor_ah) | (apart_ah < -floor_ah))
     ledger = _Ledger(counted_ah, backward_ah, forward_ah).at(places)
     ends_ah = np.maximum(np.abs(ledger.backward_ah), np.abs(ledger.forward_ah))
     is_reset = np.abs(ledger.counted_ah) > 2 * ends_ah + quantum_ah

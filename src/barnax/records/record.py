@@ -93,8 +93,8 @@ def runs(
     holds: Bool[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]:
     """First and last place of each unbroken run where `holds` is true, in order."""
-    edges = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    edges = np.flatnonzero(np.diff(holds, prepend=False, append=False))
+    return edges[::2], edges[1::2] - 1
 
 
 # Long enough for a robust spread, short against a rest.

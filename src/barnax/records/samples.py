@@ -96,7 +96,13 @@ class Samples:
     @cached_property
     def is_step(self) -> Bool[np.ndarray, "intervals"]:
         """Where the current steps."""
-        return np.abs(self.step_a) > STEP_SHARE * self.peak_a
+        least_a = STEP_SHARE * self.peak_a
+        return (self.step_a > least_a) | (self.step_a < -least_a)
+
+    @cached_property
+    def steps(self) -> Int[np.ndarray, "steps"]:
+        """The intervals over which the current steps."""
+        return np.flatnonzero(self.is_step)
 
     @cached_property
     def begun_ah(self) -> Float[np.ndarray, "intervals"]:
@@ -133,7 +139,8 @@ class Samples:
     @cached_property
     def noise_v(self) -> float:
         """The noise of a voltage step while the current stands still."""
-        return voltage_noise_v(self.step_v, np.abs(self.step_a) < STEADY_SHARE * self.peak_a)
+        is_quiet = np.abs(some(self.step_a)) < STEADY_SHARE * self.peak_a
+        return voltage_noise_v(some(self.step_v)[is_quiet])
 
     @cached_property
     def bulk_time(self) -> tuple[float, float]:
@@ -141,8 +148,8 @@ class Samples:
 
         The time is zero where the current's steps do not tell R.
         """
-        is_step = self.is_step & (self.step_v != 0)
-        step_a, step_v = self.step_a[is_step], self.step_v[is_step]
+        steps = self.steps[self.step_v[self.steps] != 0]
+        step_a, step_v = self.step_a[steps], self.step_v[steps]
         resistance_ohm = step_resistance_ohm(step_a, step_v)
         rising = np.sign(np.sum(step_a * step_v))
         source_v = few(self.voltage_v) - rising * resistance_ohm * few(self.current_a)
@@ -190,17 +197,17 @@ def samples_of(lines: Lines) -> Samples:
     )
 
 
-def voltage_noise_v(
-    step_v: Float[np.ndarray, "intervals"], quiet: Bool[np.ndarray, "intervals"]
-) -> float:
+def some(values: np.ndarray) -> np.ndarray:
+    """A larger share of many values, of which some are then left out."""
+    return values[:: 1 + len(values) // (5 * _ENOUGH)]
+
+
+def voltage_noise_v(step_v: Float[np.ndarray, "quiet"]) -> float:
     """Robust noise of one voltage step where nothing else happens, in V.
 
     Never under half of the tester's resolution, which is the smallest such step.
     """
-    # Of more steps a share tells the same.
-    every = 1 + len(step_v) // (5 * _ENOUGH)
-    steps = step_v[::every][quiet[::every]]
-    steps = few(steps)
+    steps = few(step_v)
     moved = np.abs(steps[steps != 0])
     if not len(moved):
         return 0.0

@@ -14,7 +14,7 @@ from ..errors import InputError, counted
 from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
 from .findings import Finding, found_at
 from .record import Decision, runs
-from .samples import Samples, voltage_noise_v
+from .samples import Samples, some, voltage_noise_v
 
 
 @dataclass(frozen=True)
@@ -123,10 +123,13 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Finding]]:
     if min(-current_a.min(), current_a.max()) > _NEVER_SHARE * peak_a or peak_a == 0:
         return samples, []
     name = samples.header("current")
-    if state is not None and np.any(np.abs(state[current_a != 0]) == 1):
+    if state is not None and np.any((current_a != 0) & ((state == 1) | (state == -1))):
+        begins = np.append(0, np.flatnonzero(state[1:] != state[:-1]) + 1)
+        words = state[begins]
         # Of other states the one before tells.
-        told = np.maximum.accumulate(np.where(np.abs(state) == 1, np.arange(len(state)), -1))
-        direction = np.where(told >= 0, -state[told], 1)
+        told = np.maximum.accumulate(np.where(np.abs(words) == 1, np.arange(len(words)), -1))
+        directions = np.where(told >= 0, -words[told], 1)
+        direction = np.repeat(directions, np.diff(begins, append=len(state)))
         what = f"'{name}' has no sign; '{samples.header('state')}' tells what discharges"
         signed = replace(samples, current_a=np.abs(current_a) * direction)
         return signed, [Finding("note", what, is_told=True)]
@@ -148,15 +151,15 @@ def step_votes(
     samples: Samples,
 ) -> tuple[Int[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
     """The clear current steps, and for each +1 where the file's current raises the voltage."""
-    at = np.flatnonzero(samples.is_step)
+    at = samples.steps
     at = at[np.abs(samples.step_v[at]) > 6 * samples.noise_v]
     return at, np.sign(samples.step_a[at] * samples.step_v[at])
 
 
 def _at_current_steps(samples: Samples) -> Evidence | None:
     """A cell's resistance lifts its voltage when the charging current steps up."""
-    noise_v = voltage_noise_v(samples.step_v, ~samples.is_step)
-    at = np.flatnonzero(samples.is_step)
+    noise_v = voltage_noise_v(some(samples.step_v)[~some(samples.is_step)])
+    at = samples.steps
     step_v = samples.step_v[at]
     product = samples.step_a[at] * step_v
     vote, share, count = clear = _agreement(product[np.abs(step_v) > 6 * noise_v])
@@ -190,7 +193,7 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
     is_loaded = magnitude > 0.05 * samples.peak_a
     is_steady = np.abs(samples.step_a) < 0.05 * magnitude[1:]
     is_steady &= is_loaded[1:] & is_loaded[:-1]
-    noise_v = voltage_noise_v(samples.step_v, np.ones(len(voltage) - 1, bool))
+    noise_v = voltage_noise_v(some(samples.step_v))
     first, last_interval = runs(is_steady)
     last = last_interval + 1
     # Eight intervals keep single relaxations out; what moves less than the noise is no trend.
@@ -238,10 +241,13 @@ def _of_states(samples: Samples) -> Evidence | None:
     """The file's own words for what a step does."""
     if samples.state is None:
         return None
-    is_told = (np.abs(samples.state) == 1) & (samples.current_a != 0)
-    if not is_told.any():
+    ins, outs = samples.state == -1, samples.state == 1
+    rises, falls = samples.current_a > 0, samples.current_a < 0
+    alike = np.count_nonzero((ins & rises) | (outs & falls))
+    against = np.count_nonzero((ins & falls) | (outs & rises))
+    if not alike + against:
         return None
-    mean = float(np.mean(-samples.state[is_told] * np.sign(samples.current_a[is_told])))
+    mean = (alike - against) / (alike + against)
     if abs(mean) < 0.8:
         return None
     how = "is positive where" if mean > 0 else "is negative where"

@@ -11,7 +11,9 @@ from jaxtyping import Bool, Float, Int
 from ..errors import LONGEST_CELL, counted, cut
 from .cells import numbers
 from .columns import NEEDED, Column
+from .counters import inner
 from .findings import Finding, found_at
+from .record import OTHER_STATE
 
 # Even nanoseconds since 1970 are less; what is more overflows where it is squared.
 LARGEST_NUMBER = 1e20
@@ -88,8 +90,8 @@ class Lines:
     def bad(self, name: str) -> Bool[np.ndarray, "lines"]:
         """Where the quantity `name` has no number, or one that no tester reads."""
         values = self.values[name]
-        # The extremes of most columns tell, and NaN is one; a mask takes several times as long.
-        if len(values) and values.min() >= -LARGEST_NUMBER and values.max() <= LARGEST_NUMBER:
+        # The sum of most columns' squares tells, NaN too; a mask takes several times as long.
+        if inner(values, values) <= LARGEST_NUMBER**2:
             return np.zeros(len(values), bool)
         return ~(np.abs(values) <= LARGEST_NUMBER)
 
@@ -111,14 +113,13 @@ class Lines:
 
 def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     """The lines of a table under the given columns, blank ones left out."""
-    is_blank = np.zeros(len(table.row), bool)
-    if table.columns and all(column.null_count() for column in table.columns):
-        is_blank = np.all([column.is_null().to_numpy() for column in table.columns], axis=0)
-    at = np.flatnonzero(~is_blank)
     values = {name: numbers(table.columns[found.index], found) for name, found in columns.items()}
-    if is_blank.any():
-        values = {name: own[at] for name, own in values.items()}
-    return Lines(table, columns, values, at, table.row[at], table.sheet_of_line[at])
+    every = np.arange(len(table.row))
+    lines = Lines(table, columns, values, every, table.row, table.sheet_of_line)
+    if not table.columns or not all(column.null_count() for column in table.columns):
+        return lines
+    is_blank = np.all([column.is_null().to_numpy() for column in table.columns], axis=0)
+    return lines.keep(~is_blank)
 
 
 def table_sha256(table: Table) -> str:
@@ -139,6 +140,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
     """
     findings = []
     is_good = np.ones(len(lines.row), bool)
+    is_unread = ~is_good
     if (impedance := _impedance_rows(lines)).any():
         count = counted(int(impedance.sum()), "row")
         word = lines.cell("state", int(np.argmax(impedance)))
@@ -176,14 +178,14 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
         if bad.sum() == is_good.sum():
             remedy = f"export the column as plain numbers in {column.unit.symbol}"
         findings.append(found_at(lines, first, "error", what, remedy))
-    for name in set(lines.columns) & NEEDED:
-        is_good &= ~lines.bad(name)
-    lines = lines.keep(is_good)
+        is_unread |= bad
+    lines = lines.keep(is_good & ~is_unread)
     for name in ("step", "cycle", "state"):
         values = lines.values.get(name)
-        if values is None or np.all(
-            (values == np.round(values)) & (np.abs(values) < _LARGEST_WHOLE)
-        ):
+        if values is None or not len(values):
+            continue
+        is_small = values.min() > -_LARGEST_WHOLE and values.max() < _LARGEST_WHOLE
+        if is_small and np.array_equal(values, values.astype(np.int32)):
             continue
         what = f"the numbers under '{lines.columns[name].header}' are not whole: left out"
         findings.append(Finding("note", what, is_told=True))
@@ -193,12 +195,13 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
 
 def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
     """The lines whose state is an impedance measurement."""
-    if "state" not in lines.columns:
-        return np.zeros(len(lines.row), bool)
-    words = lines.table.columns[lines.columns["state"].index]
-    if words.dtype != pl.String:
-        return np.zeros(len(lines.row), bool)
-    return words.str.contains(_IMPEDANCE).fill_null(False).to_numpy()[lines.at]
+    is_other = lines.values.get("state", np.zeros(len(lines.row))) == OTHER_STATE
+    if is_other.any():
+        words = lines.table.columns[lines.columns["state"].index].gather(lines.at[is_other])
+        is_other[is_other] = (
+            words.cast(pl.String).str.contains(_IMPEDANCE).fill_null(False).to_numpy()
+        )
+    return is_other
 
 
 def _is_cut_short(lines: Lines) -> bool:

@@ -274,8 +274,8 @@ def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
         reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
     if capacity_ah is not None and samples.span_ah > _TOO_MUCH * capacity_ah:
         reasons.append(f"{moves} of a cell of {capacity_ah:.4g} Ah")
-    is_step = samples.is_step
-    resistance_ohm = step_resistance_ohm(samples.step_a[is_step], samples.step_v[is_step])
+    steps = samples.steps
+    resistance_ohm = step_resistance_ohm(samples.step_a[steps], samples.step_v[steps])
     if 0 < resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
         reasons.append(f"the cell's resistance would be {1e6 * resistance_ohm:.3g} microohm")
     return "; ".join(reasons)

@@ -107,9 +107,9 @@ def _within_the_names(table: Table, file: str) -> Table:
     if columns[-1].dtype != pl.String:
         # A remark behind numbers moves none of them.
         beyond = beyond.cast(pl.Float64, strict=False)
-    wide = np.flatnonzero(beyond.is_not_null())
-    if not len(wide):
+    if beyond.null_count() == len(beyond):
         return table
+    wide = np.flatnonzero(beyond.is_not_null())
     if not any(column.dtype.is_numeric() for column in columns) and not columns_of(table.header):
         raise InputError(
             f"{file}: no row of names with numbers below, so this is no table of measurements; "

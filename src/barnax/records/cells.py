@@ -119,6 +119,7 @@ def _has_points(column: pl.Series) -> bool:
 
 
 # Days, hours and minutes, or minutes alone.
+_MINUTE_AND_SECOND = r"^[0-5]\d:[0-5]\d$"
 _MINUTES = re.compile(r"\s*(?:(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):)?(\d+)")
 _HALF_DAY_S, _DAY_S, _HOUR_S = 43_200.0, 86_400.0, 3600.0
 # A clock that begins anew does so from so near to its end.
@@ -144,6 +145,8 @@ def _clock_s(text: pl.Series) -> Numbers:
     """Seconds of "1d 02:03:04.5", "144:02:18", "08:41:18 PM" or "05:30.0", NaN for what is none."""
     text = text.rechunk()
     first = next(iter(text.drop_nulls().head(1)), "")
+    if ":" not in first and not text.str.contains(":", literal=True).any():
+        return np.full(len(text), np.nan)
     if first.strip().lower().endswith(("am", "pm")):
         text = text.str.strip_chars_end().str.to_lowercase()
         twelve_s = _clock_s(text.str.head(-2).str.strip_chars_end())
@@ -154,6 +157,9 @@ def _clock_s(text: pl.Series) -> Numbers:
     plain = seconds.cast(pl.Float64, strict=False)
     if plain.null_count() > text.null_count() or first.count(":") > 2:
         hours, minutes, seconds = text.str.splitn(":", 3).struct.unnest().get_columns()
+        if seconds.str.contains(_MINUTE_AND_SECOND).all() and (seconds.str.tail(2) != "00").any():
+            # Days before the hours: of hundredths some are past 59.
+            return _clock_s(text.str.replace(":", "d ", literal=True))
         # A comma, or a colon before the milliseconds.
         seconds = seconds.str.strip_chars().str.replace("[,:]", ".")
         whole, plain = hours + ":" + minutes, seconds.cast(pl.Float64, strict=False)
@@ -201,14 +207,23 @@ def _looks_dated(text: pl.Series) -> bool:
     return bool(first) and bool(re.match(r"\s*\d+[-/.]([A-Za-z]+|\d+)[-/.]\d+", first[0]))
 
 
-_DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%m/%d/%Y", "%d/%m/%Y", "%d.%m.%Y", "%d-%m-%Y", "%d-%b-%y")
-_TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M")
+_DAYS = (
+    "%Y-%m-%d",
+    "%Y/%m/%d",
+    "%m/%d/%Y",
+    "%d/%m/%Y",
+    "%d.%m.%Y",
+    "%d-%m-%Y",
+    "%d-%b-%Y",
+    "%d-%b-%y",
+)
+_TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p")
 
 
 def _dates(text: pl.Series) -> pl.Series:
     """The dates that a column of text spells: day or month first as the shorter time tells."""
     plain = text.str.strip_chars().str.replace(r"(?:Z|[+-]\d\d:?\d\d)$", "")
-    plain = plain.str.replace("T", " ", literal=True)
+    plain = plain.str.replace("T", " ", literal=True).str.replace(r"(:\d\d:\d\d)[,:]", "$1.")
     first = plain.drop_nulls().head(1)
     read = []
     for form in (f"{day} {time}" for day in _DAYS for time in _TIMES):
@@ -221,11 +236,13 @@ def _dates(text: pl.Series) -> pl.Series:
 
 
 def _date_unit_s(values: Numbers) -> float:
-    """Seconds in the unit of numbers that are dates: spreadsheet or Matlab days, or Unix time."""
+    """Seconds in the unit of numbers that are dates: spreadsheet or Matlab days, or Unix time.
+
+    NaN where they are no count, as 20240309090000.
+    """
     middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
-    if middle < 1e6:
-        return 86400.0
-    return 1.0 if middle < 1e11 else 1e-3
+    units = ((1e6, 86400.0), (1e11, 1.0), (1e13, 1e-3), (1e14, np.nan), (1e17, 1e-6))
+    return next((unit for below, unit in units if middle < below), 1e-9)
 
 
 # How testers call what a step does; what is neither is another state.

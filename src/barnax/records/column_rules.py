@@ -76,7 +76,9 @@ def examine_columns(
     findings = [Finding("note", note, is_told=True) for note in table.notes]
     findings.extend(wrong)
     for name in found.keys() & CLOCKS:
-        if found[name].is_unit_assumed and is_clock(table.columns[found[name].index]):
+        # Numbers that are dates tell their unit by their size.
+        is_dated = name == "date" or is_clock(table.columns[found[name].index])
+        if found[name].is_unit_assumed and is_dated:
             seconds = QUANTITY_OF[name].base_unit
             found[name] = replace(found[name], unit=seconds, is_unit_assumed=False)
     findings.extend(_other_clock(table, found))

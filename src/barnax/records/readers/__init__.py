@@ -4,8 +4,11 @@ A new format is one module with a `Reader` and one line here. Order matters: the
 comes last because almost anything without a signature could be text.
 """
 
+import contextlib
 import gzip
 import io
+import re
+import zipfile
 import zlib
 from collections.abc import Mapping
 
@@ -48,13 +51,22 @@ PARQUET = Reader("Parquet table", _recognizes, _read)
 READERS: tuple[Reader, ...] = (PARQUET, NEWARE, BIOLOGIC_MPR, ARBIN_RES, WORKBOOK, TEXT)
 
 
+_MARKUP = re.compile(
+    rb"\s*(<(!doctype|html|table|\?xml|head|meta)\b|[\[{]\s*[\[{\"])", re.IGNORECASE
+)
+_ZIP = b"PK\x03\x04"
+
+
 def _unzipped(content: bytes, file: str) -> bytes:
-    """The content, decompressed where it is gzipped."""
-    if not content.startswith(b"\x1f\x8b"):
+    """The content, decompressed where it is gzipped, or a zip archive of one file."""
+    if not content.startswith((_ZIP, b"\x1f\x8b")):
         return content
     try:
-        with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
-            plain = packed.read(LARGEST_FILE + 1)
+        if content.startswith(_ZIP):
+            plain = _only_file(content)
+        else:
+            with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+                plain = packed.read(LARGEST_FILE + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(
             f"{file}: the gzipped file is damaged or cut short; copy it again."
@@ -66,11 +78,22 @@ def _unzipped(content: bytes, file: str) -> bytes:
     return plain
 
 
+def _only_file(content: bytes) -> bytes:
+    """The file in a zip archive of one; the archive where it has more, as workbooks do."""
+    # What is damaged or encrypted fails in many ways, and a reader has words for its own format.
+    with contextlib.suppress(Exception), zipfile.ZipFile(io.BytesIO(content)) as packed:
+        # Finder adds files of its own.
+        files = [file for file in packed.infolist() if not file.filename.startswith("__MACOSX/")]
+        if len(files) == 1 and files[0].file_size <= LARGEST_FILE:
+            return packed.read(files[0])
+    return content
+
+
 def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) -> Table:
     """The table inside a file's bytes; `file` is the name that messages use.
 
-    `given` holds the user's own names of columns, by quantity. Of what is gzipped, the content is
-    read.
+    `given` holds the user's own names of columns, by quantity. Of what is gzipped or zipped alone,
+    the content is read.
 
     Raises InputError when the file is empty, when no reader knows its content, or when the
     reader that knows it finds it damaged.
@@ -78,9 +101,19 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     content = _unzipped(content, file)
     if content.isspace() or not content:
         raise InputError(f"{file}: the file is empty; give a file with measured samples.")
+    if _MARKUP.match(content):
+        raise InputError(
+            f"{file}: the content is HTML, XML or JSON, not a table of cells, whatever the file's "
+            "suffix; open it in a spreadsheet program or a script, and save it as CSV."
+        )
     for reader in READERS:
         if reader.recognizes(content):
             return reader.read(content, file, given)
+    if content.startswith(_ZIP):
+        raise InputError(
+            f"{file}: a zip archive, and not of one readable file; unpack it and give one of its "
+            "files."
+        )
     known = ", ".join(reader.name for reader in READERS)
     raise InputError(
         f"{file}: the content is binary and not in a known format, whatever the file's suffix. "

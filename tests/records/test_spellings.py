@@ -1,0 +1,102 @@
+"""Times as loggers spell them, and what files come wrapped in, against what was written."""
+
+import datetime
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from barnax.errors import InputError
+from barnax.records import read_record
+from helpers.dialects import neware_csv, pulse_table
+from helpers.records import CURRENT, VOLTAGE
+
+TABLE = pulse_table()
+BEGIN = datetime.datetime(2024, 3, 9, 21, 30)
+
+
+def zipped(**files):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
+    return content.getvalue()
+
+
+def read(folder, content, name="cell.txt"):
+    (folder / name).write_bytes(content)
+    return read_record(folder / name)
+
+
+def clock(form):
+    """Hours, minutes and seconds in a form of their own."""
+    return lambda s: form.format(d=s // 86400, h=s // 3600, m=s // 60 % 60, s=s % 60)
+
+
+def date(form):
+    return lambda s: (BEGIN + datetime.timedelta(seconds=s)).strftime(form)
+
+
+# What names the times, how they are spelled, and their interval in seconds.
+SPELLINGS = {
+    "month in letters": ("Date Time", date("%d-%b-%Y %H:%M:%S"), 97),
+    "minutes of half a day": ("Date Time", date("%m/%d/%Y %I:%M %p"), 120),
+    "milliseconds behind a comma": ("Date Time", date("%Y-%m-%d %H:%M:%S,000"), 97),
+    "milliseconds behind a colon": ("Date Time", date("%Y-%m-%d %H:%M:%S:000"), 97),
+    "Unix microseconds": ("Timestamp", lambda s: str(1_700_000_000_000_000 + 10**6 * s), 97),
+    "Unix nanoseconds": ("Timestamp", lambda s: str(10**9 * (1_700_000_000 + s)), 97),
+    "days before the hours": ("Time", clock("{d:02d}:{h:02d}:{m:02d}:{s:02d}"), 97),
+    "hundredths": ("Time", clock("{h:02d}:{m:02d}:{s:02d}:00"), 97),
+}
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_a_time_is_read_as_it_is_spelled(tmp_path, spelling):
+    name, spell, interval_s = SPELLINGS[spelling]
+    rows = "".join(
+        f'"{spell(interval_s * k)}",{ampere!r},{volt!r}\n'
+        for k, (ampere, volt) in enumerate(TABLE.select(CURRENT, VOLTAGE).iter_rows())
+    )
+    record = read(tmp_path, f"{name},Current (A),Voltage (V)\n{rows}".encode())
+    time_s = record.time_s - record.time_s[0]
+    np.testing.assert_allclose(time_s, interval_s * np.arange(len(TABLE)), atol=1e-3)
+
+
+@pytest.mark.parametrize(("form", "interval_s"), [("{:.0f}.", 21.0), ("{:g}", 10.5)])
+def test_a_word_far_below_leaves_seconds_what_they_are(tmp_path, form, interval_s):
+    """It makes all cells text, of which times with colons are clocks."""
+    time_s = interval_s * np.arange(1500)
+    rows = "".join(f"{form.format(s)},{k % 2},3.{7 + k % 2},24\n" for k, s in enumerate(time_s))
+    text = "Time [s],Current [A],Voltage [V],Temperature [degC]\n" + rows
+    record = read(tmp_path, (text[:-3] + "OVERFLOW\n").encode())
+    np.testing.assert_array_equal(record.time_s, time_s)
+
+
+@pytest.mark.parametrize("form", ["%Y%m%d%H%M%S", "%Y%m%d %H%M%S"])
+def test_a_date_in_digits_alone_is_no_number_of_seconds(tmp_path, form):
+    rows = "".join(f"{date(form)(97 * k)},{k % 2},3.{7 + k % 2}\n" for k in range(30))
+    with pytest.raises(InputError, match="stands under 'Date', where a number is needed"):
+        read(tmp_path, ("Date,Current (A),Voltage (V)\n" + rows).encode())
+
+
+def test_a_zip_archive_of_one_file_is_that_file(tmp_path):
+    content = neware_csv(TABLE)
+    record = read(tmp_path, zipped(**{"cell.csv": content, "__MACOSX/._cell.csv": b"\0"}), "c.zip")
+    np.testing.assert_allclose(record.voltage_v, TABLE[VOLTAGE].to_numpy(), rtol=1e-12)
+    assert not any("OOXML" in each for each in record.warnings)
+
+
+@pytest.mark.parametrize("files", [{}, {"a.csv": b"1", "b.csv": b"2"}, {"a.bin": bytes(99)}])
+def test_a_zip_archive_of_anything_else_is_to_be_unpacked(tmp_path, files):
+    archive = zipped(**files) if files else zipped(a=b"1" * 99)[:60]
+    with pytest.raises(InputError, match=r"c\.zip: .*(unpack it|Export the record)"):
+        read(tmp_path, archive, "c.zip")
+
+
+@pytest.mark.parametrize(
+    "start", ["<html><table><tr>", '<?xml version="1.0"?>', '{"time": [', "[[0"]
+)
+def test_markup_is_no_table(tmp_path, start):
+    with pytest.raises(InputError, match=r"HTML, XML or JSON, .* save it as CSV"):
+        read(tmp_path, (start + "Time,Current,Voltage\n0,0,3.7\n").encode(), "cell.xls")

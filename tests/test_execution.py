@@ -87,7 +87,21 @@ def test_rows_come_back_in_order_whatever_block_is_done_first():
     assert sum(steps) == 30
 
 
-def test_a_block_that_fails_is_not_passed_over():
+def test_a_process_with_one_core_computes_in_its_own_thread(monkeypatch):
+    def run(block):
+        return (np.full(len(block), threading.get_ident()),)
+
+    monkeypatch.setenv("NPROC", "1")
+    steps = []
+    rows = run_blocks(run, seed_blocks(20), wanted_rows(20), steps.append)
+    assert rows == [(threading.get_ident(),)] * 20
+    assert sum(steps) == 20
+
+
+@pytest.mark.parametrize("cores", ["1", "2"])
+def test_a_block_that_fails_is_not_passed_over(cores, monkeypatch):
+    monkeypatch.setenv("NPROC", cores)
+
     def run(block):
         raise RuntimeError(f"block {block[0]}")
 

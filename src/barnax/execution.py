@@ -4,7 +4,7 @@ import functools
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
@@ -30,9 +30,13 @@ def in_float64(function: Callable[P, R]) -> Callable[P, R]:
     return scoped
 
 
-def on_device(values: Any) -> jax.Array:
-    """NumPy's values as JAX's; `jnp.asarray` compiles a program for every shape it meets."""
-    return jax.device_put(np.asarray(values))
+def as_input(values: Any) -> Any:
+    """Values as a program takes them, which inside it are JAX's: NumPy's own.
+
+    A call takes all its arguments at once. Putting them on the device one by one took a tenth of a
+    small problem's time, and `jnp.asarray` compiles a program for every shape it meets.
+    """
+    return np.asarray(values)
 
 
 Given = TypeVar("Given")
@@ -83,6 +87,24 @@ def wanted_rows(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[int]:
     return [min(size, seeds - first) for first in range(0, seeds, size)]
 
 
+class _AtOnce(Executor):
+    """Work done as soon as it is given, in the thread that gives it."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
+        future: Future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as problem:
+            future.set_exception(problem)
+        return future
+
+
+def threads(count: int) -> Executor:
+    """So many threads; none in a process with one core to itself, as a fleet's worker is, which
+    `NPROC` says to XLA too: there they would only take turns."""
+    return _AtOnce() if os.environ.get("NPROC") == "1" else ThreadPoolExecutor(count)
+
+
 def run_blocks(
     run: Callable[[Given], tuple[np.ndarray, ...]],
     blocks: Sequence[Given],
@@ -90,7 +112,7 @@ def run_blocks(
     progress: Callable[[int], None] | None,
 ) -> list[tuple[np.ndarray, ...]]:
     """Run a compiled function on every block, on all cores; the wanted rows of each, in order."""
-    with ThreadPoolExecutor(max_workers=min(len(blocks), os.cpu_count() or 1)) as pool:
+    with threads(min(len(blocks), os.cpu_count() or 1)) as pool:
         waiting = {
             pool.submit(run, block): rows for block, rows in zip(blocks, wanted, strict=True)
         }

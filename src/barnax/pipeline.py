@@ -5,7 +5,7 @@ optimum is looked for beside them, and the best circuit known is assessed and va
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -18,6 +18,7 @@ from .cell.curves import OcvFit
 from .cell.hysteresis import HysteresisFit
 from .cell.parameters import RATE
 from .errors import InputError
+from .execution import threads
 from .gather import (
     OVER_TEMPERATURE,
     Given,
@@ -238,8 +239,7 @@ def _search_and_assess(
     advise: bool,
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
-    # A fleet has a process for every core: threads would only take turns.
-    with ThreadPoolExecutor(max_workers=3 if advise else 1) as beside:
+    with threads(3) as beside:
         compiling = beside.submit(Descent, problem) if settings.seeds else None
         looking = beside.submit(_optimum_or_none, problem)
         tabulated = settings.circuit(problem.cell, "soc")

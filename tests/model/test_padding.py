@@ -99,8 +99,10 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
 def test_what_fills_a_record_up_counts_nothing(bundled_cell):
     short, long = (problem_of(bundled_cell, "so-rc", [even(n)]) for n in (211, 401))
     fill = padding_for([short.scan, long.scan])
-    middle = short.coordinates.decode((short.coordinates.lower + short.coordinates.upper) / 2)
-    plain, filled = short.scan.errors(middle), fill(short.scan).errors(middle)
+    box = short.coordinates
+    middle = box.decode(jnp.asarray((box.lower + box.upper) / 2))
+    errors_of = eqx.filter_jit(lambda evaluator: evaluator.errors(middle))
+    plain, filled = errors_of(short.scan), errors_of(fill(short.scan))
     assert filled.shape == (401,)
     np.testing.assert_array_equal(filled[:211], plain)
     assert not jnp.any(filled[211:])
@@ -150,7 +152,8 @@ def test_a_compressed_record_of_a_common_size_has_the_same_errors(bundled_cell):
     assert common.factor.shape[0] % FACTOR_STEP == 0
     assert (common.factor.shape[1] - 2) % FACTOR_STEP == 0
     for share in (0.2, 0.5, 0.9):
-        point = problem.coordinates.lower * (1 - share) + problem.coordinates.upper * share
+        box = problem.coordinates
+        point = jnp.asarray(box.lower * (1 - share) + box.upper * share)
         circuit = problem.coordinates.decode(point)
         expected_v = short.errors(circuit)
         errors_v = common.errors(circuit)

@@ -4,6 +4,7 @@ Nothing here loads JAX before a worker has set how it is to run.
 """
 
 import functools
+import gc
 import hashlib
 import os
 import signal
@@ -63,6 +64,8 @@ def run_batch(
 @functools.cache
 def prepare_process() -> None:
     """Set a process up for many cells, before JAX is loaded where it is not yet."""
+    # As in `barnax` itself: modules and traced programs are many objects and no garbage.
+    gc.set_threshold(50_000, 20, 20)
     if sys.platform == "linux":
         import ctypes
 

@@ -57,11 +57,11 @@ def least_in_box(
         now_high = ((is_free & (x > most)) | (at_high & (slope <= 0))) & ~pinned
         settled = np.all((now_low == at_low) & (now_high == at_high), axis=0)
         found[:, open_problems[settled]] = np.clip(x, least, most)[:, settled]
+        if np.all(settled):
+            break
         at_low, at_high = now_low[:, ~settled], now_high[:, ~settled]
         open_problems, *given = (each[..., ~settled] for each in (open_problems, *given))
-        if not len(open_problems):
-            break
-    if len(open_problems):
+    else:
         found[:, open_problems] = _enumerated(*given[:-1])
     return np.clip(found / scale, *box)
 

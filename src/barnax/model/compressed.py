@@ -8,7 +8,6 @@ the sum over all samples, without the samples.
 
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial, reduce
 from typing import Any
@@ -20,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 from scipy.linalg import get_lapack_funcs, qr
 
-from ..execution import on_device, one_blas_thread
+from ..execution import as_input, one_blas_thread, threads
 from .exponentials import Lagrange, Span, span_of
 from .search_space import Coordinates
 from .simulate import AbstractEvaluator, Intervals, RCParameters, SimulationInput, respond
@@ -93,7 +92,7 @@ class Compressed(AbstractEvaluator):
             turns[:rows, : factor.shape[1] - nodes - 2] = factor[:, nodes:-2]
             filled = np.insert(filled, [len(in_tau.nodes)], turns, axis=1)
         filled[:rows, -2:] = factor[:, -2:]
-        return Compressed(self.scored, on_device(filled), in_tau, in_rate)
+        return Compressed(self.scored, as_input(filled), in_tau, in_rate)
 
 
 def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compressed:
@@ -118,8 +117,8 @@ def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compres
         scored = sum(float(inputs.scored) for inputs in all_inputs)
         factor = shorten(np.concatenate(columns, axis=1), NEGLIGIBLE_V * math.sqrt(scored))
     return Compressed(
-        scored=on_device(scored),
-        factor=on_device(factor),
+        scored=as_input(scored),
+        factor=as_input(factor),
         in_tau=Lagrange.of(in_tau),
         in_rate=None if in_rate is None else Lagrange.of(in_rate),
     )
@@ -129,7 +128,7 @@ def _factor(
     inputs: SimulationInput, in_tau: Span, in_rate: Span | None
 ) -> Float[np.ndarray, "columns columns"]:
     """The triangular factor of all scored samples of one record."""
-    with ThreadPoolExecutor(CHAINS) as pool:
+    with threads(CHAINS) as pool:
         chains: list = [None] * CHAINS
         for number, block in enumerate(_blocks(inputs, in_tau, in_rate)):
             chain = number % CHAINS
@@ -197,7 +196,7 @@ class Answers:
         # Padded, so that records with other clocks share one program.
         spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
         node_s = np.pad(intervals.node_s, (0, spare), mode="edge")
-        self._intervals = replace(intervals, node_s=on_device(node_s))
+        self._intervals = replace(intervals, node_s=as_input(node_s))
         self._count = len(span.skeleton_tau)
         self._tau = padded_tau(span)
         self._state = np.zeros(self._tau.shape)
@@ -228,12 +227,12 @@ def answer_block(
     """The state after a block of at most `BLOCK` samples, and the answers at them."""
     # One shape for all: what is added at the end moves no answer, and nothing follows it.
     sampled = (
-        on_device(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
+        as_input(np.pad(each, [(0, BLOCK - len(each))] + [(0, 0)] * (each.ndim - 1)))
         for each in map(np.asarray, (held, intervals.node, intervals.offset_s))
     )
     given, node, offset_s = sampled
     intervals = replace(intervals, node=node, offset_s=offset_s)
-    after, answers = _respond(on_device(tau), on_device(state), given, intervals)
+    after, answers = _respond(as_input(tau), as_input(state), given, intervals)
     return np.asarray(after), np.asarray(answers)[: len(held)]
 
 

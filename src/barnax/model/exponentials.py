@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int, Scalar
 from scipy.linalg import qr, solve_triangular
 
 from ..errors import InputError
-from ..execution import on_device, one_blas_thread
+from ..execution import as_input, one_blas_thread
 
 # Spans are rounded up to quarter decades, so that most records share one table and one program.
 _SPAN_STEP = math.log(10) / 4
@@ -74,6 +74,7 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
         return _table(count, half_width, tolerance / 2)._replace(center=center)
 
 
+@functools.cache
 def interpolation_error(count: int, half_width: float) -> float:
     """A bound on the error of interpolation between `count` nodes, relative to the current.
 
@@ -145,11 +146,11 @@ class Lagrange(eqx.Module):
     @classmethod
     def of(cls, span: Span) -> "Lagrange":
         return cls(
-            center=on_device(span.center),
-            half_width=on_device(span.half_width),
-            nodes=on_device(span.nodes),
-            weights=on_device(span.weights),
-            slope=on_device(span.slope),
+            center=as_input(span.center),
+            half_width=as_input(span.half_width),
+            nodes=as_input(span.nodes),
+            weights=as_input(span.weights),
+            slope=as_input(span.slope),
         )
 
     def padded_to_multiple(self, step: int) -> "Lagrange":
@@ -158,9 +159,9 @@ class Lagrange(eqx.Module):
         return Lagrange(
             center=self.center,
             half_width=self.half_width,
-            nodes=on_device(np.pad(self.nodes, (0, missing), constant_values=2.0)),
-            weights=on_device(np.pad(self.weights, (0, missing))),
-            slope=on_device(np.pad(self.slope, (0, missing))),
+            nodes=as_input(np.pad(self.nodes, (0, missing), constant_values=2.0)),
+            weights=as_input(np.pad(self.weights, (0, missing))),
+            slope=as_input(np.pad(self.slope, (0, missing))),
         )
 
     def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:

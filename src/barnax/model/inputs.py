@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ..cell import CellModel, OcvTable, get_circuit
 from ..cell.temperature import group_near
 from ..errors import InputError
-from ..execution import on_device
+from ..execution import as_input
 from ..records import Record, current_direction, rest_current_a
 from .simulate import HysteresisInput, Intervals, SimulationInput
 from .start import Start, find_start, start_warnings
@@ -105,17 +105,17 @@ class PreparedRecord:
     def simulation_input(
         self, shortest_tau_s: float, highest_gamma: float | None = None
     ) -> SimulationInput:
-        """The device arrays of this span, exact for time constants from `shortest_tau_s` on.
+        """What this span imposes on a circuit, exact for time constants from `shortest_tau_s` on.
 
         With dynamic hysteresis, exact for rates up to `highest_gamma`.
         """
         return SimulationInput(
-            current_a=on_device(self.current_a),
-            held_a=on_device(self.held_a),
-            source_v=on_device(self.source_v),
-            base_error_v=on_device(self.voltage_v - self.source_v),
-            weight=None if np.all(self.scored) else on_device(self.scored.astype(float)),
-            scored=on_device(float(np.count_nonzero(self.scored))),
+            current_a=as_input(self.current_a),
+            held_a=as_input(self.held_a),
+            source_v=as_input(self.source_v),
+            base_error_v=as_input(self.voltage_v - self.source_v),
+            weight=None if np.all(self.scored) else as_input(self.scored.astype(float)),
+            scored=as_input(float(np.count_nonzero(self.scored))),
             intervals=Intervals.measure(self.time_s, shortest_tau_s),
             hysteresis=None if highest_gamma is None else self._hysteresis(highest_gamma),
         )
@@ -132,8 +132,8 @@ class PreparedRecord:
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)
         toward = np.where(is_moving, -np.sign(self.held_a), self.direction)
         return HysteresisInput(
-            amplitude_v=on_device(self.hysteresis_amplitude_v),
-            hysteresis_input=on_device(toward - self.start.direction),
+            amplitude_v=as_input(self.hysteresis_amplitude_v),
+            hysteresis_input=as_input(toward - self.start.direction),
             intervals=Intervals.gather(passed, 1 / highest_gamma, 0.0),
         )
 

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from ..execution import on_device
+from ..execution import as_input
 from .compressed import Compressed
 from .simulate import AbstractEvaluator, Intervals, Joint, SimulationInput
 
@@ -113,4 +113,4 @@ def records_in(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
 
 def _with_nodes(intervals: Intervals, count: int) -> Intervals:
     missing = count - len(intervals.node_s)
-    return replace(intervals, node_s=on_device(np.pad(intervals.node_s, (0, missing), mode="edge")))
+    return replace(intervals, node_s=as_input(np.pad(intervals.node_s, (0, missing), mode="edge")))

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..errors import InputError
-from ..execution import CIRCUITS_PER_BLOCK, compile_for, in_float64, on_device, seed_blocks
+from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
 from .inputs import PreparedRecord, prepare_record, require_changing_voltage
@@ -66,7 +66,7 @@ class Problem:
     kind: Kind = "scan"
 
     def __reduce__(self):
-        # Without what is computed: JAX's float64 arrays would come back as float32, unsaid.
+        # Without what is computed, which is larger than what it is computed from.
         return Problem, tuple(getattr(self, each.name) for each in fields(self))
 
     @property
@@ -178,7 +178,7 @@ class Problem:
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
     ) -> list[CircuitParameters]:
         """The circuits at some points, pairs ordered by tau where both have one box."""
-        circuits = jax.tree.map(np.asarray, _decode(on_device(points), coordinates))
+        circuits = jax.tree.map(np.asarray, _decode(as_input(points), coordinates))
         found = []
         for index in range(len(points)):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
@@ -211,7 +211,7 @@ def point_blocks(
     last = len(values) - 1
     numbers = seed_blocks(len(values), CIRCUITS_PER_BLOCK)
     blocks = [[values[min(at, last)] for at in block] for block in numbers]
-    return [_encode(on_device(block), coordinates) for block in blocks]
+    return [_encode(as_input(block), coordinates) for block in blocks]
 
 
 def _rmse_of_all(points: Float[Array, "points free"], objective: Objective):
@@ -241,7 +241,7 @@ def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RC
 def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     """A circuit's values as the simulation takes them. Call inside float64."""
     given = parameters.r0, parameters.r, parameters.tau_s, parameters.gamma
-    return RCParameters(*jax.tree.map(on_device, given))
+    return RCParameters(*jax.tree.map(as_input, given))
 
 
 @in_float64

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..cell.parameters import MOST_PAIRS, RATE
 from ..errors import LONGEST_NAME, InputError, cut, toml_reason
-from ..execution import on_device
+from ..execution import as_input
 from .simulate import RCParameters
 
 RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
@@ -278,10 +278,10 @@ class Coordinates(eqx.Module):
         ends = np.array([slot[1:] for slot in slots])
         ends = np.log(ends) if is_log else ends
         return cls(
-            lower=on_device(ends[list(free), 0]),
-            upper=on_device(ends[list(free), 1]),
-            fixed=on_device(ends[:, 0]),
-            tau_limits_s=on_device(tau_limits),
+            lower=as_input(ends[list(free), 0]),
+            upper=as_input(ends[list(free), 1]),
+            fixed=as_input(ends[:, 0]),
+            tau_limits_s=as_input(tau_limits),
             free=free,
             names=tuple(slots[index][0] for index in free),
             holds_tau=tuple(holds_tau),

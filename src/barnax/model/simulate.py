@@ -18,7 +18,7 @@ from equinox import AbstractVar
 from jax import lax
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
-from ..execution import on_device
+from ..execution import as_input
 
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
@@ -61,9 +61,9 @@ class Intervals(eqx.Module):
         node_s = totals / np.bincount(node, minlength=len(groups))
         offset_s = interval_s - node_s[node]
         return cls(
-            node_s=on_device(node_s),
-            node=on_device(node.astype(np.int32)),
-            offset_s=on_device(offset_s),
+            node_s=as_input(node_s),
+            node=as_input(node.astype(np.int32)),
+            offset_s=as_input(offset_s),
             is_even=len(groups) == 1,
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
@@ -77,7 +77,7 @@ class Intervals(eqx.Module):
         nodes = 4 ** max(2, math.ceil(math.log(len(self.node_s), 4)))
         offset_s = self.offset_s if self.has_offsets else np.zeros(len(self.offset_s))
         node_s = np.pad(self.node_s, (0, nodes - len(self.node_s)), "edge")
-        return Intervals(on_device(node_s), self.node, on_device(offset_s), False, True)
+        return Intervals(as_input(node_s), self.node, as_input(offset_s), False, True)
 
 
 class RCParameters(eqx.Module):
@@ -194,14 +194,14 @@ class SimulationInput(AbstractEvaluator):
         missing = samples - len(self.current_a)
         weight = np.ones(len(self.current_a)) if self.weight is None else self.weight
         # In NumPy: JAX would compile a program for every length it meets.
-        filled = self.map_samples(lambda array: on_device(np.pad(array, (0, missing), mode="edge")))
+        filled = self.map_samples(lambda array: as_input(np.pad(array, (0, missing), mode="edge")))
         weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
-        return replace(filled, weight=on_device(weight))
+        return replace(filled, weight=as_input(weight))
 
     def first(self, samples: int) -> "SimulationInput":
         """Its first samples, filled up where there are fewer, in a form that blocks share."""
         short = eqx.tree_at(_clocks, self, [each.in_one_form() for each in _clocks(self)])
-        cut = short.map_samples(lambda array: on_device(np.asarray(array)[:samples]))
+        cut = short.map_samples(lambda array: as_input(np.asarray(array)[:samples]))
         return cut.padded_to(samples)
 
     def squared_error(self, rc: RCParameters) -> Scalar:

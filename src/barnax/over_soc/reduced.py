@@ -8,7 +8,7 @@ constants x nodes, what else there is, base error] gives the columns of every ti
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..cell.tables import hats
-from ..execution import in_float64, one_blas_thread
+from ..execution import in_float64, one_blas_thread, threads
 from ..model.compressed import (
     BLOCK,
     NEGLIGIBLE_V,
@@ -119,7 +119,7 @@ def reduce_records(
     """
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
-    with one_blas_thread(), ThreadPoolExecutor(CHAINS) as pool:
+    with one_blas_thread(), threads(CHAINS) as pool:
         for prepared, group_of in zip(prepared_records, groups, strict=True):
             for turn, block in enumerate(blocks(prepared, layout)):
                 numbers = group_of(block.here)

@@ -15,7 +15,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int, Scalar
 
 from ..cell import SocTables
-from ..execution import compile_for, in_float64, on_device
+from ..execution import as_input, compile_for, in_float64
 from ..metrics import measure
 from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord, require_changing_voltage
@@ -53,9 +53,9 @@ class TableInput(eqx.Module):
         place = np.clip(along.astype(int), 0, max(len(nodes) - 2, 0))
         return cls(
             inputs=without.simulation_input(shortest_tau_s, highest_gamma),
-            place=on_device(place.astype(np.int32)),
-            share=on_device(along - place),
-            start_h=on_device(float(prepared.start.direction)),
+            place=as_input(place.astype(np.int32)),
+            share=as_input(along - place),
+            start_h=as_input(float(prepared.start.direction)),
         )
 
     @classmethod
@@ -70,7 +70,7 @@ class TableInput(eqx.Module):
             )
             here = slice(number * BLOCK, min((number + 1) * BLOCK, len(prepared.soc)))
             inputs = block.inputs.first(BLOCK)
-            yield here, cls(inputs, on_device(place), on_device(share), block.start_h)
+            yield here, cls(inputs, as_input(place), as_input(share), block.start_h)
 
 
 class TableParameters(eqx.Module):

@@ -16,9 +16,9 @@ from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import (
     CIRCUITS_PER_BLOCK,
+    as_input,
     compile_for,
     in_float64,
-    on_device,
     run_blocks,
     wanted_rows,
 )
@@ -67,7 +67,7 @@ class Descent:
             self.objective = problem.padded_objective("scan")
         template = [np.asarray(self.objective.coordinates.lower)] * CIRCUITS_PER_BLOCK
         self._compiled = compile_for(
-            _descend, self.objective, on_device(template), _setting(0.0), _setting(False)
+            _descend, self.objective, as_input(template), _setting(0.0), _setting(False)
         )
 
     @in_float64
@@ -119,7 +119,7 @@ class _Undifferentiated(optx.AbstractAdjoint):
 
 @functools.lru_cache(typed=True)
 def _setting(value: float | bool) -> Array:
-    return on_device(value)
+    return as_input(value)
 
 
 def _descend(

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..execution import compile_for, in_float64, on_device
+from ..execution import as_input, compile_for, in_float64
 from ..model.inputs import PreparedRecord
 from ..model.padding import records_in
 from ..model.problem import Objective, Problem, point_blocks, residuals
@@ -99,7 +99,7 @@ def linearize(
     objective = problem.padded_objective()
     box = objective.coordinates
     point = np.asarray(point_blocks([parameters], box)[0])[0]
-    here = on_device(point)
+    here = as_input(point)
     program = compile_for(_errors_and_slopes, here, objective)
     error, slope = (np.asarray(part) for part in program(here, objective))
     # Each record is as long as its padding made it.

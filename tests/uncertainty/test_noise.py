@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
-from barnax.uncertainty.noise import fit_noise
+from barnax.uncertainty.noise import Slots, fit_gathered, fit_noise
 
 from .made import colored_noise
 
@@ -96,6 +97,44 @@ def test_bursts_of_samples_have_the_degrees_of_freedom_that_their_variances_scat
     assert np.median(freedom) * scatter / 2 == pytest.approx(1.0, abs=0.5)
     # No single record says that it knows next to nothing.
     assert freedom.min() > 1.0
+
+
+def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_scatters():
+    """As tables do in a pulse test: three unknowns a burst, and ten samples read in one slot."""
+    burst, rest = np.arange(0.0, 60.0, 0.5), np.arange(90.0, 900.0, 60.0)
+    here = np.append(burst, rest)
+    time_s = np.concatenate([900.0 * level + here for level in range(8)])
+    step = np.where(here < 60.0, np.sign(np.sin(here / 5)), 0.0)
+    own = np.stack([step, np.ones(len(here)), here / 900.0 - 0.5], axis=1)
+    columns = orthonormal(np.kron(np.eye(8), own))
+    slots = Slots.of(time_s, most=1440)
+    lag = np.abs(time_s[:, None] - time_s)
+    covariance = 0.3 * np.eye(len(time_s)) + np.exp(-lag / 20.0) + np.exp(-lag / 2e3)
+    rng = np.random.default_rng(9)
+    noise_v = rng.normal(size=(120, len(time_s))) @ np.linalg.cholesky(covariance).T
+    moved = noise_v @ columns
+    fits = [
+        fit_gathered(
+            slots,
+            counts=slots.gathered(time_s, np.ones(len(time_s))),
+            error_v=slots.gathered(time_s, each),
+            columns=slots.gathered(time_s, columns),
+            products=np.eye(24),
+            squares_v2=float(each @ each),
+        )
+        for each in noise_v - moved @ columns.T
+    ]
+    # The step of one burst, which slow noise hardly moves, and its mean, which that does.
+    for place in (0, 1):
+        variance = np.array(
+            [each.parts_spread[:, place, place] @ each.variance_v2 for each in fits]
+        )
+        knows = [each.degrees_of_freedom(np.eye(24)[place]) for each in fits[:20]]
+        # Satterthwaite: a variance known to nu degrees of freedom scatters by 2 / nu.
+        scatter = np.var(variance) / np.mean(variance) ** 2
+        assert np.median(knows) * scatter / 2 == pytest.approx(1.0, abs=0.5)
+        reach = stdtrit(max(float(np.median(knows)), 1.0), 0.975) * np.sqrt(variance)
+        assert np.mean(np.abs(moved[:, place]) < reach) > 0.92
 
 
 LENGTHS = (400, 250, 300)

@@ -32,8 +32,9 @@ LAGS_PER_OCTAVE = 2
 LONGEST_LAG = 1 / 2
 # Of the pairs of samples that an even clock has of a lag, fewer than this share count for less.
 FEW_PAIRS = 1 / 2
-# So many filled slots, if most are empty, are few enough for sums over all pairs of them.
-MOST_FILLED = 1500
+# Noises drawn where samples come in bursts, and the most slots that they are drawn in.
+DRAWS = 100
+MOST_DRAWN = 2**17
 # Clocks finer than this many intervals a record are read in coarser slots.
 MOST_SLOTS = 2**20
 
@@ -52,11 +53,13 @@ class Noise:
     lags_s: Float[np.ndarray, "lags"]
     autocorrelation: Float[np.ndarray, "lags"]
     parts_spread: Float[np.ndarray, "parts columns columns"]
-    _from_lags: Float[np.ndarray, "parts lags"]
+    _design: Float[np.ndarray, "bins parts"]
+    _weight: Float[np.ndarray, "bins"]
     _edges: Int[np.ndarray, "edges"]
     _power_v2: Float[np.ndarray, "frequencies"]
     _counts: Float[np.ndarray, "slots"]
     _autocovariance: Float[np.ndarray, "slots"]
+    _columns: Float[np.ndarray, "slots columns"]
     _padded: int
 
     @property
@@ -83,34 +86,59 @@ class Noise:
 
         Satterthwaite (1946): twice its square over its own variance. It is a linear function of
         the periodogram, whose values are independent and exponentially distributed about the
-        fitted spectrum.
+        fitted spectrum. Where samples come in bursts they are not, and the fit has followed much
+        of what little there is: then noises are drawn and fitted again.
         """
         shares = np.einsum("i,pij,j->p", direction, self.parts_spread, direction)
         variance = float(shares @ self.variance_v2)
-        is_used = self.variance_v2 > 0
         if variance <= 0:
             return math.inf
-        used = shares[is_used]
+        if self._is_bursty:
+            drawn = self._drawn @ shares
+            return 2 * float(np.mean(drawn) ** 2 / np.var(drawn))
+        used = shares[self.variance_v2 > 0]
         return 2 * variance**2 / float(used @ self._uncertainty @ used)
+
+    @property
+    def _is_bursty(self) -> bool:
+        """Whether the samples fill less than half as many slots evenly, of not too many."""
+        counts = self._counts
+        is_uneven = counts.sum() ** 2 < len(counts) / 2 * (counts @ counts)
+        return is_uneven and len(counts) <= MOST_DRAWN
 
     @cached_property
     def _uncertainty(self) -> Float[np.ndarray, "used used"]:
         """Half the covariance of the variances of the parts that are there."""
-        by_lag = np.zeros((np.count_nonzero(self.variance_v2), self._padded))
-        by_bin = self._from_lags[self.variance_v2 > 0]
+        is_used = self.variance_v2 > 0
+        by_bin = np.linalg.pinv(self._design[:, is_used]) * self._weight
+        by_lag = np.zeros((len(by_bin), self._padded))
         by_lag[:, : self._edges[-1]] = np.repeat(by_bin, np.diff(self._edges), axis=1)
-        slot = np.flatnonzero(self._counts)
-        if len(slot) >= min(MOST_FILLED, len(self._counts) / 2):
-            # What the periodogram's own spread adds. Padding and empty slots repeat each
-            # independent value of it.
-            spectra = _both_sides(rfft(by_lag).real) / self._padded * self._power_v2
-            return self._padded / len(slot) * spectra @ spectra.T
-        # Where samples come in bursts, its values are not independent.
-        apart, counts = np.abs(slot[:, None] - slot), self._counts[slot]
-        covariance = np.outer(counts, counts) * self._autocovariance[apart]
-        by_lag[:, 1:] /= 2
-        weighed = [each[apart] @ covariance for each in by_lag]
-        return np.array([[np.sum(one * other.T) for other in weighed] for one in weighed])
+        # What the periodogram's own spread adds. Padding and empty slots repeat each independent
+        # value of it.
+        spectra = _both_sides(rfft(by_lag).real) / self._padded * self._power_v2
+        return self._padded / np.count_nonzero(self._counts) * spectra @ spectra.T
+
+    @cached_property
+    def _drawn(self) -> Float[np.ndarray, "draws parts"]:
+        """The parts' variances as fitted again to what a fit leaves of noises drawn like this."""
+        rng, white_v2 = np.random.default_rng(0), self.variance_v2[0]
+        counts, columns, unit_v2 = self._counts, self._columns, self.variance_v2.sum()
+        correlated = np.append(self._autocovariance[0] - white_v2, self._autocovariance[1:])
+        amplitude = np.sqrt(np.maximum(_mirrored_spectrum(correlated, self._padded), 0.0))
+        white = np.sqrt(white_v2 * counts)
+        mean = columns / np.maximum(counts, 1.0)[:, None]
+        # White noise moves the coordinates by its sums in slots and by what differs within them.
+        values, vectors = np.linalg.eigh(self.parts_spread[0] - columns.T @ mean)
+        within = vectors * np.sqrt(white_v2 * np.maximum(values, 0.0))
+        drawn = np.empty((DRAWS, len(self.variance_v2)))
+        for row in drawn:
+            noise = irfft(amplitude * rfft(rng.normal(size=self._padded)), self._padded)
+            sums = counts * noise[: len(counts)] + white * rng.normal(size=len(counts))
+            followed = mean.T @ sums + within @ rng.normal(size=len(values))
+            power = np.abs(rfft(sums - columns @ followed, self._padded)) ** 2
+            measured = _binned(irfft(power, self._padded)[: len(counts)], self._edges)
+            row[:] = unit_v2 * nnls(self._design, measured * self._weight / unit_v2)[0]
+        return drawn
 
 
 def fit_noise(
@@ -227,8 +255,6 @@ def fit_gathered(
         variance = unit_v2 * nnls(design, measured * weight / unit_v2)[0]
     autocovariance = variance[1:] @ decays
     autocovariance[0] += variance[0]
-    from_lags = np.zeros((len(spread), len(measured)))
-    from_lags[variance > 0] = np.linalg.pinv(design[:, variance > 0]) * weight
     has_pairs = weight > 0
     return Noise(
         correlation_s=np.append(0.0, slot_s * times),
@@ -236,11 +262,13 @@ def fit_gathered(
         lags_s=slot_s * (edges[:-1] + np.diff(edges) / 2 - 0.5)[has_pairs],
         autocorrelation=(measured * weight)[has_pairs] / (unit_v2 or 1.0),
         parts_spread=spread,
-        _from_lags=from_lags,
+        _design=design,
+        _weight=weight,
         _edges=edges,
         _power_v2=np.maximum(_mirrored_spectrum(pairs * autocovariance, padded), 0.0),
         _counts=counts,
         _autocovariance=autocovariance,
+        _columns=columns,
         _padded=padded,
     )
 

@@ -18,6 +18,7 @@ from barnax.optimizers import make_optimizer
 from barnax.records import Record, read_record
 from barnax.search.refine import Refinement, refine
 from barnax.search.seeds import Search, search_seeds
+from helpers.compiling import QUICK_FLAGS
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -29,8 +30,7 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
         os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
-        # Most programs run once here: optimizing them takes a quarter of the suite's time.
-        os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+        os.environ["XLA_FLAGS"] = QUICK_FLAGS
     # What takes long on a busy machine is no error.
     hypothesis.settings.register_profile("barnax", deadline=None)
     hypothesis.settings.load_profile("barnax")

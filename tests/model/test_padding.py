@@ -1,5 +1,6 @@
 """Records of many lengths through one compiled scan: one program, and the bits of each alone."""
 
+import functools
 import pickle
 from contextlib import contextmanager
 
@@ -20,6 +21,7 @@ from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
 from barnax.search.seeds import search_many, search_seeds
 from barnax.uncertainty.linearization import linearize
+from helpers.compiling import USERS_KERNELS
 from helpers.problems import drive_a
 from reference import make_record
 
@@ -78,6 +80,9 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
     circuit, clocks = CASES[case]
     problems = [problem_of(bundled_cell, circuit, [each]) for each in clocks]
     compile_for, programs = barnax.search.seeds.compile_for, set()
+    # Other kernels than users have need not keep the bits.
+    jit = functools.partial(eqx.filter_jit, compiler_options=USERS_KERNELS)
+    monkeypatch.setattr(eqx, "filter_jit", jit)
 
     def counted(*arguments):
         program = compile_for(*arguments)

@@ -15,6 +15,7 @@ import optimistix as optx
 import pytest
 
 from barnax.optimizers import OPTIMIZERS, Box, Swarm, evaluations_per_iteration, make_optimizer
+from helpers.compiling import USERS_KERNELS
 
 POPULATION, ITERATIONS, DIMS = 12, 60, 4
 LOWER, UPPER = -3.0, 2.0
@@ -61,10 +62,8 @@ def searches(name, keys, trial):
     return jax.vmap(one)(keys)
 
 
-# Without XLA's newer kernels and LLVM's optimizations a search compiles in two fifths of the time.
-QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-quick_searches = jax.jit(searches, static_argnames="name", compiler_options=QUICK)
-as_users_search = jax.jit(searches, static_argnames="name")
+quick_searches = jax.jit(searches, static_argnames="name")
+as_users_search = jax.jit(searches, static_argnames="name", compiler_options=USERS_KERNELS)
 
 
 def three_searches(name, seed=3, dtype=jnp.float32, run=quick_searches, **trial):

@@ -18,7 +18,7 @@ _WHOLE = 0.95
 # Intervals up to this many times the usual one under load are sampled alike.
 _ALIKE = 1.5
 # A held voltage, and a current that tapers under it to this share.
-_HELD_V, _FULL_V, _TAPERED, _TAPER_S, _BRAKES = 0.01, 0.06, 0.5, 300.0, 0.99
+_HELD_V, _FULL_V, _TAPERED, _LEAST_S, _HELD_S, _BRAKES = 0.01, 0.06, 0.5, 300.0, 60.0, 0.99
 
 
 @dataclass(frozen=True)
@@ -183,10 +183,11 @@ def _is_charge_to_full(given: CheckInput, start: int, end: int) -> bool:
     moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > _HELD_V)
     held = int(moving[-1]) + 1 if len(moving) else 0
     # What a brake gives back is no charge to full, though it may go higher for seconds.
-    is_long = record.time_s[end] - record.time_s[start + held] >= _TAPER_S
+    is_long = record.time_s[end] - record.time_s[start] >= _LEAST_S
+    is_held = record.time_s[end] - record.time_s[start + held] >= _HELD_S
     is_full = voltage_v[-1] > np.quantile(record.voltage_v, _BRAKES) - _FULL_V
     is_tapered = current_a[held:].max() < 0 and current_a[-1] > _TAPERED * current_a[held]
-    return bool(is_long and is_full and is_tapered)
+    return bool(is_long and is_held and is_full and is_tapered)
 
 
 def _duration(seconds: float) -> str:

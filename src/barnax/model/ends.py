@@ -19,7 +19,7 @@ SocSource = Literal["full end", "empty end", "counters", "rest elsewhere"]
 # discharge ends empty at up to C/1.8, for many tests make it at C/2. The voltage without R I then
 # is within 2 % of the end. What a brake gives back is no charge.
 _FULL_HOURS, _EMPTY_HOURS, _AT_AN_END = 10.0, 1.8, 0.02
-_LEAST_S, _HELD_V, _TAPERED = 300.0, 0.01, 0.5
+_LEAST_S, _LEAST_HELD_S, _HELD_V, _TAPERED = 300.0, 60.0, 0.01, 0.5
 # How far the voltage at the start, without R I, may be from the OCV of what an end tells; and of
 # what a counter tells, whose beginning no sample shows.
 _APART_V, _COUNTED_APART_V = 0.15, 0.05
@@ -94,10 +94,12 @@ def _full_ends(
         )
         moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > _HELD_V)
         held = int(moving[-1]) + 1 if len(moving) else 0
-        is_long = record.time_s[last] - record.time_s[first + held] >= _LEAST_S
+        # An LFP cell is full within minutes of holding its voltage.
+        is_long = record.time_s[last] - record.time_s[first] >= _LEAST_S
+        is_held = record.time_s[last] - record.time_s[first + held] >= _LEAST_HELD_S
         end_a = -float(current_a[-1])
         is_tapered = end_a <= min(capacity_ah / _FULL_HOURS, -_TAPERED * float(current_a[held]))
-        if is_long and is_tapered and voltage_v[-1] - ohm * end_a >= full_v:
+        if is_long and is_held and is_tapered and voltage_v[-1] - ohm * end_a >= full_v:
             yield KnownSoc(1.0, "full end", int(last))
 
 

@@ -231,17 +231,19 @@ def _extended_see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen
 def _move(advance: Callable[[Vector], Vector], belief: _Belief, walk: Vector) -> _Belief:
     points, weights = _sigma_points(belief)
     moved = jax.vmap(advance)(points)
-    mean = weights @ moved
+    mean = jnp.sum(weights[:, None] * moved, axis=0)
     away = moved - mean
-    return _Belief(mean, (weights[:, None] * away).T @ away + jnp.diag(walk))
+    spread = jnp.sum((weights[:, None] * away)[:, :, None] * away[:, None, :], axis=0)
+    return _Belief(mean, spread + jnp.diag(walk))
 
 
 def _see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen:
     points, weights = _sigma_points(belief)
     voltages_v = jax.vmap(voltage)(points)
-    voltage_v = weights @ voltages_v
+    voltage_v = jnp.sum(weights * voltages_v)
     away_v = weights * (voltages_v - voltage_v)
-    return _Seen(voltage_v, away_v @ (voltages_v - voltage_v), away_v @ (points - belief.mean))
+    with_state = jnp.sum(away_v[:, None] * (points - belief.mean), axis=0)
+    return _Seen(voltage_v, jnp.sum(away_v * (voltages_v - voltage_v)), with_state)
 
 
 def _sigma_points(belief: _Belief) -> tuple[Float[Array, "points states"], Float[Array, "points"]]:

@@ -151,7 +151,7 @@ def _line(name: str, found: list[np.ndarray | None], best_v: float) -> str:
         gaps = 100 * (ends / best_v - 1)
         # Less is rounding.
         gaps = np.where(gaps < 1e-6, 0.0, gaps)
-        cells += [f"{value:.2g}" for value in (gaps.min(), np.median(gaps), gaps.max())]
+        cells += [f"{value:.3g}" for value in (gaps.min(), np.median(gaps), gaps.max())]
     return f"| {name} | {' | '.join(cells)} |"
 
 

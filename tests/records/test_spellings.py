@@ -34,6 +34,10 @@ def clock(form):
     return lambda s: form.format(d=s // 86400, h=s // 3600, m=s // 60 % 60, s=s % 60)
 
 
+def hundredths(s):
+    return f"{clock('{h:02d}:{m:02d}:{s:02d}')(int(s))}:{round(100 * (s % 1)):02d}"
+
+
 def date(form):
     return lambda s: (BEGIN + datetime.timedelta(seconds=s)).strftime(form)
 
@@ -48,6 +52,8 @@ SPELLINGS = {
     "Unix nanoseconds": ("Timestamp", lambda s: str(10**9 * (1_700_000_000 + s)), 97),
     "days before the hours": ("Time", clock("{d:02d}:{h:02d}:{m:02d}:{s:02d}"), 97),
     "hundredths": ("Time", clock("{h:02d}:{m:02d}:{s:02d}:00"), 97),
+    "hundredths of which none is past 59": ("Time", hundredths, 0.5),
+    "two digits of a year": ("Time", date("%d-%b-%y %H:%M:%S"), 97),
 }
 
 
@@ -60,6 +66,7 @@ def test_a_time_is_read_as_it_is_spelled(tmp_path, spelling):
     )
     record = read(tmp_path, f"{name},Current (A),Voltage (V)\n{rows}".encode())
     time_s = record.time_s - record.time_s[0]
+    assert record.time_s[0] >= 0
     np.testing.assert_allclose(time_s, interval_s * np.arange(len(TABLE)), atol=1e-3)
 
 

@@ -18,7 +18,7 @@ _WHOLE = 0.95
 # Intervals up to this many times the usual one under load are sampled alike.
 _ALIKE = 1.5
 # A held voltage, and a current that tapers under it to this share.
-_HELD_V, _FULL_V, _TAPERED, _LEAST_S, _HELD_S, _BRAKES = 0.01, 0.06, 0.5, 300.0, 60.0, 0.99
+_HELD_V, _FULL_V, _TAPERED, _TAPER_S = 0.01, 0.06, 0.5, 300.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     whole = _from_the_beginning(given)
     numbers = _profile_numbers(given)
     if record.step is None or not len(numbers):
-        return _after_full_charge(given) or whole
+        return _after_charge(given) or whole
     inside = np.flatnonzero(np.isin(record.step, numbers))
     first, last = int(inside[0]), int(inside[-1])
     if last - first + 1 >= _WHOLE * record.samples:
@@ -91,8 +91,8 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     return replace(whole, reason=reason, score_steps=own, is_settled=is_settled)
 
 
-def _after_full_charge(given: CheckInput) -> SuggestedWindow | None:
-    """From the end of the rest after a charge to full, where all current steps come after it."""
+def _after_charge(given: CheckInput) -> SuggestedWindow | None:
+    """From the end of the rest after a long charge, where all current steps come after it."""
     record = given.record
     if given.sweeps and not isinstance(given.sweeps, str):
         return None
@@ -103,10 +103,10 @@ def _after_full_charge(given: CheckInput) -> SuggestedWindow | None:
             return None
         at, rest_s = _rest_before(given, end + 1)
         is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
-        if is_settled and _is_charge_to_full(given, start, end):
-            full = f"the charge to full that ends in row {record.row[end]}"
-            reason = f"the profile follows {full}, after {_duration(rest_s)} of rest"
-            return SuggestedWindow(reason, _clock_before(given, at), initial_soc=1.0)
+        if is_settled and record.time_s[end] - record.time_s[start] >= _TAPER_S:
+            charge = f"the charge that ends in row {record.row[end]}"
+            reason = f"the profile follows {charge}, after {_duration(rest_s)} of rest"
+            return SuggestedWindow(reason, _clock_before(given, at))
     return None
 
 
@@ -169,25 +169,17 @@ def _full_step(given: CheckInput, before: int) -> int | None:
     starts = np.flatnonzero(np.diff(step, prepend=step[0] - 1) != 0)
     ends = np.append(starts[1:], record.samples) - 1
     for start, end in zip(starts[::-1], ends[::-1], strict=True):
+        # What a brake gives back is no charge to full.
+        if end >= before or record.time_s[end] - record.time_s[start] < _TAPER_S:
+            continue
+        current_a, voltage_v = record.current_a[start : end + 1], record.voltage_v[start : end + 1]
+        is_held = np.ptp(voltage_v[1:]) < _HELD_V
+        is_full = np.median(voltage_v) > record.voltage_v.max() - _FULL_V
+        is_tapered = current_a.max() < 0 and current_a[-1] > _TAPERED * current_a[0]
         # The last block of a step is what `start_after_step` takes.
-        is_last = not np.any(step[end + 1 :] == step[start])
-        if end < before and is_last and _is_charge_to_full(given, start, end):
+        if is_held and is_full and is_tapered and not np.any(step[end + 1 :] == step[start]):
             return int(step[start])
     return None
-
-
-def _is_charge_to_full(given: CheckInput, start: int, end: int) -> bool:
-    """Whether a charge ends at a held voltage near the highest, its current tapered."""
-    record = given.record
-    current_a, voltage_v = (each[start : end + 1] for each in (record.current_a, record.voltage_v))
-    moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > _HELD_V)
-    held = int(moving[-1]) + 1 if len(moving) else 0
-    # What a brake gives back is no charge to full, though it may go higher for seconds.
-    is_long = record.time_s[end] - record.time_s[start] >= _LEAST_S
-    is_held = record.time_s[end] - record.time_s[start + held] >= _HELD_S
-    is_full = voltage_v[-1] > np.quantile(record.voltage_v, _BRAKES) - _FULL_V
-    is_tapered = current_a[held:].max() < 0 and current_a[-1] > _TAPERED * current_a[held]
-    return bool(is_long and is_held and is_full and is_tapered)
 
 
 def _duration(seconds: float) -> str:

@@ -154,21 +154,30 @@ def _clock_s(text: pl.Series) -> Numbers:
     # As a rule the colons stand in one place, and to split at them takes several times as long.
     at = first.rfind(":")
     whole, seconds = text.str.head(at), text.str.slice(at + 1)
-    plain = seconds.cast(pl.Float64, strict=False)
+    plain, by_days_s = seconds.cast(pl.Float64, strict=False), None
     if plain.null_count() > text.null_count() or first.count(":") > 2:
         hours, minutes, seconds = text.str.splitn(":", 3).struct.unnest().get_columns()
         if seconds.str.contains(_MINUTE_AND_SECOND).all() and (seconds.str.tail(2) != "00").any():
-            # Days before the hours: of hundredths some are past 59.
-            return _clock_s(text.str.replace(":", "d ", literal=True))
+            by_days_s = _clock_s(text.str.replace(":", "d ", literal=True))
         # A comma, or a colon before the milliseconds.
         seconds = seconds.str.strip_chars().str.replace("[,:]", ".")
         whole, plain = hours + ":" + minutes, seconds.cast(pl.Float64, strict=False)
     clock_s = _by_word(whole, _minutes) * 60 + plain.to_numpy()
+    if by_days_s is not None and _unsteady(by_days_s) < _unsteady(clock_s):
+        # Days before the hours, rather than hundredths after the seconds.
+        return by_days_s
     if ":" in first[:at]:
         return clock_s
     # Minutes and seconds, as spreadsheets show them without their hours; or hours and minutes?
     are_seconds = bool(seconds.str.contains(".", literal=True).any())
     return _past_the_end(clock_s, _HOUR_S) if are_seconds else np.full(len(text), np.nan)
+
+
+def _unsteady(clock_s: Numbers) -> int:
+    """How many intervals are far from the usual one."""
+    interval_s = np.diff(clock_s)
+    usual_s = np.median(interval_s) if len(interval_s) else 0.0
+    return int(np.sum(np.abs(interval_s - usual_s) > 0.1 * abs(usual_s)))
 
 
 def _past_the_end(clock_s: Numbers, period_s: float) -> Numbers:
@@ -214,8 +223,9 @@ _DAYS = (
     "%d/%m/%Y",
     "%d.%m.%Y",
     "%d-%m-%Y",
-    "%d-%b-%Y",
+    # Four digits read as two leave a rest; two read as four are of the year 24.
     "%d-%b-%y",
+    "%d-%b-%Y",
 )
 _TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p")
 

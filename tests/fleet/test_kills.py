@@ -26,7 +26,7 @@ pytestmark = [
 ]
 KILLS = 20
 DASK_KILLS = 9
-COPIES = 8
+COPIES = 16
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +62,11 @@ def workers_of(driver):
     return [each for each, line in lines if b"spawn_main" in line]
 
 
-def wait_for_cells(out, draw):
-    """Until some while after a worker began a cell or wrote a part, however slow it starts."""
+def wait_for_cells(running, out, draw):
+    """Until some while after a worker began a cell or wrote a part, however slow it starts; not
+    for a command that has nothing left to do."""
     start_s, pattern = time.time(), draw.choice(("parts/.*.at", "parts/[!.]*.parquet"))
-    while time.time() < start_s + 120:
+    while running.poll() is None and time.time() < start_s + 120:
         time.sleep(0.05)
         with suppress(FileNotFoundError):
             if any(each.stat().st_mtime > start_s for each in out.glob(pattern)):
@@ -84,7 +85,7 @@ def test_twenty_kills_lose_nothing(many, alone, tmp_path):
     killed = 0
     while killed < KILLS:
         running = command(many, tmp_path)
-        wait_for_cells(tmp_path, draw)
+        wait_for_cells(running, tmp_path, draw)
         victims = workers_of(running.pid)
         if victims and draw.random() < 0.5:
             os.kill(draw.choice(victims), signal.SIGKILL)
@@ -144,15 +145,17 @@ def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(many, alo
     for number in range(DASK_KILLS):
         with Cluster(tmp_path, number) as cluster:
             running = command(many, out, "--scheduler", cluster.address)
-            wait_for_cells(out, draw)
+            wait_for_cells(running, out, draw)
             victims = {
                 "worker": workers_of(cluster.workers.pid),
                 "scheduler": [cluster.scheduler.pid],
                 "command": [running.pid],
             }
             at = victims[("worker", "scheduler", "command")[number % 3]]
+            # A command that has done all is gone by itself.
             for victim in at[:1]:
-                os.kill(victim, signal.SIGKILL)
+                with suppress(ProcessLookupError):
+                    os.kill(victim, signal.SIGKILL)
             # Without a scheduler the command ends by itself, and says so.
             time.sleep(draw.uniform(1.0, 4.0))
             if number % 3 == 1 and running.poll() != 0:

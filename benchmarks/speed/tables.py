@@ -20,11 +20,10 @@ from scipy.signal import lfilter
 import barnax
 from barnax.cell.tables import hats
 from barnax.model.inputs import PreparedRecord, Window, prepare_record
-from barnax.over_soc.cross_validation import blocks_of
-from barnax.over_soc.objective import Objective
+from barnax.over_soc.accuracy import blocks_of
+from barnax.over_soc.objective import Objective, TableSettings
 from barnax.over_soc.reduced import layout_of, reduce_records, together
 from barnax.over_soc.search import find_best
-from barnax.over_soc.settings import TableSettings
 from benchmarks.pages import as_markdown, provenance, save_page
 
 from . import report

@@ -17,13 +17,26 @@ from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
+from .accuracy import (
+    ABOVE_SOC,
+    CrossValidation,
+    NodeInterval,
+    SocErrors,
+    blocks_of,
+    cross_validate,
+    intervals_of,
+)
 from .certificate import Proof, certify
-from .cross_validation import ABOVE_SOC, CrossValidation, SocErrors, blocks_of, cross_validate
-from .intervals import NodeInterval, intervals_of
-from .objective import Objective, Solution
+from .objective import (
+    FASTEST_TAU_S,
+    SLOWEST_SHARE,
+    SLOWEST_TAU_S,
+    Objective,
+    Solution,
+    TableSettings,
+)
 from .reduced import Reduced, layout_of, reduce_records, together
 from .search import find_best
-from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 from .simulate import error_blocks
 
 # A constant is at a bound within this share of the logarithm of its range.
@@ -216,12 +229,6 @@ def visited_nodes(
         for part in prepared.parts(BLOCK):
             found |= np.any(hats(part.soc[part.scored], nodes) >= 0.5, axis=0)
     return found
-
-
-def beyond_visited(prepared: PreparedRecord, tables: SocTables) -> float:
-    """The share of a record's scored samples that lie between or beyond unvisited nodes only."""
-    share: Float[np.ndarray, "scored nodes"] = hats(prepared.soc[prepared.scored], tables.nodes)
-    return float(np.mean(share @ np.array(tables.visited, float) < 0.5))
 
 
 def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> Box:

@@ -18,12 +18,11 @@ from ..cell.temperature import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
+from .accuracy import SocErrors
 from .certificate import Proof, certify, certify_together
-from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective, visited_nodes
-from .objective import Axis, Objective, Place, Solution
-from .search import find_best, polish
-from .settings import TableSettings
+from .objective import Axis, Objective, Solution, TableSettings
+from .search import Place, find_best, polish
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
 from ..execution import in_float64
 from ..model.exponentials import Span
 from ..model.inputs import PreparedRecord
-from ..uncertainty.covariance import CONFIDENCE
-from ..uncertainty.linearization import one_clock
+from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .objective import Objective, Solution, TableSettings
 from .reduced import Groups, Reduced, blocks
@@ -65,13 +64,9 @@ class NodeInterval:
 
 
 @in_float64
-def intervals_of(
-    objective: Objective,
-    best: Solution,
-    prepared_records: Sequence[PreparedRecord],
-    visited: Bool[np.ndarray, "nodes"],
-) -> tuple[NodeInterval, ...]:
+def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ...]:
     """Those of visited nodes, table after table, then of the time constants and gamma."""
+    visited = objective.visited
     lighter = replace(objective, share=LIGHT * objective.share)
     light = lighter.solve(best.place, best.sides, exact=True)
     is_free = (light.sides == 0) & np.tile(visited, objective.tables)
@@ -79,7 +74,7 @@ def intervals_of(
         axis.low < place < axis.high for axis, place in zip(objective.axes, best.place, strict=True)
     ]
     free = np.flatnonzero(np.append(is_free, is_open))
-    noise, to_noise, products = _noise_behind(lighter, light, prepared_records, free)
+    noise, to_noise, products = _noise_behind(lighter, light, free)
     normal = products.copy()
     tabled = free[free < len(is_free)]
     normal[: len(tabled), : len(tabled)] += lighter.penalty_normal[np.ix_(tabled, tabled)]
@@ -103,7 +98,7 @@ def intervals_of(
         return NodeInterval(name, soc, value, error, bias, low, high)
 
     found = []
-    named = objective.tables_at(best, visited.tolist()).tables
+    named = objective.tables_at(best).tables
     nodes, seen = np.array(objective.reduced.layout.nodes), np.flatnonzero(visited)
     for table, name in enumerate(named):
         sag = sag_of(nodes[seen], best.values[table, seen])
@@ -147,16 +142,16 @@ def sag_of(
 
 
 def _noise_behind(
-    objective: Objective, found: Solution, prepared_records: Sequence[PreparedRecord], free
+    objective: Objective, found: Solution, free: Int[np.ndarray, "free"]
 ) -> tuple[Noise, Float[np.ndarray, "seen free"], Float[np.ndarray, "free free"]]:
     """The noise in coordinates Q, the T / N with J = Q T, and J'J / N of the free values."""
-    time_s = one_clock(tuple(prepared_records))
-    longest_s = max(each.scored_duration_s for each in prepared_records)
+    time_s = one_clock(objective.prepared_records)
+    longest_s = max(each.scored_duration_s for each in objective.prepared_records)
     slots = Slots.of(time_s, longest_s, MOST_SLOTS)
     counts, errors = np.zeros(slots.count), np.zeros(slots.count)
     sums = np.zeros((slots.count, len(free)))
     products, squares_v2, first = np.zeros((len(free), len(free))), 0.0, 0
-    for columns, base in _linearized(objective, found, prepared_records):
+    for columns, base in _linearized(objective, found):
         error = base + columns[:, : found.values.size] @ found.values.ravel()
         columns = columns[:, free]
         here = time_s[first : first + len(error)]
@@ -185,13 +180,13 @@ def _noise_behind(
     return noise, to_noise / len(time_s), products / len(time_s)
 
 
-def _linearized(objective: Objective, found: Solution, prepared_records):
+def _linearized(objective: Objective, found: Solution):
     """Columns of all unknowns and of all axes at the scored samples, and the base error."""
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.place[:pairs], found.place[pairs:]
     layout = replace(layout, in_tau=_around(tau, 1), in_rate=_around(rate, -1) if rate else None)
     part = replace(objective.reduced, layout=layout)
-    for prepared in prepared_records:
+    for prepared in objective.prepared_records:
         for block in blocks(prepared, layout):
             scored = prepared.scored[block.here]
             if not np.any(scored):
@@ -289,14 +284,12 @@ def blocks_of(
     return groups, 2 * settings.folds or 1
 
 
-def cross_validate(
-    objective: Objective, best: Solution, parts: Sequence[Reduced]
-) -> CrossValidation | None:
-    """The held-out errors of a circuit from the factors of the groups of `blocks_of`.
+def cross_validate(objective: Objective, best: Solution) -> CrossValidation | None:
+    """The held-out errors of a circuit.
 
     None where nothing is held out, or where all samples lie in one fold.
     """
-    settings = objective.settings
+    settings, parts = objective.settings, objective.parts
     if not settings.folds:
         return None
     scored_in_folds = np.reshape([part.scored for part in parts], (-1, 2)).sum(axis=1)

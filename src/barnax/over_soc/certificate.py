@@ -67,9 +67,7 @@ class Proof:
     best: Solution
 
 
-def certify(
-    objective: Objective, best: Solution, prepared_records: Sequence[PreparedRecord]
-) -> Proof:
+def certify(objective: Objective, best: Solution) -> Proof:
     """How far below the best known tables any in the box could be.
 
     It goes on until that is within `settings.proved_share`, or until `settings.most_cells` cells
@@ -77,29 +75,29 @@ def certify(
     """
 
     def relax() -> "Bound[Solution]":
-        return _Relaxation(objective, _remainders(objective, prepared_records)).bound
+        return _Relaxation(objective, _remainders(objective)).bound
 
     return Proof(*_branch(objective, objective.settings, relax, best))
 
 
 def certify_together(
     together: Searchable[Found],
-    parts: Sequence[tuple[float, Objective, Proof, Sequence[PreparedRecord]]],
+    parts: Sequence[tuple[float, Objective, Proof]],
     best: Found,
     part_squares: Callable[[Found], Sequence[float]],
 ) -> tuple[float, int, Found]:
     """The same for the weighted sum of objectives in one box: a bound on its root in V, the cells
     looked at, and the best met.
 
-    `parts` have each one's weight, what is proved of it alone, and its records; `part_squares` are
-    their own squares at a solution. In every cell each is asked for its share of what is enough.
+    `parts` have each one's weight and what is proved of it alone; `part_squares` are their own
+    squares at a solution. In every cell each is asked for its share of what is enough.
     """
     settings = parts[0][1].settings
 
     def relax() -> "Bound[Found]":
         relaxed = [
-            (weight, proof.lower_bound_v**2, _Relaxation(objective, _remainders(objective, own)))
-            for weight, objective, proof, own in parts
+            (weight, proof.lower_bound_v**2, _Relaxation(objective, _remainders(objective)))
+            for weight, objective, proof in parts
         ]
 
         def bound(cell: Cell, squared: float, enough: float) -> tuple[float, Found]:
@@ -181,12 +179,10 @@ def _holds_one(cell: Cell, objective: Searchable) -> bool:
     )
 
 
-def _remainders(
-    objective: Objective, prepared_records: Sequence[PreparedRecord]
-) -> list[Float[np.ndarray, "2 _"]]:
+def _remainders(objective: Objective) -> list[Float[np.ndarray, "2 _"]]:
     """Of each axis's columns: bounds on the RMS of their third derivative by the place, and on
     that of their own error."""
-    nodes = objective.reduced.layout.nodes
+    nodes, prepared_records = objective.reduced.layout.nodes, objective.prepared_records
 
     def shares_of_current(part: PreparedRecord) -> Float[np.ndarray, "samples nodes"]:
         return hats(part.soc, nodes) * part.held_a[:, None]

@@ -8,14 +8,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
 from ..cell import SocTables
 from ..cell.parameters import RATE
-from ..cell.tables import Table, require_nodes
+from ..cell.tables import Table, hats, require_nodes
 from ..errors import InputError
+from ..model.compressed import BLOCK
 from ..model.exponentials import Span
+from ..model.inputs import PreparedRecord
 from ..model.search_space import PAIRS, RESISTANCES, Range
 from .reduced import Columns, Reduced
 from .search import Place, Sides, least_in_box, least_squares_in_box
@@ -162,17 +164,19 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """J of `settings` over reduced records, for circuits with so many pairs.
+    """J of `settings` over some records of a cell, for circuits with so many pairs.
 
     Places are the logarithms of every pair's time constant in s, then of gamma where there is one.
-    `weight_a` is the capacity in Ah over 1 h; `share` scales all smoothing weights.
+    `reduced` is the factor of all scored samples, `parts` those of the groups of `blocks_of`;
+    `share` scales all smoothing weights.
     """
 
-    reduced: Reduced
+    prepared_records: Sequence[PreparedRecord]
     settings: TableSettings
     tau_ranges_s: tuple[Range, ...]
     gamma_range: Range | None
-    weight_a: float
+    reduced: Reduced
+    parts: Sequence[Reduced] = ()
     share: float = 1.0
 
     @property
@@ -182,6 +186,16 @@ class Objective:
     @property
     def nodes(self) -> int:
         return len(self.reduced.layout.nodes)
+
+    @cached_property
+    def visited(self) -> Bool[np.ndarray, "nodes"]:
+        """Which nodes some scored sample is nearest to."""
+        found = np.zeros(self.nodes, bool)
+        for prepared in self.prepared_records:
+            for part in prepared.parts(BLOCK):
+                shares = hats(part.soc[part.scored], self.reduced.layout.nodes)
+                found |= np.any(shares >= 0.5, axis=0)
+        return found
 
     def block(self, table: int) -> slice:
         """The unknowns of a table."""
@@ -228,9 +242,9 @@ class Objective:
 
     @cached_property
     def weights(self) -> list[tuple[float, float]]:
-        """Every table's w, and its ridge."""
+        """Every table's w, of resistances the capacity in Ah over 1 h, and its ridge."""
         settings, others = self.settings, self.tables - self.pairs - 1
-        resistance = self.weight_a, settings.resistance_ridge
+        resistance = self.prepared_records[0].capacity_ah, settings.resistance_ridge
         return [resistance] * (self.pairs + 1) + [(1.0, settings.voltage_ridge)] * others
 
     @cached_property
@@ -243,7 +257,7 @@ class Objective:
             * np.concatenate([bent, math.sqrt(ridge) * np.eye(self.nodes)])
             for weight, ridge in self.weights
         ]
-        return block_diag(*blocks)
+        return np.asarray(block_diag(*blocks))
 
     @cached_property
     def penalty_normal(self) -> Float[np.ndarray, "unknowns unknowns"]:
@@ -298,7 +312,7 @@ class Objective:
         """The derivative of the least J by the place: that at fixed tables, which are optimal."""
         return np.array([2 * float(found.error @ each) for each in self.moved(found)])
 
-    def tables_at(self, found: Solution, visited: Sequence[bool]) -> SocTables:
+    def tables_at(self, found: Solution) -> SocTables:
         """A solution as stored, pairs from fast to slow."""
         layout, values = self.reduced.layout, found.values.tolist()
         tau_s = np.exp(found.place[: self.pairs]).tolist()
@@ -311,7 +325,7 @@ class Objective:
             ocv_correction_v=tuple(values[self.pairs + 1]) if layout.has_correction else None,
             half_hysteresis_v=tuple(values[-1]) if layout.has_amplitude else None,
             gamma=gamma,
-            visited=tuple(visited),
+            visited=tuple(self.visited.tolist()),
         )
 
     @property

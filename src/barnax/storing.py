@@ -31,7 +31,7 @@ from .results import (
 from .search.evaluate import Evaluation, pooled
 from .search.refine import SAME_RMSE, Refinement
 from .search.seeds import Search
-from .uncertainty.diagnostics import Band, soc_bands
+from .uncertainty.assessment import Band, soc_bands
 
 if TYPE_CHECKING:
     from .pipeline import Run

@@ -1,15 +1,15 @@
 """Whether the current has a sign, and channels that spike, stand still or stop at their limit."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
+from ..records.conventions import step_votes
+from ..records.dialects import CHARGE, DISCHARGE
 from ..records.findings import Finding, Severity, found_at
 from ..records.samples import Samples
-from ..records.sign import CHARGE, DISCHARGE, step_votes
 from .check_input import CheckInput
 
 # How many steps of either kind make a pattern, at an end of the record and within it, and how far
@@ -54,7 +54,7 @@ def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
     current_a[turned] *= -1
     row = rows[0] if first else rows[1]
     what = f"the sign of the current turns here: {where}"
-    return replace(samples, current_a=current_a), [found_at(samples, row, "error", what, remedy)]
+    return samples.having(current=current_a), [found_at(samples, row, "error", what, remedy)]
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:

@@ -145,7 +145,7 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
         for sweep in (out, into)
     ]
     later = max(out.points[0].row, into.points[0].row)
-    at = int(np.searchsorted(given.record.row, later)) if len(given.samples.sheets) < 2 else 0
+    at = int(np.searchsorted(given.record.row, later)) if len(given.samples.table.sheets) < 2 else 0
     what = (
         f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
         f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %"

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..records.columns import QUANTITIES, Column, find_columns, likely_column
+from ..records.columns import Column, find_columns, likely_column
 from ..records.findings import Finding
+from ..records.quantities import QUANTITIES
 from ..records.read import Source
 from ..records.table import Table, take_lines
 from .check_input import CheckInput
@@ -36,7 +37,7 @@ def find_twins(source: Source, given: CheckInput) -> Iterator[Finding]:
             lines = take_lines(table, {name: column})
             rows = given.samples.row
             at = np.minimum(np.searchsorted(lines.row, rows), len(lines.row) - 1)
-            if len(given.samples.sheets) > 1 or np.any(lines.row[at] != rows):
+            if len(given.samples.table.sheets) > 1 or np.any(lines.row[at] != rows):
                 continue
             values = lines.values[name][at]
             if np.isfinite(values).all() and np.ptp(values) > 0:

@@ -17,7 +17,7 @@ from ..errors import InputError, printable
 from ..gather import Reading, Watch, file_names, source_of
 from ..model.window import Window
 from ..records import Record, Source, read_record
-from ..records.dialects import is_ocv_table
+from ..records.columns import is_ocv_table
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")

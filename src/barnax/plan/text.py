@@ -17,7 +17,7 @@ from ..errors import InputError, as_keys, printable, toml_reason
 from ..gather import OVER_TEMPERATURE, file_names
 from ..model.window import Window
 from ..optimizers import OPTIMIZERS
-from ..records.dialects.dialect import Sign
+from ..records.dialects import Sign
 from ..records.record import Hold
 from .parts import ROLES, Part, Plan
 

@@ -1,7 +1,5 @@
 """The rules on units: whether voltage, time and current are in those that their names say."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..errors import counted
@@ -28,7 +26,7 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     def mended(what: str, remedy: str, factor: float, severity: Severity = "error") -> Samples:
         what = f"the median voltage in '{name}' is {what}"
         findings.append(found_at(samples, 0, severity, what, remedy))
-        return replace(samples, voltage_v=samples.voltage_v * factor)
+        return samples.having(voltage=samples.voltage_v * factor)
 
     if middle_v < 0:
         low_v, high_v = _CELL_RANGE_V
@@ -133,7 +131,7 @@ def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
         what = f"'{name}' may be in {words}: {reason}"
         return samples, [found_at(samples, 0, severity, what, f"if it is, {remedy}")]
     what = f"'{name}' looks like {words}: {reason}"
-    mended = replace(samples, time_s=samples.time_s * factor)
+    mended = samples.having(time=samples.time_s * factor)
     return mended, [found_at(samples, 0, severity, what, remedy)]
 
 
@@ -235,7 +233,7 @@ def examine_current_unit(
             what = f"'{name}' looks like {words}: {reason}"
             at = int(np.argmax(np.abs(samples.current_a)))
             remedy = _read_as(samples, "current", symbol)
-            mended = replace(samples, current_a=samples.current_a * factor)
+            mended = samples.having(current=samples.current_a * factor)
             return mended, [found_at(samples, at, "error", what, remedy)]
     return samples, []
 

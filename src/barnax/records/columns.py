@@ -23,9 +23,7 @@ _UNIT = re.compile(
 _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
 
 # Aliases that carry their unit in themselves.
-_SELF_EXPLAINING = set(
-    ["seconds", "amps", "mamps", "volts", "amp-hr", "mamp-hr", "chgah", "disah", "ma", "mv"]
-)
+_SELF_EXPLAINING = re.compile("seconds|m?amps|volts|m?amp-hr|chgah|disah|ma|mv")
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000
 # What can tell the time, and the current.
@@ -123,7 +121,7 @@ def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, 
             if alias == "t" and not stated and (name.strip() != "t" or quantity.name != "time"):
                 continue
             unit = quantity.units[stated.lower()] if stated else quantity.base_unit
-            is_plain = "1" in quantity.units or alias in _SELF_EXPLAINING
+            is_plain = "1" in quantity.units or bool(_SELF_EXPLAINING.fullmatch(alias))
             return rank, Column(index, name, quantity, unit, is_unit_assumed=not is_plain)
         if plain.startswith(alias) and (rest := _UNIT.match(plain[len(alias) :])):
             unit = unit_of(quantity, rest["unit"])

@@ -108,8 +108,8 @@ DIALECTS: tuple[Dialect, ...] = (
         names={
             "time": "total time|cumulative time|test time|总时间|累计时间|测试时间",
             "step time": "step time|time|relative time|工步时间|相对时间|时间",
-            "date": "unix time|date|absolute time|realtime|real time|system time|date time|timestamp|"
-            "系统时间|绝对时间|日期",
+            "date": "unix time|date|absolute time|realtime|real time|system time|date time|"
+            "timestamp|系统时间|绝对时间|日期",
             "current": "current|cur|电流",
             "voltage": "voltage|volt|vol|电压",
             "temperature": "temperature|t1|aux1 temperature|温度",
@@ -117,7 +117,8 @@ DIALECTS: tuple[Dialect, ...] = (
             "cycle": "cycle count|cycle index|cycle|cycle id|循环号|循环序号|循环",
             "state": "step type|status|state|step name|step state|工步类型|工步名称|状态",
             "charging capacity": "chg. cap.|charge capacity|cap chg|capacitance chg|充电容量",
-            "discharging capacity": "dchg. cap.|discharge capacity|cap dchg|capacitance dchg|放电容量",
+            "discharging capacity": "dchg. cap.|discharge capacity|cap dchg|capacitance dchg|"
+            "放电容量",
             "net capacity": "capacity|cap|容量",
         },
     ),

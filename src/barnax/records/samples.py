@@ -102,6 +102,11 @@ class Samples(Lines):
         return np.flatnonzero(self.is_step)
 
     @cached_property
+    def resistance_ohm(self) -> float:
+        """The resistance at the current's steps; zero where they do not tell it."""
+        return step_resistance_ohm(self.step_a[self.steps], self.step_v[self.steps])
+
+    @cached_property
     def begun_ah(self) -> Float[np.ndarray, "intervals"]:
         """The charge of each interval, if its first sample's current flowed throughout."""
         return self.current_a[:-1] * self.intervals_s / 3600

@@ -5,7 +5,7 @@ import numpy as np
 from ..errors import counted
 from .counters import gain_ah
 from .findings import Finding, Severity, found_at
-from .samples import Samples, few, step_resistance_ohm
+from .samples import Samples, few
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 _CELL_RANGE_V = (0.5, 6.0)
@@ -272,10 +272,10 @@ def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
         reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
     if capacity_ah is not None and samples.span_ah > _TOO_MUCH * capacity_ah:
         reasons.append(f"{moves} of a cell of {capacity_ah:.4g} Ah")
-    steps = samples.steps
-    resistance_ohm = step_resistance_ohm(samples.step_a[steps], samples.step_v[steps])
-    if 0 < resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
-        reasons.append(f"the cell's resistance would be {1e6 * resistance_ohm:.3g} microohm")
+    if 0 < samples.resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
+        reasons.append(
+            f"the cell's resistance would be {1e6 * samples.resistance_ohm:.3g} microohm"
+        )
     return "; ".join(reasons)
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
 from ..cell import SocTables
-from ..cell.parameters import RATE
+from ..cell.circuits import RATE
 from ..cell.tables import Table, hats, require_nodes
 from ..errors import InputError
 from ..model.compressed import BLOCK

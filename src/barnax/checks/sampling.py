@@ -81,10 +81,12 @@ def find_skipped(given: CheckInput) -> Iterator[Finding]:
     if skipped_ah is None:
         return
     places = np.flatnonzero(skipped_ah)
-    total_ah = float(np.abs(skipped_ah).sum())
+    counted_ah, more_ah = given.moved_ah[places], skipped_ah[places]
+    shown_ah = float(np.abs(counted_ah - more_ah).sum())
     what = (
-        f"the tester counted {total_ah:.4g} Ah in {counted(len(places), 'interval')} of which the "
-        "samples show nothing: its counters tell the charge there, and the circuit rests"
+        f"in {counted(len(places), 'interval')} the tester counted "
+        f"{np.abs(counted_ah).sum():.4g} Ah where the samples show {shown_ah:.4g} Ah: its counters "
+        "tell the charge there"
     )
     yield given.at(int(places[0]) + 1, "warning", what, "give the file with every sample, if any")
 

@@ -52,12 +52,12 @@ def with_own_ocv(cell):
 
 
 def test_every_temperature_has_its_own_ocv(result):
-    axis, soc = tables_of(result).over_temperature, np.array([0.33])
-    for degc, row in zip(axis.degc, axis.ocv_v, strict=True):
+    tables, soc = tables_of(result), np.array([0.33])
+    for degc, row in zip(tables.degc, tables.ocv_v, strict=True):
         correction_v = result.tables.found.tables.at(degc).at("OCV correction [V]", soc)
         lift_v = np.interp(degc, DEGC, (-4e-3, 0.0, 4e-3))
         ocv_v = result.cell.average_ocv_v(soc) + lift_v + correction_v
-        assert np.interp(soc, axis.soc, row) == pytest.approx(ocv_v, abs=6e-5)
+        assert np.interp(soc, tables.ocv.soc, row) == pytest.approx(ocv_v, abs=6e-5)
 
 
 def test_the_capacity_is_that_of_the_record_nearest_to_25_degc(result):
@@ -86,11 +86,11 @@ def r0_ohm(degc, soc):
 
 
 def test_a_linear_look_up_follows_what_lies_between(result):
-    axis = tables_of(result).over_temperature
-    assert set(DEGC) <= set(axis.degc)
+    tables = tables_of(result)
+    assert set(DEGC) <= set(tables.degc)
     for degc in (7.3, 33.0):
-        rows = [np.interp(0.5, NODES, row) for row in axis.resistances["R0"]]
-        assert np.interp(degc, axis.degc, rows) == pytest.approx(r0_ohm(degc, 0.5), rel=5e-3)
+        rows = [np.interp(0.5, NODES, row) for row in tables.resistances["R0"]]
+        assert np.interp(degc, tables.degc, rows) == pytest.approx(r0_ohm(degc, 0.5), rel=5e-3)
 
 
 @pytest.mark.parametrize("exporter", EXPORTERS.values(), ids=lambda each: each.name)

@@ -205,7 +205,8 @@ def _sources_v(circuit: Circuit, cell: CellModel, soc: Values) -> list[Values]:
 def _kind_of(circuit: Circuit, cell: CellModel) -> Hysteresis:
     if circuit.has_rate:
         return "dynamic"
-    return "none" if np.array_equal(*_sources_v(circuit, cell, EVERYWHERE)) else "instant"
+    after_charge_v, after_discharge_v = _sources_v(circuit, cell, EVERYWHERE)
+    return "none" if np.array_equal(after_charge_v, after_discharge_v) else "instant"
 
 
 def _from_empty_to_full(tables: SocTables) -> SocTables:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..cell.temperature import REFERENCE_DEGC
+from ..cell.model import REFERENCE_DEGC
 from ..results import Result
 from .exporter import Export, Exporter, Profile, from_template, hysteresis_is_left_out
 from .tables import Tables, tables_of

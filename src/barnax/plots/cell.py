@@ -13,7 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from ..cell import CellModel, InterpolatedCurve
-from ..cell.hysteresis import KNOTS
+from ..cell.curves import KNOTS
 from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from .style import (
     BLACK,

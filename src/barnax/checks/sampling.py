@@ -211,6 +211,10 @@ def find_resolution(given: CheckInput) -> Iterator[Finding]:
     yield Finding("note", what, "no fit can be better than its readings")
 
 
+# Above it a number without its unit is likelier in kelvin.
+_KELVIN = 200.0
+
+
 def find_temperature(given: CheckInput) -> Iterator[Finding]:
     """Temperatures that no cell has."""
     temperature = given.record.temperature_degc
@@ -223,4 +227,7 @@ def find_temperature(given: CheckInput) -> Iterator[Finding]:
             f"a temperature of {temperature[np.argmax(outside)]:.4g} degC "
             f"({int(outside.sum())} samples outside {low:g} to {high:g} degC)"
         )
-        yield given.at(outside, "warning", what, "check the sensor, or delete the column")
+        remedy = "check the sensor, or delete the column"
+        if outside.all() and temperature.min() > _KELVIN:
+            remedy = "write its unit into the name of the column, as in 'Temperature / K'"
+        yield given.at(outside, "warning", what, remedy)

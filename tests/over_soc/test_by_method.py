@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import approx_fprime
 
 from barnax.baselines import Budget
 from barnax.over_soc import TableSettings
@@ -27,12 +26,6 @@ def test_every_kind_of_method_finds_the_optimum(objective, method):
         assert best.root * (1 - 1e-9) <= found.root <= best.root * 1.001
         assert list(found.place) == sorted(found.place)
         assert 0 < evaluations <= 1000
-
-
-def test_slopes_are_those_of_the_least_objective(objective):
-    place = np.log([8.0, 90.0])
-    expected = approx_fprime(place, lambda at: objective.solve(tuple(at)).squared, 1e-5)
-    assert objective.slope(objective.solve(tuple(place))) == pytest.approx(expected, rel=1e-3)
 
 
 def test_the_budget_is_a_small_one_and_never_more_than_was_given():

@@ -105,18 +105,14 @@ def test_the_normal_equations_are_accurate_enough_to_search_with(prepared):
 
 
 def test_the_slope_is_that_of_the_least_objective(prepared):
-    objective, step = objective_of(prepared), 1e-5
-    place = (np.log(9.0), np.log(120.0))
-    slope = objective.slope(objective.solve(place, exact=True))
-    for axis in range(2):
-        ends = [
-            objective.solve(
-                tuple(value + sign * step * (axis == index) for index, value in enumerate(place)),
-                exact=True,
-            ).squared
-            for sign in (-1, 1)
-        ]
-        assert slope[axis] == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-4)
+    objective, place = objective_of(prepared), np.log([9.0, 120.0])
+
+    def least(at):
+        return objective.solve(tuple(at), exact=True).squared
+
+    slope = objective.slope(objective.solve(tuple(place), exact=True))
+    expected = [(least(place + step) - least(place - step)) / 2e-5 for step in 1e-5 * np.eye(2)]
+    assert slope == pytest.approx(expected, rel=1e-4)
 
 
 def test_descents_from_all_over_the_box_find_nothing_better(prepared):

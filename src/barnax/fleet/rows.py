@@ -21,7 +21,7 @@ from ..plan.document import require_choices
 from ..records import Record, source_from_frame
 from ..results import MetricsPart, Result
 from ..run import bands_by_soc, joint_metrics
-from ..uncertainty.linearization import named_values
+from ..uncertainty.covariance import named_values
 from .cells import FleetCell, is_address, short_name, stamp
 from .dataset import keep_result
 

@@ -22,8 +22,8 @@ from ..records import Record, source_from_frame
 from ..results import MetricsPart, Result
 from ..run import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
-from .cells import FleetCell, is_address, short_name, stamp
 from .dataset import keep_result
+from .manifest import FleetCell, is_address, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
 OWN = ("keep_results",)

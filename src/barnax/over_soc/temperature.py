@@ -24,7 +24,6 @@ from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
 from .objective import Axis, Objective, Solution, TableSettings
 from .search import Place, find_best, polish
 
-
 # What lies outside is another unit, or a sensor that is not there.
 COLDEST_DEGC, WARMEST_DEGC = -100.0, 200.0
 
@@ -164,10 +163,6 @@ class _Joint:
         return scored / scored.sum()
 
     @property
-    def tau_ranges_s(self):
-        return self.objectives[0].tau_ranges_s
-
-    @property
     def axes(self) -> tuple[Axis, ...]:
         return self.objectives[0].axes
 
@@ -198,8 +193,8 @@ def fit_temperatures(
     settings = settings or TableSettings()
     require_temperatures(by_degc)
     degc = tuple(sorted(by_degc))
-    box = box_of([each for own in degc for each in by_degc[own]], settings)
-    joint = _Joint(tuple(reduced_objective(by_degc[each], settings, box) for each in degc))
+    ranges = box_of([each for own in degc for each in by_degc[own]], settings)
+    joint = _Joint(tuple(reduced_objective(by_degc[each], settings, ranges) for each in degc))
     with one_blas_thread():
         best = find_best(joint)
         proofs = [

@@ -74,10 +74,6 @@ class Row:
         return ranked[(len(ranked) - 1) // 2]
 
     @property
-    def best(self) -> Answer:
-        return min(self.answers, key=lambda answer: answer.rmse_v)
-
-    @property
     def errors_v(self) -> Float[np.ndarray, "seeds"]:
         """RMSE of every seed, in V, in the order of the seeds."""
         return np.array([answer.rmse_v for answer in self.answers])

@@ -11,16 +11,17 @@ import barnax
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
 from barnax.plots.sources import record_roles
-from barnax.reporting import (
-    identification_document,
-    identification_illustrations,
-    to_html,
-    to_markdown,
-)
 from barnax.reporting.document import Bullets, Picture
-from barnax.reporting.first_screen import first_screen
-from barnax.reporting.identification import validation_sentences
-from barnax.reporting.verdict import best_possible, next_step, seeds_sentences, weakest_point
+from barnax.reporting.identification import identification_document, validation_sentences
+from barnax.reporting.illustrations import identification_illustrations
+from barnax.reporting.render import to_html, to_markdown
+from barnax.reporting.verdict import (
+    best_possible,
+    first_screen,
+    next_step,
+    seeds_sentences,
+    weakest_point,
+)
 from barnax.results import Result
 from barnax.search.refine import AtBound
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks

@@ -13,14 +13,10 @@ import pytest
 from report_reader import ReportReader
 
 import barnax
-from barnax.reporting import (
-    Document,
-    Picture,
-    identification_document,
-    identification_illustrations,
-    to_html,
-)
-from barnax.reporting.document import Live, Section
+from barnax.reporting.document import Document, Live, Picture, Section
+from barnax.reporting.identification import identification_document
+from barnax.reporting.illustrations import identification_illustrations
+from barnax.reporting.render import to_html
 
 TEMPLATES = Path(barnax.__file__).parent / "reporting" / "templates"
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")

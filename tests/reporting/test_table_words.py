@@ -62,4 +62,4 @@ HIGHER = SocErrors(0.010, 0.008), SocErrors(0.012, 0.009)
 def test_records_not_used_decide_whether_tables_pay(unseen, held, told):
     blocks = held and SimpleNamespace(constant=held[0], tables=held[1])
     fit: Any = SimpleNamespace(cross_validation=blocks)
-    assert told in pay_sentence(fit, [unseen])
+    assert told in pay_sentence(fit, unseen)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # What of the report stands in the terminal unless everything is asked for.
 SHOWN = {
     *("Verdict", "Parameters", "Search", "Tables over SOC"),
-    *("Identification", "Validation", "Without an answer"),
+    *("Identification", "Validation"),
 }
 # After a model's name: with tables over SOC too.
 TABULATED = ":soc"
@@ -96,7 +96,7 @@ def compare(
 def _show(
     session: Session, result: "ComparisonResult", seconds: dict[str, float], is_verbose: bool
 ) -> None:
-    from ..reporting import comparison_document
+    from ..reporting.comparison import comparison_document
     from ..reporting.terminal import to_terminal
 
     document = comparison_document(result, (), seconds)
@@ -161,12 +161,9 @@ def _report(
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
     from ..plots import column_width
-    from ..reporting import (
-        comparison_document,
-        comparison_illustrations,
-        paper_files,
-        report_files,
-    )
+    from ..reporting.comparison import comparison_document
+    from ..reporting.illustrations import comparison_illustrations
+    from ..reporting.render import paper_files, report_files
 
     def draw() -> "list[Illustration]":
         return comparison_illustrations(result, comparison, comparison.optima)

@@ -199,13 +199,13 @@ def _summed_up(
     cannot be repeated are not drawn."""
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
-    from ..reporting import to_html
     from ..reporting.fleet import (
         failed_sentence,
         fleet_document,
         fleet_illustrations,
         fleet_sentence,
     )
+    from ..reporting.render import to_html
 
     known = {cell.id: cell for cell in cells}
     rows = read_fleet(out, known)

@@ -147,14 +147,10 @@ def _run(
 def result_files(result: "Result", report: bool, paper: bool = False) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
     from ..plots import column_width
-    from ..reporting import (
-        identification_document,
-        identification_illustrations,
-        is_always,
-        paper_files,
-        report_files,
-    )
+    from ..reporting.identification import identification_document
+    from ..reporting.illustrations import identification_illustrations, is_always
     from ..reporting.pulses import pulses_csv, tables_csv
+    from ..reporting.render import paper_files, report_files
 
     tables = {"tables.csv": tables_csv(result)} if result.tables else {}
     tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
@@ -171,9 +167,9 @@ def result_files(result: "Result", report: bool, paper: bool = False) -> dict[st
 def _show(
     session: Session, result: "Result", folder: Path | None, written: set[str], verbose: bool
 ) -> None:
-    from ..reporting import identification_document
-    from ..reporting.first_screen import first_screen
+    from ..reporting.identification import identification_document
     from ..reporting.terminal import next_lines, parts_line, to_terminal
+    from ..reporting.verdict import first_screen
 
     if verbose:
         session.show(to_terminal(identification_document(result).spelled(as_flags)))

@@ -44,9 +44,9 @@ def load(path: Path) -> "Result":
 
 def show(result: StoredResult) -> None:
     """Print a result in full."""
-    from ..reporting import identification_document
-    from ..reporting.first_screen import first_screen
+    from ..reporting.identification import identification_document
     from ..reporting.terminal import to_terminal
+    from ..reporting.verdict import first_screen
 
     stored = load(result)
     session = Session(is_quiet=False)
@@ -83,7 +83,7 @@ def validate(
         use_compilation_cache()
         from ..pipeline import validate_stored
         from ..reporting.identification import metrics_table
-        from ..reporting.temperature import prediction_sentence
+        from ..reporting.soc_tables import prediction_sentence
         from ..reporting.terminal import terminal_table
         from ..storing import metrics_part
 

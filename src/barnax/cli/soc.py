@@ -110,8 +110,8 @@ def soc(
 def _draw(replay: "SocReplay", paper: bool) -> dict[str, bytes]:
     from ..plots import column_width, plot_soc_replay
     from ..plots.style import encode
-    from ..reporting import paper_files
     from ..reporting.illustrations import Illustration
+    from ..reporting.render import paper_files
 
     files = {"figures/soc.png": encode(plot_soc_replay(replay), dpi=180)}
     if paper:

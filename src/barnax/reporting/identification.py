@@ -16,7 +16,17 @@ from .decisions import (
     reproduction_section,
     warnings_section,
 )
-from .document import Bullets, Document, Pictures, Section, Table, make_table
+from .document import (
+    METRICS,
+    Bullets,
+    Cells,
+    Document,
+    Pictures,
+    Section,
+    Table,
+    circuits_table,
+    make_table,
+)
 from .pulses import pulses_section
 from .sentences import (
     BandQuantity,
@@ -28,9 +38,7 @@ from .sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from .soc_tables import tables_blocks
-from .tables import METRICS, Cells, circuits_table
-from .temperature import prediction_sentences, temperature_blocks
+from .soc_tables import prediction_sentences, tables_section
 from .verdict import best_possible, circuit_words, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
@@ -75,7 +83,7 @@ def identification_document(
         verdict,
         *warnings_section(result.warnings),
         answer,
-        *_tables_section(result, pictures),
+        *tables_section(result, pictures),
         *pulses_section(
             result,
             pictures.of(
@@ -234,19 +242,6 @@ def optima_table(refined: "RefinedPart") -> Table:
         },
         first="optimum",
     )
-
-
-def _tables_section(result: "Result", pictures: Pictures) -> list[Section]:
-    """Tables over SOC, and over temperature, where there are any."""
-    part = result.tables
-    if part is None:
-        return []
-    over, constant_v = part.over_temperature, result.metrics.identification.rmse_v
-    drawn = pictures.starting("tables")
-    if over is None:
-        return [Section("Tables over SOC", (*tables_blocks(part, result), *drawn))]
-    blocks = temperature_blocks(part, over, constant_v)
-    return [Section("Tables over SOC and temperature", (*blocks, *drawn))]
 
 
 def _uncertainty_section(result: "Result") -> list[Section]:

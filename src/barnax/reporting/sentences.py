@@ -16,7 +16,16 @@ from ..uncertainty.identifiability import Finding, Identifiability
 from ..uncertainty.linearization import Held
 from ..uncertainty.refitted import Profile
 from ..uncertainty.suggestions import Suggestion
-from .words import between, counted, figures, joined, percent, symbol, with_unit
+from .words import (
+    between,
+    capitalized,
+    counted,
+    figures,
+    joined,
+    percent,
+    symbol,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
@@ -280,7 +289,7 @@ def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[st
     gains = [each for each in found if each.rmse_v < (1 - WORTH_TELLING) * rmse_v]
     others = [_change(each) for each in found if each not in gains]
     sentences = [
-        f"{_capitalized(_change(each))}: RMSE {_mv(each.rmse_v)} instead of {_mv(rmse_v)}"
+        f"{capitalized(_change(each))}: RMSE {_mv(each.rmse_v)} instead of {_mv(rmse_v)}"
         f"{''.join(f', with `{name}={value}`' for name, value in option(each).items())}."
         for each in gains
     ]
@@ -346,7 +355,3 @@ def _seconds(time_s: float) -> str:
 
 def _mv(voltage_v: float) -> str:
     return f"{figures(1e3 * voltage_v)} mV"
-
-
-def _capitalized(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -17,8 +17,7 @@ from .cell import (
     characterize_over_temperature,
     read_ocv_test,
 )
-from .cell.curves import OcvFit
-from .cell.hysteresis import HysteresisFit
+from .cell.curves import HysteresisFit, OcvFit
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable

@@ -14,9 +14,8 @@ import jax
 import numpy as np
 
 from .cell import CellModel, OcvTable
-from .cell.curves import OcvFit
-from .cell.hysteresis import HysteresisFit
-from .cell.parameters import RATE
+from .cell.circuits import RATE
+from .cell.curves import HysteresisFit, OcvFit
 from .errors import InputError
 from .execution import threads
 from .gather import (

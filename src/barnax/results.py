@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from .cell import CellModel, CircuitParameters, get_circuit
-from .cell.temperature import SAME_DEGC
+from .cell.model import SAME_DEGC
 from .errors import InputError
 from .global_optimum import GlobalOptimum, OtherHold
 from .model.problem import Kind

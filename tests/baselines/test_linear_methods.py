@@ -8,7 +8,7 @@ import pytest
 
 from barnax.baselines import METHODS, Budget, MethodFailure
 from barnax.baselines.regression import circuit_values, even_samples, regression, track
-from barnax.baselines.subspace import state_matrix
+from barnax.baselines.separable import state_matrix
 from barnax.model.inputs import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window

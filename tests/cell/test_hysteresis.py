@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.cell import SegmentedHysteresis
-from barnax.cell.hysteresis import KNOTS
+from barnax.cell.curves import KNOTS
 from barnax.errors import InputError
 
 SOC = np.linspace(0.0, 1.0, 41)

@@ -231,7 +231,7 @@ def test_seeds_that_stop_after_different_generations_are_stored_and_drawn(
     def sooner(*given, maxiter, **more):
         return differential_evolution(*given, maxiter=maxiter - 10 * next(turns), **more)
 
-    monkeypatch.setattr("barnax.baselines.differential_evolution.differential_evolution", sooner)
+    monkeypatch.setattr("barnax.baselines.searches.differential_evolution", sooner)
     compared = compare(
         bundled_record,
         bundled_cell,

@@ -8,7 +8,7 @@ import pytest
 
 from barnax import bundled_file, characterize, read_record
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
-from barnax.cell.hysteresis import KNOTS
+from barnax.cell.curves import KNOTS
 from barnax.plots import plot_hysteresis, plot_ocv
 from helpers.results import line
 

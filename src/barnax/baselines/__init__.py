@@ -4,18 +4,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..optimizers import OPTIMIZERS
-from .descent import LM, PSO_LM, population_method
-from .differential_evolution import DE
 from .method import Answer, Budget, Method, MethodFailure, Trajectory
 from .online import DUAL_UKF, RLS_EKF
 from .regression import LS, RLS, WRLS
-from .subspace import N4SID
-from .varpro import VARPRO
+from .searches import DE, LM, PSO_LM, population_method
+from .separable import N4SID, VARPRO
 
 __all__ = ["METHODS", "Answer", "Budget", "Method", "MethodFailure", "Trajectory"]
 
-LINEAR = (LS, RLS, WRLS, RLS_EKF, N4SID)
-# A new method is one file and one name here.
+# A new method is a `Method` in a file of this package and one name here.
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         method.name: method

@@ -7,14 +7,18 @@ from .characterize import (
     read_ocv_table,
     read_ocv_test,
 )
-from .circuits import CIRCUITS, Circuit, get_circuit
-from .curves import AbstractCurve, InterpolatedCurve, OcvFit, PolynomialCurve
-from .hysteresis import HysteresisFit, SegmentedHysteresis
+from .circuits import CIRCUITS, Circuit, CircuitParameters, get_circuit, parameter_names
+from .curves import (
+    AbstractCurve,
+    HysteresisFit,
+    InterpolatedCurve,
+    OcvFit,
+    PolynomialCurve,
+    SegmentedHysteresis,
+)
 from .model import CellModel, FitError
-from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
-from .tables import SocTables
-from .temperature import TemperatureTables
+from .tables import SocTables, TemperatureTables
 
 __all__ = [
     "CIRCUITS",

@@ -16,9 +16,16 @@ from ..records.dialects import is_ocv_table
 from ..records.findings import found_at
 from ..records.sign import Sign
 from ..records.table import Lines, take_lines
-from .curves import AbstractCurve, Curve, OcvFit, curve_warnings, fit_curve
-from .hysteresis import HysteresisFit, SegmentedHysteresis
-from .model import CellModel, FitError, fit_error
+from .curves import (
+    AbstractCurve,
+    Curve,
+    HysteresisFit,
+    OcvFit,
+    SegmentedHysteresis,
+    curve_warnings,
+    fit_curve,
+)
+from .model import REFERENCE_DEGC, CellModel, FitError, fit_error
 from .ocv_points import MINIMUM_POINTS, find_sweeps
 from .soc_axis import (
     CHARGE,
@@ -32,7 +39,6 @@ from .soc_axis import (
     place_on_soc,
     scale_warnings,
 )
-from .temperature import REFERENCE_DEGC
 
 # Of a voltage that was not measured in one direction only.
 EITHER = 0

@@ -1,16 +1,15 @@
 """One characterized cell: capacity, OCV branches and hysteresis voltage."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .curves import Curve, InterpolatedCurve
-from .hysteresis import SegmentedHysteresis
+from .curves import Curve, InterpolatedCurve, SegmentedHysteresis
 from .soc_axis import OcvPoint
-from .temperature import SAME_DEGC
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
@@ -18,9 +17,14 @@ REST_VOLTAGE_MARGIN_V = 50e-3
 FLAT = 0.08
 # Points of an OCV curve between two measured temperatures, beside those that were measured.
 MIXED_POINTS = 501
+# What was measured within this is of one temperature.
+SAME_DEGC = 5.0
 NEAR_DEGC = SAME_DEGC / 2
+# Where one temperature stands for all, it is that nearest to this.
+REFERENCE_DEGC = 25.0
 
 Soc = Float[np.ndarray, "*any"]
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -149,3 +153,19 @@ def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
 def fit_error(errors_v: Float[np.ndarray, "points"]) -> FitError:
     """Root mean square and largest error."""
     return FitError(float(np.sqrt(np.mean(errors_v**2))), float(np.abs(errors_v).max()))
+
+
+def group_near(known: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
+    """What is within `SAME_DEGC` of the coldest together, under the mean of their temperatures.
+
+    >>> group_near([(25.0, "a"), (0.0, "b"), (27.0, "c")])
+    {0.0: ['b'], 26.0: ['a', 'c']}
+    """
+    groups: list[list[tuple[float, Item]]] = []
+    for degc, each in sorted(known, key=lambda pair: pair[0]):
+        if not groups or degc - groups[-1][0][0] > SAME_DEGC:
+            groups.append([])
+        groups[-1].append((degc, each))
+    return {
+        float(np.mean([degc for degc, _ in group])): [each for _, each in group] for group in groups
+    }

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..baselines import Budget
-from ..cell.curves import OcvFit
-from ..cell.hysteresis import HysteresisFit
+from ..cell.curves import HysteresisFit, OcvFit
 from ..errors import InputError
 from ..gather import (
     Given,

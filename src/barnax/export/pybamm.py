@@ -9,7 +9,7 @@ import importlib
 import numpy as np
 from jaxtyping import Float
 
-from ..cell.temperature import REFERENCE_DEGC
+from ..cell.model import REFERENCE_DEGC
 from ..results import Result
 from .exporter import (
     Export,

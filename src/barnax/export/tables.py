@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
 from ..cell.circuits import Circuit
-from ..cell.hysteresis import KNOTS, SegmentedHysteresis
+from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..errors import InputError
 from ..results import Result
 

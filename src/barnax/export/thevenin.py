@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from ..cell.temperature import REFERENCE_DEGC
+from ..cell.model import REFERENCE_DEGC
 from ..results import Result
 from .exporter import Export, Exporter, Profile, note_lines, numbers, python_array, python_tables
 from .tables import Tables, table_caveats, tables_of

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..cell.hysteresis import SegmentedHysteresis
+from ..cell.curves import SegmentedHysteresis
 from ..errors import InputError
 from ..model.inputs import prepare_record
 from ..model.window import Window

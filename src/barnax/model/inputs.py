@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..cell import CellModel, OcvTable, get_circuit
-from ..cell.temperature import group_near
+from ..cell.model import group_near
 from ..errors import InputError
 from ..execution import as_input
 from ..records import Record, current_direction, rest_current_a

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..cell.parameters import MOST_PAIRS, RATE
+from ..cell.circuits import MOST_PAIRS, RATE
 from ..errors import LONGEST_NAME, InputError, cut, toml_reason
 from ..execution import as_input
 from .simulate import RCParameters

@@ -14,9 +14,8 @@ import optimistix as optx
 from jaxtyping import Float
 from scipy.optimize import least_squares
 
-from ..baselines.descent import LM, PSO_LM, STARTS
-from ..baselines.differential_evolution import DE, FEWEST, evolve_in_box
 from ..baselines.method import Budget, generator_of, latin_hypercube
+from ..baselines.searches import DE, FEWEST, LM, PSO_LM, STARTS, evolve_in_box
 from ..execution import in_float64, one_blas_thread
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
 from .objective import Objective, Place, Solution

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import SocTables, get_circuit
-from ..cell.parameters import RATE
+from ..cell.circuits import RATE
 from ..cell.tables import HALF_HYSTERESIS, hats
 from ..errors import InputError
 from ..execution import in_float64, one_blas_thread

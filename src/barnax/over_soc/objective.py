@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import SocTables
-from ..cell.parameters import RATE
+from ..cell.circuits import RATE
 from ..model.exponentials import Span
 from ..model.search_space import RESISTANCES, Range
 from .bounded import Sides, least_in_box, least_squares_in_box

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..cell.parameters import RATE
+from ..cell.circuits import RATE
 from ..cell.tables import Table, require_nodes
 from ..errors import InputError
 from ..model.search_space import PAIRS, RESISTANCES, Range

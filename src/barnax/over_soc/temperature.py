@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import SocTables, TemperatureTables
-from ..cell.temperature import REFERENCE_DEGC, SAME_DEGC, group_near
+from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord

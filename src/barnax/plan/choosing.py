@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cell.temperature import SAME_DEGC
+from ..cell.model import SAME_DEGC
 from ..errors import InputError
 from ..gather import OVER_TEMPERATURE, Reading, Watch, listed, unwatched
 from ..model.window import Window

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..cell import CellModel, OcvPoint, characterize_over_temperature
-from ..cell.temperature import REFERENCE_DEGC, group_near
+from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..gather import (
     OVER_TEMPERATURE,

@@ -11,8 +11,7 @@ import tomlkit
 from tomlkit.items import Table
 
 from ..cell.circuits import CIRCUITS
-from ..cell.curves import OcvFit
-from ..cell.hysteresis import HysteresisFit
+from ..cell.curves import HysteresisFit, OcvFit
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..gather import OVER_TEMPERATURE, file_names
 from ..model.window import Window

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..cell import InterpolatedCurve
-from ..cell.hysteresis import KNOTS
+from ..cell.curves import KNOTS
 from .sources import cell_of
 from .style import (
     BLACK,

@@ -11,7 +11,7 @@ from .words import NOTHING, joined, millivolt, percent, significant, symbol, wit
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..global_optimum.assumptions import OtherHold
+    from ..global_optimum.search import OtherHold
     from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..cell.temperature import REFERENCE_DEGC, SAME_DEGC
+from ..cell.model import REFERENCE_DEGC, SAME_DEGC
 from ..plots.pulses import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
 from .document import Bullets, Picture, Section, Table, make_table

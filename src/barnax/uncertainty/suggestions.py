@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from ..cell import CircuitParameters
-from ..cell.circuits import CIRCUITS, get_circuit
-from ..cell.parameters import MOST_PAIRS
+from ..cell.circuits import CIRCUITS, MOST_PAIRS, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.inputs import prepare_record

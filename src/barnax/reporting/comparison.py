@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 # With more pairs than these only those are shown that a reader asks for first.
 ALL_PAIRS = 15
 NARROW_MARK = "†"
+# A gap so small, relative, is none.
+ROUNDING = 1e-7
 
 
 def comparison_document(
@@ -338,6 +340,6 @@ def _searches_table(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table
 
 
 def _percents(ratio: float | None) -> str:
-    """A ratio in percent, two digits or all before the point."""
-    value = None if ratio is None else 100 * ratio
+    """A ratio in percent, two digits or all before the point; zero where it is rounding's."""
+    value = None if ratio is None else 100 * ratio * (abs(ratio) > ROUNDING)
     return fixed(value, 0) if value and abs(value) >= 10 else significant(value, 2)

@@ -1,8 +1,8 @@
 """Options of a record: for all, or for one by its name."""
 
 import pytest
-from barnax.cli.options import RecordOptions
 
+from barnax.cli.options import RecordOptions
 from barnax.errors import InputError
 from barnax.model.window import Window
 

@@ -13,12 +13,11 @@ from barnax.reporting.sentences import (
     identifiability_sentences,
     local_optima_sentence,
     optimum_words,
-    profile_sentence,
     suggestion_sentences,
     uncertainty_sentence,
 )
 from barnax.search.refine import Optimum
-from barnax.uncertainty import Band, Diagnostics, Estimate, Finding, Identifiability, Profile
+from barnax.uncertainty import Band, Diagnostics, Estimate, Finding, Identifiability
 from barnax.uncertainty import Suggestion as Change
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 
@@ -102,14 +101,11 @@ def errors() -> list[str]:
     found = Diagnostics((0.0, 1.0), (1.0, 0.99), 742.0, 7.41, 19_680, soc, current, None)
     warm = (Band(20.0, 21.0, 100, 0.03, 0.01, 0.9), Band(21.0, 22.0, 1900, 0.001, 0.0, 0.1))
     alone = replace(found, effective_samples=0.3, by_soc=(), by_current=(), by_temperature=warm)
-    profiles = [Profile("R1 [Ohm]", 0.0149, (), (), 0.02, *ends) for ends in (
-        (0.0136, 0.0168), (0.0136, None), (None, 0.0168), (None, None))]  # fmt: skip
     return [
         uncertainty_sentence(uncertainty),
         uncertainty_sentence(replace(uncertainty, estimates=())),
         *diagnostics_sentences(found),
         *diagnostics_sentences(alone),
-        *map(profile_sentence, profiles),
     ]
 
 

@@ -30,10 +30,7 @@ if TYPE_CHECKING:
     from ..reporting.illustrations import Illustration
 
 # What of the report stands in the terminal unless everything is asked for.
-SHOWN = {
-    *("Verdict", "Parameters", "Search", "Tables over SOC"),
-    *("Identification", "Validation"),
-}
+SHOWN = {*("Verdict", "Parameters", "Search", "Tables over SOC"), *("Identification", "Validation")}
 # After a model's name: with tables over SOC too.
 TABULATED = ":soc"
 

@@ -45,9 +45,7 @@ class Checked:
     columns: str = COLUMNS
     as_json: bool = flag(OUTPUT, "--json", "Print the findings as JSON.")
     quiet: bool = flag(
-        OUTPUT,
-        "--quiet -q",
-        "Print no tables and no notes; findings go to stderr, one per line.",
+        OUTPUT, "--quiet -q", "Print no tables and no notes; findings go to stderr, one per line."
     )
 
 

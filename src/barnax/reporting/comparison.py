@@ -4,14 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..plots.sources import Illustration, record_roles
-from .comparison_verdict import (
-    NARROW,
-    OnRecord,
-    answered,
-    model_sentences,
-    on_records,
-    verdict_sentences,
-)
+from .comparison_verdict import NARROW, OnRecord, answered, on_records, verdict_sentences
 from .decisions import (
     box_sentences,
     decision_sentences,
@@ -32,16 +25,7 @@ from .document import (
     pairs_table,
 )
 from .soc_tables import best_tables, errors_words, pay_sentence, together
-from .words import (
-    NOTHING,
-    counted,
-    fixed,
-    joined,
-    millivolt,
-    millivolts_cell,
-    sentence,
-    significant,
-)
+from .words import NOTHING, counted, fixed, joined, millivolts_cell, sentence, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -93,19 +77,7 @@ def comparison_document(
     ]
     names = [each.name for each in result.inputs if each.role == "identification"]
     title = f"{counted(len(result.rows), 'row')} compared on {joined(names)}"
-    return Document(title, _summary(result), tuple(sections))
-
-
-def _summary(result: "ComparisonResult") -> str:
-    """The one or two sentences for a reader in a hurry."""
-    found: dict[str, list[str]] = {}
-    for on in on_records(result):
-        place = f"{on.name} ({millivolt(on.rmse_v(on.leaders[0]))})"
-        found.setdefault(joined(on.leaders), []).append(place)
-    if not found:
-        return "No row has an answer; the reasons are below."
-    lowest = "; ".join(f"{names} on {joined(places)}" for names, places in found.items())
-    return " ".join([f"Lowest error: {lowest}.", *list(model_sentences(result))[:1]])
+    return Document(title, "", tuple(sections))
 
 
 def _results(

@@ -184,7 +184,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """A whole report: `summary` is what a reader in a hurry must know."""
+    """A whole report; `summary` stands above its sections where none of them is a verdict."""
 
     title: str
     summary: str

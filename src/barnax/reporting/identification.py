@@ -34,7 +34,6 @@ from .sentences import (
     diagnostics_sentences,
     held_words,
     identifiability_sentences,
-    profile_sentence,
     suggestion_sentences,
     uncertainty_sentence,
 )
@@ -78,7 +77,7 @@ def identification_document(
     verdict = Section("Verdict", (Bullets(tuple(verdict_sentences(result))),))
     title = f"{result.model} identified on {result.name}"
     if summary_only:
-        return Document(title, _summary(result), (verdict, answer, errors))
+        return Document(title, "", (verdict, answer, errors))
     sections = (
         verdict,
         *warnings_section(result.warnings),
@@ -103,15 +102,11 @@ def identification_document(
         Section("What was decided", (Bullets(tuple(_decisions(result))),)),
         Section(
             "Search",
-            (
-                *_search_blocks(result),
-                *pictures.of("convergence"),
-                *pictures.starting("landscape"),
-            ),
+            (*_search_blocks(result), *pictures.of("convergence"), *pictures.starting("landscape")),
         ),
         reproduction_section(result),
     )
-    return Document(title, _summary(result), sections)
+    return Document(title, "", sections)
 
 
 def verdict_sentences(result: "Result") -> Iterator[str]:
@@ -257,7 +252,6 @@ def _uncertainty_section(result: "Result") -> list[Section]:
         sentences += suggestion_sentences(
             found.examination.suggestions, result.metrics.identification.rmse_v
         )
-        sentences += [profile_sentence(each) for each in found.examination.profiles]
         blocks.append(_examination_table(found.examination))
     told = Bullets(tuple(each for each in sentences if each))
     return [Section("What the data determine", (told, *blocks, _bands_table(found)))]
@@ -306,13 +300,6 @@ def _bands_table(found: "AssessmentPart") -> Table:
         },
         ["by", "band"],
     )
-
-
-def _summary(result: "Result") -> str:
-    own, others = result.answer_metrics.identification, result.answer_metrics.validation
-    parts = [f"{millivolt(own.rmse_v)} on {own.record}"]
-    parts += [f"{millivolt(each.rmse_v)} on {each.record}" for each in others]
-    return f"RMSE {joined(parts)}. Best possible: {best_possible(result)}"
 
 
 def _decisions(result: "Result") -> Iterator[str]:

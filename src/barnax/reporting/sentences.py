@@ -10,22 +10,12 @@ from typing import TYPE_CHECKING, Literal
 
 from ..global_optimum.search import FACTOR, optimality_gap
 from ..search.refine import AtBound
-from ..uncertainty.covariance import CONFIDENCE, WIDEST_FACTOR, Estimate, Uncertainty
+from ..uncertainty.covariance import WIDEST_FACTOR, Estimate, Uncertainty
 from ..uncertainty.diagnostics import Band, Diagnostics
 from ..uncertainty.identifiability import Finding, Identifiability
 from ..uncertainty.linearization import Held
-from ..uncertainty.refitted import Profile
 from ..uncertainty.suggestions import Suggestion
-from .words import (
-    between,
-    capitalized,
-    counted,
-    figures,
-    joined,
-    percent,
-    symbol,
-    with_unit,
-)
+from .words import between, capitalized, counted, figures, joined, percent, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
@@ -269,19 +259,6 @@ def _notable(quantity: BandQuantity, bands: Sequence[Band]) -> Iterator[str]:
                 f"{percent(band.samples / samples)} of the samples (RMSE {_mv(band.rmse_v)}, mean "
                 f"{1e3 * band.mean_v:+.3g} mV)."
             )
-
-
-def profile_sentence(profile: Profile) -> str:
-    """A parameter's interval by its profile."""
-    name = symbol(profile.name)
-    level = f"{100 * CONFIDENCE:.0f} %"
-    if profile.low is None and profile.high is None:
-        return f"{name} is not determined: its profile excludes no value in the bounds ({level})."
-    if profile.low is None or profile.high is None:
-        side, end = ("above", profile.low) if profile.high is None else ("below", profile.high)
-        return f"{name} is {side} {with_unit(profile.name, end or 0.0)} by its profile ({level})."
-    ends = between(profile.name, profile.low, profile.high)
-    return f"{name} = {with_unit(profile.name, profile.value)}, {ends} by its profile ({level})."
 
 
 def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[str, ...]:

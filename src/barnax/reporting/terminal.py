@@ -88,9 +88,7 @@ def terminal_table(table: Table) -> RenderableType:
 
 
 def bare_table(
-    heads: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    are_numbers: Sequence[bool] | None = None,
+    heads: Sequence[str], rows: Iterable[Sequence[str]], are_numbers: Sequence[bool] | None = None
 ) -> Shown:
     """Columns without lines; all but the first are numbers, unless told otherwise."""
     table = Shown(**BARE)

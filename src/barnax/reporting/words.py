@@ -10,8 +10,8 @@ NOTHING = "–"
 def joined(items: Sequence[str], last: str = "and") -> str:
     """Items in a row, the last after `last`.
 
-    >>> joined(["a", "b", "c"])
-    'a, b and c'
+    >>> joined([]), joined(["a"]), joined(["a", "b"]), joined(["a", "b", "c"])
+    ('', 'a', 'a and b', 'a, b and c')
     """
     return (
         f" {last} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
@@ -30,8 +30,8 @@ def sentence(text: str) -> str:
 def millivolt(value_v: float) -> str:
     """Two decimals, more where two would show nothing.
 
-    >>> millivolt(0.0232118), millivolt(0.0000034)
-    ('23.21 mV', '0.0034 mV')
+    >>> millivolt(0.0232118), millivolt(0.0000034), millivolt(0.0)
+    ('23.21 mV', '0.0034 mV', '0.00 mV')
     """
     value_mv = 1e3 * value_v
     shown = f"{value_mv:.2f}" if abs(value_mv) >= 0.01 or value_mv == 0 else f"{value_mv:.2g}"
@@ -46,8 +46,8 @@ def millivolts_cell(value_v: float | None) -> str:
 def percent(ratio: float) -> str:
     """A ratio in percent, two digits or all before the point.
 
-    >>> percent(0.0213), percent(2.5), percent(1e-9)
-    ('2.1 %', '250 %', '1e-07 %')
+    >>> percent(0.0), percent(0.00123), percent(0.0213), percent(0.996), percent(1e-9)
+    ('0 %', '0.12 %', '2.1 %', '100 %', '1e-07 %')
     """
     value = 100 * ratio
     return f"{value:.0f} %" if abs(value) >= 10 else f"{value:.2g} %"

@@ -1,16 +1,23 @@
-"""What a report says of a comparison, case by case, against `golden/comparison.txt`.
+"""The report of a comparison: its words, case by case, against `golden/comparison.txt`, and whole.
 
 Every case is made so that one thing about it is worth a sentence or a cell; its name says which.
 """
 
 import itertools
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
+from report_reader import ReportReader
 
+from barnax.cell import CircuitParameters
 from barnax.comparison import ComparisonResult
+from barnax.global_optimum import GlobalOptimum, Landscape
 from barnax.reporting.comparison import (
     bands_table,
     budget_sentence,
+    comparison_document,
     differences_table,
     errors_table,
     parameters_table,
@@ -25,18 +32,22 @@ from barnax.reporting.comparison_verdict import (
     optimum_sentences,
     ranking_sentences,
 )
-from barnax.reporting.document import Column, Table
-from barnax.reporting.render import table_lines
-from barnax.search.refine import AtBound
+from barnax.reporting.document import Bullets, Picture, Table
+from barnax.reporting.illustrations import comparison_illustrations
+from barnax.reporting.render import table_lines, to_html, to_markdown
+from barnax.search.evaluate import Evaluation, evaluate
+from barnax.search.refine import AtBound, Optimum, Refinement
 from helpers.golden import GOLDEN, require_golden
 from sample_comparisons import (
     CITY,
+    DRIVE,
     make_comparison,
     make_difference,
     make_failure,
     make_row,
 )
 
+LARGEST_REPORT = 4_000_000
 # Errors in mV, on the record identified on and on others, by row.
 Errors = dict[str, tuple[float, ...]]
 UPPER = AtBound("tau2 [s]", "upper")
@@ -205,6 +216,95 @@ def test_of_very_many_pairs_only_those_asked_for_are_shown():
     assert "Shown are the pairs with the leader" in table.caption
 
 
-def test_a_table_whose_rows_do_not_fit_its_columns_is_refused():
-    with pytest.raises(ValueError, match="a row of 2 cells under 1 columns"):
-        Table("", (Column("one"),), (("1", "2"),))
+@pytest.fixture(scope="module")
+def comparison():
+    rows = [
+        make_row("ibmo so-rc", 25.0, 13.0, optimality_gap=0.02),
+        make_row("ibmo iso-rc", 23.7, 13.5, optimality_gap=0.0, notes=("Biased.",)),
+        make_failure("rls iso-rc", "No circuit belongs to its poles."),
+    ]
+    return make_comparison(rows, optima_mv={"so-rc": 24.5})
+
+
+@pytest.fixture(scope="module")
+def identified(refinement: Refinement) -> Evaluation:
+    return evaluate(refinement.search.problem.prepared, refinement.parameters)
+
+
+def test_a_comparison_s_report_has_every_part_the_verdict_first(comparison):
+    document = comparison_document(comparison)
+    assert isinstance(document.sections[0].blocks[0], Bullets)
+    assert [section.title for section in document.sections] == [
+        *("Verdict", "Warnings", "Parameters", "What was measured", "What was decided", "Search"),
+        *(f"Identification: {DRIVE}", f"Validation: {CITY}", "How to repeat this"),
+    ]
+    text = to_markdown(document)
+    for part in (
+        *("barnax compare drive.csv", "the key 7", "| barnax", "the file is odd"),
+        *("ibmo iso-rc: Biased.", "rls iso-rc gave no answer: No circuit belongs to its poles."),
+    ):
+        assert part in text
+
+
+def test_without_warnings_there_is_no_section_for_them():
+    quiet = make_comparison([make_row("lm so-rc", 25.0)], warnings=())
+    assert "Warnings" not in str(comparison_document(quiet))
+
+
+def test_a_comparison_without_a_single_answer_is_a_report_all_the_same():
+    document = comparison_document(make_comparison([make_failure("ls so-rc", "No.")]))
+    assert document.sections[0].blocks[0].items == (
+        "No row has an answer.",
+        "ls so-rc gave no answer: No.",
+    )
+
+
+def test_the_figures_of_a_stored_comparison_find_their_places_the_same_every_time(comparison):
+    drawn = comparison_illustrations(comparison)
+    assert [each.name for each in drawn] == ["ocv", "hysteresis", "convergence", "parameters"]
+    document = comparison_document(comparison, drawn)
+    assert {each.name for each in document.pictures} == {each.name for each in drawn}
+    page = to_html(document)
+    assert ReportReader(page).count("img") == len(drawn)
+    assert len(page) < LARGEST_REPORT
+    assert page == to_html(comparison_document(comparison, comparison_illustrations(comparison)))
+
+
+def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):
+    offline = SimpleNamespace(trajectory=None)
+    rows = [
+        SimpleNamespace(name=name, evaluations=(identified, identified), median=offline)
+        for name in "ab"
+    ]
+    names = [
+        each.name
+        for each in comparison_illustrations(comparison, cast(Any, SimpleNamespace(answered=rows)))
+    ]
+    for role in ("identification", "validation-1"):
+        assert {f"{role}-{kind}" for kind in ("condition", "voltages", "errors")} <= set(names)
+    assert len(set(names)) == len(names)
+
+
+def make_optimum(*tau_s):
+    """A global optimum in the middle of a bowl over these time constants."""
+    distance = sum(np.ix_(*(np.log(each / each[len(each) // 2]) ** 2 for each in tau_s)))
+    landscape = Landscape(tau_s, None, 0.02 * (1 + distance), np.zeros((3, *distance.shape)))
+    circuit = CircuitParameters(0.05, (0.01,) * len(tau_s), (1000.0,) * len(tau_s))
+    return GlobalOptimum((Optimum(0.02, circuit, 1, False),), (), None, landscape)
+
+
+def test_the_landscape_stands_in_the_search_with_what_is_sure_about_the_optimum(comparison):
+    tau_s = np.geomspace(1.0, 100.0, 9)
+    optimum = make_optimum(tau_s, tau_s)
+    drawn = comparison_illustrations(comparison, None, {"so-rc": optimum, "iso-rc": optimum})
+    document = comparison_document(comparison, drawn)
+    (search,) = [section for section in document.sections if section.title == "Search"]
+    shown = {block.name: block for block in search.blocks if isinstance(block, Picture)}
+    assert {"landscape-so-rc", "landscape-iso-rc"} <= shown.keys()
+    assert "so-rc" in shown["landscape-so-rc"].caption
+
+
+def test_what_has_not_two_time_constants_has_no_landscape(comparison):
+    optima = {"so-rc": make_optimum(np.geomspace(1.0, 100.0, 9))}
+    names = [each.name for each in comparison_illustrations(comparison, None, optima)]
+    assert not any(name.startswith("landscape") for name in names)

@@ -162,7 +162,7 @@ def fleet(given: FleetOptions) -> None:
     prepare_process()
     settings = given.settings
     if engine.dry_run:
-        from ..plan.text import require_choices
+        from ..plan.document import require_choices
 
         require_choices(settings)
         lines = problem_lines(cells)

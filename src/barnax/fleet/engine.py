@@ -100,7 +100,7 @@ def identify_fleet(
             queue = iter(few)
         first = next(queue, None)
         if first is not None:
-            from ..plan.text import require_choices  # loads JAX
+            from ..plan.document import require_choices  # loads JAX
 
             # Before all cells fail of it.
             require_choices(chosen)

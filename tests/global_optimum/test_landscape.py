@@ -10,7 +10,7 @@ from barnax.global_optimum import Landscape, make_landscape
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
-from barnax.uncertainty.linearization import named_values
+from barnax.uncertainty.covariance import named_values
 from reference import make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)

@@ -14,7 +14,7 @@ import barnax
 from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
-from barnax.plots.sources import record_roles
+from barnax.plots.pictures import record_roles
 from barnax.records import Decision
 from barnax.reporting.decisions import (
     box_sentences,

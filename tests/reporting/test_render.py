@@ -17,7 +17,7 @@ from report_reader import ReportReader
 
 import barnax
 from barnax.plots import column_width, plot_ocv
-from barnax.plots.sources import Illustration
+from barnax.plots.pictures import Illustration
 from barnax.reporting.document import (
     Bullets,
     Column,

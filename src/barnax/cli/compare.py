@@ -88,7 +88,7 @@ def compare(options: Comparing) -> None:
         from ..baselines import METHODS
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
-        from ..comparison.from_files import compare_files
+        from ..comparison.result import compare_files
 
     models, tabulated = split_models(options.rows.models)
     rows = chosen_rows(models, options.rows.methods, PAPER_ROWS)

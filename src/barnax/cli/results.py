@@ -200,8 +200,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
 
 def _soc_figures(replay: "SocReplay", paper: bool) -> dict[str, bytes]:
     from ..plots import column_width, plot_soc_replay
-    from ..plots.sources import Illustration
-    from ..plots.style import encode
+    from ..plots.pictures import Illustration, encode
     from ..reporting.render import paper_files
 
     files = {"figures/soc.png": encode(plot_soc_replay(replay), dpi=180)}

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..plots.sources import Illustration, record_roles
+from ..plots.pictures import Illustration, record_roles
 from .comparison_verdict import NARROW, OnRecord, answered, on_records, verdict_sentences
 from .decisions import (
     box_sentences,

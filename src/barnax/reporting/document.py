@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from .words import figures, fixed, millivolts_cell
 
 if TYPE_CHECKING:
-    from ..plots.sources import Illustration
+    from ..plots.pictures import Illustration
     from ..results import MetricsPart
 
 Role = Literal["text", "number"]
@@ -122,7 +122,7 @@ def circuits_table(
     `further` columns follow, filled by what they give for a name.
     """
     # The styles of figures load matplotlib, which a check of files does without.
-    from ..plots.style import readable
+    from ..plots.parameters import readable
 
     values = {name: readable(parameters) for name, parameters in circuits.items()}
 

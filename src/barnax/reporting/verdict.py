@@ -10,7 +10,7 @@ from rich.text import Text
 
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..gather import NOT_SUITABLE, OVER_TEMPERATURE
-from ..over_soc.cross_validation import WORTHWHILE
+from ..over_soc.accuracy import WORTHWHILE
 from ..over_soc.temperature import SAME_DEGC
 from ..pipeline import FITTING_AGAIN
 from .decisions import carried_sentences, guess_sentences

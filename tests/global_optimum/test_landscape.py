@@ -6,7 +6,9 @@ from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
-from barnax.global_optimum import Landscape, make_landscape
+from barnax.global_optimum import Landscape
+from barnax.global_optimum.reduced import Reduced
+from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
@@ -63,7 +65,7 @@ def landscape_in(problem_of):
 
     def make(case) -> Landscape:
         if case not in made:
-            made[case] = make_landscape(problem_of(case))
+            made[case] = landscape_of(Reduced.of(problem_of(case)))
         return made[case]
 
     return make
@@ -167,7 +169,7 @@ def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():
 def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
     records = [drive_record(300, seed=1), drive_record(200, seed=2, hold="backward")]
     problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)
-    landscape = make_landscape(problem)
+    landscape = landscape_of(Reduced.of(problem))
     low, high = np.full(3, R_BOX[0]), np.full(3, R_BOX[1])
     scale = 2 / bundled_cell.capacity_ah
     for point in some_points(landscape, 4):
@@ -180,4 +182,4 @@ def test_a_box_too_wide_to_compress_is_refused(bundled_cell):
     wide = {"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)}
     problem = make_problem(drive_record(), bundled_cell, "so-rc", window=KNOWN_SOC, bounds=wide)
     with pytest.raises(InputError, match="`objective='scan'`"):
-        make_landscape(problem)
+        landscape_of(Reduced.of(problem))

@@ -17,6 +17,7 @@ from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.errors import InputError
 from barnax.model.compressed import BLOCK, ROW_STEP
 from barnax.model.problem import (
+    Objective,
     make_problem,
     rc_parameters,
     residuals,
@@ -66,9 +67,15 @@ def rmses_of(points, objective):
     return np.asarray(rmse_of_all(points, objective))
 
 
+def both_objectives(problem, scale="log"):
+    """By the scan, and compressed."""
+    problem = replace(problem, scale=scale)
+    return [Objective(each, problem.coordinates) for each in (problem.scan, problem.compressed)]
+
+
 def assert_both_agree(problem, scale="log"):
     with jax.enable_x64(True):
-        scan, short = (problem.objective_in(scale, kind) for kind in ("scan", "compressed"))
+        scan, short = both_objectives(problem, scale)
         points = points_in(scan.coordinates, 20, 0)
         expected, found = rmses_of(points, scan), rmses_of(points, short)
     np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
@@ -77,7 +84,7 @@ def assert_both_agree(problem, scale="log"):
 def assert_compressed_is_the_reference(problem, seed=0):
     """Against a banded solve of every record, so that no scan is compiled."""
     with jax.enable_x64(True):
-        short = problem.objective_in("log", "compressed")
+        short = both_objectives(problem)[1]
         points = points_in(short.coordinates, 20, seed)
         found = rmses_of(points, short)
         rc = jax.tree.map(np.asarray, jax.vmap(short.coordinates.decode)(points))
@@ -161,7 +168,7 @@ def test_a_circuit_that_fits_perfectly_keeps_its_zero(bundled_cell):
     record = replace(made.prepared.record, voltage_v=exact_v)
     problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
     with jax.enable_x64(True):
-        short = problem.objective_in("log", "compressed")
+        short = both_objectives(problem)[1]
         point = short.coordinates.encode(rc_parameters(circuit))
         assert rmses_of(jnp.stack([point] * 30), short)[0] < ABSOLUTE_V
     assert rmse_by_scan(problem, [circuit])[0] < ABSOLUTE_V
@@ -172,7 +179,7 @@ def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundl
     with jax.enable_x64(True):
         slopes = eqx.filter_jit(jax.jacfwd(residuals))
         values = eqx.filter_jit(residuals)
-        objectives = [problem.objective_in("log", kind) for kind in ("scan", "compressed")]
+        objectives = both_objectives(problem)
         point = points_in(objectives[0].coordinates, 1, 4)[0]
         normal, gradient = [], []
         for objective in objectives:
@@ -186,7 +193,7 @@ def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundl
 def test_single_precision_agrees_to_its_own_rounding(bundled_cell):
     problem = make_problem(record_of("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
     with jax.enable_x64(True):
-        short = problem.objective_in("log", "compressed")
+        short = both_objectives(problem)[1]
         points = points_in(short.coordinates, 20, 3)
         expected = rmses_of(points, short)
     narrow = jax.tree.map(

@@ -1,5 +1,7 @@
 """The one-state hysteresis of `esc` against Plett's recursion, written as a plain loop."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -130,7 +132,7 @@ def test_the_slope_in_the_rate_is_that_of_the_errors(bundled_cell):
     record = make_record(TIME_S, CURRENT_A, 3.7 + 0.01 * np.sin(TIME_S))
     problem = make_problem(record, bundled_cell, "esc", window=Window(initial_soc=0.8))
     with jax.enable_x64(True):
-        objective = problem.objective_in("log")
+        objective = replace(problem, scale="log").objective
         point = objective.coordinates.encode(rc_parameters(CIRCUIT))
         errors = eqx.filter_jit(residuals)
         slope = eqx.filter_jit(jax.jacfwd(residuals))(point, objective)[:, -1]

@@ -14,8 +14,8 @@ import pytest
 import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
-from barnax.model.padding import FACTOR_STEP, padding_for
-from barnax.model.problem import Objective, make_problem, rmse, rmse_by_scan
+from barnax.model.padding import padding_for
+from barnax.model.problem import FACTOR_STEP, Objective, make_problem, rmse, rmse_by_scan
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate

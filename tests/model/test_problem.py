@@ -32,7 +32,7 @@ def looped_error_v(problem, logarithms):
 
 def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
     with jax.enable_x64(True):
-        objective = short_problem.objective_in("log")
+        objective = replace(short_problem, scale="log").objective
         loss = float(rmse_jit(jnp.asarray(LOGARITHMS), objective))
         errors = np.asarray(residuals_jit(jnp.asarray(LOGARITHMS), objective))
     expected = np.sqrt(np.mean(looped_error_v(short_problem, LOGARITHMS) ** 2))
@@ -50,7 +50,7 @@ def test_the_jacobian_of_the_residuals_is_exact(short_problem):
     # A complex step through the plain loop has no truncation error.
     step = 1e-40
     with jax.enable_x64(True):
-        objective = short_problem.objective_in("log")
+        objective = replace(short_problem, scale="log").objective
         jacobian = eqx.filter_jit(jax.jacfwd(residuals))(jnp.asarray(LOGARITHMS), objective)
     scale = np.sqrt(short_problem.prepared.scored.sum())
     for index in range(5):
@@ -63,7 +63,7 @@ def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
     window = Window(score_to_s=60.0, score_from_s=30.0, initial_soc=1.0)
     problem = make_problem(bundled_record, bundled_cell, window=window)
     with jax.enable_x64(True):
-        errors = residuals_jit(jnp.asarray(LOGARITHMS), problem.objective_in("log"))
+        errors = residuals_jit(jnp.asarray(LOGARITHMS), replace(problem, scale="log").objective)
     np.testing.assert_array_equal(np.asarray(errors) != 0, problem.prepared.scored)
 
 
@@ -111,7 +111,7 @@ def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundle
 def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
     swapped = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
-        coordinates = short_problem.objective_in(scale).coordinates
+        coordinates = replace(short_problem, scale=scale).coordinates
         point = np.asarray(coordinates.encode(rc_parameters(swapped)))
         (circuit,) = short_problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(CIRCUIT.to_dict(), rel=1e-12)

@@ -12,7 +12,6 @@ from barnax.model.search_space import (
     SCALES,
     Bounds,
     Coordinates,
-    ResistanceBounds,
     parse_fixed,
     read_bounds,
 )
@@ -340,7 +339,7 @@ def test_a_box_with_nothing_free_is_refused():
 
 @every_box
 def test_every_circuit_of_the_box_is_between_its_resistance_bounds_and_time_constants(name):
-    bounds = ResistanceBounds(BOXES[name])
+    bounds = BOXES[name]
     coordinates = Coordinates.of(BOXES[name], "log")
     circuits = jax.vmap(coordinates.decode)(places(coordinates))
     tau_s = np.stack([np.asarray(tau) for tau in circuits.tau])
@@ -356,9 +355,8 @@ def test_every_circuit_of_the_box_is_between_its_resistance_bounds_and_time_cons
 
 
 def test_a_bounded_capacitance_bounds_the_resistance_at_a_time_constant():
-    bounds = ResistanceBounds(BOXES["capacitance of both"])
-    low, high = bounds.resistance_box(np.array([5.0, 50.0]))
+    low, high = BOXES["capacitance of both"].resistance_box(np.array([5.0, 50.0]))
     np.testing.assert_allclose(low, [1e-4, 5 / 500, 50 / 1e4])
     np.testing.assert_allclose(high, [0.2, 0.2, 0.2])
-    fixed = ResistanceBounds(BOXES["fixed capacitance"]).resistance_box(np.array([5.0, 50.0]))
+    fixed = BOXES["fixed capacitance"].resistance_box(np.array([5.0, 50.0]))
     assert fixed[0][1] == fixed[1][1] == pytest.approx(5 / 500)

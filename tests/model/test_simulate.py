@@ -13,9 +13,7 @@ from barnax.model.simulate import (
     Intervals,
     RCParameters,
     SimulationInput,
-    last_state,
     overpotential,
-    squared_error,
     terminal_voltage,
     unit_response,
 )
@@ -32,10 +30,9 @@ MEASURED_V = SOURCE_V - 0.05 * CURRENT_A + RNG.normal(0, 1e-3, SAMPLES)
 WEIGHT = (np.arange(SAMPLES) % 3 > 0) * 1.0
 
 terminal_voltage_jit = eqx.filter_jit(terminal_voltage)
-squared_error_jit = eqx.filter_jit(squared_error)
+squared_error_jit = eqx.filter_jit(lambda rc, inputs: inputs.squared_error(rc))
 responses_jit = eqx.filter_jit(jax.vmap(unit_response, in_axes=(0, None, None)))
 errors_jit = eqx.filter_jit(SimulationInput.errors)
-last_state_jit = eqx.filter_jit(last_state)
 
 
 def measured_clock(samples: int, seed: int = 2) -> np.ndarray:
@@ -164,7 +161,7 @@ def test_a_population_gives_what_each_candidate_gives_alone():
     inputs = drive_of(CLOCKS["measured"])
     factors = jnp.array([0.5, 1.0, 3.0])
     population = jax.tree.map(lambda leaf: leaf * factors, rc_parameters(CIRCUIT))
-    together = eqx.filter_jit(jax.vmap(squared_error, in_axes=(0, None)))(population, inputs)
+    together = eqx.filter_jit(jax.vmap(lambda rc: inputs.squared_error(rc)))(population)
     alone = [
         squared_error_jit(jax.tree.map(lambda leaf, k=k: leaf[k], population), inputs)
         for k in range(3)
@@ -273,18 +270,3 @@ def test_a_record_padded_is_longer_and_has_the_same_bits(is_weighted):
         terminal_voltage_jit(rc, longer)[:SAMPLES], terminal_voltage_jit(rc, inputs)
     )
     assert squared_error_jit(rc, longer) == squared_error_jit(rc, inputs)
-
-
-@pytest.mark.parametrize("first", [3, 200])
-def test_what_goes_on_from_where_a_beginning_ended_adds_up_to_the_whole(first):
-    rc, inputs = jax.tree.map(jnp.asarray, MOVED), moved_drive()
-    begun = inputs.map_samples(lambda array: array[:first])
-    rest = inputs.map_samples(lambda array: array[first:])
-    pairs = zip(rc.r, rc.tau, strict=True)
-    states = tuple(r * last_state_jit(tau, begun.held_a, begun.intervals) for r, tau in pairs)
-    moved = begun.hysteresis
-    turned = last_state_jit(1 / rc.gamma, moved.hysteresis_input, moved.intervals)
-    (response,) = responses_jit(rc.tau[1][None], inputs.held_a, inputs.intervals)
-    np.testing.assert_allclose(states[1], rc.r[1] * response[first], rtol=1e-12)
-    parts = squared_error_jit(rc, begun) + squared_error_jit(rc, rest, (states, turned))
-    np.testing.assert_allclose(parts, squared_error_jit(rc, inputs), rtol=1e-12)

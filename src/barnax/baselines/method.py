@@ -100,7 +100,7 @@ def random_circuits(
     problem: Problem, generator: np.random.Generator, count: int
 ) -> list[CircuitParameters]:
     """Circuits spread evenly over the logarithms of the search box."""
-    box = problem.objective_in("log").coordinates
+    box = problem.log_coordinates
     low, high = np.asarray(box.lower), np.asarray(box.upper)
     fractions = latin_hypercube(generator, count, len(low))
     return problem.parameters_at(list(low + fractions * (high - low)), box)

@@ -12,7 +12,6 @@ from ..filters import Drive, ErrorModel, make_model, run_filter
 from ..filters.model import GRID, NOISES_PER_REST
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
-from ..model.search_space import ResistanceBounds
 from .method import Answer, Budget, Method, MethodFailure, Progress
 from .regression import (
     FORGETTING,
@@ -37,7 +36,7 @@ def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
     Time constants stand at equal steps of their logarithm, for two pairs at one place would stay
     there. Deviations are of the logarithms: a quarter of the box, `LARGEST_SD` at most.
     """
-    box, pairs = ResistanceBounds(problem.bounds), problem.bounds.pairs
+    box, pairs = problem.bounds, problem.bounds.pairs
     shares = np.arange(1, pairs + 1) / (pairs + 1)
     tau_low, tau_high = np.array([box.tau_range_s(pair) for pair in range(pairs)]).T
     tau_s = tau_low * (tau_high / tau_low) ** shares
@@ -48,8 +47,7 @@ def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
     names += [f"tau{pair}" for pair in range(1, pairs + 1)]
     spans = np.log(np.concatenate([high / low, tau_high / tau_low])) / 4
     sd = {name: min(float(span), LARGEST_SD) for name, span in zip(names, spans, strict=True)}
-    c = tuple(float(tau / each) for tau, each in zip(tau_s, r, strict=True))
-    circuit = CircuitParameters(float(r0), tuple(float(each) for each in r), c, gamma)
+    circuit = CircuitParameters.of_tau(r0, r, tau_s, gamma)
     return circuit, {name: each for name, each in sd.items() if each > 0}
 
 

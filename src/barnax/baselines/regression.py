@@ -1,6 +1,7 @@
 """Least squares of the circuit's difference equation: at once (LS) and recursive (RLS)."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -151,15 +152,13 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
             "the difference equation it finds has complex, negative or unstable poles, which are "
             "not time constants; noise and model error cause this"
         )
-    resistances = [float(r0), *(float(each) for each in r)]
+    resistances = [r0, *r]
     if min(resistances) <= 0:
         values = ", ".join(
             f"R{index} {1e3 * value:.4g} mohm" for index, value in enumerate(resistances)
         )
         raise MethodFailure(f"the difference equation it finds has a negative resistance: {values}")
-    r0, *pairs = resistances
-    c = tuple(float(tau) / each for each, tau in zip(pairs, tau_s, strict=True))
-    return CircuitParameters(r0, tuple(pairs), c)
+    return CircuitParameters.of_tau(resistances[0], resistances[1:], tau_s)
 
 
 def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
@@ -214,32 +213,22 @@ LS = Method(
 
 
 @in_float64
-def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def recursive_least_squares(
+    problem: Problem, budget: Budget, progress: Progress, *, poles: float, gains: float
+) -> list[Answer]:
     """The circuit that recursive least squares tracks, averaged, with its whole trajectory.
 
     Ljung, System Identification (1999), section 11.2, as Yang, Tang and Zhang, Energies 14 (2021)
-    1054, use it for a second-order RC circuit; the forgetting factor is `FORGETTING`, the first
-    guess zero. Answers as `averaged` says; the bias of `ls` is its bias too. Raises
-    `MethodFailure` where a parameter is held.
+    1054, use it for a second-order RC circuit; the first guess is zero, and `poles` and `gains` are
+    the forgetting factors of a and b. `rls` has one for all. `wrls` is the weighted recursive least
+    squares of Verbrugge and Koch (2006), whose parameters each have a time weighting: the variance
+    is divided by the root of both coefficients' factors (Saelid and Foss, 1983). Their factors
+    belong to another circuit, so ours are taken: the poles are forgotten ten times as slowly, for
+    the time constants of a cell change less than its resistances. Answers as `averaged` says; the
+    bias of `ls` is its bias too. Raises `MethodFailure` where a parameter is held.
     """
     del budget
-    found = track(problem, FORGETTING, FORGETTING)
-    progress(1)
-    return averaged(problem, *found)
-
-
-@in_float64
-def weighted_least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
-    """Recursive least squares whose coefficients forget at rates of their own.
-
-    The weighted recursive least squares of Verbrugge and Koch (2006), whose parameters each have
-    a time weighting: the variance is divided by the root of both coefficients' factors (Saelid
-    and Foss, 1983). Their factors belong to another circuit, so ours are taken: the coefficients
-    of the current forget as in `rls`, those of the poles ten times as slowly, for the time
-    constants of a cell change less than its resistances. All else is as in `rls`.
-    """
-    del budget
-    found = track(problem, SLOW_FORGETTING, FORGETTING)
+    found = track(problem, poles, gains)
     progress(1)
     return averaged(problem, *found)
 
@@ -326,12 +315,12 @@ RLS = Method(
     "rls",
     f"Recursive least squares, forgetting factor {FORGETTING} (Yang, Tang and Zhang, 2021)",
     is_deterministic=True,
-    run=recursive_least_squares,
+    run=partial(recursive_least_squares, poles=FORGETTING, gains=FORGETTING),
 )
 
 WRLS = Method(
     "wrls",
     "Recursive least squares, a forgetting factor per coefficient (Verbrugge and Koch, 2006)",
     is_deterministic=True,
-    run=weighted_least_squares,
+    run=partial(recursive_least_squares, poles=SLOW_FORGETTING, gains=FORGETTING),
 )

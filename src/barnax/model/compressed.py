@@ -194,9 +194,7 @@ class Answers:
         self._held = np.asarray(held)
         self._node, self._offset_s = np.asarray(intervals.node), np.asarray(intervals.offset_s)
         # Padded, so that records with other clocks share one program.
-        spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
-        node_s = np.pad(intervals.node_s, (0, spare), mode="edge")
-        self._intervals = replace(intervals, node_s=as_input(node_s))
+        self._intervals = intervals.with_nodes(1 << (len(intervals.node_s) - 1).bit_length())
         self._count = len(span.skeleton_tau)
         self._tau = padded_tau(span)
         self._state = np.zeros(self._tau.shape)

@@ -15,8 +15,8 @@ from barnax.bundled import BUNDLED
 from barnax.export.tables import tables_of
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
-from barnax.results import Result, best_answer
-from barnax.storing import describe, make_result
+from barnax.results import Result
+from barnax.run import best_answer, describe, make_result
 from helpers.golden import RESULT
 
 OPTIONS = {

@@ -38,7 +38,6 @@ from .over_soc import TableSettings as TableSettings
 from .over_soc import evaluate_tables as evaluate_tables
 from .over_soc import fit_tables as fit_tables
 from .over_soc import simulate_tables as simulate_tables
-from .pipeline import Run as Run
 from .pipeline import identify as identify
 from .pipeline import identify_problem as identify_problem
 from .pipeline import validate_stored as validate_stored
@@ -53,6 +52,8 @@ from .replay import FilterSettings as FilterSettings
 from .replay import SocReplay as SocReplay
 from .replay import replay_soc as replay_soc
 from .results import Result as Result
+from .run import Run as Run
+from .run import make_result as make_result
 from .search.evaluate import Evaluation as Evaluation
 from .search.evaluate import evaluate as evaluate
 from .search.evaluate import validate as validate
@@ -61,7 +62,6 @@ from .search.refine import refine as refine
 from .search.seeds import Search as Search
 from .search.seeds import search_many as search_many
 from .search.seeds import search_seeds as search_seeds
-from .storing import make_result as make_result
 from .uncertainty import Assessment as Assessment
 from .uncertainty import Examination as Examination
 from .uncertainty import assess as assess

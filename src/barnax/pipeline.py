@@ -5,16 +5,14 @@ optimum is looked for beside them, and the best circuit known is assessed and va
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import jax
 import numpy as np
 
-from .cell import CellModel, OcvTable
-from .cell.circuits import RATE
+from .cell import CellModel
 from .cell.curves import HysteresisFit, OcvFit
 from .errors import InputError
 from .execution import threads
@@ -34,7 +32,6 @@ from .gather import (
 )
 from .global_optimum import (
     GlobalOptimum,
-    OtherHold,
     find_global_optimum,
     try_other_hold,
     with_better_directions,
@@ -45,47 +42,24 @@ from .model.search_space import Range
 from .model.window import Window
 from .optimizers import make_optimizer
 from .over_soc import (
-    TableFits,
     TableSettings,
     evaluate_tables,
-    expected_rmse_v,
     group_by_temperature,
     require_temperature,
     require_temperatures,
 )
 from .plan import plans_first
-from .records import Record
-from .results import Answer, Result, best_answer
+from .results import Result
+from .run import Run, best_answer, make_result
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
-from .search.refine import Descent, Refinement, refine
-from .search.seeds import Search, search_seeds
-from .storing import make_result
-from .table_run import TableRun, fit_over, table_warnings
-from .uncertainty import Assessment, Examination, assess, compile_linearization, examine
+from .search.refine import Descent, refine
+from .search.seeds import search_seeds
+from .table_run import TableRun, fit_beside, table_warnings
+from .uncertainty import assess, compile_linearization, examine
 
 Chosen = TypeVar("Chosen")
 # What a warning says first where the full examination failed.
 FITTING_AGAIN = "fitting again"
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """The objects behind a result; `identification` and `validation` have one item per record."""
-
-    problem: Problem
-    search: Search | None
-    refinement: Refinement | None
-    optimum: GlobalOptimum | None
-    answer: Answer
-    identification: list[Evaluation]
-    validation: list[Evaluation]
-    assessment: Assessment | None
-    examination: Examination | None
-    tables: TableRun | None = None
-    expected_tables_v: float | None = None
-    other_hold: OtherHold | None = None
-    ocv: list[Record | OcvTable] = field(default_factory=list)
-    warnings: tuple[str, ...] = ()
 
 
 @plans_first
@@ -243,7 +217,7 @@ def _search_and_assess(
         looking = beside.submit(_optimum_or_none, problem)
         tabulated = settings.circuit(problem.cell, "soc")
         fitting = beside.submit(
-            _tables_beside, problem, settings.over, tables, tabulated, looking, advise
+            fit_beside, problem, settings.over, tables, tabulated, looking, advise
         )
         linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
         turning = beside.submit(try_other_hold, problem) if advise else None
@@ -300,35 +274,6 @@ def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
         return find_global_optimum(problem)
     except InputError:
         return None
-
-
-def _tables_beside(
-    problem: Problem,
-    over: str | None,
-    settings: TableSettings | None,
-    circuit: str,
-    looking: "Future[GlobalOptimum | None]",
-    advise: bool,
-) -> tuple[TableFits | None, float | None]:
-    """The tables that were asked for; where none were, the RMSE that those of `circuit`, the one
-    they would be of, would leave."""
-    if over is not None and settings is not None:
-        return fit_over(over, problem.prepared_records, settings), None
-    optimum = looking.result() if advise else None
-    if optimum is None:
-        return None, None
-    found = optimum.parameters
-    constants = {f"tau{pair} [s]": tau_s for pair, tau_s in enumerate(found.tau_s, 1)}
-    if found.gamma is not None:
-        constants[RATE] = found.gamma
-    try:
-        records = [
-            prepare_record(each.record, problem.cell, circuit, each.settled_window)
-            for each in problem.prepared_records
-        ]
-        return None, expected_rmse_v(records, constants)
-    except InputError:
-        return None, None
 
 
 def _attempt(

@@ -6,7 +6,7 @@ files, the settings and the versions they come from.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from .cell import CellModel, CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
 from .errors import InputError
-from .global_optimum import GlobalOptimum, OtherHold
+from .global_optimum import OtherHold
 from .model.problem import Kind
 from .model.start import Start
 from .model.window import Window
@@ -22,14 +22,14 @@ from .over_soc import OverTemperature, TableFit, TableFits, TableSettings
 from .pulses import Pulse
 from .records import Decision
 from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
-from .search.refine import SAME_RMSE, AtBound, Optimum, RefinedSeed, Refinement
+from .search.refine import AtBound, Optimum, RefinedSeed
 from .search.seeds import SeedAnswer
 from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .pipeline import Run
+    from .run import Run
 
 SCHEMA_VERSION = 2
 
@@ -39,34 +39,6 @@ Soc = Annotated[float, Field(ge=-10, le=10)]
 # What a file of a folder serves for.
 Use = Literal["identification", "OCV test", "validation", "not used"]
 Setting = bool | int | float | str
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The best circuit known, by the scan's RMSE: the seeds' best, or the global optimum."""
-
-    parameters: CircuitParameters
-    rmse_v: float
-    source: Literal["seeds", "global optimum"]
-    at_bound: tuple[AtBound, ...]
-
-
-def best_answer(refinement: Refinement | None, optimum: GlobalOptimum | None) -> Answer:
-    """The better of the refined seeds and the global optimum.
-
-    Where both are the same optimum it is the latter, which no seed has a part in. Raises
-    `InputError` where there is neither.
-    """
-    if optimum is not None and (
-        refinement is None or optimum.rmse_v <= refinement.rmse_v * (1 + SAME_RMSE)
-    ):
-        return Answer(optimum.parameters, optimum.rmse_v, "global optimum", optimum.at_bound)
-    if refinement is None:
-        raise InputError(
-            "the bounds are too wide to look for the global optimum; narrow them with `bounds`, or "
-            "search with `seeds`"
-        )
-    return Answer(refinement.parameters, refinement.rmse_v, "seeds", refinement.at_bound)
 
 
 class SearchPart(Part):

@@ -1,11 +1,16 @@
 """Tables over SOC, and over temperature, of a run: fitted, evaluated, and what to beware of."""
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 
 import numpy as np
 
-from .model.inputs import PreparedRecord
+from .cell.circuits import RATE
+from .errors import InputError
+from .global_optimum import GlobalOptimum
+from .model.inputs import PreparedRecord, prepare_record
+from .model.problem import Problem
 from .over_soc import (
     HELD_GAMMA,
     FitWarning,
@@ -13,6 +18,7 @@ from .over_soc import (
     TableFits,
     TableSettings,
     evaluate_tables,
+    expected_rmse_v,
     fit_tables,
     fit_temperatures,
     group_by_temperature,
@@ -55,6 +61,35 @@ def fit_over(
     if over == "soc":
         return TableFits((fit_tables(prepared_records, settings),))
     return fit_temperatures(group_by_temperature(prepared_records), settings)
+
+
+def fit_beside(
+    problem: Problem,
+    over: str | None,
+    settings: TableSettings | None,
+    circuit: str,
+    looking: "Future[GlobalOptimum | None]",
+    advise: bool,
+) -> tuple[TableFits | None, float | None]:
+    """The tables that were asked for; where none were, the RMSE that those of `circuit`, the one
+    they would be of, would leave."""
+    if over is not None and settings is not None:
+        return fit_over(over, problem.prepared_records, settings), None
+    optimum = looking.result() if advise else None
+    if optimum is None:
+        return None, None
+    found = optimum.parameters
+    constants = {f"tau{pair} [s]": tau_s for pair, tau_s in enumerate(found.tau_s, 1)}
+    if found.gamma is not None:
+        constants[RATE] = found.gamma
+    try:
+        records = [
+            prepare_record(each.record, problem.cell, circuit, each.settled_window)
+            for each in problem.prepared_records
+        ]
+        return None, expected_rmse_v(records, constants)
+    except InputError:
+        return None, None
 
 
 def table_warnings(run: TableRun) -> Iterator[str]:

@@ -5,7 +5,6 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from barnax import results, storing
 from barnax.cell import (
     CellModel,
     CircuitParameters,
@@ -20,9 +19,10 @@ from barnax.model.start import Start
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableSettings
-from barnax.pipeline import Run
 from barnax.records.record import Decision, Record
 from barnax.results import AssessmentPart, InputPart, MetricsBlock, MetricsPart, Result, TablesPart
+from barnax.run import Run, best_answer
+from barnax.run import make_result as store
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
@@ -136,9 +136,9 @@ def make_cell(hysteresis_fit: str = "continuous") -> CellModel:
 
 def result_of(refinement: Refinement) -> Result:
     """The result of a refinement alone: no global optimum, no intervals, no validation."""
-    problem, answer = refinement.search.problem, results.best_answer(refinement, None)
+    problem, answer = refinement.search.problem, best_answer(refinement, None)
     evaluations = [evaluate(each, answer.parameters) for each in problem.prepared_records]
-    return storing.make_result(
+    return store(
         Run(problem, refinement.search, refinement, None, answer, evaluations, [], None, None)
     )
 

@@ -85,7 +85,7 @@ def validate(
         from ..reporting.identification import metrics_table
         from ..reporting.temperature import prediction_sentence
         from ..reporting.terminal import terminal_table
-        from ..storing import metrics_part
+        from ..run import metrics_part
 
     stored = load(result)
     window = stored_window(stored, record, of_records, whole_record)

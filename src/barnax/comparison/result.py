@@ -14,9 +14,9 @@ from ..global_optimum import GlobalOptimum
 from ..model.problem import Problem
 from ..records import Record
 from ..results import InputPart, Key, MetricsPart
+from ..run import all_versions, input_part, metrics_part, record_part
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound
-from ..storing import all_versions, input_part, metrics_part, record_part
 from .run import Comparison, Difference, Row
 from .statistics import BandError, Resampled, SeedPairs
 from .tabulated import Tabulated

@@ -20,7 +20,7 @@ from ..pipeline import identify, identify_problem
 from ..plan.text import require_choices
 from ..records import Record, source_from_frame
 from ..results import MetricsPart, Result
-from ..storing import bands_by_soc, joint_metrics
+from ..run import bands_by_soc, joint_metrics
 from ..uncertainty.linearization import named_values
 from .cells import FleetCell, is_address, short_name, stamp
 from .dataset import keep_result

@@ -12,7 +12,7 @@ from ..plots.live import MOST_NUMBERS, live_landscape, live_record, live_tables
 from ..plots.search import has_landscape
 from ..plots.sources import Illustration, record_roles
 from ..pulses import pulses_of
-from ..storing import describe
+from ..run import describe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from ..cell import CellModel
     from ..comparison import Comparison, ComparisonResult
     from ..global_optimum import GlobalOptimum
-    from ..pipeline import Run
     from ..results import Result
+    from ..run import Run
     from ..search.evaluate import Evaluation
 
 

@@ -1,16 +1,17 @@
-"""What of a run is stored: a run as a `Result`, part by part."""
+"""What an identification ran on and found, and what of it is stored: a run as a `Result`."""
 
 import functools
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 
-from .cell import OcvTable
-from .global_optimum import GlobalOptimum, optimality_gap
+from .cell import CircuitParameters, OcvTable
+from .errors import InputError
+from .global_optimum import GlobalOptimum, OtherHold, optimality_gap
 from .metrics import Metrics
 from .model.problem import Problem
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
@@ -29,17 +30,64 @@ from .results import (
     TablesPart,
 )
 from .search.evaluate import Evaluation, pooled
-from .search.refine import SAME_RMSE, Refinement
+from .search.refine import SAME_RMSE, AtBound, Refinement
 from .search.seeds import Search
+from .table_run import TableRun
+from .uncertainty import Assessment, Examination
 from .uncertainty.diagnostics import Band, soc_bands
-
-if TYPE_CHECKING:
-    from .pipeline import Run
 
 VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
 
 
-def make_result(run: "Run", command: Sequence[str] = ()) -> Result:
+@dataclass(frozen=True)
+class Answer:
+    """The best circuit known, by the scan's RMSE: the seeds' best, or the global optimum."""
+
+    parameters: CircuitParameters
+    rmse_v: float
+    source: Literal["seeds", "global optimum"]
+    at_bound: tuple[AtBound, ...]
+
+
+def best_answer(refinement: Refinement | None, optimum: GlobalOptimum | None) -> Answer:
+    """The better of the refined seeds and the global optimum.
+
+    Where both are the same optimum it is the latter, which no seed has a part in. Raises
+    `InputError` where there is neither.
+    """
+    if optimum is not None and (
+        refinement is None or optimum.rmse_v <= refinement.rmse_v * (1 + SAME_RMSE)
+    ):
+        return Answer(optimum.parameters, optimum.rmse_v, "global optimum", optimum.at_bound)
+    if refinement is None:
+        raise InputError(
+            "the bounds are too wide to look for the global optimum; narrow them with `bounds`, or "
+            "search with `seeds`"
+        )
+    return Answer(refinement.parameters, refinement.rmse_v, "seeds", refinement.at_bound)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The objects behind a result; `identification` and `validation` have one item per record."""
+
+    problem: Problem
+    search: Search | None
+    refinement: Refinement | None
+    optimum: GlobalOptimum | None
+    answer: Answer
+    identification: list[Evaluation]
+    validation: list[Evaluation]
+    assessment: Assessment | None
+    examination: Examination | None
+    tables: TableRun | None = None
+    expected_tables_v: float | None = None
+    other_hold: OtherHold | None = None
+    ocv: list[Record | OcvTable] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
+
+
+def make_result(run: Run, command: Sequence[str] = ()) -> Result:
     """A run as a `Result`, which can be stored; `command` is the command that was run, if any."""
     problem = run.problem
     result = Result(

@@ -30,7 +30,13 @@ MEASURED_V = SOURCE_V - 0.05 * CURRENT_A + RNG.normal(0, 1e-3, SAMPLES)
 WEIGHT = (np.arange(SAMPLES) % 3 > 0) * 1.0
 
 terminal_voltage_jit = eqx.filter_jit(terminal_voltage)
-squared_error_jit = eqx.filter_jit(lambda rc, inputs: inputs.squared_error(rc))
+
+
+def squared_error(rc, inputs):
+    return inputs.squared_error(rc)
+
+
+squared_error_jit = eqx.filter_jit(squared_error)
 responses_jit = eqx.filter_jit(jax.vmap(unit_response, in_axes=(0, None, None)))
 errors_jit = eqx.filter_jit(SimulationInput.errors)
 
@@ -161,7 +167,7 @@ def test_a_population_gives_what_each_candidate_gives_alone():
     inputs = drive_of(CLOCKS["measured"])
     factors = jnp.array([0.5, 1.0, 3.0])
     population = jax.tree.map(lambda leaf: leaf * factors, rc_parameters(CIRCUIT))
-    together = eqx.filter_jit(jax.vmap(lambda rc: inputs.squared_error(rc)))(population)
+    together = eqx.filter_jit(jax.vmap(squared_error, in_axes=(0, None)))(population, inputs)
     alone = [
         squared_error_jit(jax.tree.map(lambda leaf, k=k: leaf[k], population), inputs)
         for k in range(3)

@@ -71,7 +71,11 @@ class CircuitParameters:
 
     @classmethod
     def of_tau(
-        cls, r0: float, r: Sequence[float], tau_s: Sequence[float], gamma: float | None = None
+        cls,
+        r0: float,
+        r: Sequence[float] | np.ndarray,
+        tau_s: Sequence[float] | np.ndarray,
+        gamma: float | None = None,
     ) -> Self:
         """The circuit whose pairs have these resistances and time constants."""
         c = tuple(float(tau / each) for each, tau in zip(r, tau_s, strict=True))

@@ -170,8 +170,8 @@ class Reduced:
         error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
         axes = []
         for pair in range(bounds.pairs):
-            ends = map(math.log, bounds.tau_range_s(pair))
-            axes.append(Axis(*ends, responses, current_a, error * largest_a))
+            low, high = map(math.log, bounds.tau_range_s(pair))
+            axes.append(Axis(low, high, responses, current_a, error * largest_a))
         if short.in_rate is not None and bounds.gamma_range is not None:
             low, high = bounds.gamma_range
             hysteresis = _Interpolated(factor[:, count:-2], short.in_rate, -1)
@@ -181,8 +181,8 @@ class Reduced:
                 if moved is not None
             )
             error = span_of(1 / high, 1 / low, TOLERANCE).error
-            ends = map(math.log, bounds.gamma_range)
-            axes.append(Axis(*ends, hysteresis, largest_v, error * largest_v))
+            low, high = map(math.log, bounds.gamma_range)
+            axes.append(Axis(low, high, hysteresis, largest_v, error * largest_v))
         return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds)
 
     def coefficient_box(

@@ -12,7 +12,7 @@ from ..filters import Drive, ErrorModel, make_model, run_filter
 from ..filters.model import GRID, NOISES_PER_REST
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
-from .method import Answer, Budget, Method, MethodFailure, Progress
+from .method import Answer, MethodFailure, deterministic
 from .regression import (
     FORGETTING,
     VARIANCE,
@@ -52,7 +52,7 @@ def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
 
 
 @in_float64
-def least_squares_and_filter(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def least_squares_and_filter(problem: Problem) -> Answer:
     """Recursive least squares for the circuit, an extended Kalman filter for its states, in turn.
 
     In the manner of Tan et al. (2021): at every sample the filter moves SOC and the voltages of
@@ -63,12 +63,10 @@ def least_squares_and_filter(problem: Problem, budget: Budget, progress: Progres
     noise is the mean square of the innovations so far, forgotten as in `rls`. Answers as
     `averaged` says. Raises `MethodFailure` where a parameter is held or the filter diverges.
     """
-    del budget
     samples, columns, _ = regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     middle, _ = middle_of(problem)
     found = _track_with_filter(problem.prepared, problem.cell, samples, scale, middle)
-    progress(1)
     return averaged(problem, samples, *found)
 
 
@@ -136,7 +134,7 @@ def drive_time(drive: Drive, place: int) -> str:
 
 
 @in_float64
-def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def dual_filter(problem: Problem) -> Answer:
     """Two unscented Kalman filters, of the states and of the circuit, whose noise adapts.
 
     In the manner of Peng et al. (2021), by `barnax.filters`: the dual form of the unscented filter,
@@ -147,7 +145,6 @@ def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[An
     `averaged` says; a dynamic hysteresis keeps the middle rate. Raises `MethodFailure` where a
     filter diverges.
     """
-    del budget
     prepared, (middle, slow_sd) = problem.prepared, middle_of(problem)
     model = make_model(
         problem.cell, problem.circuit, middle, ErrorModel(FIRST_ERROR_V),
@@ -176,21 +173,18 @@ def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[An
     )  # fmt: skip
     chosen = prepared.scored
     r0 = middle.r0 * factor.get("R0", held)
-    progress(1)
     return averaged(problem, samples, r0[chosen], r[chosen], tau_s[chosen], middle.gamma)
 
 
 _dual = jax.jit(partial(run_filter, kind="ukf", form="dual", adapting=1 - FORGETTING))
 
-RLS_EKF = Method(
+RLS_EKF = deterministic(
     "rls-ekf",
     "Recursive least squares and an extended Kalman filter for the states (Tan et al., 2021)",
-    is_deterministic=True,
-    run=least_squares_and_filter,
+    least_squares_and_filter,
 )
-DUAL_UKF = Method(
+DUAL_UKF = deterministic(
     "dual-ukf",
     "Adaptive dual unscented Kalman filter (Peng et al., 2021)",
-    is_deterministic=True,
-    run=dual_filter,
+    dual_filter,
 )

@@ -14,7 +14,7 @@ from ..execution import in_float64
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
 from ..search.evaluate import evaluate
-from .method import Answer, Budget, Method, MethodFailure, Progress, Trajectory
+from .method import Answer, MethodFailure, Trajectory, deterministic
 
 # Intervals this close to the median, relative to it, are taken as it; a tester's clock jitters.
 EVEN = 0.05
@@ -178,14 +178,14 @@ def answer_of(
     parameters: CircuitParameters,
     notes: tuple[str, ...],
     trajectory: Trajectory | None = None,
-) -> list[Answer]:
+) -> Answer:
     """The one answer of a method that draws nothing and simulates nothing but its answer."""
     rmse_v = evaluate(problem.prepared, parameters).metrics.rmse_v
     notes = (*notes, *outside_box(parameters, problem))
-    return [Answer(parameters, rmse_v, evaluations=0, trajectory=trajectory, notes=notes)]
+    return Answer(parameters, rmse_v, evaluations=0, trajectory=trajectory, notes=notes)
 
 
-def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def least_squares(problem: Problem) -> Answer:
     """The circuit whose difference equation has the least sum of squared equation errors.
 
     One linear regression, no simulation, and no box. It minimises the error of predicting the next
@@ -194,28 +194,23 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     RMSE is no least one even where it answers. Raises `MethodFailure` where the equation belongs
     to no circuit, and where a parameter is held.
     """
-    del budget
     samples, columns, target = regression(problem)
     # Columns in volts, amperes and their differences span many decades.
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     coefficients = np.linalg.lstsq(columns / scale, target)[0] / scale
     parameters = circuit_of(*circuit_values(coefficients, samples, problem.bounds.pairs))
-    progress(1)
     return answer_of(problem, parameters, samples.notes)
 
 
-LS = Method(
+LS = deterministic(
     "ls",
     "Batch least squares of the discretised transfer function (Ljung, 1999, section 7.3)",
-    is_deterministic=True,
-    run=least_squares,
+    least_squares,
 )
 
 
 @in_float64
-def recursive_least_squares(
-    problem: Problem, budget: Budget, progress: Progress, *, poles: float, gains: float
-) -> list[Answer]:
+def recursive_least_squares(problem: Problem, *, poles: float, gains: float) -> Answer:
     """The circuit that recursive least squares tracks, averaged, with its whole trajectory.
 
     Ljung, System Identification (1999), section 11.2, as Yang, Tang and Zhang, Energies 14 (2021)
@@ -227,10 +222,7 @@ def recursive_least_squares(
     the time constants of a cell change less than its resistances. Answers as `averaged` says; the
     bias of `ls` is its bias too. Raises `MethodFailure` where a parameter is held.
     """
-    del budget
-    found = track(problem, poles, gains)
-    progress(1)
-    return averaged(problem, *found)
+    return averaged(problem, *track(problem, poles, gains))
 
 
 def track(
@@ -255,7 +247,7 @@ def averaged(
     r: np.ndarray,
     tau_s: np.ndarray,
     gamma: float | None = None,
-) -> list[Answer]:
+) -> Answer:
     """The answer of an online method: medians over time, and the trajectory.
 
     Counted are the rows from the one on at which the first guess is forgotten (or half of a
@@ -311,16 +303,14 @@ def _track(columns, target, factors):
     return lax.scan(step, start, (columns, target))[1]
 
 
-RLS = Method(
+RLS = deterministic(
     "rls",
     f"Recursive least squares, forgetting factor {FORGETTING} (Yang, Tang and Zhang, 2021)",
-    is_deterministic=True,
-    run=partial(recursive_least_squares, poles=FORGETTING, gains=FORGETTING),
+    partial(recursive_least_squares, poles=FORGETTING, gains=FORGETTING),
 )
 
-WRLS = Method(
+WRLS = deterministic(
     "wrls",
     "Recursive least squares, a forgetting factor per coefficient (Verbrugge and Koch, 2006)",
-    is_deterministic=True,
-    run=partial(recursive_least_squares, poles=SLOW_FORGETTING, gains=FORGETTING),
+    partial(recursive_least_squares, poles=SLOW_FORGETTING, gains=FORGETTING),
 )

@@ -16,7 +16,7 @@ from ..execution import in_float64
 from ..model.problem import Problem
 from ..model.simulate import RCParameters, SimulationInput, overpotential, unit_response
 from ..search.evaluate import evaluate
-from .method import Answer, Budget, Method, MethodFailure, Progress
+from .method import Answer, MethodFailure, deterministic
 from .regression import answer_of, even_samples
 
 # Grid points a time constant, by the number of pairs, and grid points of the hysteresis' rate.
@@ -81,7 +81,7 @@ def _bases(
     return jax.vmap(base)(gammas)
 
 
-def variable_projection(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def variable_projection(problem: Problem) -> Answer:
     """The best circuit of a search over ln tau alone (Golub and Pereyra, SIAM J. Numer. Anal. 10
     (1973) 413).
 
@@ -91,14 +91,12 @@ def variable_projection(problem: Problem, budget: Budget, progress: Progress) ->
     with finite differences; a dynamic hysteresis adds ln gamma to the search. It draws nothing.
     One evaluation is one pair's response on the grid, and one residual in the polish.
     """
-    del budget
     search = OuterSearch(problem)
     ends = [search.polish(start) for start in search.grid_minima()]
     best = min(ends, key=lambda point: np.linalg.norm(search.residual(point)))
     parameters = search.circuit(best)
-    progress(1)
     rmse_v = evaluate(problem.prepared, parameters).metrics.rmse_v
-    return [Answer(parameters, rmse_v, search.evaluations)]
+    return Answer(parameters, rmse_v, search.evaluations)
 
 
 class OuterSearch:
@@ -223,11 +221,10 @@ class OuterSearch:
         return columns, base, bounded_least_squares(columns, base, *box)
 
 
-VARPRO = Method(
+VARPRO = deterministic(
     "varpro",
     "Variable projection (Golub and Pereyra, 1973), bounded resistances, polished grid in tau",
-    is_deterministic=True,
-    run=variable_projection,
+    variable_projection,
 )
 
 
@@ -237,7 +234,7 @@ HORIZON = 15
 APART = 1e-6
 
 
-def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def subspace_method(problem: Problem) -> Answer:
     """The circuit whose poles span the future voltages that the past predicts.
 
     N4SID (Van Overschee and De Moor, Subspace Identification, 1996, section 4.3) with the weights
@@ -250,7 +247,6 @@ def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> lis
     belong to no circuit: raises `MethodFailure`, also for an uneven clock, for a current that never
     changes, and for a record too short for the block rows.
     """
-    del budget
     pairs = problem.bounds.pairs
     rows = HORIZON * pairs
     samples = even_samples(problem.prepared, 2 * rows - 1)
@@ -278,7 +274,6 @@ def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> lis
     notes = samples.notes
     if np.any(np.abs(inside - np.log(tau_s)) > APART):
         notes = (*notes, f"its time constants, {shown}, are moved into the search box")
-    progress(1)
     return answer_of(problem, search.circuit(inside), notes)
 
 
@@ -306,9 +301,8 @@ def state_matrix(
     return np.linalg.lstsq(observed[:-1], observed[1:])[0]
 
 
-N4SID = Method(
+N4SID = deterministic(
     "n4sid",
     "Subspace identification, N4SID (Van Overschee and De Moor, 1996; Li et al., 2016)",
-    is_deterministic=True,
-    run=subspace_method,
+    subspace_method,
 )

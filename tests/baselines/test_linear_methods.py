@@ -50,6 +50,11 @@ def test_least_squares_finds_a_circuit_without_noise_exactly(model, hold, known_
 def test_recursive_least_squares_ends_at_a_circuit_without_noise(hold, known_problem):
     answer = answer_of("rls", known_problem(TWO_PAIRS, hold=hold))
     assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=1e-3)
+    trajectory = answer.trajectory
+    assert trajectory.time_s[0] == 2.0
+    assert trajectory.r.shape == trajectory.tau_s.shape == (len(trajectory.time_s), 2)
+    ends = [trajectory.r0[-1], *trajectory.r[-1], *trajectory.tau_s[-1]]
+    assert ends == pytest.approx(values(TWO_PAIRS), rel=1e-3)
 
 
 def test_weighted_least_squares_is_a_loop_with_a_factor_a_coefficient(known_problem):
@@ -125,15 +130,6 @@ def test_subspaces_need_no_first_state():
     is_row = np.arange(500) >= 19
     found = np.linalg.eigvals(state_matrix(drive, np.array(output), is_row, 10, 2))
     np.testing.assert_allclose(np.sort(found), [0.5, 0.9], rtol=1e-9)
-
-
-def test_the_trajectory_of_recursive_least_squares_covers_the_record(known_problem):
-    trajectory = answer_of("rls", known_problem(TWO_PAIRS)).trajectory
-    assert trajectory is not None
-    assert trajectory.time_s[0] == 2.0
-    assert trajectory.r.shape == trajectory.tau_s.shape == (len(trajectory.time_s), 2)
-    ends = [trajectory.r0[-1], *trajectory.r[-1], *trajectory.tau_s[-1]]
-    assert ends == pytest.approx(values(TWO_PAIRS), rel=1e-3)
 
 
 def test_least_squares_equals_the_regression_in_lagged_samples(known_problem):

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barnax.cell import characterize
-from barnax.errors import InputError
 from helpers.ocv_tests import (
     CAPACITY_AH,
     W_NODES_V,
@@ -26,15 +25,10 @@ NODE_SOC = np.array([0.0, 0.1, 0.35, 0.95, 1.0])
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])
-def test_a_test_both_ways_gives_the_branches_back(hold):
+def test_a_test_both_ways_gives_branches_capacity_and_hysteresis_back(hold):
     cell = characterize([both_ways(hold)], ocv_fit="interpolated")
     np.testing.assert_allclose(cell.discharge(GRID), branch_v(GRID, -1), atol=1e-9)
     np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
-
-
-@pytest.mark.parametrize("hold", ["forward", "backward"])
-def test_a_test_both_ways_gives_capacity_and_hysteresis_back(hold):
-    cell = characterize([both_ways(hold)], ocv_fit="interpolated")
     assert cell.capacity_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
     np.testing.assert_allclose(cell.hysteresis_v(NODE_SOC), W_NODES_V, atol=1e-7)
 
@@ -58,22 +52,18 @@ def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
     np.testing.assert_allclose(cell.average_ocv_v(soc), average_v(soc), atol=1e-8)
 
 
-def test_one_file_keeps_one_axis_when_the_recharge_stops_short():
-    cell = characterize([both_ways(returned=0.98)], ocv_fit="interpolated")
+@pytest.mark.parametrize(("returned", "capacity_ah"), [(0.98, None), (0.5, 2.0)])
+def test_one_file_keeps_one_axis_when_the_recharge_stops_short(returned, capacity_ah):
+    test = both_ways(returned=returned)
+    cell = characterize([test], capacity_ah=capacity_ah, ocv_fit="interpolated")
     assert cell.charge_points[0].soc == pytest.approx(0.0, abs=1e-9)
-    assert cell.charge_points[-1].soc == pytest.approx(0.98, abs=1e-9)
+    assert cell.charge_points[-1].soc == pytest.approx(returned, abs=1e-9)
 
 
 def test_a_given_capacity_scales_the_axis_of_one_file():
     cell = characterize([both_ways()], capacity_ah=2.02, ocv_fit="interpolated")
     assert cell.discharge_points[-1].soc == 1.0
     assert cell.discharge_points[0].soc == pytest.approx(1 - CAPACITY_AH / 2.02, abs=1e-9)
-
-
-def test_files_of_one_direction_are_scaled_by_their_own_charge():
-    shorter = replace(charge_only(), current_a=charge_only().current_a * 0.985)
-    cell = characterize([discharge_only(), shorter], ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
 
 
 def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
@@ -132,27 +122,3 @@ def test_the_average_of_one_direction_has_its_errors():
     errors = characterize([discharge_only()]).errors
     assert set(errors) == {"discharge", "average"}
     assert errors["average"] == errors["discharge"]
-
-
-def test_directions_that_disagree_are_fine_with_the_capacity_given():
-    cell = characterize([both_ways(returned=0.5)], capacity_ah=2.0, ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(0.5, abs=1e-9)
-
-
-def test_a_record_without_rests_is_refused():
-    current_a = np.append(np.tile([2.0] * 10 + [-1.5] * 10, 100), 2.0)
-    record = record_of(current_a, start_soc=1.0, direction=1, hold="backward")
-    record = replace(record, current_a=np.append(current_a, 2.0))
-    with pytest.raises(InputError, match="it has no rests"):
-        characterize([record])
-
-
-def test_halves_that_share_no_state_of_charge_are_refused():
-    upper = np.concatenate([np.zeros(60), pulses(-1, 10, share=0.55)])
-    lower = np.concatenate([np.zeros(60), pulses(+1, 8, share=0.4)])
-    records = [
-        record_of(upper, start_soc=1.0, direction=1),
-        record_of(lower, start_soc=0.0, direction=-1),
-    ]
-    with pytest.raises(InputError, match="do not overlap"):
-        characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")

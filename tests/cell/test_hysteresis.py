@@ -25,13 +25,6 @@ def eq4(parameters: dict[str, float], soc: np.ndarray) -> np.ndarray:
     )
 
 
-@given(nodes)
-def test_five_nodal_values_are_recovered(values):
-    at_knots_v = np.array([*values[:3], *values[2:]])
-    fitted = SegmentedHysteresis.fit(SOC, np.interp(SOC, KNOTS, at_knots_v))
-    np.testing.assert_allclose(fitted(NODE_SOC), values, atol=1e-6)
-
-
 def test_the_continuous_fit_is_the_least_squares_solution_of_numpy():
     rng = np.random.default_rng(0)
     w = np.interp(SOC, KNOTS, AT_KNOTS_V) + 1e-3 * rng.standard_normal(len(SOC))

@@ -7,7 +7,6 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
-from barnax.errors import InputError
 from barnax.records import read_record
 from helpers.ocv_tests import (
     CAPACITY_AH,
@@ -43,14 +42,6 @@ def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
     current_a = np.concatenate([half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)])
     cell = characterize([record_of(current_a, start_soc=0.5, direction=1)])
     assert len(assumptions(cell)) == 1
-
-
-@pytest.mark.parametrize("test", [between_cutoffs, lambda: slow_sweep(-1)])
-def test_only_a_factor_of_two_is_refused_of_a_test_that_spans_both_ends(test):
-    whole = characterize([test()], ocv_fit="interpolated")
-    for ratio in (0.49, 2.05):
-        with pytest.raises(InputError, match="check the capacity"):
-            characterize([test()], capacity_ah=whole.capacity_ah / ratio)
 
 
 @pytest.mark.parametrize("test", [between_cutoffs, lambda: slow_sweep(-1)])

@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
-from barnax.errors import InputError
 from barnax.global_optimum import Landscape
 from barnax.global_optimum.reduced import Reduced
 from barnax.global_optimum.search import landscape_of
@@ -176,10 +175,3 @@ def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
         taus = landscape.circuit(point).tau_s
         expected = least_rmse(problem, low * scale, high * scale, taus, None)
         assert landscape.rmse_v[point] == pytest.approx(expected, rel=1e-8)
-
-
-def test_a_box_too_wide_to_compress_is_refused(bundled_cell):
-    wide = {"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)}
-    problem = make_problem(drive_record(), bundled_cell, "so-rc", window=KNOWN_SOC, bounds=wide)
-    with pytest.raises(InputError, match="`objective='scan'`"):
-        landscape_of(Reduced.of(problem))

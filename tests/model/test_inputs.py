@@ -165,12 +165,6 @@ def test_the_state_of_charge_falls_by_the_ampere_hours_taken_from_the_start_on(h
     assert soc[99] - soc[90] == pytest.approx(90 * 1 / 3600 / 2.0, rel=1e-9)
 
 
-def test_the_current_before_the_start_does_not_count(bundled_cell):
-    course = prepared(bundled_cell, Window(start_time_s=400.0, initial_soc=0.8))
-    assert course.first == 35
-    assert course.soc[0] == 0.8
-
-
 @pytest.mark.parametrize(("given_ah", "scale"), [(None, 1.0), (1.0, 2.0)])
 def test_the_capacity_of_a_window_is_the_records_own(bundled_cell, given_ah, scale):
     course = prepared(bundled_cell, Window(initial_soc=0.8, capacity_ah=given_ah))
@@ -189,11 +183,6 @@ def test_a_rested_voltage_is_read_on_the_branch_of_the_last_direction(bundled_ce
     assert start.soc == pytest.approx(0.6, abs=1e-4)
     assert (start.soc_source, start.row) == ("rested voltage", 2)
     assert start.voltage_v == ocv_v(branch, 0.6)
-
-
-def test_a_given_state_of_charge_is_taken(bundled_cell):
-    start = prepared(bundled_cell, Window(initial_soc=0.4, start_time_s=400.0)).start
-    assert (start.soc, start.soc_source) == (0.4, "given")
 
 
 @pytest.mark.parametrize(
@@ -424,6 +413,6 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
     assert prepared(bundled_cell, unscored, voltage_v=2.8).scored.sum() == 25
 
 
-def test_an_unknown_circuit_is_refused_with_the_known_ones(bundled_cell):
-    with pytest.raises(ValueError, match="no circuit is called 'rint'; there are iso-rc, so-rc"):
-        prepared(bundled_cell, circuit="rint")
+def test_a_given_state_of_charge_is_taken(bundled_cell):
+    start = prepared(bundled_cell, Window(initial_soc=0.4, start_time_s=400.0)).start
+    assert (start.soc, start.soc_source) == (0.4, "given")

@@ -76,28 +76,9 @@ def test_a_problem_is_in_double_precision_and_leaves_the_setting(bundled_record,
         assert not jax.config.jax_enable_x64
 
 
-def test_the_box_follows_the_cell_and_the_record(short_problem):
-    ranges = short_problem.bounds.ranges
-    scale = 2.0 / short_problem.cell.capacity_ah
-    assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
-    assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
-
-
-def test_a_box_that_cannot_be_names_where_it_came_from(bundled_record, bundled_cell):
-    wrong = {"R0 [Ohm]": (0.2, 0.1)}
-    with pytest.raises(InputError, match=r"box\.toml: the bounds of 'R0 \[Ohm\]'"):
-        make_problem(bundled_record, bundled_cell, window=SHORT, bounds=wrong, source="box.toml")
-
-
 def test_no_record_is_no_problem(bundled_cell):
     with pytest.raises(ValueError, match="at least one record"):
         make_problem([], bundled_cell)
-
-
-def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
-    flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
-    with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
-        make_problem(flat, bundled_cell, window=SHORT)
 
 
 def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundled_cell):
@@ -126,3 +107,16 @@ def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
         point = np.asarray(coordinates.encode(rc_parameters(slow_first)))
         (circuit,) = problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(slow_first.to_dict(), rel=1e-12)
+
+
+def test_the_box_follows_the_cell_and_the_record(short_problem):
+    ranges = short_problem.bounds.ranges
+    scale = 2.0 / short_problem.cell.capacity_ah
+    assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
+    assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
+
+
+def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
+    flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
+    with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
+        make_problem(flat, bundled_cell, window=SHORT)

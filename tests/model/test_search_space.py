@@ -278,19 +278,6 @@ def test_the_raw_box_of_capacitance_holds_every_allowed_time_constant():
     np.testing.assert_allclose(coordinates.upper[2], 1000.0 / 1e-4)
 
 
-@pytest.mark.parametrize(
-    ("r_ohm", "c_farad", "tau_s"),
-    # They would be 20,000 s and a millisecond.
-    [(0.2, 1e5, 1000.0), (1e-4, 10.0, 0.5)],
-)
-def test_a_capacitance_beyond_the_time_constants_is_clipped(r_ohm, c_farad, tau_s):
-    point = jnp.array([0.05, r_ohm, c_farad, 0.01, 1e4])
-    circuit = physical(Coordinates.of(DEFAULT, "rc").decode(point))
-    assert circuit["tau1 [s]"] == tau_s
-    assert circuit["C1 [F]"] == pytest.approx(tau_s / r_ohm)
-    assert circuit["C2 [F]"] == pytest.approx(1e4)
-
-
 def test_the_log_coordinates_are_logarithms_of_resistances_and_time_constants():
     coordinates = Coordinates.of(DEFAULT, "log")
     assert coordinates.names == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")

@@ -12,7 +12,7 @@ from ..filters import Drive, ErrorModel, make_model, run_filter
 from ..filters.model import GRID, NOISES_PER_REST
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
-from .method import Answer, MethodFailure, deterministic
+from .method import Answer, MethodFailure, Trajectory, deterministic
 from .regression import (
     FORGETTING,
     VARIANCE,
@@ -67,7 +67,7 @@ def least_squares_and_filter(problem: Problem) -> Answer:
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     middle, _ = middle_of(problem)
     found = _track_with_filter(problem.prepared, problem.cell, samples, scale, middle)
-    return averaged(problem, samples, *found)
+    return averaged(problem, Trajectory(samples.time_s[samples.is_row], *found), samples.notes)
 
 
 def _track_with_filter(
@@ -167,13 +167,9 @@ def dual_filter(problem: Problem) -> Answer:
         # They may change places on their way.
         order = np.argsort(tau_s, axis=1)
         r, tau_s = (np.take_along_axis(each, order, axis=1) for each in (r, tau_s))
-    samples = EvenSamples(
-        prepared.time_s, prepared.source_v, prepared.current_a, prepared.scored,
-        prepared.median_interval_s, is_forward=True, notes=(),
-    )  # fmt: skip
-    chosen = prepared.scored
-    r0 = middle.r0 * factor.get("R0", held)
-    return averaged(problem, samples, r0[chosen], r[chosen], tau_s[chosen], middle.gamma)
+    values = prepared.time_s, middle.r0 * factor.get("R0", held), r, tau_s
+    path = Trajectory(*(each[prepared.scored] for each in values))
+    return averaged(problem, path, gamma=middle.gamma)
 
 
 _dual = jax.jit(partial(run_filter, kind="ukf", form="dual", adapting=1 - FORGETTING))

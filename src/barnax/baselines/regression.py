@@ -222,31 +222,17 @@ def recursive_least_squares(problem: Problem, *, poles: float, gains: float) -> 
     the time constants of a cell change less than its resistances. Answers as `averaged` says; the
     bias of `ls` is its bias too. Raises `MethodFailure` where a parameter is held.
     """
-    return averaged(problem, *track(problem, poles, gains))
-
-
-def track(
-    problem: Problem, poles: float, gains: float
-) -> tuple[EvenSamples, np.ndarray, np.ndarray, np.ndarray]:
-    """The samples, and R0, R and tau after every row, by recursive least squares.
-
-    `poles` and `gains` are the forgetting factors of a and b. Call inside float64.
-    """
     samples, columns, target = regression(problem)
     pairs = problem.bounds.pairs
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     factors = jnp.repeat(jnp.array([poles, gains]), jnp.array([pairs, pairs + 1]))
     tracked = _track(jnp.asarray(columns / scale), jnp.asarray(target), factors)
-    return samples, *circuit_values(np.asarray(tracked) / scale, samples, pairs)
+    values = circuit_values(np.asarray(tracked) / scale, samples, pairs)
+    return averaged(problem, Trajectory(samples.time_s[samples.is_row], *values), samples.notes)
 
 
 def averaged(
-    problem: Problem,
-    samples: EvenSamples,
-    r0: np.ndarray,
-    r: np.ndarray,
-    tau_s: np.ndarray,
-    gamma: float | None = None,
+    problem: Problem, path: Trajectory, notes: tuple[str, ...] = (), gamma: float | None = None
 ) -> Answer:
     """The answer of an online method: medians over time, and the trajectory.
 
@@ -254,6 +240,7 @@ def averaged(
     shorter record), where the values are a circuit's; noise can make those few, and a note says
     how many. Raises `MethodFailure` where there are none.
     """
+    r0, r, tau_s = path.r0, path.r, path.tau_s
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
     late = np.arange(len(r0)) >= min(MEMORY, len(r0) // 2)
     counted = late & is_circuit
@@ -269,7 +256,7 @@ def averaged(
     ).ordered()
     parameters = replace(parameters, gamma=gamma)
     trajectory = Trajectory(
-        time_s=samples.time_s[samples.is_row],
+        time_s=path.time_s,
         r0=np.where(is_circuit, r0, np.nan),
         r=np.where(is_circuit[:, None], r, np.nan),
         tau_s=np.where(is_circuit[:, None], tau_s, np.nan),
@@ -278,7 +265,7 @@ def averaged(
         f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} samples at "
         "which its equation is a circuit"
     )
-    return answer_of(problem, parameters, (note, *samples.notes), trajectory)
+    return answer_of(problem, parameters, (note, *notes), trajectory)
 
 
 @jax.jit

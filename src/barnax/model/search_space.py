@@ -139,7 +139,12 @@ class Bounds:
         """Whether all RC pairs have the same box, so that swapping them stays inside."""
         if self.fixed.keys() - {RESISTANCES[0], RATE}:
             return False
-        return len({self._pair(index) for index in range(self.pairs)}) == 1
+        seconds = [self.second_name(pair) for pair in range(self.pairs)]
+        boxes = {
+            (self.ranges[resistance], name.startswith("tau"), self.ranges[name])
+            for resistance, name in zip(RESISTANCES[1:], seconds, strict=False)
+        }
+        return len(boxes) == 1
 
     def second_name(self, index: int) -> str:
         """The name that bounds or fixes pair `index` beside its resistance."""
@@ -151,11 +156,6 @@ class Bounds:
                 f"{source}: {cut(name, LONGEST_NAME)!r} is not a parameter of this circuit; there "
                 f"are {', '.join(self.names)}"
             )
-
-    def _pair(self, index: int) -> tuple[Range, str, Range]:
-        name = self.second_name(index)
-        kind = "tau" if name.startswith("tau") else "C"
-        return self.ranges[RESISTANCES[index + 1]], kind, self.ranges[name]
 
     def range_of(self, name: str) -> Range:
         """Least and greatest value of a parameter that is bounded or fixed."""

@@ -171,6 +171,10 @@ class SimulationInput(AbstractEvaluator):
     intervals: Intervals
     hysteresis: HysteresisInput | None = None
 
+    def map_clocks(self, change: Callable[[Intervals], Intervals]) -> "SimulationInput":
+        """The same with every clock changed."""
+        return eqx.tree_at(_clocks, self, [change(each) for each in _clocks(self)])
+
     def map_samples(self, change: Callable[[Array], Array]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""
         return eqx.tree_at(_sampled, self, replace_fn=change)
@@ -189,7 +193,7 @@ class SimulationInput(AbstractEvaluator):
 
     def first(self, samples: int) -> "SimulationInput":
         """Its first samples, filled up where there are fewer, in a form that blocks share."""
-        short = eqx.tree_at(_clocks, self, [each.in_one_form() for each in _clocks(self)])
+        short = self.map_clocks(Intervals.in_one_form)
         cut = short.map_samples(lambda array: as_input(np.asarray(array)[:samples]))
         return cut.padded_to(samples)
 

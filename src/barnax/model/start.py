@@ -1,7 +1,7 @@
 """The state in which a simulation starts: its SOC, the direction before it, and their sources."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -57,7 +57,7 @@ def known_soc(
 
     def carried(known: KnownSoc) -> KnownSoc:
         passed_ah = discharged_ah[known.known_at] - discharged_ah[at]
-        return KnownSoc(float(known.soc + passed_ah / capacity_ah), known.source, known.known_at)
+        return replace(known, soc=float(known.soc + passed_ah / capacity_ah))
 
     def is_likely(known: KnownSoc) -> bool:
         apart_v = _COUNTED_APART_V if known.source == "counters" else _APART_V
@@ -79,8 +79,7 @@ def known_soc(
         likely = [known for known in map(carried, found) if is_likely(known)]
         if likely:
             nearest = min(likely, key=lambda known: abs(known.known_at - at))
-            soc = min(max(nearest.soc, 0.0), 1.0)
-            return KnownSoc(soc, nearest.source, nearest.known_at)
+            return replace(nearest, soc=min(max(nearest.soc, 0.0), 1.0))
     return None
 
 

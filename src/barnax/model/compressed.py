@@ -170,13 +170,11 @@ def _blocks(
     inputs: SimulationInput, in_tau: Span, in_rate: Span | None
 ) -> Iterator[Float[np.ndarray, "scored columns"]]:
     """The columns of the problem at the scored samples, block after block."""
+    # In few sizes, so that records with other clocks share one program.
     inputs = inputs.map_clocks(
-        # So that records with other clocks share one program.
         lambda clock: clock.with_nodes(1 << (len(clock.node_s) - 1).bit_length())
     )
-    tau, turn_tau = (
-        np.empty(0) if span is None else padded_tau(span) for span in (in_tau, in_rate)
-    )
+    tau, turn_tau = padded_tau(in_tau), np.empty(0) if in_rate is None else padded_tau(in_rate)
     state, turned = np.zeros(tau.shape), np.zeros(turn_tau.shape)
     for first in range(0, len(inputs.current_a), BLOCK):
         here = slice(first, first + BLOCK)

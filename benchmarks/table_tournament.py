@@ -20,7 +20,7 @@ from barnax.model.exponentials import Lagrange
 from barnax.model.inputs import prepare_record
 from barnax.optimizers import evaluations_per_iteration
 from barnax.over_soc.by_method import SEARCHES, capped, search_by
-from barnax.over_soc.fit import box_of, reduced_objective
+from barnax.over_soc.fit import reduced_objective
 from barnax.over_soc.objective import Objective
 from barnax.over_soc.search import find_best
 from benchmarks.pages import as_markdown, provenance, save_page
@@ -44,7 +44,7 @@ def bundled_objective() -> Objective:
     record = barnax.read_record(barnax.bundled_file("identification"))
     prepared = prepare_record(record, cell, "so-rc")
     settings = barnax.TableSettings(folds=0)
-    return reduced_objective([prepared], settings, box_of([prepared], settings))[0]
+    return reduced_objective([prepared], settings)
 
 
 def loss_of_all(objective: Objective) -> tuple[Errors, np.ndarray, np.ndarray]:

@@ -36,7 +36,7 @@ GENERAL = {"optimizers": {"errors"}, "metrics": set(), "errors": set(), "executi
 # In a notebook a result shows itself: the one import to the right, made when it is asked to.
 SHOWN = {("results", "reporting")}
 # Where what users give is read, beside the command line.
-READING = {"records/read.py", "schema.py", "model/search_space.py", "plan/text.py"}
+READING = {"records/read.py", "schema.py", "model/search_space.py", "plan/document.py"}
 # A fleet's workers write their rows themselves, wherever they run; its manifest is read there too.
 DATASET = "fleet/dataset.py"
 READING |= {DATASET, "fleet/manifest.py"}

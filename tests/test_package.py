@@ -200,6 +200,8 @@ def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_
     templates = ("report.html", "report.css", "report.md", "report.js")
     templates += ("uPlot.iife.min.js", "uPlot.min.css", "uPlot.LICENSE")
     assert {f"barnax/reporting/templates/{name}" for name in templates} <= names
+    exports = ("barnax_cell.h", "barnax_filter.h", "barnax_pybamm.py", "barnax_thevenin.py")
+    assert {f"barnax/export/templates/{name}.jinja" for name in exports} <= names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert not any(name.startswith(("tests", "benchmarks")) for name in names)
 

@@ -12,8 +12,13 @@ from scipy.stats import t as student
 
 import barnax
 from barnax.model.problem import Problem
-from barnax.uncertainty.covariance import CONFIDENCE, Covariance, Estimate, Uncertainty
-from barnax.uncertainty.linearization import linearize
+from barnax.uncertainty.covariance import (
+    CONFIDENCE,
+    Covariance,
+    Estimate,
+    Uncertainty,
+    linearize,
+)
 from barnax.uncertainty.refit import Ends, Refit
 
 

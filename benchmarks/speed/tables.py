@@ -20,11 +20,9 @@ from scipy.signal import lfilter
 import barnax
 from barnax.cell.tables import hats
 from barnax.model.inputs import PreparedRecord, Window, prepare_record
-from barnax.over_soc.cross_validation import blocks_of
-from barnax.over_soc.objective import Objective
-from barnax.over_soc.reduced import layout_of, reduce_records, together
+from barnax.over_soc.fit import reduced_objective
+from barnax.over_soc.objective import Objective, TableSettings
 from barnax.over_soc.search import find_best
-from barnax.over_soc.settings import TableSettings
 from benchmarks.pages import as_markdown, provenance, save_page
 
 from . import report
@@ -86,10 +84,8 @@ def time_tables(sizes: Sizes) -> list[Row]:
 
 
 def _objective(prepared: PreparedRecord, kind: type[Objective]) -> Objective:
-    layout = layout_of(SETTINGS.nodes, TAU_RANGE_S, None, True, False)
-    groups, count = blocks_of([prepared], SETTINGS)
-    reduced = together(reduce_records([prepared], layout, groups, count))
-    return kind(reduced, SETTINGS, (TAU_RANGE_S,) * 2, None, prepared.capacity_ah)
+    objective = reduced_objective([prepared], SETTINGS, ((TAU_RANGE_S,) * 2, None))
+    return kind(**vars(objective))
 
 
 def _solved(prepared: PreparedRecord, penalty, whole, place):

@@ -18,7 +18,7 @@ from .comparison import Comparison as Comparison
 from .comparison import ComparisonResult as ComparisonResult
 from .comparison import compare as compare
 from .comparison import make_comparison_result as make_comparison_result
-from .comparison.from_files import compare_files as compare_files
+from .comparison.result import compare_files as compare_files
 from .errors import InputError as InputError
 from .fleet import FleetCell as FleetCell
 from .fleet import identify_fleet as identify_fleet

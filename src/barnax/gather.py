@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -64,6 +63,12 @@ class Reading:
     validate_current_sign: str = "auto"
     current_hold: str = "auto"
     columns: Mapping[str, str] | str = ""
+
+    def options(self, role: str = "identification") -> dict[str, Any]:
+        """Sign and hold of a file of that role, as `read_record` and `check_file` take them."""
+        signs = {"OCV test": self.ocv_current_sign, "validation": self.validate_current_sign}
+        sign = signs.get(role, self.current_sign)
+        return {"current_sign": sign, "current_hold": self.current_hold}
 
 
 @dataclass(frozen=True)
@@ -154,29 +159,19 @@ def read_inputs(
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
     looked_at: list[tuple[str, Source, Record | OcvTable]] = []
 
-    def take(each: Given, role: str, read: Callable[[Source], Any]) -> Any:
+    def take(each: Given, role: str) -> Any:
         """What a file or frame holds, read once, and remembered to be checked."""
         if isinstance(each, Record | OcvTable):
             return each
         source = source_of(each, names, reading.columns, _FRAMES.get(role, FRAME))
-        looked_at.append((role, source, read(source)))
+        read = read_ocv_test if role == "OCV test" else read_record
+        looked_at.append((role, source, read(source, **reading.options(role))))
         return looked_at[-1][2]
 
-    def reader(sign: Any) -> Callable[[Source], Record]:
-        hold: Any = reading.current_hold
-        return partial(read_record, current_sign=sign, current_hold=hold)
-
-    def read_test(source: Source) -> Record | OcvTable:
-        sign: Any = reading.ocv_current_sign
-        hold: Any = reading.current_hold
-        return read_ocv_test(source, current_sign=sign, current_hold=hold)
-
     with watch("Reading records", 0):
-        ocv_records = [take(each, "OCV test", read_test) for each in tests]
-        dynamic = [take(each, "identification", reader(reading.current_sign)) for each in given]
-        further = [
-            take(each, "validation", reader(reading.validate_current_sign)) for each in others
-        ]
+        ocv_records = [take(each, "OCV test") for each in tests]
+        dynamic = [take(each, "identification") for each in given]
+        further = [take(each, "validation") for each in others]
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
         _require_different([each for each in ocv_records if isinstance(each, Record)])
@@ -209,12 +204,6 @@ def _checked(
 
     Of what was given nothing is advised again, and what is not simulated is left out.
     """
-    signs: dict[str, Any] = {
-        "OCV test": reading.ocv_current_sign,
-        "identification": reading.current_sign,
-        "validation": reading.validate_current_sign,
-    }
-    hold: Any = reading.current_hold
     warnings: list[str] = []
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
     for role, source, taken in looked_at:
@@ -228,9 +217,8 @@ def _checked(
         found = check_file(
             source if is_test else _simulated(source, taken, own),
             capacity_ah=own_ah,
-            current_sign=signs[role],
-            current_hold=hold,
             rest_current_a=own.rest_current_a,
+            **reading.options(role),
         )
         if not is_test:
             # That the OCV test is of another cell may be why the file seems at fault.
@@ -274,9 +262,7 @@ def read_validation(
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {}, reading.columns)
-    sign: Any = reading.validate_current_sign
-    hold: Any = reading.current_hold
-    record = read_record(source, current_sign=sign, current_hold=hold)
+    record = read_record(source, **reading.options("validation"))
     looked_at = [("validation", source, record)]
     return record, _checked(looked_at, cell, None, window, reading, identified)
 

@@ -7,7 +7,7 @@ from .bundled import BUNDLED
 from .gather import Given, Reading, Watch, listed, unwatched
 from .model.window import Window
 from .pipeline import identify
-from .plan.pulse_tests import prepare_pulse_tests
+from .plan.running import prepare_pulse_tests
 from .results import Result
 
 

@@ -34,7 +34,7 @@ from .search.refine import SAME_RMSE, AtBound, Refinement
 from .search.seeds import Search
 from .table_run import TableRun
 from .uncertainty import Assessment, Examination
-from .uncertainty.diagnostics import Band, soc_bands
+from .uncertainty.assessment import Band, soc_bands
 
 VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
 

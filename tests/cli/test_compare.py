@@ -9,7 +9,7 @@ from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
 from barnax.cli.compare import chosen_rows
 from barnax.comparison import PAPER_ROWS, ComparisonResult
-from barnax.comparison.from_files import compare_files
+from barnax.comparison.result import compare_files
 from barnax.errors import InputError
 from barnax.optimizers import OPTIMIZERS
 

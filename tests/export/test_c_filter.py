@@ -1,6 +1,5 @@
 """The filter in C: compiled by the system's compiler, and run beside the one in Python."""
 
-import shutil
 import subprocess
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,12 +15,12 @@ from barnax.model.inputs import prepare_record
 from barnax.model.window import Window
 from helpers.results import PAIRS_OF, make_record, make_result, make_table_result
 
-COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-pytestmark = pytest.mark.skipif(COMPILER is None, reason="this system has no C compiler")
+from .conftest import compiled, needs_a_compiler
+
+pytestmark = needs_a_compiler
 HYSTERETIC = ("iso-rc", "esc", "takacs")
 # So many samples pass before the current flows.
 REST = 40
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2")
 PROGRAM = """\
 #include <stdio.h>
 #include <stdlib.h>
@@ -45,15 +44,10 @@ int main(int count, char **given)
 """
 
 
-def compiled(folder, result, precision):
+def in_c(folder, result, precision):
     """A function that runs the filter in C from a last direction."""
-    (folder / "barnax_filter.h").write_bytes(EXPORTERS["c-filter"].write(result).content)
-    (folder / "main.c").write_text(PROGRAM)
-    program = folder / precision
-    subprocess.run(
-        [COMPILER, *STRICT, f"-DBARNAX_REAL={precision}", folder / "main.c", "-o", program, "-lm"],
-        check=True,
-    )
+    options = ("-std=c99", f"-DBARNAX_REAL={precision}")
+    program = compiled(folder, EXPORTERS["c-filter"], result, PROGRAM, *options)
 
     def run(direction, drive):
         """SOC, its deviation, innovation and its deviation after every sample."""
@@ -89,7 +83,7 @@ def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
     record = replace(record, current_a=np.where(at_rest, 0.0, record.current_a))
     window = Window(initial_soc=0.9, initial_direction=1, rest_current_a=0.05)
     prepared = prepare_record(record, result.cell_model, circuit, window)
-    in_double, in_single = (compiled(tmp_path, result, each) for each in ("double", "float"))
+    in_double, in_single = (in_c(tmp_path, result, each) for each in ("double", "float"))
     for direction in (1, 0) if circuit in HYSTERETIC else (1,):
         expected, drive = in_python(result, prepared, direction)
         assert np.abs(in_double(direction, drive) - expected).max() < 1e-9
@@ -104,7 +98,7 @@ def test_an_unknown_direction_leaves_room_for_both(tmp_path, direction):
     cell, rest, soc = result.cell_model, np.zeros(600), np.array([0.7])
     voltage_v = (cell.average_ocv_v(soc) + direction * cell.hysteresis_v(soc) / 2)[0] + rest
     drive = SimpleNamespace(interval_s=rest + 1, held_a=rest, current_a=rest, voltage_v=voltage_v)
-    run = compiled(tmp_path, result, "double")
+    run = in_c(tmp_path, result, "double")
     wrong, unknown, right = (run(each, drive)[-1] for each in (-direction, 0, direction))
     assert abs(right[0] - 0.7) < abs(unknown[0] - 0.7) < abs(wrong[0] - 0.7)
     assert unknown[1] > wrong[1]

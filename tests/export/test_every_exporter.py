@@ -8,11 +8,10 @@ import pytest
 from barnax.cell import CIRCUITS as REGISTERED
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, get_exporter
-from barnax.export.tables import tables_of
-from helpers.results import CIRCUITS, make_cell, make_result
+from helpers.results import CIRCUITS, make_cell, make_result, make_table_result
 
-every_exporter = pytest.mark.parametrize("exporter", EXPORTERS.values(), ids=lambda each: each.name)
-every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)
+from .conftest import every_circuit, every_exporter
+
 # What each file's notes are written with, where its format has comments.
 COMMENTED = ("pybamm", "thevenin", "simscape")
 
@@ -25,11 +24,6 @@ def words_of(content: bytes) -> str:
 
 def test_every_circuit_is_tested():
     assert {name for name, each in REGISTERED.items() if each.turning is None} == set(CIRCUITS)
-
-
-def test_a_circuit_that_remembers_its_turns_is_refused():
-    with pytest.raises(InputError, match="which no table over SOC holds"):
-        tables_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
 
 
 def test_exporters_are_registered_under_their_names_and_write_different_files():
@@ -69,7 +63,7 @@ def test_the_capacity_is_the_one_the_record_was_simulated_with(exporter, circuit
 def test_caveats_stand_in_the_file_too(exporter, circuit):
     content, caveats = exporter.write(make_result(circuit))
     assert (exporter.name in COMMENTED) == bool(caveats)
-    if exporter.name != "simscape":  # its notes are read back in test_simscape
+    if exporter.name != "simscape":  # its notes are read back in test_files
         words = words_of(content)
         assert all(caveat in words for caveat in caveats)
 
@@ -83,6 +77,25 @@ def test_a_hysteresis_that_a_tool_cannot_hold_is_named(name, circuit):
     if circuit in ("iso-rc", "esc"):
         largest_mv = 1e3 * max(make_cell().hysteresis(np.linspace(0, 1, 101)))
         assert f"up to {largest_mv:.3g} mV" in caveats
+
+
+@every_exporter
+def test_nodes_near_no_sample_are_named(exporter):
+    caveats = exporter.write(make_table_result()).caveats
+    assert caveats[0].startswith("No sample is near the nodes at SOC -0.05, 0:")
+
+
+@every_exporter
+def test_every_export_names_the_measured_temperatures(exporter, over_temperature):
+    content, caveats = exporter.write(over_temperature)
+    told = " ".join(caveats)
+    if exporter.name == "c-filter":
+        assert "all of it is for 25 degC, and nothing identified at 0, 45" in told
+        alone = exporter.write(over_temperature.at_temperature(25.0)).content
+        assert alone.count(b"\n") < content.count(b"\n")
+        return
+    assert "Identified at 0, 25, 45 degC" in told
+    assert "at 0, 25, 45 degC it was 1.9, 2, 2.1 Ah" in told
 
 
 @every_exporter

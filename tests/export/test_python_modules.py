@@ -1,18 +1,30 @@
 """The modules for PyBaMM and thevenin: their names, their numbers, and what they simulate."""
 
-import sys
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from barnax.export import EXPORTERS, Profile
-from barnax.export.tables import TOLERANCE_V
+from barnax.export.tables import TOLERANCE_V, tables_of
 from barnax.export.verification import pulse_profile, simulate_here
-from helpers.results import CAPACITY_AH, CIRCUITS, GAMMA, PAIRS, PAIRS_OF, make_cell, make_result
+from helpers.results import (
+    CAPACITY_AH,
+    CORRECTION_V,
+    GAMMA,
+    NODES,
+    PAIRS,
+    PAIRS_OF,
+    TABLE_OHM,
+    TABLE_TAU_S,
+    make_cell,
+    make_result,
+    make_table_result,
+)
 
-every_circuit = pytest.mark.parametrize("circuit", CIRCUITS)
+from .conftest import DEGC, every_circuit, r0_ohm, run_module
+
+SOC = np.linspace(0, 1, 2001)
 # What pybamm.EcmParameters and the Thevenin model ask for (PyBaMM 26.10), beside the pairs.
 PYBAMM_NAMES = {
     "chemistry", "Initial SoC", "Initial temperature [K]", "Cell capacity [A.h]",
@@ -29,20 +41,8 @@ THEVENIN_NAMES = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def fake_pybamm(monkeypatch):
-    """As much of PyBaMM as the module names, so that it loads where PyBaMM is not installed."""
-    circuits = SimpleNamespace(Thevenin=lambda options: options)
-    fake = SimpleNamespace(
-        Interpolant=lambda x, y, child, name: np.interp(child, x, y), equivalent_circuit=circuits
-    )
-    monkeypatch.setitem(sys.modules, "pybamm", fake)
-
-
 def load(name: str, circuit: str, **changes: Any) -> dict[str, Any]:
-    module: dict[str, Any] = {}
-    exec(EXPORTERS[name].write(make_result(circuit, **changes)).content, module)
-    return module
+    return run_module(EXPORTERS[name], make_result(circuit, **changes))
 
 
 @every_circuit
@@ -63,9 +63,8 @@ def test_pybamm_gets_the_circuit_as_it_was_identified(fake_pybamm, circuit):
         assert (values[f"R{k} [Ohm]"], values[f"C{k} [F]"]) == (r, c)
     assert values["Cell capacity [A.h]"] == CAPACITY_AH
     assert values["Initial SoC"] == 0.9
-    soc, cell = np.linspace(0, 1, 2001), make_cell()
-    found_v = values["Open-circuit voltage [V]"](soc)
-    assert np.abs(found_v - cell.average_ocv_v(soc)).max() < 1.1 * TOLERANCE_V
+    found_v = values["Open-circuit voltage [V]"](SOC)
+    assert np.abs(found_v - make_cell().average_ocv_v(SOC)).max() < 1.1 * TOLERANCE_V
 
 
 @pytest.mark.parametrize(("initial_soc", "given"), [(1.0, 1 - 1e-6), (0.0, 1e-6)])
@@ -139,3 +138,67 @@ def test_a_dynamic_hysteresis_differs_in_thevenin_by_its_slope_over_gamma():
     steepest_v = max(abs(w.parameters[name]) for name in "ACEG") / 2
     assert np.abs(difference_v).max() < 1.1 * steepest_v / GAMMA + TOLERANCE_V
     assert np.abs(difference_v).max() > 0.3 * steepest_v / GAMMA
+
+
+def test_pybamm_gets_interpolants_of_the_tables(fake_pybamm):
+    values = run_module(EXPORTERS["pybamm"], make_table_result())["get_parameter_values"]()
+    expected_ohm = np.interp(SOC, NODES, TABLE_OHM[0])
+    np.testing.assert_allclose(values["R0 [Ohm]"](25.0, 1.0, SOC), expected_ohm)
+    tau_s = values["R2 [Ohm]"](25.0, 1.0, SOC) * values["C2 [F]"](25.0, 1.0, SOC)
+    np.testing.assert_allclose(tau_s, TABLE_TAU_S[1])
+    # A resistance of zero leaves a time constant that no solver divides by.
+    assert np.isfinite(values["C1 [F]"](25.0, 1.0, SOC)).all()
+    expected_v = make_cell().average_ocv_v(SOC) + np.interp(SOC, NODES, CORRECTION_V)
+    found_v = values["Open-circuit voltage [V]"](SOC)
+    assert np.abs(found_v - expected_v).max() < 1.1 * TOLERANCE_V
+
+
+def test_thevenins_functions_of_soc_simulate_what_barnax_does():
+    """The circuit's equations in a plain loop of small steps."""
+    result = make_table_result()
+    profile = pulse_profile(result)
+    params = run_module(EXPORTERS["thevenin"], result)["get_params"]()
+    at = {name: params[name] for name in ("R0", "R1", "R2", "C1", "C2")}
+    tau_s = [at["R1"](0.3, 298.15) * at["C1"](0.3, 298.15), TABLE_TAU_S[1]]
+    assert tau_s == pytest.approx(TABLE_TAU_S)
+    soc, u, there_v = params["soc0"], np.zeros(2), []
+    decay = np.exp(-0.05 / np.array(TABLE_TAU_S))
+    for current_a, interval_s in zip(
+        profile.current_a[:400], np.diff(profile.time_s[:401]), strict=True
+    ):
+        there_v.append(params["ocv"](soc) - at["R0"](soc, 298.15) * current_a - u.sum())
+        for _ in range(round(interval_s / 0.05)):
+            r = np.array([at[name](soc, 298.15) for name in ("R1", "R2")])
+            u = decay * u + (1 - decay) * r * current_a
+            soc -= 0.05 * current_a / 3600 / CAPACITY_AH
+    assert np.abs(np.array(there_v) - simulate_here(result, profile)[:400]).max() < 1e-4
+
+
+def ocv_at(over_temperature, degc):
+    return float(tables_of(over_temperature.at_temperature(degc)).ocv(np.array(0.4)))
+
+
+def test_thevenin_has_functions_of_soc_and_temperature(over_temperature):
+    module = run_module(EXPORTERS["thevenin"], over_temperature)
+    for degc in (*DEGC, 33.0, -20.0, 60.0):
+        params = module["get_params"](degc)
+        inside = min(max(degc, DEGC[0]), DEGC[-1])
+        assert params["T_inf"] == pytest.approx(273.15 + degc)
+        assert params["R0"](0.4, 273.15 + degc) == pytest.approx(r0_ohm(inside, 0.4), rel=5e-3)
+        r1, c1 = (params[name](0.4, 273.15 + degc) for name in ("R1", "C1"))
+        assert r1 * c1 == pytest.approx(TABLE_TAU_S[0])
+        assert params["ocv"](0.4) == pytest.approx(ocv_at(over_temperature, inside), abs=1e-6)
+    # thevenin tries arrays first, and goes one by one after a TypeError.
+    with pytest.raises(TypeError):
+        params["R0"](np.array([0.4, 0.5]), np.array([298.0, 299.0]))
+
+
+def test_pybamm_interpolates_over_soc_and_temperature(over_temperature, fake_pybamm):
+    values = run_module(EXPORTERS["pybamm"], over_temperature)["get_parameter_values"](45.0)
+    assert values["Ambient temperature [K]"] == pytest.approx(318.15)
+    for degc in (45.0, 99.0):
+        assert values["R0 [Ohm]"](degc, 1.0, 0.4) == pytest.approx(r0_ohm(45.0, 0.4))
+    product = values["R2 [Ohm]"](10.0, 1.0, 0.4) * values["C2 [F]"](10.0, 1.0, 0.4)
+    assert product == pytest.approx(TABLE_TAU_S[1])
+    expected_v = ocv_at(over_temperature, 45.0)
+    assert values["Open-circuit voltage [V]"](0.4) == pytest.approx(expected_v, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Curves over SOC as tables that are read linearly."""
+"""What every export starts from: curves over SOC as tables that are read linearly."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,18 @@ from scipy.interpolate import PchipInterpolator
 import barnax.export.tables
 from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
+from barnax.errors import InputError
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
-from helpers.results import make_cell, make_result
+from helpers.results import (
+    CORRECTION_V,
+    NODES,
+    TABLE_OHM,
+    make_cell,
+    make_result,
+    make_table_result,
+)
+
+from .conftest import DEGC, r0_ohm
 
 FINE = np.linspace(0.0, 1.0, 40001)
 
@@ -32,14 +42,12 @@ def test_a_table_follows_any_monotone_cubic_within_the_tolerance(voltages_v, see
     assert np.abs(table(FINE) - clipped(FINE)).max() < 1.1 * TOLERANCE_V
 
 
-def test_a_straight_curve_needs_its_break_points_only():
-    table = linear_table(lambda soc: np.maximum(soc, 0.25), np.array([0.25]))
-    np.testing.assert_array_equal(table.soc, [0.0, 0.25, 1.0])
-
-
-def test_points_outside_zero_to_one_are_none_of_the_table():
-    table = linear_table(lambda soc: 3 + soc, np.array([-0.02, 1.03]))
-    np.testing.assert_array_equal(table.soc, [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("bends", "expected"), [([0.25], [0.0, 0.25, 1.0]), ([-0.02, 1.03], [0.0, 1.0])]
+)
+def test_a_straight_curve_needs_its_break_points_between_zero_and_one_only(bends, expected):
+    table = linear_table(lambda soc: np.maximum(soc, min(bends)), np.array(bends))
+    np.testing.assert_array_equal(table.soc, expected)
 
 
 def test_the_ocv_of_a_result_is_the_mean_of_both_branches():
@@ -79,18 +87,52 @@ def test_the_hysteresis_starts_where_the_last_current_left_it(direction):
     assert tables.initial_hysteresis_v == pytest.approx(direction * w_v / 2, abs=1e-12)
 
 
-def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch):
-    own = Circuit("own", "the discharge branch", lambda cell, soc, direction: cell.discharge(soc))
+@pytest.mark.parametrize(
+    ("source_v", "ocv_v", "w_v"),
+    [
+        (lambda cell, soc, way: cell.discharge(soc), make_cell().discharge(FINE), None),
+        (lambda cell, soc, way: 3.5 + way * 0.01 * soc**2, 3.5, 0.02 * FINE**2),
+    ],
+    ids=["without hysteresis", "with one"],
+)
+def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch, source_v, ocv_v, w_v):
+    own = Circuit("own", "", source_v)
     monkeypatch.setattr(barnax.export.tables, "get_circuit", lambda name: own)
     tables = tables_of(make_result())
-    assert np.abs(tables.ocv(FINE) - make_cell().discharge(FINE)).max() < 1.1 * TOLERANCE_V
-    assert tables.hysteresis is None
+    assert np.abs(tables.ocv(FINE) - ocv_v).max() < 1.1 * TOLERANCE_V
+    assert tables.kind == ("none" if w_v is None else "instant")
+    if w_v is None:
+        assert tables.hysteresis is None
+    else:
+        assert np.abs(tables.hysteresis(FINE) - w_v).max() < 1.1 * TOLERANCE_V
 
 
-def test_a_hysteresis_of_ones_own_is_exported_too(monkeypatch):
-    own = Circuit("own", "", lambda cell, soc, direction: 3.5 + direction * 0.01 * soc**2)
-    monkeypatch.setattr(barnax.export.tables, "get_circuit", lambda name: own)
-    tables = tables_of(make_result())
-    assert tables.kind == "instant"
-    assert np.abs(tables.ocv(FINE) - 3.5).max() < 1.1 * TOLERANCE_V
-    assert np.abs(tables.hysteresis(FINE) - 0.02 * FINE**2).max() < 1.1 * TOLERANCE_V
+def test_a_circuit_that_remembers_its_turns_is_refused():
+    with pytest.raises(InputError, match="which no table over SOC holds"):
+        tables_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
+
+
+def test_the_ocv_holds_the_correction_exactly():
+    table, soc = tables_of(make_table_result()).ocv, np.linspace(0, 1, 401)
+    expected_v = make_cell().average_ocv_v(soc) + np.interp(soc, NODES, CORRECTION_V)
+    assert np.abs(table(soc) - expected_v).max() < 1.1 * TOLERANCE_V
+    assert table.soc[0] == NODES[0]
+
+
+def test_every_temperature_has_its_own_ocv(over_temperature):
+    tables, soc = tables_of(over_temperature), np.array([0.33])
+    for degc, row in zip(tables.degc, tables.ocv_v, strict=True):
+        between = over_temperature.tables.found.tables.at(degc)
+        lift_v = np.interp(degc, DEGC, (-4e-3, 0.0, 4e-3))
+        mean_v = over_temperature.cell.average_ocv_v(soc) + lift_v
+        expected_v = mean_v + between.at("OCV correction [V]", soc)
+        assert np.interp(soc, tables.ocv.soc, row) == pytest.approx(expected_v, abs=6e-5)
+
+
+def test_a_linear_look_up_follows_what_lies_between_temperatures(over_temperature):
+    tables = tables_of(over_temperature)
+    assert set(DEGC) <= set(tables.degc)
+    rows = [np.interp(0.5, NODES, row) for row in tables.resistances["R0"]]
+    assert rows[tables.degc.index(25.0)] == pytest.approx(TABLE_OHM[0][4])
+    for degc in (7.3, 33.0):
+        assert np.interp(degc, tables.degc, rows) == pytest.approx(r0_ohm(degc, 0.5), rel=5e-3)

@@ -11,7 +11,7 @@ from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
-from barnax.uncertainty.linearization import named_values
+from barnax.uncertainty.covariance import named_values
 from reference import make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)

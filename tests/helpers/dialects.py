@@ -6,7 +6,7 @@ Each writer takes a table under Battery Data Format labels, charge positive, and
 import numpy as np
 import polars as pl
 
-from helpers.records import CURRENT, TIME, VOLTAGE, workbook
+from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, workbook
 
 # Steps are runs of one kind: charge, discharge or rest.
 WORDS = {1: ("CC Chg", "C", "CHA"), -1: ("CC DChg", "D", "DCH"), 0: ("Rest", "R", "PAU")}
@@ -25,81 +25,64 @@ def channels(table):
     return time, current, voltage, step, step_time, kind, counted
 
 
-def clock(seconds, form="{h:02d}:{m:02d}:{s}"):
-    whole, part = divmod(float(seconds), 60)
-    # Clocks have no exponents.
-    part = np.format_float_positional(part, trim="0")
-    hours, minutes = divmod(int(whole), 60)
-    return form.format(d=hours // 24, h=hours, r=hours % 24, m=minutes, s=part)
+def clocks(seconds, form="{h:02d}:{m:02d}:{s}"):
+    """Times as a clock shows them."""
+    shown = []
+    for each in seconds:
+        whole, part = divmod(float(each), 60)
+        # Clocks have no exponents.
+        part = np.format_float_positional(part, trim="0")
+        hours, minutes = divmod(int(whole), 60)
+        shown.append(form.format(d=hours // 24, h=hours, r=hours % 24, m=minutes, s=part))
+    return shown
 
 
-def lines(rows, delimiter=",", end=""):
-    text = (delimiter.join(str(cell) for cell in row) + end for row in rows)
-    return "\n".join(text) + "\n"
+def words(kind, make):
+    """The kinds of steps in the words of a make."""
+    return [WORDS[each][make] for each in kind]
+
+
+def number(time, first=1):
+    return first + np.arange(len(time))
+
+
+def lines(*columns, delimiter=",", end=""):
+    """Rows of these columns; what is one value stands in every row."""
+    count = max(map(np.size, columns))
+    filled = [[each] * count if np.isscalar(each) else each for each in columns]
+    rows = zip(*filled, strict=True)
+    return "".join(delimiter.join(map(str, row)) + end + "\n" for row in rows)
 
 
 def neware_csv(table):
     time, current, voltage, step, step_time, kind, counted = channels(table)
-    header = "DataPoint,Cycle Index,Step Index,Step Type,Time,Total Time,Current(A),Voltage(V)"
-    rows = [
-        (
-            k + 1,
-            1,
-            step[k],
-            WORDS[kind[k]][0],
-            clock(step_time[k]),
-            clock(time[k]),
-            current[k],
-            voltage[k],
-            abs(counted[k]),
-        )
-        for k in range(len(time))
-    ]
-    return (f"{header},Capacity(Ah)\n" + lines(rows)).encode()
+    head = "DataPoint,Cycle Index,Step Index,Step Type,Time,Total Time,Current(A),Voltage(V)"
+    head += ",Capacity(Ah)\n"
+    named = number(time), 1, step, words(kind, 0), clocks(step_time), clocks(time)
+    return (head + lines(*named, current, voltage, abs(counted))).encode()
 
 
 def neware_step_clock(table):
     """An older export: milliamperes, and no clock but the step's."""
-    time, current, voltage, step, step_time, kind, counted = channels(table)
-    header = "Record ID,Step ID,Step Name,Time(h:min:s.ms),Voltage(V),Current(mA),Capacity(mAh)"
-    rows = [
-        (
-            k + 1,
-            step[k],
-            WORDS[kind[k]][0],
-            clock(step_time[k]),
-            voltage[k],
-            1000.0 * current[k],
-            1000.0 * abs(counted[k]),
-            "2024-02-29 09:20:29",
-        )
-        for k in range(len(time))
-    ]
-    return (f"{header},Realtime\n" + lines(rows)).encode()
+    _, current, voltage, step, step_time, kind, counted = channels(table)
+    head = "Record ID,Step ID,Step Name,Time(h:min:s.ms),Voltage(V),Current(mA),Capacity(mAh)"
+    head += ",Realtime\n"
+    named = number(step), step, words(kind, 0), clocks(step_time)
+    amounts = voltage, 1000.0 * current, 1000.0 * abs(counted)
+    return (head + lines(*named, *amounts, "2024-02-29 09:20:29")).encode()
 
 
 def neware_nda_csv(table):
     """As NewareNDA and pandas write it: an index without a name, and the clock of the steps."""
     time, current, voltage, step, step_time, kind, counted = channels(table)
-    header = ",Index,Cycle,Step,Status,Time,Voltage,Current(mA),Charge_Capacity(mAh),"
+    head = ",Index,Cycle,Step,Status,Time,Voltage,Current(mA),Charge_Capacity(mAh),"
+    head += "Discharge_Capacity(mAh),Timestamp\n"
+    status = [word.replace(" ", "_") for word in words(kind, 0)]
+    amounts = [1000.0 * np.maximum(each, 0.0) for each in (counted, -counted)]
     stamp = np.datetime64("2024-02-29T09:20:29") + np.round(1e6 * time).astype("timedelta64[us]")
-    rows = [
-        (
-            k,
-            k + 1,
-            1,
-            step[k],
-            WORDS[kind[k]][0].replace(" ", "_"),
-            step_time[k],
-            voltage[k],
-            1000.0 * current[k],
-            1000.0 * max(counted[k], 0.0),
-            1000.0 * max(-counted[k], 0.0),
-            str(stamp[k]).replace("T", " "),
-        )
-        for k in range(len(time))
-    ]
-    return (f"{header}Discharge_Capacity(mAh),Timestamp\n" + lines(rows)).encode()
+    stamps = [str(each).replace("T", " ") for each in stamp]
+    named = number(time, 0), number(time), 1, step, status, step_time
+    return (head + lines(*named, voltage, 1000.0 * current, *amounts, stamps)).encode()
 
 
 def neware_report(table):
@@ -107,13 +90,14 @@ def neware_report(table):
     time, current, voltage, step, step_time, kind, counted = channels(table)
     text = "Cycle Index,Chg. Cap.(Ah),DChg. Cap.(Ah)\n,Step Index,Step Number,Step Type\n"
     text += ",,DataPoint,Time,Total Time,Current(A),Voltage(V),Capacity(Ah)\n"
-    for k in range(len(time)):
+    named = number(time), clocks(step_time), clocks(time)
+    rows = lines(*named, current, voltage, abs(counted)).splitlines(keepends=True)
+    for k, row in enumerate(rows):
         if k == 0:
             text += f"1,2.0,2.0,1,1,{WORDS[kind[0]][0]}\n"
         elif step[k] != step[k - 1]:
             text += f",{step[k]},{step[k]},{WORDS[kind[k]][0]}\n"
-        row = (k + 1, clock(step_time[k]), clock(time[k]), current[k], voltage[k], abs(counted[k]))
-        text += ",," + lines([row])
+        text += ",," + row
     return text.encode()
 
 
@@ -124,23 +108,9 @@ def maccor_text(table):
     head = "Today's Date:\t14 December 2020\tDate of Test:\t11 December 2020, 12:22:12 PM\n"
     head += "Filename:\tcell_01\tTester Channel:\t1\nProcedure:\tdrive.000\tDescription:\t\n"
     head += "Rec#\tCyc#\tStep\tTestTime\tStepTime\tAmp-hr\tWatt-hr\tAmps\tVolts\tState\tES\t\n"
-    rows = [
-        (
-            k + 1,
-            0,
-            step[k],
-            clock(time[k], form),
-            clock(step_time[k], form),
-            abs(counted[k]),
-            0.0,
-            abs(current[k]),
-            voltage[k],
-            WORDS[kind[k]][1],
-            1,
-        )
-        for k in range(len(time))
-    ]
-    return (head + lines(rows, "\t", "\t")).encode()
+    named = number(time), 0, step, clocks(time, form), clocks(step_time, form)
+    amounts = abs(counted), 0.0, abs(current), voltage
+    return (head + lines(*named, *amounts, words(kind, 1), 1, delimiter="\t", end="\t")).encode()
 
 
 def maccor_minutes(table):
@@ -149,22 +119,9 @@ def maccor_minutes(table):
     head = "Name:\tcell\nTester\tMaccor #4\nC Rate\t0,003\n\n"
     head += "Rec\tCycle P\tCycle C\tStep\tTestTime\tStepTime\tCap. [Ah]\tCurrent [A]\t"
     head += "Voltage [V]\tMd\n\n"
-    rows = [
-        (
-            k + 1,
-            0,
-            1,
-            step[k],
-            repr(float(time[k] / 60)),
-            repr(float(step_time[k] / 60)),
-            abs(counted[k]),
-            abs(current[k]),
-            voltage[k],
-            WORDS[kind[k]][1],
-        )
-        for k in range(len(time))
-    ]
-    return (head + lines(rows, "\t").replace(".", ",")).encode()
+    named = number(time), 0, 1, step, time / 60, step_time / 60
+    rows = lines(*named, abs(counted), abs(current), voltage, words(kind, 1), delimiter="\t")
+    return (head + rows.replace(".", ",")).encode()
 
 
 def biologic_mpt(table, comma=False):
@@ -172,46 +129,29 @@ def biologic_mpt(table, comma=False):
     time, current, voltage, step, *_ = channels(table)
     head = "EC-Lab ASCII FILE\nNb header lines : 6\n\nModulo Bat\nTemperature max = 70.00 °C\n"
     head += "mode\tox/red\terror\tNs\ttime/s\tEwe/V\t<I>/mA\tcontrol/V/mA\t\n"
-    rows = [
-        (1, 1, 0, step[k], time[k], voltage[k], 1e3 * current[k], 0.0) for k in range(len(time))
-    ]
-    body = lines(rows, "\t")
-    return (head + (body.replace(".", ",") if comma else body)).encode("cp1252")
+    rows = lines(1, 1, 0, step, time, voltage, 1e3 * current, 0.0, delimiter="\t")
+    return (head + (rows.replace(".", ",") if comma else rows)).encode("cp1252")
 
 
 def digatron_csv(table):
-    """Lines above, a stray zero byte, units below the names, a comma at line ends."""
-    time, current, voltage, step, step_time, kind, _counted = channels(table)
+    """Lines above, a stray zero byte, units below the names, a comma at line ends, and the last
+    row twice."""
+    time, current, voltage, step, step_time, kind, _ = channels(table)
     head = "\n\nMeasurement ID,562\nBattery Name,LG HG2\nMaximum Voltage, 4.2\n\0\n"
     head += "Step,Status,Step Time,Prog Time,Cycle,Voltage,Current,AhAccu,\n"
     head += "[],[],[ss.xxx],[ss.xxx],[],[V],[A],[Ah],\n"
     flowed = np.cumsum(np.diff(time, prepend=time[0]) * current) / 3600
-    rows = [
-        (step[k], WORDS[kind[k]][2], step_time[k], time[k], 0, voltage[k], current[k], flowed[k])
-        for k in range(len(time))
-    ]
-    return (head + lines([*rows, rows[-1]], ",", ",")).encode()
+    named = step, words(kind, 2), step_time, time, 0
+    rows = lines(*named, voltage, current, flowed, end=",").splitlines(keepends=True)
+    return "".join([head, *rows, rows[-1]]).encode()
 
 
 def basytec_text(table):
-    time, current, voltage, step, step_time, _kind, _counted = channels(table)
+    time, current, voltage, step, step_time, *_ = channels(table)
     head = "~Resultfile from Basytec Battery Test System\n~\n~Battery: cell\n~\n"
     head += "~Time[h]\tDataSet\tt-Step[h]\tLine\tCommand\tU[V]\tI[A]\tAh[Ah]\tT1[°C]\n"
-    rows = [
-        (
-            repr(float(time[k] / 3600)),
-            k,
-            step_time[k] / 3600,
-            step[k],
-            "Pause",
-            voltage[k],
-            current[k],
-            0.0,
-            25.0,
-        )
-        for k in range(len(time))
-    ]
-    return (head + lines(rows, "\t")).encode("latin-1")
+    named = time / 3600, number(time, 0), step_time / 3600, step, "Pause"
+    return (head + lines(*named, voltage, current, 0.0, 25.0, delimiter="\t")).encode("latin-1")
 
 
 def novonix_csv(table):
@@ -220,41 +160,20 @@ def novonix_csv(table):
     head += "{" + '"StepType":3,' * 900 + "}\n[End Protocol]\n[Data]\n"
     head += "Date and Time,Cycle Number,Step Type,Run Time (h),Step Time (h),Current (A),"
     head += "Potential (V),Step Number\n"
-    rows = [
-        (
-            "2025-07-19 15:26:20",
-            0,
-            1,
-            repr(float(time[k] / 3600)),
-            step_time[k] / 3600,
-            current[k],
-            voltage[k],
-            step[k],
-        )
-        for k in range(len(time))
-    ]
-    return (head + lines(rows)).encode()
+    named = "2025-07-19 15:26:20", 0, 1, time / 3600, step_time / 3600
+    return (head + lines(*named, current, voltage, step)).encode()
 
 
 def landt_workbook(table):
     """The records stand in the second sheet."""
-    time, current, voltage, step, step_time, _kind, counted = channels(table)
+    time, current, voltage, step, step_time, _, counted = channels(table)
     header = ["Record", "TestTime/Sec", "StepTime/Sec", "Current/mA", "Capacity/mAh", "Voltage/V"]
     header += ["AuxTemp/dC.", "SysTime", "Step-Index", "Step-State"]
+    amounts = time, step_time, 1000.0 * current, 1000.0 * abs(counted), voltage
+    columns = [each.tolist() for each in (number(time), *amounts, step)]
     rows = [
-        [
-            k + 1,
-            float(time[k]),
-            float(step_time[k]),
-            float(1000.0 * current[k]),
-            float(1000.0 * abs(counted[k])),
-            float(voltage[k]),
-            "-",
-            "2021-02-25 13:41:24",
-            int(step[k]),
-            "R",
-        ]
-        for k in range(len(time))
+        [*named, "-", "2021-02-25 13:41:24", index, "R"]
+        for *named, index in zip(*columns, strict=True)
     ]
     cycles = [["Cycle", "CapC/mAh", "CapD/mAh"], [1, 2.7, 3.0]]
     return workbook({"Cycle-Tab": cycles, "Record-Tab": [header, *rows]})
@@ -262,23 +181,10 @@ def landt_workbook(table):
 
 def arbin_csv(table):
     time, current, voltage, step, step_time, *_ = channels(table)
-    header = "Data Point,Date Time,Test Time (s),Step Time (s),Cycle Index,Step Index,Current (A),"
-    header += "Voltage (V),Aux_Temperature_1 (C)"
-    rows = [
-        (
-            k + 1,
-            "\t09/20/2024 08:32:34.558",
-            time[k],
-            step_time[k],
-            1,
-            step[k],
-            current[k],
-            voltage[k],
-            24.5,
-        )
-        for k in range(len(time))
-    ]
-    return (f"\ufeff{header}\n" + lines(rows)).encode()
+    head = "Data Point,Date Time,Test Time (s),Step Time (s),Cycle Index,Step Index,Current (A),"
+    head += "Voltage (V),Aux_Temperature_1 (C)\n"
+    named = number(time), "\t09/20/2024 08:32:34.558", time, step_time, 1, step
+    return ("\ufeff" + head + lines(*named, current, voltage, 24.5)).encode()
 
 
 def pec_csv(table):
@@ -288,23 +194,9 @@ def pec_csv(table):
     head += "2019,187,1,1,3272\n#END RESULTS CHECK\n"
     head += "Test,Cell,Step,Cycle,Total Time (Hours in hh:mm:ss.xxx),Load On Time (Seconds),"
     head += "Step Time (Seconds),Voltage (mV),Current (mA)\n"
-    rows = [
-        (
-            187,
-            1,
-            step[k],
-            0,
-            clock(time[k]),
-            0,
-            step_time[k],
-            1000.0 * voltage[k],
-            1000.0 * current[k],
-            0,
-            25.83,
-        )
-        for k in range(len(time))
-    ]
-    return (head + lines(rows, ",", ",")).encode()
+    named = 187, 1, step, 0, clocks(time), 0, step_time
+    amounts = 1000.0 * voltage, 1000.0 * current
+    return (head + lines(*named, *amounts, 0, 25.83, end=",")).encode()
 
 
 def gamry_dta(table):
@@ -312,15 +204,15 @@ def gamry_dta(table):
     time, current, voltage, *_ = channels(table)
     head = "EXPLAIN\nTAG\tPWR800_CHARGE\nCAPACITY\tQUANT\t1.00000E+001\tCapacity (A-hr)\n"
     head += f"CURVE\tTABLE\t{len(time)}\n\tPt\tT\tVf\tIm\tVu\n\t#\ts\tV vs. Ref.\tA\tV\n"
-    rows = [("", k, time[k], voltage[k], current[k], 0.0) for k in range(len(time))]
-    return (head + lines(rows, "\t") + "EXPERIMENTABORTED\tTOGGLE\tT\n").encode()
+    rows = lines("", number(time, 0), time, voltage, current, 0.0, delimiter="\t")
+    return (head + rows + "EXPERIMENTABORTED\tTOGGLE\tT\n").encode()
 
 
 def thousands(table):
     """Milliamperes with separators between thousands, in quotes."""
     time, current, voltage, *_ = channels(table)
-    rows = [(time[k], f'"{1e3 * current[k]:,.12f}"', voltage[k]) for k in range(len(time))]
-    return ("Time [s],Current [mA],Voltage [V]\n" + lines(rows)).encode()
+    quoted = [f'"{each:,.12f}"' for each in 1e3 * current]
+    return ("Time [s],Current [mA],Voltage [V]\n" + lines(time, quoted, voltage)).encode()
 
 
 WRITERS = {
@@ -346,13 +238,5 @@ WRITERS = {
 
 def pulse_table(samples=300):
     """Pulses of either direction with rests, every second."""
-    from helpers.records import pulses_a, simulated_cell
-
-    current_a = pulses_a(samples)
-    return pl.DataFrame(
-        {
-            TIME: np.arange(samples, dtype=float),
-            CURRENT: -current_a + 0.0,
-            VOLTAGE: simulated_cell(current_a),
-        }
-    )
+    # A rest of -0.0 A would be written with its sign.
+    return pulse_frame(samples).with_columns(pl.col(CURRENT) + 0.0)

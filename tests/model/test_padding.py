@@ -20,7 +20,7 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
 from barnax.search.seeds import search_many, search_seeds
-from barnax.uncertainty.linearization import linearize
+from barnax.uncertainty.covariance import linearize
 from helpers.compiling import USERS_KERNELS
 from helpers.problems import drive_a
 from reference import make_record

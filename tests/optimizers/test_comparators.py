@@ -19,8 +19,12 @@ from barnax.optimizers import (
     Swarm,
     WhaleSearch,
 )
-from barnax.optimizers.gwo import Leaders, learn_from_neighbors, replace_leaders, three_best
-from barnax.optimizers.sfo import random_subset
+from barnax.optimizers.leaders import (
+    learn_from_neighbors,
+    random_subset,
+    replace_leaders,
+    three_best,
+)
 from barnax.optimizers.swarm import best_of, better_leader
 
 # An infinite loss stands for a wolf that is not there.
@@ -45,7 +49,7 @@ def loop_over_wolves(leader_losses, wolf_losses):
 def test_grey_wolf_leaders_change_as_in_a_loop_over_the_wolves(wolf_losses, leader_losses):
     # With a position that names its wolf, the leaders' positions say who was chosen.
     wolves = jnp.arange(len(wolf_losses), dtype=float)[:, None]
-    old = Leaders(jnp.array([[-1.0], [-2.0], [-3.0]]), jnp.array(leader_losses))
+    old = Swarm(jnp.array([[-1.0], [-2.0], [-3.0]]), jnp.array(leader_losses))
     leaders = jax.jit(replace_leaders)(old, Swarm(wolves, jnp.array(wolf_losses)))
     who, new_losses = loop_over_wolves(leader_losses, wolf_losses)
     np.testing.assert_array_equal(leaders.losses, new_losses)
@@ -53,7 +57,7 @@ def test_grey_wolf_leaders_change_as_in_a_loop_over_the_wolves(wolf_losses, lead
 
 
 def test_demoted_leaders_are_the_three_best_ever():
-    old = Leaders(jnp.array([[-1.0], [-2.0], [-3.0]]), jnp.array([1.0, 4.0, 5.0]))
+    old = Swarm(jnp.array([[-1.0], [-2.0], [-3.0]]), jnp.array([1.0, 4.0, 5.0]))
     swarm = Swarm(jnp.array([[0.0], [1.0], [2.0]]), jnp.array([3.0, 7.0, 0.5]))
     np.testing.assert_array_equal(three_best(old, swarm).positions[:, 0], [2, -1, 0])
 

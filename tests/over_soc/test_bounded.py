@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from barnax.over_soc.bounded import least_in_box, least_squares_in_box
+from barnax.over_soc.search import least_in_box, least_squares_in_box
 
 
 def made(seed, rows=60, unknowns=24):

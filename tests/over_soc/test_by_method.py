@@ -7,7 +7,7 @@ from scipy.optimize import approx_fprime
 from barnax.baselines import Budget
 from barnax.over_soc import TableSettings
 from barnax.over_soc.by_method import SEARCHES, capped, search_by
-from barnax.over_soc.fit import box_of, reduced_objective
+from barnax.over_soc.fit import reduced_objective
 from barnax.over_soc.search import find_best
 
 from .conftest import NODES, SMALL
@@ -15,13 +15,9 @@ from .conftest import NODES, SMALL
 BUDGET = capped(Budget(seeds=2, iterations=100))
 
 
-def objective_of(prepared, settings=SMALL):
-    return reduced_objective([prepared], settings, box_of([prepared], settings))[0]
-
-
 @pytest.fixture(scope="module")
 def objective(prepared):
-    return objective_of(prepared)
+    return reduced_objective([prepared], SMALL)
 
 
 @pytest.mark.parametrize("method", ["ibmo-centered", "lm", "de"])
@@ -48,7 +44,7 @@ def test_the_budget_is_a_small_one_and_never_more_than_was_given():
 @pytest.mark.parametrize("method", ["lm", "de"])
 def test_held_time_constants_stay(prepared, method):
     held = {"tau1 [s]": 10.0, "tau2 [s]": 60.0}
-    objective = objective_of(prepared, TableSettings(nodes=NODES, fixed=held, folds=0))
+    objective = reduced_objective([prepared], TableSettings(nodes=NODES, fixed=held, folds=0))
     found, _ = search_by(objective, method, capped(Budget(seeds=1, iterations=3)))[0]
     assert np.exp(found.place) == pytest.approx([10.0, 60.0])
 

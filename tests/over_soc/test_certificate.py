@@ -16,15 +16,14 @@ CASES = ["prepared", "with_hysteresis"]
 
 
 @pytest.fixture(scope="module", params=CASES)
-def case(request):
+def objective(request):
     prepared = request.getfixturevalue(request.param)
     gamma_range = (10.0, 30.0) if request.param == "with_hysteresis" else None
-    return prepared, objective_of(prepared, gamma_range=gamma_range)
+    return objective_of(prepared, gamma_range=gamma_range)
 
 
-def test_no_tables_of_a_cell_are_below_its_bound(case):
-    prepared, objective = case
-    relaxation = _Relaxation(objective, _remainders(objective, [prepared]))
+def test_no_tables_of_a_cell_are_below_its_bound(objective):
+    relaxation = _Relaxation(objective, _remainders(objective))
     best = find_best(objective)
     rng = np.random.default_rng(0)
     bounded = 0
@@ -48,18 +47,16 @@ def test_no_tables_of_a_cell_are_below_its_bound(case):
     assert bounded
 
 
-def test_a_proof_comes_close_to_the_best(case):
-    prepared, objective = case
+def test_a_proof_comes_close_to_the_best(objective):
     best = find_best(objective)
     objective = replace(objective, settings=replace(SMALL, proved_share=0.01, most_cells=4000))
-    proof = certify(objective, best, [prepared])
+    proof = certify(objective, best)
     assert 0.99 * best.root <= proof.lower_bound_v <= best.root
     assert proof.best.squared == best.squared
 
 
-def test_a_proof_finds_what_the_search_missed(case):
-    prepared, objective = case
+def test_a_proof_finds_what_the_search_missed(objective):
     objective = replace(objective, settings=replace(SMALL, proved_share=0.01, most_cells=4000))
     poor = objective.solve(tuple(axis.high for axis in objective.axes))
-    proof = certify(objective, poor, [prepared])
+    proof = certify(objective, poor)
     assert 0.99 * proof.best.root <= find_best(objective).root <= proof.best.root * (1 + 1e-9)

@@ -3,7 +3,6 @@
 import tracemalloc
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -14,13 +13,9 @@ from barnax.execution import in_float64
 from barnax.model import compressed
 from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, reduced, simulate, simulate_tables
-from barnax.over_soc.cross_validation import blocks_of
-from barnax.over_soc.fit import box_of
-from barnax.over_soc.intervals import _linearized, sag_of
-from barnax.over_soc.objective import Objective
-from barnax.over_soc.reduced import layout_of, reduce_records, together
+from barnax.over_soc.accuracy import _linearized, sag_of
+from barnax.over_soc.fit import box_of, reduced_objective
 from barnax.over_soc.search import find_best, polish
-from barnax.over_soc.simulate import TableInput, TableParameters, table_errors
 
 from .conftest import BOX, NODES, SMALL
 
@@ -28,21 +23,14 @@ TAUS = tuple(BOX.values())
 
 
 def objective_of(prepared, settings=SMALL, gamma_range=None):
-    layout = layout_of(
-        settings.nodes, (5.0, 200.0), gamma_range, settings.ocv_correction, settings.half_hysteresis
-    )
-    groups, count = blocks_of([prepared], settings)
-    reduced = together(reduce_records([prepared], layout, groups, count))
-    return Objective(reduced, settings, TAUS, gamma_range, prepared.capacity_ah)
+    return reduced_objective([prepared], settings, (TAUS, gamma_range))
 
 
 @in_float64
-def whole(objective, place, prepared):
+def whole(objective, place):
     """Every sample's columns and the penalty's rows, and the target, for SciPy."""
     found = objective.solve(place)
-    columns, base = map(
-        np.concatenate, zip(*_linearized(objective, found, [prepared]), strict=True)
-    )
+    columns, base = map(np.concatenate, zip(*_linearized(objective, found), strict=True))
     unknowns = found.values.size
     matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.penalty])
     return matrix, np.append(base / np.sqrt(len(base)), np.zeros(len(objective.penalty)))
@@ -59,31 +47,30 @@ def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     objective = objective_of(prepared, settings, (5.0, 500.0) if has_rate else None)
     place = (np.log(10.0), np.log(100.0), *([np.log(40.0)] * has_rate))
     found = objective.solve(place, exact=True)
-    matrix, target = whole(objective, place, prepared)
+    matrix, target = whole(objective, place)
     other = lsq_linear(matrix, -target, objective.box, method="bvls", tol=1e-14)
     assert found.root == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
     assert found.values.ravel() == pytest.approx(other.x, rel=1e-6, abs=1e-8)
     # The scan of these tables has the error that the factor says.
-    tables = objective.tables_at(found, (True,) * len(NODES))
+    tables = objective.tables_at(found)
     error_v = (prepared.voltage_v - simulate_tables(prepared, tables))[prepared.scored]
     assert np.sqrt(np.mean(error_v**2)) == pytest.approx(np.linalg.norm(found.error), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])
 def test_many_blocks_are_one_scan_over_all_samples(name, request, monkeypatch):
+    prepared, has_rate = request.getfixturevalue(name), name == "with_hysteresis"
+    assert 4 * 512 < len(prepared.soc) < compressed.BLOCK
     for module in (compressed, reduced, simulate):
         monkeypatch.setattr(module, "BLOCK", 512)
-    prepared, has_rate = request.getfixturevalue(name), name == "with_hysteresis"
     objective = objective_of(prepared, gamma_range=(5.0, 500.0) if has_rate else None)
     found = objective.solve((np.log(10.0), np.log(100.0), *([np.log(40.0)] * has_rate)), exact=True)
-    tables = objective.tables_at(found, (True,) * len(NODES))
-    with jax.enable_x64(True):
-        given = TableInput.of(prepared, np.array(NODES), 5.0, 500.0 if has_rate else None)
-        error_v = np.asarray(jax.jit(table_errors)(TableParameters.of(tables), given))
+    tables = objective.tables_at(found)
     simulated_v = simulate_tables(prepared, tables)
-    assert prepared.voltage_v - simulated_v == pytest.approx(error_v, rel=1e-9, abs=1e-13)
-    scored_v = error_v[prepared.scored]
-    assert np.linalg.norm(found.error) == pytest.approx(np.sqrt(np.mean(scored_v**2)), rel=1e-10)
+    monkeypatch.undo()
+    assert simulated_v == pytest.approx(simulate_tables(prepared, tables), rel=1e-12, abs=1e-13)
+    error_v = (prepared.voltage_v - simulated_v)[prepared.scored]
+    assert np.linalg.norm(found.error) == pytest.approx(np.sqrt(np.mean(error_v**2)), rel=1e-10)
 
 
 def test_a_longer_record_holds_no_more_than_a_few_of_its_arrays(bundled_record, bundled_cell):

@@ -1,7 +1,5 @@
 """The scan with tables against closed forms and SciPy's filters."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -9,12 +7,7 @@ from scipy.signal import lfilter
 from barnax.cell import CircuitParameters, SocTables
 from barnax.cell.tables import hats
 from barnax.errors import InputError
-from barnax.over_soc.simulate import (
-    TableInput,
-    TableParameters,
-    simulate_tables,
-    table_squared_error,
-)
+from barnax.over_soc import simulate_tables
 from barnax.search.evaluate import evaluate
 
 from .conftest import NODES
@@ -72,21 +65,6 @@ def test_a_table_of_the_measured_amplitude_is_the_measured_hysteresis(with_hyste
     )
     simulated_v = simulate_tables(with_hysteresis, tabled)
     assert simulated_v == pytest.approx(simulate_tables(with_hysteresis, measured), abs=2e-4)
-
-
-def test_a_population_is_simulated_at_once(prepared):
-    with jax.enable_x64(True):
-        given = TableInput.of(prepared, np.array(NODES), 8.0, None)
-        one = TableParameters.of(TABLES)
-        factors = jnp.array([0.5, 1.0, 2.0])
-        many = jax.vmap(
-            lambda factor: TableParameters(factor * one.tables, one.tau, None, True, False)
-        )(factors)
-        squares = jax.vmap(table_squared_error, in_axes=(0, None))(many, given)
-    error_v = prepared.voltage_v - simulate_tables(prepared, TABLES)
-    expected = np.sum(error_v[prepared.scored] ** 2)
-    assert float(squares[1]) == pytest.approx(expected, rel=1e-12)
-    assert len(set(np.asarray(squares).tolist())) == 3
 
 
 @pytest.mark.parametrize(

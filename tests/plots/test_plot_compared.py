@@ -17,8 +17,8 @@ from barnax.plots import (
     plot_condition,
     plot_trajectories,
 )
-from barnax.plots.compared_records import row_looks
-from barnax.plots.style import readable
+from barnax.plots.parameters import readable
+from barnax.plots.style import row_looks
 from helpers.results import line, make_evaluation, make_record
 from sample_comparisons import BOX, PARAMETERS, make_comparison, make_failure, make_row
 

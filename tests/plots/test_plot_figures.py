@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from barnax import bundled_file, characterize, plots, read_record
 from barnax.global_optimum import Landscape
-from barnax.plots.style import encode
+from barnax.plots.pictures import encode
 from helpers.results import make_evaluation, make_record, make_refinement, make_search
 from sample_comparisons import make_comparison, make_row
 

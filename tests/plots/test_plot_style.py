@@ -21,8 +21,9 @@ from barnax.plots import (
     plot_voltage,
     style,
 )
-from barnax.plots.sources import Illustration, cell_of
-from barnax.plots.style import LONGEST_TITLE, decimate, encode, label_plainly, legible
+from barnax.plots.cell import cell_of
+from barnax.plots.pictures import Illustration, encode
+from barnax.plots.style import LONGEST_TITLE, decimate, label_plainly, legible
 from barnax.results import Result
 from helpers.results import make_cell, make_evaluation, make_record, result_of
 

@@ -15,7 +15,8 @@ from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
 from barnax.records.column_rules import read_columns
-from barnax.records.dialects import DIALECTS, columns_of, dialect_of, names_record
+from barnax.records.columns import columns_of, dialect_of, names_record
+from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
 from helpers.records import CURRENT, TIME, VOLTAGE, workbook

@@ -10,7 +10,7 @@ from rich.console import Console
 import barnax
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
-from barnax.plots.sources import record_roles
+from barnax.plots.pictures import record_roles
 from barnax.reporting import (
     identification_document,
     identification_illustrations,

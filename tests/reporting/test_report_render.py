@@ -11,7 +11,7 @@ from report_reader import ReportReader
 
 from barnax import bundled_file, characterize, read_record
 from barnax.plots import column_width, plot_ocv
-from barnax.plots.sources import Illustration
+from barnax.plots.pictures import Illustration
 from barnax.reporting import Document, Picture, paper_files, to_html, to_markdown
 from barnax.reporting.document import Bullets, Column, Listing, Paragraph, Section, Table
 from barnax.reporting.render import escape_markdown, table_lines

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.uncertainty.diagnostics import diagnostics
+from barnax.uncertainty.assessment import diagnostics
 
 from .made import SAMPLES
 

@@ -11,10 +11,10 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError
 from ..records import Hold, Record, Source, read_record, read_source
-from ..records.columns import OCV_QUANTITIES, find_columns
-from ..records.dialects import is_ocv_table
+from ..records.columns import find_columns, is_ocv_table
+from ..records.dialects import Sign
 from ..records.findings import found_at
-from ..records.sign import Sign
+from ..records.quantities import OCV_QUANTITIES
 from ..records.table import Lines, take_lines
 from .curves import (
     AbstractCurve,

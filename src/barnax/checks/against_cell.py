@@ -1,7 +1,6 @@
 """Whether a record is of the cell that the OCV test shows, by charge, voltage and temperature."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -35,31 +34,22 @@ _BEYOND = 0.05
 _DEGREES = 5.0
 
 
-@dataclass(frozen=True)
-class Followed:
-    """How well a record's voltage follows the OCV at its best start, its charge times `factor`."""
-
-    factor: float
-    apart_v: float
-
-
-def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], Followed]:
-    """How the record follows the cell's OCV, for any factor on its charge."""
+def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], float]:
+    """How far the voltage leaves the cell's OCV at its best start, for a factor on the charge."""
     source_v, passed = _source(record, capacity_ah)
     soc = np.linspace(*cell.soc_range, 501)
     ocv_v = (cell.charge(soc) + cell.discharge(soc)) / 2
 
-    def followed(factor: float) -> Followed:
+    def apart_v(factor: float) -> float:
         moved = factor * (passed - passed.min())
         room = 1 + 2 * _BEYOND - float(np.ptp(moved))
         if room < 0:
-            return Followed(factor, np.inf)
+            return np.inf
         starts = 1 + _BEYOND - room * np.linspace(0, 1, _STARTS)
         modeled_v = np.interp(starts[:, None] - moved, soc, ocv_v)
-        apart_v = np.quantile(np.abs(source_v - modeled_v), _MOST, axis=1)
-        return Followed(factor, float(apart_v.min()))
+        return float(np.quantile(np.abs(source_v - modeled_v), _MOST, axis=1).min())
 
-    return followed
+    return apart_v
 
 
 def _source(
@@ -85,28 +75,28 @@ def compare_with_cell(
 ) -> list[Finding]:
     """A warning where the record's charge or voltage is not of the cell that the OCV test shows."""
     capacity_ah = capacity_ah or cell.capacity_ah
-    followed = follow(record, cell, capacity_ah)
-    own = followed(1.0)
-    if own.apart_v <= _APART_V:
+    apart_v = follow(record, cell, capacity_ah)
+    own_v = apart_v(1.0)
+    if own_v <= _APART_V:
         return []
-    best = min(map(followed, (*_UNITS, *_CAPACITIES)), key=lambda each: each.apart_v)
+    factor = min((*_UNITS, *_CAPACITIES), key=apart_v)
+    best_v = apart_v(factor)
     apart = "its charge goes beyond full and empty"
-    if np.isfinite(own.apart_v):
-        apart = f"the voltage leaves the OCV by {1e3 * own.apart_v:.3g} mV wherever it starts"
+    if np.isfinite(own_v):
+        apart = f"the voltage leaves the OCV by {1e3 * own_v:.3g} mV wherever it starts"
     # A large load leaves the OCV by some more, whatever its unit.
-    allowed_v = max(_APART_V, _LEFT * min(own.apart_v, _FAR_V))
-    if best.apart_v < min(_VANISHES * own.apart_v, allowed_v):
+    allowed_v = max(_APART_V, _LEFT * min(own_v, _FAR_V))
+    if best_v < min(_VANISHES * own_v, allowed_v):
         remedy = "check `capacity`, and that the OCV test is of this cell"
-        meaning = f"as if the cell held {capacity_ah / best.factor:.3g} Ah"
-        if best.factor in _UNITS:
+        meaning = f"as if the cell held {capacity_ah / factor:.3g} Ah"
+        if factor in _UNITS:
             remedy = "correct the unit, here or in the OCV test, or give the right column"
-            meaning = _UNITS[best.factor]
+            meaning = _UNITS[factor]
         what = (
-            f"{apart}, and by {1e3 * best.apart_v:.2g} mV with {best.factor:.4g} times the charge: "
-            f"{meaning}"
+            f"{apart}, and by {1e3 * best_v:.2g} mV with {factor:.4g} times the charge: {meaning}"
         )
         return [Finding("warning", what, remedy)]
-    if own.apart_v > _ELSEWHERE_V:
+    if own_v > _ELSEWHERE_V:
         remedy = "check that the OCV test is of this cell, and the units of both"
         return [Finding("warning", f"{apart}, whatever its charge", remedy)]
     return []

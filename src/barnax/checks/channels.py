@@ -1,4 +1,7 @@
-"""Whether the current has a sign, and channels that spike, stand still or stop at their limit."""
+"""Whether the current has a sign; channels that spike, stand still or stop at their limit.
+
+And columns that hold one quantity twice and disagree: a voltage at the leads, a current in mA.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,9 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
+from ..records.columns import Column, find_columns, likely_column
+from ..records.conventions import step_votes
+from ..records.dialects import CHARGE, DISCHARGE
 from ..records.findings import Finding, Severity, found_at
+from ..records.quantities import QUANTITIES
+from ..records.read import Source
 from ..records.samples import Samples
-from ..records.sign import CHARGE, DISCHARGE, step_votes
+from ..records.table import Table, take_lines
 from .check_input import CheckInput
 
 # How many steps of either kind make a pattern, at an end of the record and within it, and how far
@@ -54,7 +62,7 @@ def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
     current_a[turned] *= -1
     row = rows[0] if first else rows[1]
     what = f"the sign of the current turns here: {where}"
-    return replace(samples, current_a=current_a), [found_at(samples, row, "error", what, remedy)]
+    return samples.having(current=current_a), [found_at(samples, row, "error", what, remedy)]
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:
@@ -101,7 +109,7 @@ def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
 
 
 def _least_v(given: CheckInput) -> float:
-    return max(_HEIGHT_V, _HEIGHT_NOISE * given.noise_v)
+    return max(_HEIGHT_V, _HEIGHT_NOISE * given.samples.noise_v)
 
 
 def _channel(given: CheckInput, name: str) -> tuple[Channel, str]:
@@ -189,11 +197,11 @@ def find_stuck_current(given: CheckInput) -> Iterator[Finding]:
     first, last = first[is_long], last[is_long]
     if not len(first):
         return
-    step_v = given.step_v.copy()
+    step_v = given.samples.step_v.copy()
     # A spike of the voltage is a fault of the voltage.
     spiked = voltage_spikes(given)
     step_v[spiked[1:] | spiked[:-1]] = 0
-    least_v = max(_JUMP_V, _JUMP_NOISE * given.noise_v, 3 * given.resolution_v)
+    least_v = max(_JUMP_V, _JUMP_NOISE * given.samples.noise_v, 3 * given.resolution_v)
     up, down = _count(step_v > least_v, first, last), _count(step_v < -least_v, first, last)
     is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
     if not is_stuck.any():
@@ -263,13 +271,13 @@ def find_clipped_current(given: CheckInput) -> Iterator[Finding]:
     first, last = equal_runs(current_a)
     is_alike = last - first + 1 >= _ALIKE
     in_run = np.repeat(is_alike, last - first + 1)
-    is_loaded = np.abs(current_a) > _LOADED * given.peak_a
+    is_loaded = np.abs(current_a) > _LOADED * given.samples.peak_a
     for limit_a in (current_a.max(), current_a.min()):
         at_limit = is_alike & (current_a[first] == limit_a)
         elsewhere = is_loaded & (current_a != limit_a)
         # Both ends of the range may be clipped.
         elsewhere &= current_a != -limit_a
-        if abs(limit_a) <= _LOADED * given.peak_a or at_limit.sum() < _FEWEST_PLACES:
+        if abs(limit_a) <= _LOADED * given.samples.peak_a or at_limit.sum() < _FEWEST_PLACES:
             continue
         if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:
             continue
@@ -283,3 +291,78 @@ def find_clipped_current(given: CheckInput) -> Iterator[Finding]:
             "such rows out"
         )
         yield given.at(int(first[at_limit][0]), "error", what, remedy)
+
+
+# Two voltages differ by a lead where the current explains so much of their difference, which it
+# moves by so many volts; currents differ where they are proportional to within a percent, but not
+# equal to within one.
+_BY_LEADS, _LEAST_V = 0.8, 3e-3
+_PROPORTIONAL, _EQUAL = 0.999, 0.01
+_MOST_NAMES = 200
+
+
+def find_twins(source: Source, given: CheckInput) -> Iterator[Finding]:
+    """Other columns of voltage and current that differ as only a wrong one does.
+
+    What the user has named is the right one.
+    """
+    table = source.table
+    for name, judge in (("voltage", _lead), ("current", _scale)):
+        if name in source.columns:
+            continue
+        own = getattr(given.samples, f"{name}_{'v' if name == 'voltage' else 'a'}")
+        for column in _others(table, name, given.samples.columns[name]):
+            lines = take_lines(table, {name: column})
+            rows = given.samples.row
+            at = np.minimum(np.searchsorted(lines.row, rows), len(lines.row) - 1)
+            if len(given.samples.table.sheets) > 1 or np.any(lines.row[at] != rows):
+                continue
+            values = lines.values[name][at]
+            if np.isfinite(values).all() and np.ptp(values) > 0:
+                yield from judge(given, own, values, column)
+
+
+def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
+    """Further columns that can hold the quantity, by their names."""
+    (quantity,) = [each for each in QUANTITIES if each.name == name]
+    for index, header in enumerate(table.header[:_MOST_NAMES]):
+        found = find_columns([header], QUANTITIES)
+        column = found.get(name) or (None if found else likely_column(quantity, [header]))
+        if column is not None and index != own.index and header != own.header:
+            yield replace(column, index=index)
+
+
+def _lead(given: CheckInput, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
+    """A voltage that differs by the current times a resistance."""
+    apart_v = other - own
+    current_a = given.samples.current_a - given.samples.current_a.mean()
+    slope = float(current_a @ apart_v / (current_a @ current_a))
+    swing_v = abs(slope) * float(np.ptp(current_a))
+    left_v = apart_v - apart_v.mean() - slope * current_a
+    if swing_v > _LEAST_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
+        header = given.samples.header("voltage")
+        what = (
+            f"the voltages '{header}' and '{column.header}' differ by {1e3 * abs(slope):.3g} mohm "
+            f"times the current, up to {1e3 * swing_v:.3g} mV: one of them holds the drop of the "
+            f"leads, and R0 with it; '{header}' is used"
+        )
+        yield given.at(int(np.argmax(np.abs(apart_v))), "warning", what, _remedy(column))
+
+
+def _scale(given: CheckInput, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
+    """A current that is another by a factor."""
+    size = float(np.sqrt((own @ own) * (other @ other)))
+    if not size or abs(own @ other) < _PROPORTIONAL * size:
+        return
+    ratio = float(own @ other / (own @ own))
+    if abs(ratio - 1) > _EQUAL:
+        header = given.samples.header("current")
+        what = (
+            f"the currents '{header}' and '{column.header}' disagree: the second is {ratio:.4g} "
+            f"times the first throughout; '{header}' is used"
+        )
+        yield given.at(int(np.argmax(np.abs(own))), "warning", what, _remedy(column))
+
+
+def _remedy(other: Column) -> str:
+    return f"`columns='{other.quantity.name}={other.header}'` takes the other"

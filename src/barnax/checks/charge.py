@@ -56,8 +56,8 @@ def _against_net(given: CheckInput) -> Iterator[Finding]:
     name = given.samples.header("net capacity")
     what = f"the current is {ratio:.3g} times what the tester counted in '{name}', throughout"
     remedy = f"check the units of both: {1 / ratio:.3g} times the current would agree"
-    other = "forward" if given.record.hold.value == "backward" else "backward"
-    held = ratio * _throughput_ah(given, other) / (given.charged_ah + given.discharged_ah)
+    other, other_ah = _by_the_other_hold(given)
+    held = ratio * other_ah / (given.charged_ah + given.discharged_ah)
     if abs(held - 1) < abs(ratio - 1) / 3:
         remedy = f"`current_hold='{other}'`, which gives {held:.3g} times as much"
     yield given.at(0, "warning", what, remedy)
@@ -85,8 +85,7 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
         what = f"{figures}: the counters look like mAh"
         yield given.at(0, "warning", what, "write their unit into their names, as mAh")
     elif apart > _COUNTERS_DIFFER:
-        other = "forward" if given.record.hold.value == "backward" else "backward"
-        held = _throughput_ah(given, other)
+        other, held = _by_the_other_hold(given)
         verdict = f"{100 * apart:.1f} % apart"
         remedy = "look for gaps and for a current offset; trust the counters before the integral"
         if abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
@@ -145,7 +144,7 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
         for sweep in (out, into)
     ]
     later = max(out.points[0].row, into.points[0].row)
-    at = int(np.searchsorted(given.record.row, later)) if len(given.samples.sheets) < 2 else 0
+    at = int(np.searchsorted(given.record.row, later)) if len(given.samples.table.sheets) < 2 else 0
     what = (
         f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
         f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %"
@@ -154,10 +153,13 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
     yield given.at(at, "warning", what, remedy)
 
 
-def _throughput_ah(given: CheckInput, hold: str) -> float:
-    current_a = given.record.current_a
-    flowed_a = current_a[:-1] if hold == "forward" else current_a[1:]
-    return float(np.sum(np.abs(flowed_a) * given.record.interval_s)) / 3600
+def _by_the_other_hold(given: CheckInput) -> tuple[str, float]:
+    """The hold that was not taken, and all the charge that went in and out by it."""
+    record = given.record
+    is_forward = record.hold.value == "backward"
+    flowed_a = np.abs(record.current_a[:-1] if is_forward else record.current_a[1:])
+    moved_ah = float(np.sum(flowed_a * record.interval_s)) / 3600
+    return "forward" if is_forward else "backward", moved_ah
 
 
 # A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many
@@ -208,9 +210,10 @@ def find_rests(given: CheckInput) -> Iterator[Finding]:
 
 def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
     """How far from zero noise may put the median of the rests' currents."""
-    is_small = np.abs(given.record.current_a) < _SMALL_SHARE * given.peak_a
-    quiet_a = given.step_a[is_small[1:] & (np.abs(given.step_a) < STEADY_SHARE * given.peak_a)]
-    noise_a = 1.4826 * float(np.median(np.abs(quiet_a))) / np.sqrt(2)
+    peak_a, step_a = given.samples.peak_a, np.abs(given.samples.step_a)
+    is_small = np.abs(given.record.current_a) < _SMALL_SHARE * peak_a
+    quiet_a = step_a[is_small[1:] & (step_a < STEADY_SHARE * peak_a)]
+    noise_a = 1.4826 * float(np.median(quiet_a)) / np.sqrt(2)
     samples = sum(rest.last - rest.first + 1 for rest in rests)
     return _SIGMAS * 1.25 * noise_a / float(np.sqrt(samples))
 
@@ -218,9 +221,10 @@ def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
 def _rests(given: CheckInput) -> list[_Rest]:
     """The runs of samples that look like rests."""
     record = given.record
-    small_a = min(_turnover_ah(given) / _LOAD_HOURS, _SMALL_SHARE * given.peak_a)
+    peak_a = given.samples.peak_a
+    small_a = min(_turnover_ah(given) / _LOAD_HOURS, _SMALL_SHARE * peak_a)
     is_small = np.abs(record.current_a) < small_a
-    is_quiet = is_small[1:] & is_small[:-1] & (np.abs(given.step_a) < STEADY_SHARE * given.peak_a)
+    is_quiet = is_small[1:] & is_small[:-1] & (np.abs(given.samples.step_a) < STEADY_SHARE * peak_a)
     first, last_interval = runs(is_quiet)
     last = last_interval + 1
     length_s = record.time_s[last] - record.time_s[first]
@@ -238,7 +242,7 @@ def _rests(given: CheckInput) -> list[_Rest]:
         third = max(len(current_a) // 3, 1)
         drift_a = abs(float(np.median(current_a[:third]) - np.median(current_a[-third:])))
         is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * given.resolution_a
-        is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.noise_v
+        is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.samples.noise_v
         if is_steady and is_settled and not _is_counted(given, a, b):
             found.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
     return found

@@ -10,15 +10,14 @@ import numpy as np
 from ..cell import OcvTable, read_ocv_table
 from ..errors import InputError
 from ..records import Hold
-from ..records.dialects import Sign, is_ocv_table
+from ..records.columns import is_ocv_table
+from ..records.conventions import decide_hold, decide_sign
+from ..records.dialects import Sign
 from ..records.findings import Finding, named
-from ..records.hold import decide_hold
 from ..records.read import Source, examine, make_record, read_source
-from ..records.sign import decide_sign
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput
 from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of
-from .twins import find_twins
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {
@@ -166,7 +165,7 @@ def check_file(
                 given = replace(given, sign_doubts=())
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
-            findings += named("twin columns", find_twins(source, given))
+            findings += named("twin columns", channels.find_twins(source, given))
         if source.name.lower().endswith(_TESTERS_OWN):
             findings = [
                 replace(each, remedy=each.remedy.replace(_EDITED, _FIRST + _EDITED))

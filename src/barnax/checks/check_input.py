@@ -12,7 +12,7 @@ from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..records import Record, is_rested, rest_current_a
 from ..records.findings import Finding, Severity, found_at
-from ..records.samples import Samples, step_resistance_ohm
+from ..records.samples import Samples
 
 _FEWEST_READINGS = 20
 
@@ -65,28 +65,6 @@ class CheckInput:
         return is_rested(self.record, self.rest_current_a)
 
     @cached_property
-    def peak_a(self) -> float:
-        return float(np.abs(self.record.current_a).max())
-
-    @cached_property
-    def step_a(self) -> Float[np.ndarray, "intervals"]:
-        return np.diff(self.record.current_a)
-
-    @cached_property
-    def step_v(self) -> Float[np.ndarray, "intervals"]:
-        return np.diff(self.record.voltage_v)
-
-    @cached_property
-    def is_step(self) -> Bool[np.ndarray, "intervals"]:
-        """Where the current steps."""
-        return self.samples.is_step
-
-    @cached_property
-    def noise_v(self) -> float:
-        """The noise of a voltage step while the current stands still."""
-        return self.samples.noise_v
-
-    @cached_property
     def resolution_v(self) -> float:
         """The smallest step of the voltage's readings; zero where too few differ to tell."""
         return _resolution(self.record.voltage_v)
@@ -96,10 +74,15 @@ class CheckInput:
         """The smallest step of the current's readings; zero where too few differ to tell."""
         return _resolution(self.record.current_a)
 
-    @cached_property
+    @property
     def resistance_ohm(self) -> float:
         """The resistance at the current's steps; zero where too few tell."""
-        return step_resistance_ohm(self.step_a[self.is_step], self.step_v[self.is_step])
+        return self.samples.resistance_ohm
+
+    @cached_property
+    def source_v(self) -> Float[np.ndarray, "samples"]:
+        """The voltage without the drop over the resistance."""
+        return self.record.voltage_v + self.resistance_ohm * self.record.current_a
 
     @cached_property
     def sweeps(self) -> list[Sweep] | str:

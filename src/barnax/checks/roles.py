@@ -106,7 +106,7 @@ class Traits:
 def traits_of(given: CheckInput) -> Traits:
     """The numbers that tell the kind of a record."""
     record = given.record
-    fine = np.flatnonzero(given.is_step & (record.interval_s <= FINE_S))
+    fine = np.flatnonzero(given.samples.is_step & (record.interval_s <= FINE_S))
     discharged_ah = record.discharged_ah
     reach_ah = reach_s = 0.0
     if len(fine):

@@ -33,8 +33,7 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     gaps = gaps[interval_s[gaps] > np.median(interval_s)]
     if not 0 < len(gaps) <= max(1, _MANY * len(interval_s)):
         return
-    source_v = record.voltage_v + given.resistance_ohm * record.current_a
-    jump_v = np.abs(np.diff(source_v)[gaps])
+    jump_v = np.abs(np.diff(given.source_v)[gaps])
     # The charge is in doubt by as much as the current moves beside the gap, and not between rests
     # of one voltage.
     beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
@@ -92,15 +91,14 @@ _BREAK_V, _BREAK_NOISE, _SIDE, _UNSTEADY, _UNEXPLAINED = 0.1, 12.0, 10, 0.25, 3.
 def find_breaks(given: CheckInput) -> Iterator[Finding]:
     """Places where the voltage goes elsewhere between two samples, and no current says why."""
     record = given.record
-    source_v = record.voltage_v + given.resistance_ohm * record.current_a
-    moved_v = np.abs(np.diff(source_v))
-    places = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.noise_v))
+    moved_v = np.abs(np.diff(given.source_v))
+    places = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.samples.noise_v))
     # In a long interval a cell relaxes so far.
     places = places[record.interval_s[places] <= FINE_S]
     places = np.setdiff1d(places, _gaps(record.interval_s))
     places = places[(places >= _SIDE - 1) & (places + _SIDE < record.samples)]
     window = places[:, None] + np.arange(1 - _SIDE, 1 + _SIDE)
-    around_v, around_a = source_v[window], record.current_a[window]
+    around_v, around_a = given.source_v[window], record.current_a[window]
     unsteady_v = np.maximum(
         np.ptp(around_v[:, :_SIDE], axis=1), np.ptp(around_v[:, _SIDE:], axis=1)
     )
@@ -194,7 +192,7 @@ _TEMPERATURE_DEGC = (-60.0, 120.0)
 def find_resolution(given: CheckInput) -> Iterator[Finding]:
     """Readings so coarse that they show in the results."""
     magnitude_a = np.abs(given.record.current_a)
-    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * given.peak_a]))
+    loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * given.samples.peak_a]))
     share = given.resolution_a / loaded_a
     if given.resolution_v < _COARSE_V and share < _COARSE_SHARE:
         return

@@ -96,7 +96,7 @@ def _after_charge(given: CheckInput) -> SuggestedWindow | None:
     record = given.record
     if given.sweeps and not isinstance(given.sweeps, str):
         return None
-    steps = np.flatnonzero(given.is_step)
+    steps = np.flatnonzero(given.samples.is_step)
     for start, end in zip(*runs((record.current_a < 0) & ~given.is_rested), strict=True):
         before, after = np.sum(steps < end), np.sum(steps > end)
         if before >= _FEWEST_STEPS or after < _FEWEST_STEPS:
@@ -155,7 +155,7 @@ def _profile_numbers(given: CheckInput) -> Int[np.ndarray, "numbers"]:
     step = given.record.step
     if step is None:
         return np.zeros(0, int)
-    is_inside = given.is_step & (np.diff(step) == 0)
+    is_inside = given.samples.is_step & (np.diff(step) == 0)
     numbers, times = np.unique(step[1:][is_inside], return_counts=True)
     return numbers[times >= _FEWEST_STEPS]
 

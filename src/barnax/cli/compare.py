@@ -66,7 +66,7 @@ def compare(
         from ..baselines import METHODS
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
-        from ..comparison.from_files import compare_files
+        from ..comparison.result import compare_files
 
     models, tabulated = split_models(wanted.models)
     rows = chosen_rows(models, wanted.methods, PAPER_ROWS)

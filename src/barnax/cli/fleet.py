@@ -145,7 +145,7 @@ def fleet(
     prepare_process()
     settings = _settings(search, tables, output)
     if engine.dry_run:
-        from ..plan.text import require_choices
+        from ..plan.document import require_choices
 
         require_choices(settings)
         lines = problem_lines(cells)

@@ -109,7 +109,7 @@ def soc(
 
 def _draw(replay: "SocReplay", paper: bool) -> dict[str, bytes]:
     from ..plots import column_width, plot_soc_replay
-    from ..plots.style import encode
+    from ..plots.pictures import encode
     from ..reporting import paper_files
     from ..reporting.illustrations import Illustration
 

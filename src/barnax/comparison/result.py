@@ -1,25 +1,40 @@
-"""`comparison.json`: what a comparison found."""
+"""`comparison.json`: what a comparison found, and from files to it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict
 
-from ..baselines import METHODS, Answer
-from ..cell import CellModel, CircuitParameters, OcvTable
+from ..baselines import METHODS, Budget
+from ..cell import CellModel, OcvTable
+from ..cell.curves import HysteresisFit, OcvFit
+from ..errors import InputError
+from ..gather import (
+    Given,
+    Reading,
+    Settings,
+    Watch,
+    ranges_of,
+    read_inputs,
+    unwatched,
+    windows_of,
+)
 from ..global_optimum import GlobalOptimum
 from ..model.problem import Problem
+from ..model.search_space import Range
+from ..model.window import Window
 from ..records import Record
 from ..results import InputPart, Key, MetricsPart
 from ..run import all_versions, input_part, metrics_part, record_part
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound
-from .run import Comparison, Difference, Row
+from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError, Resampled, SeedPairs
-from .tabulated import Tabulated
+from .tabulated import Tabulated, tabulate
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -177,14 +192,17 @@ def make_comparison_result(
     those of the inputs.
     """
     problems = {row.model: row.problem for row in comparison.rows}
-    first = next(iter(problems.values()))
-    budget = comparison.budget
+    first, budget = next(iter(problems.values())), comparison.budget
     inputs = [input_part("identification", first.prepared.record)]
     if comparison.answered:
         own, *others = comparison.answered[0].evaluations
         inputs = [record_part("identification", own)]
         inputs += [record_part("validation", each) for each in others]
     inputs += [input_part("ocv", test) for test in ocv]
+    texts = [text for test in ocv for text in test.warnings] + list(warnings)
+    texts += [text for problem in problems.values() for text in problem.warnings]
+    for each in (evaluation for row in comparison.rows for evaluation in row.evaluations):
+        texts += [*each.prepared.record.warnings, *each.prepared.warnings]
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
         differences=comparison.differences,
@@ -201,23 +219,10 @@ def make_comparison_result(
         ),
         cell=first.cell,
         inputs=tuple(inputs),
-        warnings=comparison_warnings(comparison, ocv, warnings),
+        warnings=tuple(dict.fromkeys(texts)),
         command=tuple(command),
         versions=all_versions(),
     )
-
-
-def comparison_warnings(
-    comparison: Comparison, ocv: Sequence[Record | OcvTable], of_inputs: Sequence[str]
-) -> tuple[str, ...]:
-    """Every warning of a comparison once."""
-    texts = [*(text for test in ocv for text in test.warnings), *of_inputs]
-    problems: dict[str, Problem] = {row.model: row.problem for row in comparison.rows}
-    texts += [text for problem in problems.values() for text in problem.warnings]
-    for row in comparison.rows:
-        for each in row.evaluations:
-            texts += [*each.prepared.record.warnings, *each.prepared.warnings]
-    return tuple(dict.fromkeys(texts))
 
 
 def _model_part(problem: Problem, optimum: GlobalOptimum | None) -> ModelPart:
@@ -244,11 +249,12 @@ def _row_part(row: Row) -> RowPart:
         RecordErrorsPart(metrics=metrics_part(evaluation), bands=bands)
         for evaluation, bands in zip(row.evaluations, row.bands, strict=True)
     )
+    taus_s = enumerate(row.median.parameters.tau_s, start=1)
     return RowPart(
         **known,
         notes=row.notes,
         parameters=row.median.parameters.to_dict(),
-        time_constants=time_constants(row.median.parameters),
+        time_constants={f"tau{pair} [s]": tau_s for pair, tau_s in taus_s},
         evaluations=row.median.evaluations,
         at_bound=row.at_bound,
         spread=None if row.is_deterministic else _spread_part(row.errors_v),
@@ -257,34 +263,89 @@ def _row_part(row: Row) -> RowPart:
         refined_rmse_v=row.refined.rmse_v if row.refined else None,
         refined_parameters=row.refined.parameters.to_dict() if row.refined else None,
         optimality_gap=row.optimality_gap,
-        seeds=tuple(_seed_part(answer) for answer in row.answers),
-    )
-
-
-def _seed_part(answer: Answer) -> SeedAnswerPart:
-    return SeedAnswerPart(
-        rmse_v=answer.rmse_v,
-        parameters=answer.parameters.to_dict(),
-        evaluations=answer.evaluations,
-        history_v=None if answer.history_v is None else tuple(answer.history_v.tolist()),
+        seeds=tuple(
+            SeedAnswerPart(
+                rmse_v=each.rmse_v,
+                parameters=each.parameters.to_dict(),
+                evaluations=each.evaluations,
+                history_v=None if each.history_v is None else tuple(each.history_v.tolist()),
+            )
+            for each in row.answers
+        ),
     )
 
 
 def _spread_part(errors_v: np.ndarray) -> SpreadPart:
-    return SpreadPart(
-        best_rmse_v=float(errors_v.min()),
-        worst_rmse_v=float(errors_v.max()),
-        deviation_v=_deviation_v(errors_v),
+    """How far the seeds are apart; one that failed altogether is infinitely far away."""
+    deviation_v = 0.0 if len(errors_v) == 1 else math.inf
+    if len(errors_v) > 1 and np.isfinite(errors_v).all():
+        deviation_v = float(np.std(errors_v, ddof=1))
+    best_v, worst_v = float(errors_v.min()), float(errors_v.max())
+    return SpreadPart(best_rmse_v=best_v, worst_rmse_v=worst_v, deviation_v=deviation_v)
+
+
+def compare_files(
+    records: Given | Sequence[Given] = (),
+    *,
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
+    rows: Sequence[tuple[str, str]] = PAPER_ROWS,
+    tabulated: Sequence[str] = (),
+    settings: Settings | None = None,
+    window: Window | Mapping[str, Window] | None = None,
+    capacity: float | None = None,
+    ocv_capacity: float | None = None,
+    bounds: Mapping[str, Range] | str | Path | None = None,
+    fix: Mapping[str, float] | None = None,
+    reading: Reading | None = None,
+    ocv_fit: OcvFit = "polynomial",
+    hysteresis_fit: HysteresisFit = "continuous",
+    command: Sequence[str] = (),
+    watch: Watch = unwatched,
+) -> tuple[Comparison, ComparisonResult]:
+    """Models and methods compared on one record, as objects and as a result that can be stored.
+
+    `rows` are pairs of a circuit and a method of `METHODS`, by default those of the paper.
+    Circuits in `tabulated`, which must also be in `rows`, are also fitted with tables over SOC.
+    All other options are those of `identify`.
+
+    Raises `InputError` if an input cannot be used, or more than one record is given.
+    """
+    if isinstance(records, list | tuple) and len(records) > 1:
+        raise InputError(
+            f"a comparison uses one record, but {len(records)} were given; give the others with "
+            "`validate`"
+        )
+    settings = settings or Settings()
+    inputs = read_inputs(
+        records, ocv, validate, reading or Reading(),
+        capacity=capacity, ocv_capacity=ocv_capacity,
+        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
+        window=window, watch=watch,
+    )  # fmt: skip
+    windows = windows_of(inputs, window, capacity)
+    source, ranges = ranges_of(bounds)
+    comparison = compare(
+        inputs.records[0],
+        inputs.cell,
+        rows,
+        validation=inputs.validation,
+        window=windows[inputs.records[0].name],
+        validation_windows=[windows[record.name] for record in inputs.validation],
+        bounds=ranges,
+        fixed=fix,
+        coordinates=settings.coordinates,
+        objective="scan" if settings.objective == "auto" else settings.objective,
+        budget=Budget(settings.population, settings.iterations, settings.seeds, settings.key),
+        source=source,
+        watch=watch,
     )
-
-
-def _deviation_v(errors_v: np.ndarray) -> float:
-    """The standard deviation over seeds; one that failed altogether is infinitely far away."""
-    if len(errors_v) == 1:
-        return 0.0
-    return float(np.std(errors_v, ddof=1)) if np.isfinite(errors_v).all() else math.inf
-
-
-def time_constants(parameters: CircuitParameters) -> dict[str, float]:
-    """The time constants in s under their names, such as `tau1 [s]`."""
-    return {f"tau{pair} [s]": tau for pair, tau in enumerate(parameters.tau_s, 1)}
+    with watch("Tables over SOC", 0):
+        tables = tabulate(comparison, tabulated, bounds=ranges, fixed=fix)
+    warnings = list(inputs.warnings)
+    for each in tables:
+        warnings += [f"{each.model}: {text}" for text in each.warnings]
+    result = make_comparison_result(
+        comparison, tables, ocv=inputs.ocv, command=command, warnings=warnings
+    )
+    return comparison, result

@@ -9,7 +9,7 @@ from ..model.inputs import PreparedRecord
 from ..model.search_space import Range
 from ..over_soc import SocErrors, TableFit, TableFits, TableSettings, errors_on, fit_tables
 from ..over_soc.by_method import SEARCHES, capped, search_by
-from ..over_soc.fit import box_of, reduced_objective
+from ..over_soc.fit import reduced_objective
 from ..search.evaluate import Evaluation, evaluate
 from ..table_run import TableRun, table_warnings
 from .run import Comparison, names_of
@@ -112,13 +112,13 @@ def _searches(
 ) -> tuple[TableSearch, ...]:
     identified, *others = prepared
     settings = replace(settings, folds=0)
-    objective, _ = reduced_objective([identified], settings, box_of([identified], settings))
+    objective = reduced_objective([identified], settings)
     found = []
     for method in dict.fromkeys(each for each in methods if each in SEARCHES):
         ends = search_by(objective, method, capped(budget))
         ends.sort(key=lambda end: end[0].squared)
         median, evaluations = ends[(len(ends) - 1) // 2]
-        tables = objective.tables_at(median, fit.tables.visited)
+        tables = objective.tables_at(median)
         found.append(
             TableSearch(
                 method=method,

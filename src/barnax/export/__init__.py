@@ -8,11 +8,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..errors import InputError
-from .c_filter import C_FILTER
 from .exporter import Export, Exporter, Profile
-from .files import C_HEADER, CSV, JSON, SIMSCAPE
-from .pybamm import PYBAMM
-from .thevenin import THEVENIN
+from .files import C_FILTER, C_HEADER, CSV, JSON, SIMSCAPE
+from .python_modules import PYBAMM, THEVENIN
 from .verification import Verification, pulse_profile, require_package, verify
 
 __all__ = [

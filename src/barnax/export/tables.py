@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -42,79 +42,45 @@ class Table:
 
 
 @dataclass(frozen=True, eq=False)
-class TemperatureAxis:
-    """Tables at rising temperatures: the measured ones, and what is interpolated between them.
-
-    `capacities_ah` are those at the measured ones. `ocv_v` is the corrected OCV at every
-    temperature and every `soc`, those of `Tables.ocv`.
-    """
-
-    degc: tuple[float, ...]
-    measured_degc: tuple[float, ...]
-    capacities_ah: tuple[float, ...]
-    over_soc: tuple[SocTables, ...]
-    soc: Values
-    ocv_v: Float[np.ndarray, "temperatures points"]
-
-    @property
-    def resistances(self) -> dict[str, Float[np.ndarray, "temperatures nodes"]]:
-        """R0, R1 and so on in ohm."""
-        values = [np.array([each.r0_ohm, *each.r_ohm]) for each in self.over_soc]
-        return {f"R{number}": each for number, each in enumerate(np.stack(values, axis=1))}
-
-
-@dataclass(frozen=True, eq=False)
 class Tables:
     """A result as other tools take it. Discharge current is positive.
 
+    `resistances` are R0, R1 and so on in ohm: one value of each; where the circuit is tabulated,
+    one for each of `nodes` over SOC; where it is tabulated over temperature too, a row of those for
+    each of `degc`, the measured temperatures and some that are interpolated between them.
+    `parameters` are those of the constant circuit, or of the one beside the tables. `ocv` has the
+    correction of the tables in it, and is the one nearest to 25 degC; `ocv_v` is the same, with a
+    row for each of `degc` where there are several.
+
     `hysteresis` is W(soc), charge minus discharge OCV in V, None where the circuit has none. The
     circuit adds half of it after charging and takes half of it away after discharging: at once
-    (`kind` is "instant"), or with a state that follows the charge passed at the rate
-    `parameters.gamma` per unit of SOC ("dynamic"); a current below `rest_current_a` turns neither.
-    `initial_direction` is the direction the simulation starts with, +1 charging. Where the circuit
-    is tabulated, `over_soc` has its resistances and time constants and `parameters` are those of
-    the constant circuit beside it; the OCV has the correction in it, and the hysteresis is the
-    tabulated one. Where it is tabulated over temperature too, these are of the one nearest to
-    25 degC, and `over_temperature` has all.
+    (`kind` is "instant"), or with a state that follows the charge passed at the rate `gamma` per
+    unit of SOC ("dynamic"); a current below `rest_current_a` turns neither. `initial_direction` is
+    the direction the simulation starts with, +1 charging. `caveats` say which nodes mean nothing by
+    themselves, and which temperatures were not measured.
     """
 
     model: str
     heading: str
+    caveats: tuple[str, ...]
     parameters: CircuitParameters
+    tau_s: tuple[float, ...]
+    gamma: float | None
+    nodes: tuple[float, ...] | None
+    degc: tuple[float, ...] | None
+    resistances: dict[str, np.ndarray]
     capacity_ah: float
     initial_soc: float
     initial_direction: int
     rest_current_a: float
     kind: Hysteresis
     ocv: Table
+    ocv_v: np.ndarray
     hysteresis: Table | None
-    over_soc: SocTables | None = None
-    over_temperature: TemperatureAxis | None = None
 
     @property
     def pairs(self) -> int:
-        return (self.over_soc or self.parameters).pairs
-
-    @property
-    def tau_s(self) -> tuple[float, ...]:
-        return (self.over_soc or self.parameters).tau_s
-
-    @property
-    def gamma(self) -> float | None:
-        return (self.over_soc or self.parameters).gamma
-
-    @property
-    def resistances(self) -> dict[str, tuple[float, ...]]:
-        """R0, R1 and so on in ohm: one value, or one for each node over SOC."""
-        if self.over_soc is not None:
-            values = (self.over_soc.r0_ohm, *self.over_soc.r_ohm)
-        else:
-            values = tuple((r,) for r in (self.parameters.r0, *self.parameters.r))
-        return {f"R{number}": each for number, each in enumerate(values)}
-
-    @property
-    def largest_hysteresis_v(self) -> float:
-        return 0.0 if self.hysteresis is None else float(np.abs(self.hysteresis.voltage_v).max())
+        return len(self.tau_s)
 
     @property
     def initial_hysteresis_v(self) -> float:
@@ -130,67 +96,117 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
 
     A format that itself remembers where the current turned says so by `may_remember`.
     """
-    cell = result.cell_at(result.tables.found.reference_degc if result.tables else None)
-    circuit = get_circuit(result.model)
+    circuit, found = get_circuit(result.model), result.tables and result.tables.found
     if circuit.turning is not None and not may_remember:
         raise InputError(
             f"the hysteresis of {circuit.name} depends on where the current last changed "
             "direction, which no table over SOC holds; export `to` 'c-filter', or identify esc or "
             "iso-rc"
         )
-    kind = _kind_of(circuit, cell)
-    over_soc = _from_empty_to_full(result.tables.fit.tables) if result.tables else None
-    breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])
-    ocv, hysteresis = _average(circuit, cell), None
-    if kind != "none":
-        hysteresis = _hysteresis(circuit, cell, breakpoints)
-    axis = _temperature_axis(result, circuit)
-    if over_soc is not None:
-        ocv = _corrected(ocv, over_soc, () if axis is None else axis.soc)
-        if over_soc.half_hysteresis_v is not None:
-            hysteresis = _on_nodes(over_soc, 2 * np.array(over_soc.half_hysteresis_v))
+    reference = found.reference_degc if found else None
+    cell, parameters = result.cell_at(reference), result.circuit_parameters
+    degc, cells, over_soc, place = None, [cell], [], 0
+    resistances = np.array([[r] for r in (parameters.r0, *parameters.r)])
+    if found and found.tables is not None:
+        degc = _with_some_between(found.tables.temperatures_degc)
+        cells, place = [result.cell.at(each) for each in degc], degc.index(reference)
+        over_soc = [found.tables.at(each) for each in degc]
+    elif found:
+        over_soc = [found.reference.tables]
+    over_soc = [_from_empty_to_full(each) for each in over_soc]
+    if over_soc:
+        # R0, R1 and so on first, then the temperatures.
+        resistances = np.stack([[each.r0_ohm, *each.r_ohm] for each in over_soc], axis=1)
+        resistances = resistances if degc else resistances[:, 0]
+    soc, ocv_v = _ocv(circuit, cells, over_soc)
+    kind, constants = _kind_of(circuit, cell), over_soc[place] if over_soc else parameters
     return Tables(
         model=result.model,
         heading=_heading(result),
-        parameters=result.circuit_parameters,
+        caveats=_caveats(result, over_soc, kind) if over_soc else (),
+        parameters=parameters,
+        tau_s=constants.tau_s,
+        gamma=constants.gamma,
+        nodes=over_soc[0].nodes if over_soc else None,
+        degc=degc,
+        resistances={f"R{number}": each for number, each in enumerate(resistances)},
         capacity_ah=cell.capacity_ah,
         initial_soc=result.initial_soc,
         initial_direction=result.start_direction,
         rest_current_a=result.start_rest_current_a,
         kind=kind,
-        ocv=ocv,
-        hysteresis=hysteresis,
-        over_soc=over_soc,
-        over_temperature=axis,
+        ocv=Table(soc, ocv_v[place]),
+        ocv_v=ocv_v if degc else ocv_v[place],
+        hysteresis=_hysteresis(circuit, cell, kind, over_soc[place] if over_soc else None),
     )
 
 
-def _average(circuit: Circuit, cell: CellModel) -> Table:
-    """The mean of the source after charging and after discharging."""
-    breakpoints = np.concatenate([cell.charge.soc, cell.discharge.soc])
-    return linear_table(lambda soc: np.mean(_sources_v(circuit, cell, soc), axis=0), breakpoints)
-
-
-def _temperature_axis(result: Result, circuit: Circuit) -> TemperatureAxis | None:
-    """All temperatures of a result, and further ones between them."""
-    tables = result.tables and result.tables.found.tables
-    if tables is None:
-        return None
-    measured = tables.temperatures_degc
+def _with_some_between(measured_degc: tuple[float, ...]) -> tuple[float, ...]:
+    """The measured temperatures, and further ones at most `BETWEEN_DEGC` apart."""
     parts = [
         np.linspace(low, high, math.ceil((high - low) / BETWEEN_DEGC), endpoint=False)
-        for low, high in itertools.pairwise(measured)
+        for low, high in itertools.pairwise(measured_degc)
     ]
-    degc = (*np.concatenate(parts).tolist(), measured[-1])
-    over_soc = tuple(_from_empty_to_full(tables.at(each)) for each in degc)
-    averages = [_average(circuit, result.cell.at(each)) for each in degc]
-    soc = np.unique(np.concatenate([each.soc for each in averages]))
-    corrected = [
-        _corrected(average, each, soc) for average, each in zip(averages, over_soc, strict=True)
+    return (*np.concatenate(parts).tolist(), measured_degc[-1])
+
+
+def _ocv(
+    circuit: Circuit, cells: Sequence[CellModel], over_soc: Sequence[SocTables]
+) -> tuple[Values, Float[np.ndarray, "temperatures points"]]:
+    """The OCV of every cell over one SOC, corrected by the tables: the mean of the source after
+    charging and after discharging. Every node is a point of it, so that the correction is exact."""
+    means = [
+        linear_table(
+            lambda soc, cell=cell: np.mean(_sources_v(circuit, cell, soc), axis=0), _bends(cell)
+        )
+        for cell in cells
     ]
-    ocv_v = np.array([each.voltage_v for each in corrected])
-    capacities_ah = tuple(result.cell_at(each).capacity_ah for each in measured)
-    return TemperatureAxis(degc, measured, capacities_ah, over_soc, corrected[0].soc, ocv_v)
+    nodes = np.array(over_soc[0].nodes if over_soc else [])
+    points = np.concatenate([nodes, *(each.soc for each in means)])
+    soc = np.unique(np.round(points, DIGITS_SOC))
+    ocv_v = np.array([mean(soc) for mean in means])
+    for row_v, each in zip(ocv_v, over_soc, strict=False):
+        if each.ocv_correction_v is not None:
+            row_v += np.interp(soc, nodes, each.ocv_correction_v)
+    return soc, np.round(ocv_v, DIGITS_V)
+
+
+def _hysteresis(
+    circuit: Circuit, cell: CellModel, kind: Hysteresis, over_soc: SocTables | None
+) -> Table | None:
+    """W(soc): that of the tables, the cell's segments, or what a circuit makes of its own."""
+    if over_soc is not None and over_soc.half_hysteresis_v is not None:
+        w_v = 2 * np.array(over_soc.half_hysteresis_v)
+        return Table(np.round(over_soc.nodes, DIGITS_SOC), np.round(w_v, DIGITS_V))
+    if kind == "none":
+        return None
+
+    def between_v(soc: Values) -> Values:
+        after_charge_v, after_discharge_v = _sources_v(circuit, cell, soc)
+        return after_charge_v - after_discharge_v
+
+    if circuit.has_rate or np.allclose(
+        between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V
+    ):
+        return segment_table(cell.hysteresis)
+    return linear_table(between_v, _bends(cell))
+
+
+def _bends(cell: CellModel) -> Values:
+    """Where the curves of a cell may bend."""
+    return np.concatenate([cell.charge.soc, cell.discharge.soc])
+
+
+def _sources_v(circuit: Circuit, cell: CellModel, soc: Values) -> list[Values]:
+    """The source after charging and after discharging."""
+    return [circuit.source_voltage(cell, soc, way * np.ones_like(soc)) for way in (1, -1)]
+
+
+def _kind_of(circuit: Circuit, cell: CellModel) -> Hysteresis:
+    if circuit.has_rate:
+        return "dynamic"
+    after_charge_v, after_discharge_v = _sources_v(circuit, cell, EVERYWHERE)
+    return "none" if np.array_equal(after_charge_v, after_discharge_v) else "instant"
 
 
 def _from_empty_to_full(tables: SocTables) -> SocTables:
@@ -213,33 +229,32 @@ def _from_empty_to_full(tables: SocTables) -> SocTables:
     )
 
 
-def table_caveats(tables: Tables) -> tuple[str, ...]:
+def _caveats(result: Result, over_soc: Sequence[SocTables], kind: Hysteresis) -> tuple[str, ...]:
     """Which nodes mean nothing by themselves, and which temperatures were not measured; nothing
     where all were."""
-    over_soc, axis = tables.over_soc, tables.over_temperature
-    if over_soc is None:
-        return ()
-    visited = [over_soc.visited] if axis is None else [each.visited for each in axis.over_soc]
-    unseen = zip(over_soc.nodes, np.all(visited, axis=0), strict=True)
-    nodes = ", ".join(f"{node:g}" for node, is_visited in unseen if not is_visited)
-    where = "" if axis is None else ", at one temperature or more"
-    told = [
-        f"No sample is near the nodes at SOC {nodes}{where}: their values follow from their "
-        "neighbors'."
-    ]
-    if axis is None:
-        return tuple(told) if nodes else ()
-    measured = ", ".join(f"{each:.3g}" for each in axis.measured_degc)
+    told, over = [], result.tables and result.tables.over_temperature
+    unseen = ~np.all([each.visited for each in over_soc], axis=0)
+    if unseen.any():
+        nodes = ", ".join(f"{node:g}" for node in np.array(over_soc[0].nodes)[unseen])
+        where = ", at one temperature or more" if over else ""
+        told.append(
+            f"No sample is near the nodes at SOC {nodes}{where}: their values follow from their "
+            "neighbors'."
+        )
+    if not over:
+        return tuple(told)
+    degc = ", ".join(f"{each:.3g}" for each in over.temperatures_degc)
     text = (
-        f"Identified at {measured} degC. Between these, the logarithm of the resistances is "
+        f"Identified at {degc} degC. Between these, the logarithm of the resistances is "
         "interpolated over 1/T; beyond them, the tables of the nearest temperature apply."
     )
-    if tables.kind != "none":
+    if kind != "none":
         text += " The hysteresis voltage is that of the temperature nearest to 25 degC."
-    if len(set(axis.capacities_ah)) > 1:
-        own_ah = ", ".join(f"{each:.4g}" for each in axis.capacities_ah)
-        text += f" So is the capacity; at {measured} degC it was {own_ah} Ah."
-    return (*(told if nodes else []), text)
+    capacities_ah = [result.cell_at(each).capacity_ah for each in over.temperatures_degc]
+    if len(set(capacities_ah)) > 1:
+        own_ah = ", ".join(f"{each:.4g}" for each in capacities_ah)
+        text += f" So is the capacity; at {degc} degC it was {own_ah} Ah."
+    return (*told, text)
 
 
 def _heading(result: Result) -> str:
@@ -251,19 +266,6 @@ def _heading(result: Result) -> str:
         f"identified on {errors.record} with an RMSE of {1e3 * errors.rmse_v:.3f} mV. Discharge "
         "current is positive."
     )
-
-
-def _corrected(ocv: Table, over_soc: SocTables, more: Iterable[float] = ()) -> Table:
-    """The OCV with its correction: exact, as every node is a point of it; `more` are too."""
-    nodes = np.array(over_soc.nodes)
-    soc = np.unique(np.round(np.concatenate([ocv.soc, nodes, np.asarray(more)]), DIGITS_SOC))
-    correction_v = over_soc.ocv_correction_v
-    added_v = 0.0 if correction_v is None else np.interp(soc, nodes, correction_v)
-    return Table(soc, np.round(ocv(soc) + added_v, DIGITS_V))
-
-
-def _on_nodes(over_soc: SocTables, voltage_v: Values) -> Table:
-    return Table(np.round(over_soc.nodes, DIGITS_SOC), np.round(voltage_v, DIGITS_V))
 
 
 def linear_table(
@@ -304,32 +306,3 @@ def segment_table(hysteresis: SegmentedHysteresis) -> Table:
         soc.append(float(KNOTS[index + 1]))
         voltage_v.append(right_v)
     return Table(np.round(soc, DIGITS_SOC), np.array(voltage_v))
-
-
-def _sources_v(circuit: Circuit, cell: CellModel, soc: Values) -> tuple[Values, Values]:
-    """The source after charging and after discharging."""
-    after_charge_v, after_discharge_v = (
-        circuit.source_voltage(cell, soc, direction * np.ones_like(soc)) for direction in (1, -1)
-    )
-    return after_charge_v, after_discharge_v
-
-
-def _kind_of(circuit: Circuit, cell: CellModel) -> Hysteresis:
-    if circuit.has_rate:
-        return "dynamic"
-    after_charge_v, after_discharge_v = _sources_v(circuit, cell, EVERYWHERE)
-    return "none" if np.array_equal(after_charge_v, after_discharge_v) else "instant"
-
-
-def _hysteresis(circuit: Circuit, cell: CellModel, breakpoints: Values) -> Table:
-    """W(soc): the cell's segments, or what a circuit makes of its own."""
-
-    def between_v(soc: Values) -> Values:
-        after_charge_v, after_discharge_v = _sources_v(circuit, cell, soc)
-        return after_charge_v - after_discharge_v
-
-    if circuit.has_rate or np.allclose(
-        between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V
-    ):
-        return segment_table(cell.hysteresis)
-    return linear_table(between_v, breakpoints)

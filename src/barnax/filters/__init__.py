@@ -1,8 +1,7 @@
 """Kalman filters on an identified circuit: what a battery manager would know of its cell."""
 
-from .consistency import Innovations, examine_innovations, mean_bounds
-from .kalman import Estimate, Form, Kind, run_filter
-from .model import Drive, ErrorModel, FilterModel, make_model, model_of
+from .kalman import Form, Innovations, Kind, examine_innovations, mean_bounds, run_filter
+from .model import Drive, ErrorModel, Estimate, FilterModel, make_model, model_of
 
 __all__ = [
     "Drive",

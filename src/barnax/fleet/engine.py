@@ -26,9 +26,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from .cells import FleetCell
 from .dataset import Shard, compact, finished, marked_place, write_rows, writing
-from .manifest import cell_of, in_shard
+from .manifest import FleetCell, cell_of, distinct, in_shard
 from .worker import Counts, batch_name, run_batch, start_worker
 
 # A batch takes long enough that handing it over is no cost, and few enough cells to lose.
@@ -89,18 +88,33 @@ def identify_fleet(
     If a cell cannot be identified, its row says why.
     """
     out, chosen = Path(out), {"seeds": 0, **(settings or {})}
-    state, skipped = Progress(), [0]
+    state = Progress()
+
+    def wanted(done: Mapping[str, tuple[str, bool]]) -> Iterator[tuple[str, FleetCell]]:
+        """The cells that have no row of these inputs and settings yet; the others are counted."""
+        nonlocal state
+        given = (each if isinstance(each, FleetCell) else cell_of(each) for each in cells)
+        for cell in distinct(given):
+            if not in_shard(cell, shard):
+                continue
+            print_ = cell.fingerprint(chosen)
+            known, has_failed = done.get(cell.id, ("", False))
+            if known == print_ and not (has_failed and retry):
+                state = replace(state, skipped=state.skipped + 1)
+            else:
+                yield print_, cell
+
     with writing(out, shard) as folder:
         # A part that stands is not computed again, and some hold what failed or was replaced since.
         compact(out, shard)
-        queue = _wanted(cells, chosen, shard, finished(out), retry, skipped)
+        queue = wanted(finished(out))
         few = list(queue) if isinstance(cells, Sequence) else None
         if few is not None:
-            state = replace(state, skipped=skipped[0], total=len(few) + skipped[0])
+            state = replace(state, total=len(few) + state.skipped)
             queue = iter(few)
         first = next(queue, None)
         if first is not None:
-            from ..plan.text import require_choices  # loads JAX
+            from ..plan.document import require_choices  # loads JAX
 
             # Before all cells fail of it.
             require_choices(chosen)
@@ -115,38 +129,11 @@ def identify_fleet(
                 work = partial(_submit, folder=folder, out=out, settings=chosen)
                 for rows, failed in _run(batches, reopen, work, folder, WAITING * (count + 1)):
                     state = replace(
-                        state,
-                        finished=state.finished + rows,
-                        failed=state.failed + failed,
-                        skipped=skipped[0],
+                        state, finished=state.finished + rows, failed=state.failed + failed
                     )
                     report(state)
         compact(out, shard)
-    return replace(state, skipped=skipped[0], total=state.finished + skipped[0])
-
-
-def _wanted(
-    cells: Iterable[FleetCell | Mapping[str, Any]],
-    settings: Mapping[str, Any],
-    shard: Shard | None,
-    done: Mapping[str, tuple[str, bool]],
-    retry: bool,
-    skipped: list[int],
-) -> Iterator[tuple[str, FleetCell]]:
-    """The cells that have no row of these inputs and settings yet; the others are counted."""
-    seen: set[str] = set()
-    for given in cells:
-        cell = given if isinstance(given, FleetCell) else cell_of(given)
-        if cell.id in seen:
-            raise InputError(f"the id {cell.id!r} occurs twice; give each cell its own")
-        seen.add(cell.id)
-        if in_shard(cell, shard):
-            print_ = cell.fingerprint(settings)
-            known, has_failed = done.get(cell.id, ("", False))
-            if known == print_ and not (has_failed and retry):
-                skipped[0] += 1
-            else:
-                yield print_, cell
+    return replace(state, total=state.finished + state.skipped)
 
 
 def _submit(

@@ -1,18 +1,103 @@
-"""Cells from a table: one row a cell or a test of it, with globs, defaults and what is carried."""
+"""Cells of a fleet, as they travel to a worker (paths and options, no data), and their manifest.
+
+A manifest is a table with one row a cell or a test of it, with globs, defaults and what is carried.
+"""
 
 import glob
 import hashlib
+import json
+import os
+import pickle
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
+from .. import __version__
 from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
 from ..model.window import OPTIONS as WINDOW_OPTIONS
-from .cells import OPTIONS, FleetCell, is_address
+
+# What a row of a manifest may say of how its files are read and what is identified.
+OPTIONS = (
+    *("ocv_capacity", "ocv_fit", "hysteresis_fit", "model"),
+    *("current_sign", "ocv_current_sign", "validate_current_sign", "current_hold", "columns"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FleetCell:
+    """A cell, or one test of it: its files, options, and the columns copied to its row.
+
+    `window` has fields of a `Window`, `validate_window` those that differ for validation records;
+    `options` are arguments of `barnax.identify`. `cell` is the result.json whose cell model is used
+    instead of OCV tests. `missing` are the files and patterns that were not found. `problem`
+    replaces all files.
+    """
+
+    id: str
+    records: tuple[str, ...] = ()
+    ocv: tuple[str, ...] = ()
+    validate: tuple[str, ...] = ()
+    cell: str | None = None
+    bounds: str | None = None
+    window: Mapping[str, Any] = field(default_factory=dict)
+    validate_window: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    carried: Mapping[str, Any] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+    problem: Any = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Every file that its row depends on."""
+        more = [each for each in (self.cell, self.bounds) if each]
+        return (*self.records, *self.ocv, *self.validate, *more)
+
+    def fingerprint(self, settings: Mapping[str, Any]) -> str:
+        """What changes where an input or a setting does: files by path, size and time of change."""
+        known = [
+            *(__version__, self.id, _plain(settings), self.records, self.ocv, self.validate),
+            *(self.cell, self.bounds, self.missing, [stamp(path) for path in self.files]),
+            *map(_plain, (self.window, self.validate_window, self.options, self.carried)),
+        ]
+        content = json.dumps(known, default=str).encode()
+        if self.problem is not None:
+            content += pickle.dumps(self.problem)
+        return hashlib.sha256(content).hexdigest()
+
+
+def _plain(values: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return sorted((name, repr(value)) for name, value in values.items())
+
+
+def stamp(path: str) -> tuple[int, int] | None:
+    """Size and time of change; None for what is not here, or not in a file system."""
+    if is_address(path):
+        return None
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
+
+
+def is_address(path: str) -> bool:
+    """Whether Polars has to fetch it from an object store.
+
+    >>> is_address("s3://bucket/cell.parquet"), is_address("cell.parquet")
+    (True, False)
+    """
+    return "://" in path
+
+
+def short_name(path: str) -> str:
+    """A file's name without folders."""
+    return path.rpartition("/")[2] if is_address(path) else Path(path).name
+
 
 # Columns that name files; `record` and `circuit` are other names for what they say.
 FILES = ("records", "ocv", "validate")
@@ -57,23 +142,25 @@ def read_manifest(
         return cells, ()
     rows, own_defaults = _rows(path)
     given = {**_renamed(defaults or {}), **_renamed(own_defaults)}
-    cells = [
+    found = (
         cell_of(given | _filled(row), path.parent, f"{path.name}: row {place}")
         for place, row in enumerate(rows, 2 if path.suffix.lower() != ".toml" else 1)
-    ]
+    )
+    cells = list(distinct(found, f"{path.name}: "))
     if not cells:
         raise InputError(f"{path}: has no cells; add a row for each")
-    require_distinct(cells, path.name)
     return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
 
 
-def require_distinct(cells: Iterable[FleetCell], where: str) -> None:
-    """Raise `InputError` where two cells have one id, for their rows could not be told apart."""
+def distinct(cells: Iterable[FleetCell], where: str = "") -> Iterator[FleetCell]:
+    """The cells; raises `InputError` where one has the id of another, for their rows could not be
+    told apart."""
     seen: set[str] = set()
     for cell in cells:
         if cell.id in seen:
-            raise InputError(f"{where}: the id {cell.id!r} occurs twice; give each row its own")
+            raise InputError(f"{where}the id {cell.id!r} occurs twice; give each row its own")
         seen.add(cell.id)
+        yield cell
 
 
 def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:

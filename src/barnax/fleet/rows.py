@@ -17,13 +17,13 @@ from ..errors import InputError, reason_of
 from ..gather import Reading, Settings, file_names, input_warnings, source_of
 from ..model.window import Window
 from ..pipeline import identify, identify_problem
-from ..plan.text import require_choices
+from ..plan.document import require_choices
 from ..records import Record, source_from_frame
 from ..results import MetricsPart, Result
 from ..run import bands_by_soc, joint_metrics
-from ..uncertainty.linearization import named_values
-from .cells import FleetCell, is_address, short_name, stamp
+from ..uncertainty.covariance import named_values
 from .dataset import keep_result
+from .manifest import FleetCell, is_address, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
 OWN = ("keep_results",)

@@ -17,8 +17,8 @@ from typing import Any
 
 import platformdirs
 
-from .cells import FleetCell
 from .dataset import count_rows, marking, write_rows
+from .manifest import FleetCell
 
 # glibc gives freed memory back to the system at once above these sizes, and takes it again for the
 # next cell: with Dask's own setting that took two fifths of all CPU time.

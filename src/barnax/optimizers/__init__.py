@@ -9,45 +9,28 @@ import jax
 import jax.numpy as jnp
 
 from ..errors import InputError
-from .barnacle import BarnacleMating, bmo, ibmo, ibmo_centered, ibmo_printed
-from .genetic import AdaptiveGenetic
-from .gwo import GreyWolf, ImprovedGreyWolf
-from .leader import SeagullSearch, WhaleSearch
-from .plants import Ecosystem, SunflowerSearch
-from .population import AbstractPopulationMinimiser
-from .pso import CoevolvingSwarm, MixedSwarm, ParticleSwarm, apso
-from .sfo import SailfishSearch
-from .swarm import Box, Swarm, keep_best, sort_by_loss
-
-__all__ = [
-    "OPTIMIZERS",
-    "AbstractPopulationMinimiser",
-    "AdaptiveGenetic",
-    "BarnacleMating",
-    "Box",
-    "CoevolvingSwarm",
-    "Ecosystem",
-    "GreyWolf",
-    "ImprovedGreyWolf",
-    "MixedSwarm",
-    "OptimizerSummary",
-    "ParticleSwarm",
-    "SailfishSearch",
-    "SeagullSearch",
-    "SunflowerSearch",
-    "Swarm",
-    "WhaleSearch",
-    "apso",
-    "bmo",
-    "evaluations_per_iteration",
-    "ibmo",
-    "ibmo_centered",
-    "ibmo_printed",
-    "keep_best",
-    "make_optimizer",
-    "sort_by_loss",
-    "summarize_optimizers",
-]
+from .barnacle import BarnacleMating as BarnacleMating
+from .barnacle import bmo as bmo
+from .barnacle import ibmo as ibmo
+from .barnacle import ibmo_centered as ibmo_centered
+from .barnacle import ibmo_printed as ibmo_printed
+from .greedy import AdaptiveGenetic as AdaptiveGenetic
+from .greedy import Ecosystem as Ecosystem
+from .greedy import SunflowerSearch as SunflowerSearch
+from .leaders import GreyWolf as GreyWolf
+from .leaders import ImprovedGreyWolf as ImprovedGreyWolf
+from .leaders import SailfishSearch as SailfishSearch
+from .leaders import SeagullSearch as SeagullSearch
+from .leaders import WhaleSearch as WhaleSearch
+from .population import AbstractPopulationMinimiser as AbstractPopulationMinimiser
+from .pso import CoevolvingSwarm as CoevolvingSwarm
+from .pso import MixedSwarm as MixedSwarm
+from .pso import ParticleSwarm as ParticleSwarm
+from .pso import apso as apso
+from .swarm import Box as Box
+from .swarm import Swarm as Swarm
+from .swarm import keep_best as keep_best
+from .swarm import sort_by_loss as sort_by_loss
 
 # A new optimizer is one file and one line here.
 OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingProxyType(

@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int, Key, PyTree, UInt32
+from jaxtyping import Array, Float, Key, UInt32
 
 from .draws import TentBranch, levy_step, normal, tent_map
-from .population import AbstractPopulationMinimiser
-from .swarm import Box, Swarm, keep_best, ranks, sort_by_loss
+from .population import AbstractPopulationMinimiser, Generation, Proposal
+from .swarm import Box, Swarm, better_of_each, keep_best, ranks, sort_by_loss
 
 MatingFactor = Literal["normal", "uniform", "one"]
 
@@ -60,8 +60,6 @@ class BarnacleMating(AbstractPopulationMinimiser):
       cost and matters for noisy objectives only.
     """
 
-    population: int = 30
-    iterations: int = 500
     pl: int = 7
     tent_start: bool = False
     tent_branch: TentBranch = "state"
@@ -78,7 +76,6 @@ class BarnacleMating(AbstractPopulationMinimiser):
     cast_mothers: Literal["one", "all"] = "one"
     brood_share: float = 0.0
     reevaluate_parents: bool = False
-    bounded: bool = True
 
     def __check_init__(self):
         if self.mating_factor not in get_args(MatingFactor):
@@ -97,7 +94,7 @@ class BarnacleMating(AbstractPopulationMinimiser):
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return sort_by_loss(swarm)
 
-    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Chances:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Chances:
         lot_key, factor_key, step_key, mixture_key = jr.split(key, 4)
         dims, dtype = len(box.lower), box.lower.dtype
         square = (self.population, self.population)
@@ -108,9 +105,7 @@ class BarnacleMating(AbstractPopulationMinimiser):
             normal(mixture_key, square, dtype) if self.cast_mothers == "all" else None,
         )
 
-    def propose(
-        self, drawn: Chances, swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+    def propose(self, drawn: Chances, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         mother = swarm.positions
         father_rank = ranks(drawn.lots)
         p = drawn.factor
@@ -129,7 +124,7 @@ class BarnacleMating(AbstractPopulationMinimiser):
             offspring = jnp.concatenate([swarm.positions, offspring])
         return offspring, None
 
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         if self.reevaluate_parents:
             best = sort_by_loss(offspring)
             return Swarm(best.positions[: self.population], best.losses[: self.population])
@@ -137,14 +132,14 @@ class BarnacleMating(AbstractPopulationMinimiser):
             return keep_best(swarm, offspring, self.population)
         return lax.cond(
             generation <= self.brood_share * self.iterations,
-            better_than_mother,
+            lambda swarm, offspring: sort_by_loss(better_of_each(swarm, offspring)),
             lambda swarm, offspring: keep_best(swarm, offspring, self.population),
             swarm,
             offspring,
         )
 
     def _mating_factor(
-        self, key: Key[Array, ""], generation: Int[Array, ""], dims: int, dtype: Any
+        self, key: Key[Array, ""], generation: Generation, dims: int, dtype: Any
     ) -> Array:
         shape = (1 if self.shared_factor else self.population, dims)
         if self.mating_factor == "normal":
@@ -175,17 +170,6 @@ class BarnacleMating(AbstractPopulationMinimiser):
         else:
             steps = jr.uniform(key, shape, dtype)
         return self.cast_scale * steps
-
-
-def better_than_mother(swarm: Swarm, offspring: Swarm) -> Swarm:
-    """Every offspring or, where that is no worse, its mother; sorted."""
-    is_better = offspring.losses < swarm.losses
-    return sort_by_loss(
-        Swarm(
-            jnp.where(is_better[:, None], offspring.positions, swarm.positions),
-            jnp.where(is_better, offspring.losses, swarm.losses),
-        )
-    )
 
 
 def bmo(population: int = 30, iterations: int = 500, pl: int = 7) -> BarnacleMating:

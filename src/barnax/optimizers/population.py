@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import optimistix as optx
-from equinox import AbstractVar
 from jax import lax
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
@@ -31,6 +30,10 @@ from .swarm import Box, Swarm
 # numbers run faster than small ones, until they leave the processor's cache.
 DRAWN_AT_ONCE = 8192
 
+Generation = Int[Array, ""]
+# New positions to evaluate, and the new memory.
+Proposal = tuple[Float[Array, "offspring dims"], PyTree]
+
 
 class PopulationState(eqx.Module):
     """The solver state: the swarm, the best seen so far, and what has been spent."""
@@ -39,7 +42,7 @@ class PopulationState(eqx.Module):
     best_position: Float[Array, "dims"]
     best_loss: Scalar
     best_aux: PyTree
-    generation: Int[Array, ""]
+    generation: Generation
     evaluations: Int[Array, ""]
     failures: Int[Array, ""]
     history: Float[Array, "generations"]
@@ -68,9 +71,9 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
     them. Where every loss was infinite the result is `RESULTS.nonfinite`.
     """
 
-    population: AbstractVar[int]
-    iterations: AbstractVar[int]
-    bounded: AbstractVar[bool]
+    population: int = 30
+    iterations: int = 500
+    bounded: bool = field(default=True, kw_only=True)
     # Optimistix asks for these three; here the budget alone ends a run, so they are no settings.
     if TYPE_CHECKING:
         rtol: float = field(default=0.0, init=False)
@@ -90,17 +93,15 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         """The evaluated first population in the algorithm's order, with its first memory."""
 
     @abc.abstractmethod
-    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> PyTree:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> PyTree:
         """All that is random in `generation` (1 to `iterations`), whatever the swarm is like."""
 
     @abc.abstractmethod
-    def propose(
-        self, drawn: PyTree, swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+    def propose(self, drawn: PyTree, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         """New positions to evaluate in `generation`, and the new memory."""
 
     @abc.abstractmethod
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         """Who lives on after `generation`, of the parents and their evaluated offspring."""
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> PopulationState:
@@ -167,7 +168,7 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         numbers = sum(leaf.size for leaf in jax.tree.leaves(struct))
         return max(1, min(DRAWN_AT_ONCE // numbers, self.iterations))
 
-    def _propose(self, drawn: PyTree, swarm: Swarm, generation: Int[Array, ""], box: Box):
+    def _propose(self, drawn: PyTree, swarm: Swarm, generation: Generation, box: Box):
         positions, memory = self.propose(drawn, swarm, generation, box)
         return box.clip(positions) if self.bounded else positions, memory
 
@@ -176,8 +177,8 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         state: PopulationState,
         offspring: Swarm,
         aux: PyTree,
-        failures: Int[Array, ""],
-        generation: Int[Array, ""],
+        failures,
+        generation: Generation,
     ) -> PopulationState:
         """The state one generation later."""
         positions, losses = offspring.positions, offspring.losses
@@ -248,11 +249,7 @@ def _box(y: Array, options: dict[str, Any]) -> Box:
     is_known = not any(isinstance(end, Tracer) for end in ends)
     if is_known and np.any(np.asarray(ends[0]) > np.asarray(ends[1])):
         raise ValueError(f"the lower bound {ends[0]} is above the upper bound {ends[1]}")
-    lower, upper = (
-        jnp.broadcast_to(jnp.asarray(options[name], y.dtype), y.shape).ravel()
-        for name in ("lower", "upper")
-    )
-    return Box(lower, upper)
+    return Box(*(jnp.broadcast_to(jnp.asarray(end, y.dtype), y.shape).ravel() for end in ends))
 
 
 def _evaluate(

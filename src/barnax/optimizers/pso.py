@@ -1,14 +1,14 @@
 """Particle swarms: PSO, and three forms that batteries were identified with."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
-from jaxtyping import Array, Bool, Float, Int, Key, PyTree
+from jaxtyping import Array, Bool, Float, Int, Key, Scalar
 
-from .population import AbstractUniformStart
-from .swarm import Box, Leader, Swarm, best_of, better_leader
+from .population import AbstractUniformStart, Generation, Proposal
+from .swarm import Box, Leader, Swarm, best_of, better_leader, better_of_each
 
 
 class Flight(eqx.Module):
@@ -24,12 +24,8 @@ class Flight(eqx.Module):
 
     def landed(self, swarm: Swarm) -> "Flight":
         """The memory after a swarm was evaluated; only a strictly better place is remembered."""
-        is_better = swarm.losses < self.best_losses
-        return Flight(
-            self.velocities,
-            jnp.where(is_better[:, None], swarm.positions, self.best_positions),
-            jnp.where(is_better, swarm.losses, self.best_losses),
-        )
+        best = better_of_each(Swarm(self.best_positions, self.best_losses), swarm)
+        return Flight(self.velocities, best.positions, best.losses)
 
     def best(self) -> Float[Array, "dims"]:
         return self.best_positions[jnp.argmin(self.best_losses)]
@@ -42,15 +38,24 @@ def fly(
     pulls: Float[Array, "2 candidates dims"],
     guides: Float[Array, "#candidates dims"],
     limit: Float[Array, "dims"] | float,
-) -> Float[Array, "candidates dims"]:
-    """New velocities: those of before, and pulls toward the own best place and a guide."""
+) -> Flight:
+    """The memory with new velocities: the old, and pulls toward the own best place and a guide."""
     own, common = pulls
     velocities = (
         inertia * flight.velocities
         + own * (flight.best_positions - positions)
         + common * (guides - positions)
     )
-    return jnp.clip(velocities, -limit, limit)
+    velocities = jnp.clip(velocities, -limit, limit)
+    return Flight(velocities, flight.best_positions, flight.best_losses)
+
+
+def fallen_inertia(
+    solver: "ParticleSwarm | MixedSwarm | CoevolvingSwarm", generation: Generation, dtype: Any
+) -> Scalar:
+    """The inertia of a generation, falling linearly from the solver's start to its end."""
+    progress = generation.astype(dtype) / solver.iterations
+    return solver.inertia_start - progress * (solver.inertia_start - solver.inertia_end)
 
 
 class ParticleSwarm(AbstractUniformStart):
@@ -66,42 +71,35 @@ class ParticleSwarm(AbstractUniformStart):
     position: `ParticleSwarm(velocity_limit=6.0, bounded=False)`.
     """
 
-    population: int = 30
-    iterations: int = 500
     inertia_start: float = 0.9
     inertia_end: float = 0.2
     own_pull: float = 2.0
     swarm_pull: float = 2.0
     velocity_fraction: float = 0.06
     velocity_limit: float | None = None
-    bounded: bool = True
     adaptive: bool = False
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
 
-    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Array:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Array:
         pulls = jnp.array([self.own_pull, self.swarm_pull], box.lower.dtype)[:, None, None]
         return pulls * jr.uniform(key, (2, self.population, len(box.lower)), box.lower.dtype)
 
-    def propose(
-        self, drawn: Array, swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+    def propose(self, drawn: Array, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions, flight = swarm.positions, swarm.memory
         if self.adaptive:
             share = badness(swarm.losses)[:, None]
             inertia = self.inertia_end + share * (self.inertia_start - self.inertia_end)
         else:
-            progress = generation.astype(positions.dtype) / self.iterations
-            fallen = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
-            inertia = fallen[None, None]
+            inertia = fallen_inertia(self, generation, positions.dtype)[None, None]
         limit = self.velocity_limit
         if limit is None:
-            limit = self.velocity_fraction * (box.upper - box.lower)
-        velocities = fly(flight, positions, inertia, drawn, flight.best()[None], limit)
-        return positions + velocities, Flight(velocities, flight.best_positions, flight.best_losses)
+            limit = self.velocity_fraction * box.width
+        flown = fly(flight, positions, inertia, drawn, flight.best()[None], limit)
+        return positions + flown.velocities, flown
 
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         return Swarm(offspring.positions, offspring.losses, offspring.memory.landed(offspring))
 
 
@@ -143,8 +141,6 @@ class MixedSwarm(AbstractUniformStart):
     of 0.7 and one from 0.9 to 0.2 are ours.
     """
 
-    population: int = 30
-    iterations: int = 500
     explorers: float = 0.5
     exploring_inertia: float = 0.7
     inertia_start: float = 0.9
@@ -152,12 +148,11 @@ class MixedSwarm(AbstractUniformStart):
     pull: float = 2.0
     exploring_pull: float = 1.5
     velocity_fraction: float = 0.06
-    bounded: bool = True
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
 
-    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Pulls:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Pulls:
         weight_key, followed_key = jr.split(key)
         shape, dtype = (2, self.population, len(box.lower)), box.lower.dtype
         pull = jnp.where(self._explores(), self.exploring_pull, self.pull).astype(dtype)
@@ -166,20 +161,17 @@ class MixedSwarm(AbstractUniformStart):
             jr.randint(followed_key, (self.population,), 0, self.population, jnp.int32),
         )
 
-    def propose(
-        self, drawn: Pulls, swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+    def propose(self, drawn: Pulls, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions, flight = swarm.positions, swarm.memory
-        progress = generation.astype(positions.dtype) / self.iterations
-        fallen = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
+        fallen = fallen_inertia(self, generation, positions.dtype)
         explores = self._explores()[:, None]
         inertia = jnp.where(explores, jnp.full_like(fallen, self.exploring_inertia), fallen)
         guides = jnp.where(explores, flight.best_positions[drawn.followed], flight.best()[None])
-        limit = self.velocity_fraction * (box.upper - box.lower)
-        velocities = fly(flight, positions, inertia, drawn.weights, guides, limit)
-        return positions + velocities, Flight(velocities, flight.best_positions, flight.best_losses)
+        limit = self.velocity_fraction * box.width
+        flown = fly(flight, positions, inertia, drawn.weights, guides, limit)
+        return positions + flown.velocities, flown
 
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         return Swarm(offspring.positions, offspring.losses, offspring.memory.landed(offspring))
 
     def _explores(self) -> Bool[Array, "candidates"]:
@@ -204,43 +196,34 @@ class CoevolvingSwarm(AbstractUniformStart):
     candidate a generation joins the best of each. Inertia and limits are those of `pso`.
     """
 
-    population: int = 30
-    iterations: int = 500
     groups: int = 3
     inertia_start: float = 0.9
     inertia_end: float = 0.2
     pull: float = 2.0
     velocity_fraction: float = 0.06
-    bounded: bool = True
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, Species(Flight.start(swarm), best_of(swarm)))
 
-    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Array:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Array:
         shape = (2, self.population, len(box.lower))
         return self.pull * jr.uniform(key, shape, box.lower.dtype)
 
-    def propose(
-        self, drawn: Array, swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+    def propose(self, drawn: Array, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions, flight, context = swarm.positions, swarm.memory.flight, swarm.memory.context
-        progress = generation.astype(positions.dtype) / self.iterations
-        inertia = self.inertia_start - progress * (self.inertia_start - self.inertia_end)
-        limit = self.velocity_fraction * (box.upper - box.lower)
-        velocities = fly(
-            flight, positions, inertia[None, None], drawn, context.position[None], limit
-        )
+        inertia = fallen_inertia(self, generation, positions.dtype)
+        limit = self.velocity_fraction * box.width
+        flown = fly(flight, positions, inertia[None, None], drawn, context.position[None], limit)
         is_own = self._is_own(positions.shape[1])
-        moved = jnp.where(is_own, positions + velocities, context.position)
+        moved = jnp.where(is_own, positions + flown.velocities, context.position)
         # The best particle of each sub-swarm, with its own coordinates.
         losses = jnp.where(is_own, flight.best_losses[:, None], jnp.inf)
         joined = jnp.take_along_axis(
             flight.best_positions, jnp.argmin(losses, axis=0)[None], axis=0
         )
-        remembered = Flight(velocities, flight.best_positions, flight.best_losses)
-        return jnp.concatenate([moved, joined]), Species(remembered, context)
+        return jnp.concatenate([moved, joined]), Species(flown, context)
 
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         moved = Swarm(offspring.positions[:-1], offspring.losses[:-1])
         flight, context = offspring.memory.flight, offspring.memory.context
         species = Species(flight.landed(moved), better_leader(context, offspring))

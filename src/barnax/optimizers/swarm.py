@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PyTree, Scalar, Shaped
+from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar, Shaped
 
 # Up to so many numbers, counting for each how many come before it is several times faster than
 # sorting: the comparisons run side by side, on every device.
@@ -15,6 +15,10 @@ class Box(eqx.Module):
     lower: Float[Array, "dims"]
     upper: Float[Array, "dims"]
 
+    @property
+    def width(self) -> Float[Array, "dims"]:
+        return self.upper - self.lower
+
     def clip(self, positions: Float[Array, "*candidates dims"]) -> Float[Array, "*candidates dims"]:
         return jnp.clip(positions, self.lower, self.upper)
 
@@ -22,7 +26,7 @@ class Box(eqx.Module):
         self, fractions: Float[Array, "*candidates dims"]
     ) -> Float[Array, "*candidates dims"]:
         """Fractions of the box, in [0, 1], as positions."""
-        return self.lower + fractions * (self.upper - self.lower)
+        return self.lower + fractions * self.width
 
 
 class Swarm(eqx.Module):
@@ -81,6 +85,19 @@ def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
             jnp.concatenate([parent_ranks, ranks(children) + _count(is_behind)]), population
         )
     return Swarm(positions[kept], losses[kept], offspring.memory)
+
+
+def replaced(is_replaced: Bool[Array, "candidates"], new: Swarm, old: Swarm) -> Swarm:
+    """The old candidates, but for those that are replaced by the new ones at their places."""
+    return Swarm(
+        jnp.where(is_replaced[:, None], new.positions, old.positions),
+        jnp.where(is_replaced, new.losses, old.losses),
+    )
+
+
+def better_of_each(swarm: Swarm, offspring: Swarm) -> Swarm:
+    """Every candidate, or its own offspring where that is strictly better."""
+    return replaced(offspring.losses < swarm.losses, offspring, swarm)
 
 
 def _count(claims: Shaped[Array, "others items"]) -> Int[Array, "items"]:

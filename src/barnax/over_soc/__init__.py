@@ -1,49 +1,22 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
-from .cross_validation import CrossValidation, SocErrors
-from .fit import (
-    HELD_GAMMA,
-    FitWarning,
-    TableFit,
-    beyond_visited,
-    errors_on,
-    expected_rmse_v,
-    fit_tables,
-)
-from .intervals import NodeInterval
-from .settings import TableSettings
-from .simulate import evaluate_tables, simulate_tables
-from .temperature import (
-    LeftOut,
-    OverTemperature,
-    Reversal,
-    TableFits,
-    fit_temperatures,
-    group_by_temperature,
-    require_temperature,
-    require_temperatures,
-)
-
-__all__ = [
-    "HELD_GAMMA",
-    "CrossValidation",
-    "FitWarning",
-    "LeftOut",
-    "NodeInterval",
-    "OverTemperature",
-    "Reversal",
-    "SocErrors",
-    "TableFit",
-    "TableFits",
-    "TableSettings",
-    "beyond_visited",
-    "errors_on",
-    "evaluate_tables",
-    "expected_rmse_v",
-    "fit_tables",
-    "fit_temperatures",
-    "group_by_temperature",
-    "require_temperature",
-    "require_temperatures",
-    "simulate_tables",
-]
+from .accuracy import CrossValidation as CrossValidation
+from .accuracy import NodeInterval as NodeInterval
+from .accuracy import SocErrors as SocErrors
+from .fit import HELD_GAMMA as HELD_GAMMA
+from .fit import FitWarning as FitWarning
+from .fit import TableFit as TableFit
+from .fit import errors_on as errors_on
+from .fit import expected_rmse_v as expected_rmse_v
+from .fit import fit_tables as fit_tables
+from .objective import TableSettings as TableSettings
+from .simulate import evaluate_tables as evaluate_tables
+from .simulate import simulate_tables as simulate_tables
+from .temperature import LeftOut as LeftOut
+from .temperature import OverTemperature as OverTemperature
+from .temperature import Reversal as Reversal
+from .temperature import TableFits as TableFits
+from .temperature import fit_temperatures as fit_temperatures
+from .temperature import group_by_temperature as group_by_temperature
+from .temperature import require_temperature as require_temperature
+from .temperature import require_temperatures as require_temperatures

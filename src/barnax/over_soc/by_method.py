@@ -18,8 +18,8 @@ from ..baselines.method import Budget, generator_of, latin_hypercube
 from ..baselines.searches import DE, FEWEST, LM, PSO_LM, STARTS, evolve_in_box
 from ..execution import in_float64, one_blas_thread
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
-from .objective import Objective, Place, Solution
-from .search import in_order
+from .objective import Objective, Solution
+from .search import Place, in_order
 
 SEARCHES = (*OPTIMIZERS, LM.name, PSO_LM.name, DE.name)
 # Few coordinates need few candidates, and each costs the exact solution of all tables.

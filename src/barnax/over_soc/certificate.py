@@ -39,10 +39,8 @@ from ..global_optimum.reduced import earlier_rms
 from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord
 from ..model.search_space import Range
-from .bounded import least_in_box
-from .objective import Axis, Objective, Solution
-from .search import Found, Searchable, polish
-from .settings import TableSettings
+from .objective import Axis, Objective, Solution, TableSettings
+from .search import Found, Searchable, least_in_box, polish
 
 # Width of the first cells in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4
@@ -69,9 +67,7 @@ class Proof:
     best: Solution
 
 
-def certify(
-    objective: Objective, best: Solution, prepared_records: Sequence[PreparedRecord]
-) -> Proof:
+def certify(objective: Objective, best: Solution) -> Proof:
     """How far below the best known tables any in the box could be.
 
     It goes on until that is within `settings.proved_share`, or until `settings.most_cells` cells
@@ -79,29 +75,29 @@ def certify(
     """
 
     def relax() -> "Bound[Solution]":
-        return _Relaxation(objective, _remainders(objective, prepared_records)).bound
+        return _Relaxation(objective, _remainders(objective)).bound
 
     return Proof(*_branch(objective, objective.settings, relax, best))
 
 
 def certify_together(
     together: Searchable[Found],
-    parts: Sequence[tuple[float, Objective, Proof, Sequence[PreparedRecord]]],
+    parts: Sequence[tuple[float, Objective, Proof]],
     best: Found,
     part_squares: Callable[[Found], Sequence[float]],
 ) -> tuple[float, int, Found]:
     """The same for the weighted sum of objectives in one box: a bound on its root in V, the cells
     looked at, and the best met.
 
-    `parts` have each one's weight, what is proved of it alone, and its records; `part_squares` are
-    their own squares at a solution. In every cell each is asked for its share of what is enough.
+    `parts` have each one's weight and what is proved of it alone; `part_squares` are their own
+    squares at a solution. In every cell each is asked for its share of what is enough.
     """
     settings = parts[0][1].settings
 
     def relax() -> "Bound[Found]":
         relaxed = [
-            (weight, proof.lower_bound_v**2, _Relaxation(objective, _remainders(objective, own)))
-            for weight, objective, proof, own in parts
+            (weight, proof.lower_bound_v**2, _Relaxation(objective, _remainders(objective)))
+            for weight, objective, proof in parts
         ]
 
         def bound(cell: Cell, squared: float, enough: float) -> tuple[float, Found]:
@@ -156,11 +152,9 @@ def _branch(
 def _first_cells(objective: Searchable) -> list[Cell]:
     sides = []
     for axis in objective.axes:
-        count = math.ceil((axis.high - axis.low) / FIRST_WIDTH)
+        count = max(1, math.ceil((axis.high - axis.low) / FIRST_WIDTH))
         edges = np.linspace(axis.low, axis.high, count + 1).tolist()
-        sides.append(
-            list(itertools.pairwise(edges)) if axis.high > axis.low else [(axis.low, axis.high)]
-        )
+        sides.append(itertools.pairwise(edges))
     return [cell for cell in itertools.product(*sides) if _holds_one(cell, objective)]
 
 
@@ -185,12 +179,10 @@ def _holds_one(cell: Cell, objective: Searchable) -> bool:
     )
 
 
-def _remainders(
-    objective: Objective, prepared_records: Sequence[PreparedRecord]
-) -> list[Float[np.ndarray, "2 _"]]:
+def _remainders(objective: Objective) -> list[Float[np.ndarray, "2 _"]]:
     """Of each axis's columns: bounds on the RMS of their third derivative by the place, and on
     that of their own error."""
-    nodes = objective.reduced.layout.nodes
+    nodes, prepared_records = objective.reduced.layout.nodes, objective.prepared_records
 
     def shares_of_current(part: PreparedRecord) -> Float[np.ndarray, "samples nodes"]:
         return hats(part.soc, nodes) * part.held_a[:, None]
@@ -272,27 +264,24 @@ class _Side:
         return lowest - 2 * float(np.linalg.norm(error)) * self.remainder
 
 
+@dataclass(frozen=True, eq=False)
 class _Relaxation:
-    """What J is never below in the cells of an objective."""
+    """What J is never below in the cells of an objective; `derivatives` are its `_remainders`."""
 
-    def __init__(self, objective: Objective, derivatives: Sequence[np.ndarray]):
-        self._objective, self._derivatives = objective, derivatives
-        self._blocks = [
-            slice(table * objective.nodes, (table + 1) * objective.nodes)
-            for table in range(objective.tables)
-        ]
+    objective: Objective
+    derivatives: Sequence[np.ndarray]
 
     def bound(self, cell: Cell, squared: float, enough: float) -> tuple[float, Solution]:
         """A bound for tables with at most `squared`, and the best tables of the cell's middle.
 
         No more is done for a bound than it takes to be `enough`; without a chance of that it is 0.
         """
-        objective, blocks = self._objective, self._blocks
+        objective = self.objective
         middle = objective.solve(tuple((low + high) / 2 for low, high in cell))
         sides = [
             _Side.of(axis, ends, middle, derivatives, place)
             for axis, ends, derivatives, place in zip(
-                objective.axes, cell, self._derivatives, middle.place, strict=True
+                objective.axes, cell, self.derivatives, middle.place, strict=True
             )
         ]
         fixed = objective.fixed_columns
@@ -300,8 +289,10 @@ class _Relaxation:
         # all tables, for the upper one. The penalty is on their sum.
         lower, upper, upper_penalty, ends = dict(fixed), [], [], []
         base, low, high = objective.base, *(limit.copy() for limit in objective.box)
-        for side in sides:
-            table = side.axis.table
+        # Both blocks of every axis that has a table.
+        pairs: dict[int, tuple[slice, slice]] = {}
+        for number, side in enumerate(sides):
+            table, start = side.axis.table, len(low) + len(ends)
             if table is None:
                 base = base + side.three[0, :, 0]
                 if not side.half_width:
@@ -312,10 +303,13 @@ class _Relaxation:
             else:
                 lower[table] = fixed.get(table, 0.0) + side.three[0]
                 upper.append(fixed.get(table, 0.0) + side.three[2])
-                upper_penalty.append(objective.penalty[:, blocks[table]])
-                low[blocks[table]] = 0.0
+                block = objective.block(table)
+                upper_penalty.append(objective.penalty[:, block])
+                low[block] = 0.0
                 ends += [math.inf] * objective.nodes
-        columns = np.concatenate([lower[table] for table in range(len(blocks))] + upper, axis=1)
+                pairs[number] = block, slice(start, start + objective.nodes)
+        columns = [lower[table] for table in range(objective.tables)]
+        columns = np.concatenate(columns + upper, axis=1)
         penalty = np.concatenate([objective.penalty, *upper_penalty], axis=1)
         low = np.append(low, np.zeros(len(ends)))
         high = np.append(high, ends)
@@ -325,14 +319,12 @@ class _Relaxation:
         limits = self._limits(squared)
 
         lowest, guess = math.inf, None
-        tabled = [number for number, side in enumerate(sides) if side.axis.table is not None]
-        blocks_of = {number: self._pair_of_blocks(sides, number) for number in tabled}
         size = float(np.linalg.norm(middle.error))
         is_open = [side.half_width > 0 and side.axis.table is not None for side in sides]
         for signs in itertools.product(*((-1.0, 1.0) if each else (0.0,) for each in is_open)):
             cost = np.zeros(len(gradient))
-            for number in tabled:
-                side, (first, second) = sides[number], blocks_of[number]
+            for number, (first, second) in pairs.items():
+                side = sides[number]
                 tilt, tax = 2 * size * side.remainder, side.tax * side.half_width
                 cost[first] = -tax * (1 + signs[number]) - tilt
                 cost[second] = tax * (1 - signs[number]) - tilt
@@ -343,41 +335,28 @@ class _Relaxation:
                 best = max(best, value)
                 if best >= enough:
                     break
-                for number in tabled:
-                    for block in blocks_of[number]:
+                for number, both in pairs.items():
+                    for block in both:
                         cost[block] -= TILT * lacking[number]
             lowest = min(lowest, best)
             if lowest < enough:
                 return 0.0, middle
         return lowest, middle
 
-    def _pair_of_blocks(self, sides: Sequence[_Side], number: int) -> tuple[slice, slice]:
-        """The unknowns of an axis's table for the lower and for the upper end."""
-        table = sides[number].axis.table
-        assert table is not None
-        start = self._objective.tables * self._objective.nodes
-        # A place that is held has no mixture.
-        start += sum(
-            side.three.shape[2]
-            for side in sides[:number]
-            if side.axis.table is not None or side.half_width
-        )
-        return self._blocks[table], slice(start, start + self._objective.nodes)
-
     def _dual(self, error, bent, sides: Sequence[_Side], signs, limits):
         """The bound on J that an error and a penalty give, and what each axis's slopes lacked."""
-        objective = self._objective
+        objective = self.objective
         slope = 2 * (bent @ objective.penalty)
         value = float(2 * error @ objective.base - error @ error - bent @ bent)
         for table, columns in objective.fixed_columns.items():
-            slope[self._blocks[table]] += 2 * (error @ columns)
+            slope[objective.block(table)] += 2 * (error @ columns)
         lacking = {}
         for number, (side, sign) in enumerate(zip(sides, signs, strict=True)):
             if side.axis.table is None:
                 value += float(side.least(error, np.zeros(1))[0])
             else:
                 tax = side.tax * side.half_width
-                own = slope[self._blocks[side.axis.table]]
+                own = slope[objective.block(side.axis.table)]
                 own += side.least(error, tax) - sign * tax
                 lacking[number] = np.maximum(-own, 0.0)
         low, high = limits
@@ -385,12 +364,11 @@ class _Relaxation:
 
     def _limits(self, squared: float) -> tuple[np.ndarray, np.ndarray]:
         """How far every unknown of tables with at most this J can be from zero."""
-        objective, settings = self._objective, self._objective.settings
-        furthest = np.empty(len(self._blocks) * objective.nodes)
-        for table, block in enumerate(self._blocks):
-            is_resistance = table <= objective.pairs
-            ridge = settings.resistance_ridge if is_resistance else settings.voltage_ridge
-            weight = objective.weight_a if is_resistance else 1.0
-            furthest[block] = math.sqrt(squared / (ridge * objective.share)) / weight
+        objective = self.objective
+        furthest = [
+            math.sqrt(squared / (ridge * objective.share)) / weight
+            for weight, ridge in objective.weights
+        ]
+        furthest = np.repeat(furthest, objective.nodes)
         low, high = objective.box
         return np.maximum(low, -furthest), np.minimum(high, furthest)

@@ -6,24 +6,36 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..cell import SocTables, get_circuit
 from ..cell.circuits import RATE
-from ..cell.tables import HALF_HYSTERESIS, hats
+from ..cell.tables import HALF_HYSTERESIS
 from ..errors import InputError
 from ..execution import in_float64, one_blas_thread
-from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
+from .accuracy import (
+    ABOVE_SOC,
+    CrossValidation,
+    NodeInterval,
+    SocErrors,
+    blocks_of,
+    cross_validate,
+    intervals_of,
+)
 from .certificate import Proof, certify
-from .cross_validation import ABOVE_SOC, CrossValidation, SocErrors, blocks_of, cross_validate
-from .intervals import NodeInterval, intervals_of
-from .objective import Objective, Solution
-from .reduced import Reduced, layout_of, reduce_records, together
+from .objective import (
+    FASTEST_TAU_S,
+    SLOWEST_SHARE,
+    SLOWEST_TAU_S,
+    Objective,
+    Solution,
+    TableSettings,
+)
+from .reduced import layout_of, reduce_records, together
 from .search import find_best
-from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 from .simulate import error_blocks
 
 # A constant is at a bound within this share of the logarithm of its range.
@@ -104,44 +116,36 @@ def fit_tables(
     `half_hysteresis` without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
-    box = box_of(prepared_records, settings)
-    objective, parts = reduced_objective(prepared_records, settings, box)
+    objective = reduced_objective(prepared_records, settings)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        best = find_best(objective)
-        proof = certify(objective, best, prepared_records)
-    return fit_of(objective, proof, parts, prepared_records)
+        proof = certify(objective, find_best(objective))
+    return fit_of(objective, proof)
 
 
-def fit_of(
-    objective: Objective,
-    proof: Proof,
-    parts: Sequence[Reduced],
-    prepared_records: Sequence[PreparedRecord],
-) -> TableFit:
-    """All that is known of the tables of a proof; `parts` are the groups of `blocks_of`."""
+def fit_of(objective: Objective, proof: Proof) -> TableFit:
+    """All that is known of the tables of a proof."""
     settings, best = objective.settings, proof.best
     with one_blas_thread():
-        visited = visited_nodes(prepared_records, settings.nodes)
-        tables = objective.tables_at(best, visited.tolist())
-        intervals = intervals_of(objective, best, prepared_records, visited)
-        held_out = cross_validate(objective, best, parts)
+        tables = objective.tables_at(best)
+        intervals = intervals_of(objective, best)
+        held_out = cross_validate(objective, best)
     at_bound = _at_bound(objective, best)
     is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.root
     return TableFit(
         tables=tables,
         objective_v=best.root,
-        errors=tuple(errors_on(each, tables) for each in prepared_records),
+        errors=tuple(errors_on(each, tables) for each in objective.prepared_records),
         tau_ranges_s=objective.tau_ranges_s,
         lower_bound_v=proof.lower_bound_v,
         status="certified" if is_close else "grid-verified",
         cells=proof.cells,
         at_bound=at_bound,
-        parameters=int(np.sum(visited)) * objective.tables
+        parameters=int(np.sum(objective.visited)) * objective.tables
         + sum(axis.high > axis.low for axis in objective.axes),
         intervals=intervals,
         cross_validation=held_out,
-        warnings=_warnings(prepared_records, settings, tables, at_bound, visited),
+        warnings=_warnings(objective, tables, at_bound),
     )
 
 
@@ -163,17 +167,17 @@ def expected_rmse_v(
         for name, (low, high) in ranges.items()
     }
     settings = TableSettings(fixed=fixed, folds=0)
-    objective, _ = reduced_objective(prepared_records, settings, box_of(prepared_records, settings))
+    objective = reduced_objective(prepared_records, settings)
     with one_blas_thread():
         found = objective.solve(tuple(axis.low for axis in objective.axes))
     return float(np.sqrt(found.error @ found.error))
 
 
 def reduced_objective(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings, box: Box
-) -> tuple[Objective, list[Reduced]]:
-    """The objective over all records in a box, and the factors of the groups of `blocks_of`."""
-    tau_ranges_s, gamma_range = box
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings, box: Box | None = None
+) -> Objective:
+    """The objective over all records, in their own box or the one given."""
+    tau_ranges_s, gamma_range = box or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
         (min(low for low, _ in tau_ranges_s), max(high for _, high in tau_ranges_s)),
@@ -183,10 +187,9 @@ def reduced_objective(
     )
     groups, count = blocks_of(prepared_records, settings)
     parts = reduce_records(prepared_records, layout, groups, count)
-    capacity_ah = prepared_records[0].capacity_ah
     with one_blas_thread():
         whole = together(parts)
-    return Objective(whole, settings, tau_ranges_s, gamma_range, capacity_ah), parts
+    return Objective(prepared_records, settings, tau_ranges_s, gamma_range, whole, parts)
 
 
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
@@ -205,23 +208,6 @@ def pooled_errors(prepared_records: Sequence[PreparedRecord], tables: SocTables)
             squares += np.bincount(is_above, error_v[scored] ** 2, minlength=2)
             counts += np.bincount(is_above, minlength=2)
     return SocErrors.of_squares(squares, counts)
-
-
-def visited_nodes(
-    prepared_records: Sequence[PreparedRecord], nodes: Sequence[float]
-) -> Bool[np.ndarray, "nodes"]:
-    """Which nodes some scored sample is nearest to."""
-    found = np.zeros(len(nodes), bool)
-    for prepared in prepared_records:
-        for part in prepared.parts(BLOCK):
-            found |= np.any(hats(part.soc[part.scored], nodes) >= 0.5, axis=0)
-    return found
-
-
-def beyond_visited(prepared: PreparedRecord, tables: SocTables) -> float:
-    """The share of a record's scored samples that lie between or beyond unvisited nodes only."""
-    share: Float[np.ndarray, "scored nodes"] = hats(prepared.soc[prepared.scored], tables.nodes)
-    return float(np.mean(share @ np.array(tables.visited, float) < 0.5))
 
 
 def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> Box:
@@ -287,19 +273,15 @@ def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
 
 
 def _warnings(
-    prepared_records: Sequence[PreparedRecord],
-    settings: TableSettings,
-    tables: SocTables,
-    at_bound: Sequence[AtBound],
-    visited: Bool[np.ndarray, "nodes"],
+    objective: Objective, tables: SocTables, at_bound: Sequence[AtBound]
 ) -> tuple[FitWarning, ...]:
     found = [FitWarning("at bound", each.name, tables.constants[each.name]) for each in at_bound]
-    unvisited = 1 - float(np.mean(visited))
+    unvisited = 1 - float(np.mean(objective.visited))
     if unvisited > MOSTLY:
         found.append(FitWarning("mostly unvisited", "nodes", unvisited))
-    moved = least_travel_soc(prepared_records)
+    moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
     if moved < BOTH_WAYS_SOC and tables.half_hysteresis_v is not None:
         found.append(FitWarning("one direction", HALF_HYSTERESIS, moved))
-    elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in settings.ranges:
+    elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in ranges:
         found.append(FitWarning("gamma held", RATE, moved))
     return tuple(found)

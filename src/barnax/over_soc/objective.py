@@ -1,25 +1,106 @@
-"""The objective of some tables, and its least value for given time constants."""
+"""The objective of some tables, what may be chosen of it, and its least value for given time
+constants.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.linalg import block_diag
 
 from ..cell import SocTables
 from ..cell.circuits import RATE
+from ..cell.tables import Table, hats, require_nodes
+from ..errors import InputError
+from ..model.compressed import BLOCK
 from ..model.exponentials import Span
-from ..model.search_space import RESISTANCES, Range
-from .bounded import Sides, least_in_box, least_squares_in_box
+from ..model.inputs import PreparedRecord
+from ..model.search_space import PAIRS, RESISTANCES, Range
 from .reduced import Columns, Reduced
-from .settings import TableSettings
+from .search import Place, Sides, least_in_box, least_squares_in_box
 
 # What was computed for so many places of an axis is kept.
 KEPT = 4096
 
-Place = tuple[float, ...]
+# Closer below 20 % SOC, where resistances rise, and reaching below the lowest SOC of any record:
+# tables that end at 0 bend all that lies above.
+NODES: Table = (
+    *(-0.05, -0.03, -0.015, 0.0, 0.025, 0.05, 0.1, 0.15, 0.2),
+    *(0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
+)
+# Validation moves by 0.2 mV over four decades of this: it only ties nodes that no sample visits.
+ROUGHNESS = 1e-4
+RESISTANCE_RIDGE, VOLTAGE_RIDGE = 1e-9, 1e-7
+FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
+# With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
+SLOWEST_SHARE = 0.1
+# Blocks go to the folds in turn, so that no fold lacks a whole range of SOC.
+FOLDS, BLOCK_S = 5, 400.0
+
+
+@dataclass(frozen=True)
+class TableSettings:
+    """How tables over SOC are fitted.
+
+    The objective is the mean squared error plus, for each table x, w^2 (`roughness` times the sum
+    of its squared second differences plus a ridge times the sum of its squares). For resistances
+    w is the capacity in Ah over 1 h, so in A, and the ridge is `resistance_ridge`; for voltages w
+    is 1 and the ridge `voltage_ridge`. Second differences are taken over node numbers, not SOC.
+
+    `ocv_correction` adds a table to the OCV; `half_hysteresis` fits the amplitude of a dynamic
+    hysteresis instead of using half the hysteresis voltage. `bounds` and `fixed` are under PyBaMM's
+    names: those of a resistance hold at every SOC, a time constant or gamma has one value for all.
+    A fit is certified if its sqrt(J) is proved to be within `proved_share` of the lowest, using
+    at most `most_cells` cells; 0 means no proof. Every `folds`-th block of `block_s` seconds
+    is held out in turn for cross-validation; 0 `folds` means none.
+
+    Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
+    fixed values that are unknown, reversed, negative or both given.
+    """
+
+    nodes: Table = NODES
+    ocv_correction: bool = True
+    half_hysteresis: bool = False
+    roughness: float = ROUGHNESS
+    resistance_ridge: float = RESISTANCE_RIDGE
+    voltage_ridge: float = VOLTAGE_RIDGE
+    bounds: Mapping[str, Range] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    proved_share: float = 0.01
+    most_cells: int = 1000
+    folds: int = FOLDS
+    block_s: float = BLOCK_S
+
+    def __post_init__(self) -> None:
+        require_nodes(self.nodes)
+        for name in ("roughness", "resistance_ridge", "voltage_ridge", "block_s"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"`{name}` {getattr(self, name):g} must be positive")
+        if self.folds < 0 or self.folds == 1:
+            raise InputError(f"`folds` {self.folds} must be 0 or at least 2")
+        known = {*RESISTANCES, *(tau for tau, _ in PAIRS), RATE}
+        for name in {*self.bounds, *self.fixed} - known:
+            raise InputError(
+                f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, time "
+                "constants such as 'tau1 [s]' and gamma can"
+            )
+        for name in self.bounds.keys() & self.fixed.keys():
+            raise InputError(f"{name!r} is both bounded and fixed; give one of them")
+        for name, (low, high) in self.ranges.items():
+            least = 0.0 if name in RESISTANCES else np.finfo(float).tiny
+            if not least <= low <= high < np.inf:
+                raise InputError(
+                    f"the bounds of {name!r} are [{low:g}, {high:g}]; the lower one comes first, "
+                    "and neither is negative"
+                )
+
+    @property
+    def ranges(self) -> dict[str, Range]:
+        """Bounds and fixed values alike, as ranges."""
+        return {**self.bounds, **{name: (each, each) for name, each in self.fixed.items()}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +115,7 @@ class Axis:
     high: float
     table: int | None
     parts: Float[np.ndarray, "few entries"]
+    shape: tuple[int, int]
     span: Span
     direction: int
     _known: dict[float, Columns] = field(default_factory=dict)
@@ -53,10 +135,7 @@ class Axis:
         return self._product(self.direction * (self.span.from_skeleton @ slopes))
 
     def _product(self, counts: Float[np.ndarray, "few"]) -> Columns:
-        rows, width = self.shape
-        return (counts @ self.parts).reshape(rows, width)
-
-    shape: tuple[int, int] = (0, 0)
+        return (counts @ self.parts).reshape(self.shape)
 
 
 def _cardinal(span: Span, place: float):
@@ -85,17 +164,19 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """J of `settings` over reduced records, for circuits with so many pairs.
+    """J of `settings` over some records of a cell, for circuits with so many pairs.
 
     Places are the logarithms of every pair's time constant in s, then of gamma where there is one.
-    `weight_a` is the capacity in Ah over 1 h; `share` scales all smoothing weights.
+    `reduced` is the factor of all scored samples, `parts` those of the groups of `blocks_of`;
+    `share` scales all smoothing weights.
     """
 
-    reduced: Reduced
+    prepared_records: Sequence[PreparedRecord]
     settings: TableSettings
     tau_ranges_s: tuple[Range, ...]
     gamma_range: Range | None
-    weight_a: float
+    reduced: Reduced
+    parts: Sequence[Reduced] = ()
     share: float = 1.0
 
     @property
@@ -107,14 +188,28 @@ class Objective:
         return len(self.reduced.layout.nodes)
 
     @cached_property
+    def visited(self) -> Bool[np.ndarray, "nodes"]:
+        """Which nodes some scored sample is nearest to."""
+        found = np.zeros(self.nodes, bool)
+        for prepared in self.prepared_records:
+            for part in prepared.parts(BLOCK):
+                shares = hats(part.soc[part.scored], self.reduced.layout.nodes)
+                found |= np.any(shares >= 0.5, axis=0)
+        return found
+
+    def block(self, table: int) -> slice:
+        """The unknowns of a table."""
+        return slice(table * self.nodes, (table + 1) * self.nodes)
+
+    @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates."""
         layout, taus, turns = self.reduced.layout, self.reduced.part(0), self.reduced.part(1)
 
         def axis(limits: Range, table: int | None, part: np.ndarray, span: Span, direction: int):
             low, high = np.log(limits).tolist()
-            flat, shape = part.reshape(len(part), -1), part.shape[1:]
-            return Axis(low, high, table, flat, span, direction, shape=shape)
+            flat = part.reshape(len(part), -1)
+            return Axis(low, high, table, flat, part.shape[1:], span, direction)
 
         axes = [
             axis(limits, pair + 1, taus, layout.in_tau, 1)
@@ -146,20 +241,23 @@ class Objective:
         return self.reduced.part(5)[0][:, 0]
 
     @cached_property
+    def weights(self) -> list[tuple[float, float]]:
+        """Every table's w, of resistances the capacity in Ah over 1 h, and its ridge."""
+        settings, others = self.settings, self.tables - self.pairs - 1
+        resistance = self.prepared_records[0].capacity_ah, settings.resistance_ridge
+        return [resistance] * (self.pairs + 1) + [(1.0, settings.voltage_ridge)] * others
+
+    @cached_property
     def penalty(self) -> Float[np.ndarray, "penalties unknowns"]:
         """The rows whose squares are added to the mean squared error."""
-        settings, nodes = self.settings, self.nodes
-        bent = math.sqrt(settings.roughness) * np.diff(np.eye(nodes), 2, axis=0)
-        blocks = []
-        for table in range(self.tables):
-            is_resistance = table <= self.pairs
-            ridge = settings.resistance_ridge if is_resistance else settings.voltage_ridge
-            weight = (self.weight_a if is_resistance else 1.0) * math.sqrt(self.share)
-            rows = weight * np.concatenate([bent, math.sqrt(ridge) * np.eye(nodes)])
-            blocks.append(
-                np.pad(rows, ((0, 0), (table * nodes, (self.tables - table - 1) * nodes)))
-            )
-        return np.concatenate(blocks)
+        bent = math.sqrt(self.settings.roughness) * np.diff(np.eye(self.nodes), 2, axis=0)
+        blocks = [
+            weight
+            * math.sqrt(self.share)
+            * np.concatenate([bent, math.sqrt(ridge) * np.eye(self.nodes)])
+            for weight, ridge in self.weights
+        ]
+        return np.asarray(block_diag(*blocks))
 
     @cached_property
     def penalty_normal(self) -> Float[np.ndarray, "unknowns unknowns"]:
@@ -214,7 +312,7 @@ class Objective:
         """The derivative of the least J by the place: that at fixed tables, which are optimal."""
         return np.array([2 * float(found.error @ each) for each in self.moved(found)])
 
-    def tables_at(self, found: Solution, visited: Sequence[bool]) -> SocTables:
+    def tables_at(self, found: Solution) -> SocTables:
         """A solution as stored, pairs from fast to slow."""
         layout, values = self.reduced.layout, found.values.tolist()
         tau_s = np.exp(found.place[: self.pairs]).tolist()
@@ -227,7 +325,7 @@ class Objective:
             ocv_correction_v=tuple(values[self.pairs + 1]) if layout.has_correction else None,
             half_hysteresis_v=tuple(values[-1]) if layout.has_amplitude else None,
             gamma=gamma,
-            visited=tuple(visited),
+            visited=tuple(self.visited.tolist()),
         )
 
     @property

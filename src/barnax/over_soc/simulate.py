@@ -95,21 +95,13 @@ class TableParameters(eqx.Module):
         )
 
 
-def table_errors(parameters: TableParameters, given: TableInput) -> Float[Array, "samples"]:
-    """Measured minus simulated voltage at every sample, in V, scored or not."""
-    return _moved_on(parameters, given, at_rest(parameters))[1]
-
-
-def at_rest(parameters: TableParameters) -> Float[Array, "states"]:
-    """The states at the start: of every pair, then of a dynamic hysteresis that is moved."""
-    states = len(parameters.tau) + (parameters.gamma is not None)
-    return jnp.zeros(states, parameters.tables.dtype)
-
-
 def _moved_on(
     parameters: TableParameters, given: TableInput, states: Float[Array, "states"]
 ) -> tuple[Float[Array, "states"], Float[Array, "samples"]]:
-    """The states after the last sample, and the errors at all."""
+    """The states after the last sample, and measured minus simulated voltage in V at every one.
+
+    The states are of every pair, then of a dynamic hysteresis that is moved.
+    """
     inputs, moved = given.inputs, given.inputs.hysteresis
     pairs = len(parameters.tau)
     below, rise = _lines(parameters.tables)
@@ -145,13 +137,6 @@ def _moved_on(
     return lax.scan(step, states, samples)
 
 
-def table_squared_error(parameters: TableParameters, given: TableInput) -> Scalar:
-    """Sum of squared errors over the scored samples, in V^2."""
-    error_v, weight = table_errors(parameters, given), given.inputs.weight
-    error_v = error_v if weight is None else weight * error_v
-    return jnp.sum(error_v * error_v)
-
-
 def _lines(tables: Float[Array, "tables nodes"]):
     """All tables' values at the node below and their rise to the next one, a row a place."""
     columns = tables.T if tables.shape[1] > 1 else jnp.repeat(tables.T, 2, axis=0)
@@ -176,9 +161,10 @@ def error_blocks(
     prepared: PreparedRecord, tables: SocTables
 ) -> Iterator[tuple[slice, Float[np.ndarray, "samples"]]]:
     """Measured minus simulated voltage in V, block after block. Call inside float64."""
-    parameters = TableParameters.of(tables)
-    states, limits = at_rest(parameters), (min(tables.tau_s), tables.gamma)
-    for here, given in TableInput.blocks(prepared, np.array(tables.nodes), *limits):
+    parameters, nodes = TableParameters.of(tables), np.array(tables.nodes)
+    at_rest = len(tables.tau_s) + (tables.gamma is not None)
+    states = jnp.zeros(at_rest, parameters.tables.dtype)
+    for here, given in TableInput.blocks(prepared, nodes, min(tables.tau_s), tables.gamma):
         advance = compile_for(_moved_on, parameters, given, states)
         states, error_v = advance(parameters, given, states)
         yield here, np.asarray(error_v)[: here.stop - here.start]

@@ -18,12 +18,11 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
+from .accuracy import SocErrors
 from .certificate import Proof, certify, certify_together
-from .cross_validation import SocErrors
-from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective, visited_nodes
-from .objective import Axis, Objective, Place, Solution
-from .search import find_best, polish
-from .settings import TableSettings
+from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
+from .objective import Axis, Objective, Solution, TableSettings
+from .search import Place, find_best, polish
 
 
 @dataclass(frozen=True)
@@ -195,28 +194,19 @@ def fit_temperatures(
     settings = settings or TableSettings()
     require_temperatures(by_degc)
     degc = tuple(sorted(by_degc))
-    records = [by_degc[each] for each in degc]
-    box = box_of([each for own in records for each in own], settings)
-    objectives, parts = zip(
-        *(reduced_objective(own, settings, box) for own in records), strict=True
-    )
-    joint = _Joint(objectives)
+    box = box_of([each for own in degc for each in by_degc[own]], settings)
+    joint = _Joint(tuple(reduced_objective(by_degc[each], settings, box) for each in degc))
     with one_blas_thread():
         best = find_best(joint)
         proofs = [
-            certify(each, polish(each, part), own)
-            for each, part, own in zip(objectives, best.parts, records, strict=True)
+            certify(each, polish(each, part))
+            for each, part in zip(joint.objectives, best.parts, strict=True)
         ]
-        lower_bound_v, best = _prove_together(joint, best, proofs, records, settings)
-        left_out = _left_out(joint, best, degc, records, settings)
-    bounds_v = [
-        min(proof.lower_bound_v, part.root) for proof, part in zip(proofs, best.parts, strict=True)
-    ]
+        lower_bound_v, best = _prove_together(joint, best, proofs)
+        left_out = _left_out(joint, best, degc)
     fits = tuple(
-        fit_of(objective, Proof(bound_v, proof.cells, part), own_parts, own)
-        for objective, proof, bound_v, part, own_parts, own in zip(
-            objectives, proofs, bounds_v, best.parts, parts, records, strict=True
-        )
+        fit_of(objective, Proof(min(proof.lower_bound_v, part.root), proof.cells, part))
+        for objective, proof, part in zip(joint.objectives, proofs, best.parts, strict=True)
     )
     over_temperature = OverTemperature(
         temperatures_degc=degc,
@@ -258,48 +248,37 @@ def require_temperature(prepared: PreparedRecord) -> float:
 
 
 def _prove_together(
-    joint: _Joint,
-    best: _JointSolution,
-    proofs: Sequence[Proof],
-    records: Sequence[Sequence[PreparedRecord]],
-    settings: TableSettings,
+    joint: _Joint, best: _JointSolution, proofs: Sequence[Proof]
 ) -> tuple[float, _JointSolution]:
     """What shared time constants leave at least, in V, and the best ones met.
 
     What is proved of each temperature alone may be enough, unless sharing costs more than that.
     """
+    settings = joint.objectives[0].settings
     alone_v = joint.root([each.lower_bound_v**2 for each in proofs])
     if not settings.most_cells or alone_v >= (1 - settings.proved_share) * math.sqrt(best.squared):
         return min(alone_v, math.sqrt(best.squared)), best
-    parts = zip(joint.weights.tolist(), joint.objectives, proofs, records, strict=True)
+    parts = zip(joint.weights.tolist(), joint.objectives, proofs, strict=True)
     together_v, _, best = certify_together(
         joint, list(parts), best, lambda found: [each.squared for each in found.parts]
     )
     return min(max(alone_v, together_v), math.sqrt(best.squared)), best
 
 
-def _left_out(
-    joint: _Joint,
-    best: _JointSolution,
-    degc: Sequence[float],
-    records: Sequence[Sequence[PreparedRecord]],
-    settings: TableSettings,
-) -> tuple[LeftOut, ...]:
+def _left_out(joint: _Joint, best: _JointSolution, degc: Sequence[float]) -> tuple[LeftOut, ...]:
     """Every temperature predicted by the others, whose time constants are searched anew."""
-    visited = [visited_nodes(own, settings.nodes).tolist() for own in records]
     found = []
-    for left, own in enumerate(records):
-        rest = [place for place in range(len(degc)) if place != left]
-        others = _Joint(tuple(joint.objectives[place] for place in rest))
+    for left, objective in enumerate(joint.objectives):
+        others = _Joint(joint.objectives[:left] + joint.objectives[left + 1 :])
         anew = polish(others, others.solve(best.place))
         tables = TemperatureTables(
-            tuple(degc[place] for place in rest),
+            (*degc[:left], *degc[left + 1 :]),
             tuple(
-                objective.tables_at(part, visited[place])
-                for objective, part, place in zip(others.objectives, anew.parts, rest, strict=True)
+                each.tables_at(part)
+                for each, part in zip(others.objectives, anew.parts, strict=True)
             ),
         )
-        at_home = joint.objectives[left].tables_at(best.parts[left], visited[left])
+        own, at_home = objective.prepared_records, objective.tables_at(best.parts[left])
         found.append(
             LeftOut(
                 temperature_degc=degc[left],

@@ -1,9 +1,8 @@
 """What a folder of a cycler's files is for: roles, windows and options, chosen with reasons."""
 
 from .choosing import plan
-from .parts import ROLES, Part, Plan
+from .document import ROLES, Part, Plan, plan_from_toml, plan_to_toml
 from .running import arguments, plan_of, plans_first
-from .text import plan_from_toml, plan_to_toml
 
 __all__ = [
     "ROLES",

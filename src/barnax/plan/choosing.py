@@ -11,11 +11,17 @@ from ..cell.model import SAME_DEGC
 from ..errors import InputError
 from ..gather import OVER_TEMPERATURE, Reading, Watch, listed, unwatched
 from ..model.window import Window
-from .looking import Seen, files_of, look
-from .ocv import OCV_KINDS, OcvChoice, choose_ocv, ocv_reason
-from .parts import ROLES, Part, Plan, Use
-from .splitting import split
-from .starts import DIGITS, record_capacity_ah, started
+from .document import ROLES, Part, Plan, Use
+from .looking import Seen, files_of, look, split
+from .ocv import (
+    DIGITS,
+    OCV_KINDS,
+    OcvChoice,
+    choose_ocv,
+    ocv_reason,
+    record_capacity_ah,
+    started,
+)
 
 ROOM_DEGC = 25.0
 # Ranges of charge within this share of the widest are as good, and other things decide.

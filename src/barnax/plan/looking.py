@@ -1,7 +1,10 @@
-"""What each file is: read once, checked, and told by what the checks found."""
+"""What each file is: read once, checked, told by what was found, and cut where it holds several.
+
+A file that holds a whole schedule is cut into its tests, by full charges and by OCV sweeps.
+"""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,8 +19,8 @@ from ..checks.roles import STEPS, Traits
 from ..errors import InputError, printable
 from ..gather import Reading, Watch, file_names, source_of
 from ..model.window import Window
-from ..records import Record, Source, read_record
-from ..records.dialects import is_ocv_table
+from ..records import Record, Source, read_record, rest_current_a
+from ..records.columns import is_ocv_table
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
@@ -28,6 +31,14 @@ _TEMPORARY = (".", "~$")
 # they differ on average.
 _QUANTILES = np.linspace(0.05, 0.95, 19)
 _ANOTHER = 0.05
+# A charge without a rest of so long that passes this share of what the record spans ends a test.
+_PAUSE_S, _BULK = 300.0, 0.3
+# A slow one is a test itself.
+_SLOW_S = 9 * 3600.0
+# A charge ends full where its voltage is so near the record's highest and its current has tapered.
+_FULL_V, _TAPERED = 0.02, 0.5
+# What is shorter is no test.
+_FEWEST, _SHORTEST_S = 50, 600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +54,6 @@ class Seen:
     source: Source | None = None
     check: FileCheck | None = None
     refusal: str = ""
-    is_table: bool = False
     starts_full: bool = False
 
     @property
@@ -77,16 +87,20 @@ class Seen:
 
     @cached_property
     def record(self) -> Record:
-        return read_record(self._source)
+        return read_record(self.known_source)
 
     @cached_property
     def ocv_test(self) -> Record | OcvTable:
-        return read_ocv_test(self._source) if self.is_table else self.record
+        return self.record if self.check else read_ocv_test(self.known_source)
 
     @property
-    def _source(self) -> Source:
+    def known_source(self) -> Source:
         assert self.source is not None, "what cannot be read is asked for nothing"
         return self.source
+
+    def called(self, name: str) -> "Seen":
+        """The same under another name."""
+        return replace(self, name=name, source=replace(self.known_source, name=name))
 
     @property
     def window(self) -> Window:
@@ -151,36 +165,92 @@ def look(sources: Sequence[Any], reading: Reading, watch: Watch) -> Iterator[See
     names = file_names([each for each in sources if isinstance(each, str | Path)])
     for each in sources:
         name = each.name if isinstance(each, Source) else names[Path(each)]
-        path = Path(name) if isinstance(each, Source) else Path(each)
+        path = Path(name if isinstance(each, Source) else each)
         with watch(f"Looking at {name}", 0):
-            yield _look_at(each, path, name, names, reading)
+            try:
+                yield _looked_at(path, source_of(each, names, reading.columns))
+            except InputError as problem:
+                yield Seen(path, name, refusal=str(problem))
 
 
-def _look_at(
-    given: Any, path: Path, name: str, names: Mapping[Path, str], reading: Reading
-) -> Seen:
-    try:
-        source = source_of(given, names, reading.columns)
-    except InputError as problem:
-        return Seen(path, name, refusal=str(problem))
-    return look_at_source(path, source)
-
-
-def look_at_source(path: Path, source: Source) -> Seen:
+def _looked_at(path: Path, source: Source) -> Seen:
     """What was read of a file, checked."""
-    name = source.name
-    seen = Seen(path, name, source)
+    seen = Seen(path, source.name, source)
     try:
         if is_ocv_table(source.table.header):
-            table = replace(seen, is_table=True)
-            _ = table.ocv_test
-            return table
+            _ = seen.ocv_test
+            return seen
         check = check_file(source)
     except InputError as problem:
         return replace(seen, refusal=str(problem))
-    error = next((one for one in check.findings if one.severity == "error"), None)
     seen = replace(seen, check=check)
-    if error is not None or check.traits is None:
-        too_little = f"{name}: holds too few samples that can be read"
-        return replace(seen, refusal=error.sentence(name) if error else too_little)
-    return seen
+    error = next((one for one in check.findings if one.severity == "error"), None)
+    if error is not None:
+        return replace(seen, refusal=error.sentence(source.name))
+    too_little = "" if check.traits else f"{source.name}: holds too few samples that can be read"
+    return replace(seen, refusal=too_little)
+
+
+def split(seen: Seen) -> list[Seen]:
+    """The tests of a file, each as a part of it; the file itself where it holds one at most."""
+    parts = list(_tests(seen)) if seen.traits else []
+    if sum(part.kind(None) in SERVING for part in parts) < 2:
+        return [seen]
+    return [part.called(f"{seen.name}#{number}") for number, part in enumerate(parts, 1)]
+
+
+def _tests(seen: Seen) -> Iterator[Seen]:
+    """The tests of a file, some of which may begin with the cell charged to full."""
+    record = seen.record
+    for first, last, is_full in _between_charges(record):
+        if not _is_long(record, first, last):
+            continue
+        part = _part(seen, first, last, is_full)
+        sweeps = part.traits.sweeps if part.traits else ()
+        rows = [point.row for each in sweeps if each.kind == "rests" for point in each.points]
+        begin, end = np.searchsorted(record.row, [min(rows), max(rows)]) if rows else (first, last)
+        # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
+        for cut, beside in ((int(end), (int(end), last)), (int(begin), (first, int(begin)))):
+            if _is_long(record, *beside) and _part(seen, *beside).kind(None) in SERVING:
+                yield _part(seen, first, cut, is_full)
+                yield _part(seen, cut, last)
+                break
+        else:
+            yield part
+
+
+def _part(seen: Seen, first: int, last: int, is_full: bool = False) -> Seen:
+    time_s = seen.record.time_s
+    source = replace(seen.known_source, span_s=(float(time_s[first]), float(time_s[last])))
+    return replace(_looked_at(seen.path, source), starts_full=is_full)
+
+
+def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
+    """What lies between the ends of the record's long charges, and whether full comes before."""
+    discharged_ah = record.discharged_ah
+    span_ah = float(np.ptp(discharged_ah))
+    rest_a = rest_current_a(record, span_ah)
+    charging = np.flatnonzero(record.current_a < -rest_a)
+    discharging = np.flatnonzero(record.current_a > rest_a)
+    begin, is_full = 0, False
+    is_cut = np.diff(record.time_s[charging]) > _PAUSE_S
+    is_cut |= np.diff(np.searchsorted(discharging, charging)) != 0
+    for run in np.split(charging, np.flatnonzero(is_cut) + 1):
+        if not len(run):
+            continue
+        first, last = int(run[0]), int(run[-1])
+        if discharged_ah[first] - discharged_ah[last] < _BULK * span_ah:
+            continue
+        is_slow = record.time_s[last] - record.time_s[first] > _SLOW_S
+        yield begin, (last if is_slow else max(first - 1, begin)), is_full
+        current_a = record.current_a[run]
+        is_near = record.voltage_v[last] > record.voltage_v.max() - _FULL_V
+        is_full = bool(is_near and current_a[-1] > _TAPERED * current_a.min())
+        begin = min(last + 1, record.samples - 1)
+    yield begin, record.samples - 1, is_full
+
+
+def _is_long(record: Record, first: int, last: int) -> bool:
+    is_loaded = np.any(record.current_a[first : last + 1])
+    length_s = record.time_s[last] - record.time_s[first]
+    return bool(is_loaded and last - first >= _FEWEST and length_s >= _SHORTEST_S)

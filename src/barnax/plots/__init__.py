@@ -5,12 +5,10 @@ with its own `savefig`. Within `column_width()` they fit a journal's column. Imp
 package loads matplotlib, but not JAX.
 """
 
-from .cell import plot_hysteresis, plot_ocv
-from .compared_records import plot_compared_errors, plot_compared_voltages
-from .compared_search import plot_compared_convergence, plot_compared_parameters, plot_trajectories
-from .error import plot_error, plot_soc_replay
-from .pulses import plot_pulse_resistances, plot_pulses
-from .search import plot_convergence, plot_landscape
+from .cell import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
+from .error import plot_compared_errors, plot_error, plot_soc_replay
+from .parameters import plot_compared_parameters, plot_trajectories
+from .search import plot_compared_convergence, plot_convergence, plot_landscape
 from .soc_tables import (
     plot_error_map,
     plot_over_temperature,
@@ -18,7 +16,7 @@ from .soc_tables import (
     plot_tables_by_temperature,
 )
 from .style import column_width
-from .voltage import plot_condition, plot_voltage
+from .voltage import plot_compared_voltages, plot_condition, plot_voltage
 
 __all__ = [
     "column_width",

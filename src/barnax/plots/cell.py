@@ -1,33 +1,54 @@
-"""The cell's figures: open-circuit voltage and hysteresis voltage."""
+"""What tests show of a cell: open-circuit and hysteresis voltage, pulses and their resistances."""
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from ..cell import InterpolatedCurve
+from ..cell import CellModel, InterpolatedCurve
 from ..cell.curves import KNOTS
-from .sources import cell_of
+from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
 from .style import (
     BLACK,
     BLUE,
     GREY,
     SKY_BLUE,
+    SOC_LABEL,
     VERMILLION,
     draw_points,
     figure_style,
     finish,
-    finish_axes,
+    finish_bar,
     is_column,
     make_figure,
+    make_panels,
+    name_below,
+    opened,
+    row_looks,
+    title,
 )
 
 if TYPE_CHECKING:
-    from ..cell import AbstractCurve, CellModel, OcvPoint
+    from ..cell import AbstractCurve, OcvPoint
     from ..results import Result
+    from ..search.evaluate import Evaluation
+
+
+def cell_of(source: "CellModel | Result | str | Path") -> CellModel:
+    """The cell itself, that of a result, or that of a `result.json`."""
+    if isinstance(source, CellModel):
+        return source
+    # A result needs JAX, which a cell does not.
+    from ..results import Result
+
+    return opened(source, Result).cell_model
 
 
 CURVE_SAMPLES = 1001
@@ -72,7 +93,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
         ocv.plot(soc, cell.average_ocv_v(soc), color=BLACK, linestyle="-.", label="average")
     ocv.set_ylabel("Open-circuit voltage [V]")
     residual.set_ylabel("Residual [mV]\n(point − curve)")
-    residual.set_xlabel("State of charge [-]")
+    residual.set_xlabel(SOC_LABEL)
     low, high = residual.get_ylim()
     # Curves through their points leave rounding errors, which must not look like a finding.
     residual.set_ylim(min(low, -SMALLEST_RANGE_MV), max(high, SMALLEST_RANGE_MV))
@@ -102,14 +123,13 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     cell = cell_of(cell)
     figure = make_figure()
     axes = figure.subplots()
-    axes.set_xlabel("State of charge [-]")
+    axes.set_xlabel(SOC_LABEL)
     axes.set_ylabel("Hysteresis voltage [mV]\n(charge − discharge OCV)")
     if not cell.hysteresis.points:
         place = {"transform": axes.transAxes, "ha": "center", "va": "center"}
         axes.text(0.5, 0.5, NOT_MEASURED, **place)
         axes.set_yticks([])
-        finish_axes(axes)
-        return figure
+        return finish(figure, axes)
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     for knot in KNOTS[1:-1]:
         axes.axvline(knot, color=GREY, linestyle=":", linewidth=0.9)
@@ -122,7 +142,7 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     return finish(figure, axes, columns=1 if is_column() else 2)
 
 
-def _draw_difference(axes: Axes, cell: "CellModel") -> None:
+def _draw_difference(axes: Axes, cell: CellModel) -> None:
     soc, fitted_v = np.array(cell.hysteresis.points).T
     inside = np.linspace(soc[0], soc[-1], CURVE_SAMPLES)
     gap_mv = 1e3 * (cell.charge(inside) - cell.discharge(inside))
@@ -137,3 +157,105 @@ def _draw_difference(axes: Axes, cell: "CellModel") -> None:
         symbol = {"color": BLACK, "markerfacecolor": "white", "markeredgewidth": 0.8}
         label = "difference of the measured points (PCHIP)"
         draw_points(axes, soc, measured_mv, "D", 3.6, **symbol, label=label)
+
+
+PANELS_ACROSS: Final = 2
+PANEL_IN: Final = 2.1
+# More rates than these are left out, the rarest first.
+MOST_PANELS: Final = 6
+PULSE_COLORS: Final = "viridis"
+
+
+@figure_style()
+def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
+    """The change of voltage over that of current since each pulse began, a panel a rate.
+
+    Colored by SOC, measured; black and dashed, simulated. What remains of an earlier pulse's
+    relaxation is in both.
+    """
+    names = ("Time in the pulse [s]", "Resistance [mOhm]\n(change of V over I)")
+    figure, panels = _rate_panels(pulses, evaluation.prepared.capacity_ah, *names)
+    colors = matplotlib.colormaps[PULSE_COLORS]
+    scale = ScalarMappable(Normalize(0.0, 1.0), colors)
+    for axes, level in panels.items():
+        for number, pulse in enumerate(level):
+            _draw_pulse(axes, evaluation, pulse, colors(pulse.soc), number == 0)
+        axes.set_ylim(bottom=0.0)
+    bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=40)
+    bar.set_label(SOC_LABEL)
+    finish_bar(bar)
+    return finish(figure, *panels)
+
+
+def _draw_pulse(
+    axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: object, is_first: bool
+) -> None:
+    prepared = evaluation.prepared
+    span = pulse_samples(prepared.record, pulse)
+    inside = slice(span.start - prepared.first, span.stop - prepared.first)
+    if inside.start < 0 or inside.stop > len(prepared.soc):
+        return
+    change_a = prepared.current_a[inside] - prepared.current_a[inside.start]
+    is_on = np.abs(change_a) > abs(pulse.current_a) / 2
+    since_s = (prepared.time_s[inside] - prepared.time_s[inside.start])[is_on]
+    for voltage_v, style in (
+        (prepared.voltage_v, {"color": color, "linewidth": 1.3, "zorder": 2}),
+        (evaluation.simulated_v, {"color": BLACK, "linewidth": 0.7, "linestyle": (0, (3, 2))}),
+    ):
+        drop_v = voltage_v[inside.start] - voltage_v[inside]
+        name = "simulated" if voltage_v is evaluation.simulated_v else "measured, colored by SOC"
+        label = name if is_first else "_"
+        axes.plot(since_s, 1e3 * (drop_v[is_on] / change_a[is_on]), label=label, **style)
+
+
+@figure_style()
+def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figure:
+    """The standard pulse resistances over SOC, a panel a direction and rate.
+
+    >>> from barnax import bundled_file, read_record
+    >>> from barnax.pulses import find_pulses
+    >>> record = read_record(bundled_file("hppc_25degC"))
+    >>> pulses = find_pulses(record, 1 - record.discharged_ah / 2.0, threshold_a=0.02)
+    >>> plot_pulse_resistances(pulses, 2.0).axes[0].get_title(loc="left")
+    'discharge at 1C (2 A)'
+    """
+    figure, panels = _rate_panels(pulses, capacity_ah, SOC_LABEL, "Resistance [mOhm]")
+    labels = [f"after {time_s:g} s" if time_s else "at once" for time_s in STANDARD_S]
+    looks = row_looks(labels)
+    for axes, level in panels.items():
+        soc = np.array([pulse.soc for pulse in level])
+        values = np.array([pulse.resistance_ohm for pulse in level], float)
+        for place, label in enumerate(labels):
+            known = np.isfinite(values[:, place])
+            if known.any():
+                look = {"color": looks[label].color, "marker": looks[label].marker}
+                style: dict[str, Any] = {"markersize": 3.6, "label": label} | look
+                axes.plot(soc[known], 1e3 * values[known, place], **style)
+        axes.set_ylim(bottom=0.0)
+    return finish(figure, *panels, columns=5)
+
+
+def rate_label(level: Sequence[Pulse], capacity_ah: float) -> str:
+    """The direction and rate of pulses, such as "discharge at 1C (2 A)"."""
+    current_a = float(np.median([pulse.current_a for pulse in level]))
+    way = "discharge" if current_a > 0 else "charge"
+    return f"{way} at {abs(current_a) / capacity_ah:.2g}C ({abs(current_a):.3g} A)"
+
+
+def _rate_panels(
+    pulses: Sequence[Pulse], capacity_ah: float, across: str, upward: str
+) -> tuple[Figure, dict[Axes, tuple[Pulse, ...]]]:
+    """A figure with a named panel for each of the rates with the most pulses, and its pulses."""
+    found = levels(pulses)
+    most_common = sorted(found, key=len, reverse=True)[:MOST_PANELS]
+    shown = [level for level in found if level in most_common]
+    figure, panels = make_panels(
+        len(shown), min(PANELS_ACROSS, len(shown)), row_in=PANEL_IN, around_in=0.7,
+        sharex=True, sharey=True,
+    )  # fmt: skip
+    for axes, level in zip(panels, shown, strict=True):
+        title(axes, rate_label(level, capacity_ah))
+    for axes in panels[::PANELS_ACROSS]:
+        axes.set_ylabel(upward)
+    name_below(panels, PANELS_ACROSS, across)
+    return figure, dict(zip(panels, shown, strict=True))

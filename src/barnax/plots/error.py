@@ -1,6 +1,7 @@
-"""Errors: of voltage over time and over SOC, and of the SOC that a filter tells."""
+"""Errors: of voltage over time and over SOC, of one circuit or many, and of the SOC of a filter."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,19 +19,29 @@ from .style import (
     PURPLE,
     SHADE,
     SKY_BLUE,
+    SOC_LABEL,
     VERMILLION,
     decimate,
     draw_line,
     draw_points,
     figure_style,
     finish,
+    letters_pt,
     make_figure,
+    row_looks,
+    show_name,
     title,
 )
-from .voltage import NOT_SCORED, choose_time_unit, shade_unscored
+from .voltage import (
+    NOT_SCORED,
+    choose_time_unit,
+    heading,
+    most_accurate,
+    require_one_record,
+    shade_unscored,
+)
 
 if TYPE_CHECKING:
-    from ..model.inputs import PreparedRecord
     from ..replay import SocReplay
     from ..search.evaluate import Evaluation
 
@@ -44,6 +55,12 @@ FEWEST_IN_BIN = 5
 FEW_PERCENT = 0.5
 MARGIN = 0.3
 NEARLY_INSIDE = 1.5
+# Strips of the rows of a comparison.
+MOST_STRIPS: Final = 10
+STRIP_IN: Final = 1.1
+AROUND_STRIPS_IN: Final = 1.1
+# Rows farther off than this many times the best do not set the scale: theirs is cut, and said.
+FAR_OFF: Final = 3.0
 # Lines stand out from points of any color, their own included.
 OUTLINE = (Stroke(linewidth=2.8, foreground="white"), Normal())
 
@@ -75,31 +92,22 @@ def draw_errors(
     scored, of what is not, and of the RMSE.
     """
     prepared, error_mv = evaluation.prepared, 1e3 * evaluation.error_v
-    scored, soc = prepared.scored, prepared.soc
+    scored, soc, rmse_mv = prepared.scored, prepared.soc, 1e3 * evaluation.metrics.rmse_v
     time = prepared.time_s / choose_time_unit(prepared.time_s).seconds
     kinds = ((scored, colors[0], 2.0), (~scored, GREY, 1.9))
     for (chosen, color, layer), label in zip(kinds, labels[:2], strict=True):
         line = broken_line(time, error_mv, chosen)
         over_time.plot(*line, color=color, linewidth=width, label=label, zorder=layer)
-        draw_by_soc(over_soc, soc[chosen], error_mv[chosen], color, layer)
+        # As a picture: as vectors, the points of a long record would make a huge file.
+        style = {"color": color, "markeredgewidth": 0.0, "alpha": 0.6, "zorder": layer}
+        draw_points(over_soc, soc[chosen], error_mv[chosen], ".", 2.0, **style, rasterized=True)
     draw_rmse_by_soc(over_soc, soc[scored], error_mv[scored], colors[1])
     for axes in (over_time, over_soc):
-        draw_rmse(axes, 1e3 * evaluation.metrics.rmse_v, labels[2])
+        axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        axes.axhline(rmse_mv, color=BLACK, linestyle="--", label=labels[2])
+        axes.axhline(-rmse_mv, color=BLACK, linestyle="--", label="_lower")
     over_time.set_ylim(limits)
     shade_unscored(over_time, time, scored)
-
-
-def name_axes(over_time: Axes, over_soc: Axes, prepared: "PreparedRecord") -> None:
-    """What the axes below are."""
-    over_time.set_xlabel(choose_time_unit(prepared.time_s).label)
-    over_soc.set_xlabel("State of charge [-]")
-
-
-def draw_rmse(axes: Axes, rmse_mv: float, label: str) -> None:
-    """Zero, and plus and minus the RMSE of all scored samples."""
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    axes.axhline(rmse_mv, color=BLACK, linestyle="--", label=label)
-    axes.axhline(-rmse_mv, color=BLACK, linestyle="--", label="_lower")
 
 
 def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str) -> None:
@@ -107,18 +115,10 @@ def draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str) ->
     edges = np.linspace(0.0, 1.0, SOC_BINS + 1)
     samples = np.histogram(soc, edges)[0]
     squares = np.histogram(soc, edges, weights=error_mv**2)[0]
-    is_enough = samples >= FEWEST_IN_BIN
-    rmse_mv = np.full(SOC_BINS, np.nan)
-    rmse_mv[is_enough] = np.sqrt(squares[is_enough] / samples[is_enough])
+    rmse_mv = np.where(samples >= FEWEST_IN_BIN, np.sqrt(squares / np.maximum(samples, 1)), np.nan)
     for side, label in ((1, f"± RMSE per {1 / SOC_BINS:g} of SOC"), (-1, "_lower")):
         style = {"color": color, "linewidth": 1.6, "zorder": 2.5, "path_effects": OUTLINE}
         axes.stairs(side * rmse_mv, edges, baseline=None, **style, label=label)
-
-
-def draw_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str, layer: float) -> None:
-    """Errors as points, drawn as a picture: as vectors, a long record would make a huge file."""
-    style = {"color": color, "markeredgewidth": 0.0, "alpha": 0.6, "zorder": layer}
-    draw_points(axes, soc, error_mv, ".", 2.0, **style, rasterized=True)
 
 
 def scored_limits(scored_mv: Samples) -> tuple[float, float]:
@@ -180,18 +180,77 @@ def plot_error(evaluation: "Evaluation") -> Figure:
     for axes in (over_time, over_soc):
         axes.set_ylabel(LABEL)
     over_soc.set_title(outside_note(error_mv[prepared.scored], *limits), loc="right")
-    name_axes(over_time, over_soc, prepared)
+    over_time.set_xlabel(choose_time_unit(prepared.time_s).label)
+    over_soc.set_xlabel(SOC_LABEL)
     title(over_time, prepared.record.name)
     return finish(figure, over_time, over_soc, columns=4)
 
 
-COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY_BLUE)
+@figure_style()
+def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
+    """Measured minus simulated voltage in mV, a strip for each row, on one scale.
+
+    `evaluations` are the rows' evaluations on one record, under their labels (Li et al., 2023,
+    Fig. 11 and 13). Left over time, right over SOC, with plus and minus the RMSE in each
+    twentieth of SOC. Samples that do not count are grey and shaded. The scale is that of the
+    rows within three times the lowest RMSE; samples outside it are counted in the strip. Of more
+    than ten rows the ten with the lowest RMSE are drawn. Raises `ValueError` where the rows are
+    on different samples.
+
+    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
+    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
+    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    >>> record, cell = read_record(bundled_file("identification")), characterize(tests)
+    >>> rows = {name: validate(record, cell, name, circuit) for name in ("so-rc", "iso-rc")}
+    >>> [axes.get_xlabel() for axes in plot_compared_errors(rows).axes[-2:]]
+    ['Time [h]', 'State of charge [-]']
+    """
+    require_one_record(evaluations)
+    looks = row_looks(evaluations)
+    shown = most_accurate(evaluations, MOST_STRIPS)
+    prepared = next(iter(shown.values())).prepared
+    figure = make_figure(height_in=AROUND_STRIPS_IN + STRIP_IN * len(shown))
+    panels = figure.subplots(
+        len(shown), 2, squeeze=False, sharey=True, sharex="col", width_ratios=[1.9, 1.0]
+    )
+    limits = _common_limits(shown)
+    for (over_time, over_soc), (label, each) in zip(panels, shown.items(), strict=True):
+        colors, labels = (looks[label].color, BLACK), ("_scored", "_not scored", "± RMSE")
+        draw_errors(over_time, over_soc, each, colors, 0.7, labels, limits)
+        _name_strip(over_time, f"{label}: RMSE {1e3 * each.metrics.rmse_v:.3g} mV")
+        outside = outside_note(1e3 * each.error_v[prepared.scored], *limits)
+        _name_strip(over_soc, outside.replace(" scored", ""))
+    panels[-1, 0].set_xlabel(choose_time_unit(prepared.time_s).label)
+    panels[-1, 1].set_xlabel(SOC_LABEL)
+    figure.supylabel("Error [mV] (measured − simulated)", fontsize=letters_pt(9))
+    title(panels[0, 0], heading(prepared.record.name, len(shown), len(evaluations)))
+    return finish(figure, *panels.flat, legend_of=panels[0])
+
+
+def _common_limits(shown: Mapping[str, "Evaluation"]) -> tuple[float, float]:
+    """One scale for all strips, from the rows that are not far off."""
+    lowest_v = min(each.metrics.rmse_v for each in shown.values())
+    near = [each for each in shown.values() if each.metrics.rmse_v <= FAR_OFF * lowest_v]
+    limits = np.array([scored_limits(1e3 * each.error_v[each.prepared.scored]) for each in near])
+    return float(limits[:, 0].min()), float(limits[:, 1].max())
+
+
+def _name_strip(axes: Axes, text: str) -> None:
+    """A line of text in the upper left corner, readable over data."""
+    if text:
+        box = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0}
+        place = {"transform": axes.transAxes, "verticalalignment": "top", "zorder": 4}
+        show_name(axes.text(0.01, 0.97, text, fontsize=letters_pt(8), bbox=box, **place))
+
+
+SCENARIO_COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY_BLUE)
 REPLAY_IN = 5.6
 # Errors beyond these are of a start that is still being found.
 WIDEST_PERCENT = 8.0
 BAND_SD = 2.0
 
 
+@figure_style()
 def plot_soc_replay(replay: "SocReplay") -> Figure:
     """SOC by the counter and by the filter in every scenario, and the filter's errors.
 
@@ -201,29 +260,28 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     traces = replay.traces
     unit = choose_time_unit(traces.time_s)
     time = traces.time_s / unit.seconds
-    with figure_style():
-        figure = make_figure(height_in=REPLAY_IN)
-        over_time, errors = figure.subplots(2, sharex=True, height_ratios=(2, 3))
-        draw_line(over_time, time, 100 * traces.truth, color=BLACK, label="ampere-hour counter")
-        band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[0])
-        errors.fill_between(time, -band, band, color=SHADE, linewidth=0, label="95 % band")
-        errors.axhline(0.0, color=BLACK, linewidth=0.6)
-        for place, (part, color) in enumerate(zip(replay.scenarios, COLORS, strict=False)):
-            soc = 100 * np.asarray(traces.estimate.soc[place])
-            # Where the others agree with the first, it shows on either side of them.
-            style = {"color": color, "label": part.name, "linewidth": 2.6 if place == 0 else 1.0}
-            draw_line(over_time, time, soc, **style)
-            draw_line(errors, time, soc - 100 * traces.truth, **style)
-            counted = 100 * (traces.counted[place] - traces.truth)
-            errors.plot(time[::100], counted[::100], color=color, linestyle="--", linewidth=0.7)
-        errors.plot([], [], color=GREY, linestyle="--", label="counting alone")
-        errors.set_ylim(-WIDEST_PERCENT, WIDEST_PERCENT)
-        errors.set_title(_beyond(replay), loc="right")
-        over_time.set_ylabel("State of charge [%]")
-        errors.set_ylabel("Error of SOC [%]\n(filter − counter)")
-        errors.set_xlabel(unit.label)
-        title(over_time, f"{replay.record}: {replay.model}, {replay.settings.kind.upper()}")
-        return finish(figure, over_time, errors, columns=4)
+    figure = make_figure(height_in=REPLAY_IN)
+    over_time, errors = figure.subplots(2, sharex=True, height_ratios=(2, 3))
+    draw_line(over_time, time, 100 * traces.truth, color=BLACK, label="ampere-hour counter")
+    band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[0])
+    errors.fill_between(time, -band, band, color=SHADE, linewidth=0, label="95 % band")
+    errors.axhline(0.0, color=BLACK, linewidth=0.6)
+    for place, (part, color) in enumerate(zip(replay.scenarios, SCENARIO_COLORS, strict=False)):
+        soc = 100 * np.asarray(traces.estimate.soc[place])
+        # Where the others agree with the first, it shows on either side of them.
+        style = {"color": color, "label": part.name, "linewidth": 2.6 if place == 0 else 1.0}
+        draw_line(over_time, time, soc, **style)
+        draw_line(errors, time, soc - 100 * traces.truth, **style)
+        counted = 100 * (traces.counted[place] - traces.truth)
+        errors.plot(time[::100], counted[::100], color=color, linestyle="--", linewidth=0.7)
+    errors.plot([], [], color=GREY, linestyle="--", label="counting alone")
+    errors.set_ylim(-WIDEST_PERCENT, WIDEST_PERCENT)
+    errors.set_title(_beyond(replay), loc="right")
+    over_time.set_ylabel("State of charge [%]")
+    errors.set_ylabel("Error of SOC [%]\n(filter − counter)")
+    errors.set_xlabel(unit.label)
+    title(over_time, f"{replay.record}: {replay.model}, {replay.settings.kind.upper()}")
+    return finish(figure, over_time, errors, columns=4)
 
 
 def _beyond(replay: "SocReplay") -> str:

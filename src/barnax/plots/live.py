@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.colors import to_hex
 
-from .compared_records import MEASURED, MOST_VOLTAGES, most_accurate, row_looks
 from .error import LABEL
 from .search import COLOR_MAP, STEPS_PERCENT, least_over_gamma
-from .soc_tables import node_intervals, scale_of
-from .style import BLACK, BLUE, GREY, SKY_BLUE, VERMILLION, decimate
-from .voltage import choose_time_unit, unscored_spans
+from .soc_tables import drawn_tables
+from .style import BLACK, BLUE, GREY, SKY_BLUE, SOC_LABEL, VERMILLION, decimate, row_looks
+from .voltage import MEASURED, MOST_VOLTAGES, choose_time_unit, most_accurate, unscored_spans
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
@@ -109,35 +108,29 @@ def enough_samples(
 def live_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) -> Live:
     """Every table over SOC with the intervals of its nodes, on the scale of the still figure."""
     nodes = np.array(fit.tables.nodes)
-    visited = np.array(fit.tables.visited or np.ones(len(nodes)), bool)
     columns, panels = [nodes], []
-    for place, (name, volts_or_ohm) in enumerate(fit.tables.tables.items()):
-        symbol, _, unit = name.partition(" [")
-        is_resistance = unit == "Ohm]"
-        label = f"{symbol} [{'mOhm' if is_resistance else 'mV'}]"
-        if is_resistance and place > 0:
+    for place, table in enumerate(drawn_tables(fit).values()):
+        label = table.label
+        if table.is_resistance and place > 0:
             label += f", tau{place} = {fit.tables.tau_s[place - 1]:.3g} s"
-        values = 1e3 * np.array(volts_or_ohm)
-        low, high = node_intervals(fit, name)
         at = len(columns)
-        columns += [values, low, high, np.where(visited, np.nan, values)]
+        hollow = np.where(table.is_visited, np.nan, table.values)
+        columns += [table.values, table.low, table.high, hollow]
         lines = [
             _line("95 % from", at + 1, SKY_BLUE),
             _line("to", at + 2, SKY_BLUE),
             _line("node", at, BLUE, width=1.5) | {"marks": "filled"},
             _line("near no sample", at + 3, BLUE, width=0.0) | {"marks": "open"},
         ]
-        if constant is not None and is_resistance and place <= constant.pairs:
+        if constant is not None and table.is_resistance and place <= constant.pairs:
             value = 1e3 * (constant.r0, *constant.r)[place]
             lines.append(_line("constant", len(columns), GREY, width=1.5))
             columns.append(np.full(len(nodes), value))
-        scale = scale_of(values, visited, low, high, is_resistance)
-        panels.append(
-            {"label": label, "height": 230, "lines": lines, "band": [2, 1, BAND], "range": scale}
-        )
+        panel = {"label": label, "height": 230, "lines": lines, "band": [2, 1, BAND]}
+        panels.append(panel | {"range": table.scale})
     return {
         "kind": "soc",
-        "label": "State of charge [-]",
+        "label": SOC_LABEL,
         "columns": [_with_gaps(each) for each in columns],
         "panels": panels,
     }

@@ -15,26 +15,27 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from .compared_records import row_looks
-from .sources import result_of
 from .style import (
     BLACK,
     GREEN,
     OPEN,
     SKY_BLUE,
     VERMILLION,
+    RowLook,
     figure_style,
     finish,
-    finish_axes,
     finish_bar,
     label_plainly,
-    legend_above,
     make_figure,
+    opened,
+    row_looks,
     space_columns,
 )
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
+    from ..comparison import ComparisonResult
+    from ..comparison.result import RowPart
     from ..global_optimum import Landscape
     from ..results import Result
     from ..search.refine import Refinement
@@ -61,6 +62,11 @@ def padded(histories: "Sequence[Sequence[float] | np.ndarray]") -> Histories:
     """
     longest = max(len(each) for each in histories)
     return np.array([[*each, *([each[-1]] * (longest - len(each)))] for each in histories])
+
+
+def finite(values: np.ndarray) -> np.ndarray:
+    """The values, NaN in place of infinite ones, which are not drawn."""
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 @figure_style()
@@ -108,11 +114,11 @@ def _plot_losses(figure: Figure, stats: Mapping[str, Any]) -> Axes:
         np.broadcast_to(stats[name], len(history)) for name in ("population", "evaluations")
     )
     axes = figure.subplots()
-    finite = history[np.isfinite(history)]
-    is_logarithmic = bool((finite >= 0).all() and (finite > 0).any())
+    known = history[np.isfinite(history)]
+    is_logarithmic = bool((known >= 0).all() and (known > 0).any())
     if is_logarithmic:
         axes.set_yscale("log")
-        history = np.maximum(history, finite[finite > 0].min() / 10)
+        history = np.maximum(history, known[known > 0].min() / 10)
     _draw_seeds(axes, np.linspace(first, last, history.shape[1], axis=1), history)
     axes.set_ylabel("Best loss")
     return axes
@@ -124,13 +130,14 @@ def _runs(
     optimum_v: float | None,
 ) -> "tuple[Sequence[SeedAnswer], int, dict[str, float]]":
     """The seeds, how many candidates each began with, and the RMSE in mV that they aim at."""
+    from ..results import Result
     from ..search.seeds import Search
 
     if isinstance(searches, Search):
         seeds, population = searches.seeds, searches.optimizer.population
         refined_v = None if refinement is None else refinement.rmse_v
     else:
-        result = result_of(searches)
+        result = opened(searches, Result)
         if result.search is None or result.refined is None:
             raise ValueError("this result was found without seeds, so no search converged")
         seeds, population = result.search.seeds, result.search.population
@@ -165,24 +172,95 @@ def _plot_errors(
 
 
 def _draw_seeds(axes: Axes, evaluations: Histories, values: Histories) -> None:
-    for index, (spent, value) in enumerate(zip(evaluations, values, strict=True)):
-        label = _count(len(values)) if index == 0 else "_seed"
-        _draw_steps(axes, spent, value, SKY_BLUE, 0.8, label)
+    style = {"color": SKY_BLUE, "linewidth": 0.8, "drawstyle": "steps-post"}
+    first, *_ = axes.plot(evaluations.T, finite(values).T, **style, label="_seed")
+    first.set_label("one seed" if len(values) == 1 else f"each of {len(values)} seeds")
     if len(values) > 1:
         median = np.median(values, axis=0)
-        _draw_steps(axes, np.median(evaluations, axis=0), median, BLACK, 2.0, "median")
+        style |= {"color": BLACK, "linewidth": 2.0, "label": "median"}
+        axes.plot(np.median(evaluations, axis=0), finite(median), **style)
 
 
-def _draw_steps(
-    axes: Axes, spent: np.ndarray, values: np.ndarray, color: str, width: float, label: str
+BAND: Final = (10, 90)
+MARKERS_PER_LINE: Final = 6
+COMPARED_IN: Final = 4.8
+
+
+@figure_style()
+def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Figure:
+    """Best RMSE of each row over the evaluations of one seed: its median, and a band of seeds.
+
+    The band holds the seeds from the tenth to the ninetieth percentile. Rows without a history,
+    such as least squares, are a mark at what they spent. Where the global optimum of a model is
+    known, a second panel shows the excess over it, in percent; excesses under 1e-6 % are drawn
+    there. Generations count as equally expensive, and those before a seed's first finite error
+    as infinite. `comparison` may be the path of a `comparison.json`.
+    """
+    from ..comparison import ComparisonResult
+
+    result = opened(comparison, ComparisonResult)
+    optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
+    rows = [row for row in result.rows if row.seeds]
+    looks = row_looks(row.name for row in rows)
+    has_excess = any(optima_v.get(row.model) for row in rows)
+    figure = make_figure(height_in=COMPARED_IN)
+    panels = figure.subplots(1, 2 if has_excess else 1, squeeze=False)[0]
+    for row in rows:
+        spent, errors_v = _convergence(row, result.budget.population)
+        _draw_convergence(panels[0], row.name, looks[row.name], spent, 1e3 * errors_v)
+        optimum_v = optima_v.get(row.model)
+        if optimum_v:
+            excess_percent = np.maximum(100 * (errors_v / optimum_v - 1), LEAST_EXCESS_PERCENT)
+            _draw_convergence(panels[1], row.name, looks[row.name], spent, excess_percent)
+    panels[0].set_ylabel("Best RMSE [mV]")
+    if has_excess:
+        panels[1].set_ylabel("Optimality gap [%]")
+        space_columns(figure)
+    for axes in panels:
+        axes.set(xscale="log", yscale="log", xlabel="Evaluations of one seed [-]")
+        label_plainly(axes.yaxis)
+    return finish(figure, *panels)
+
+
+def _convergence(row: "RowPart", population: int) -> tuple[np.ndarray, np.ndarray]:
+    """What a seed had spent, and the best RMSE of every seed by then.
+
+    One column, of the median RMSE at the median cost, for a row without a history.
+    """
+    histories = [seed.history_v for seed in row.seeds if seed.history_v]
+    spent = [seed.evaluations for seed in row.seeds]
+    if len(histories) < len(row.seeds):
+        rmse_v = np.median([seed.rmse_v for seed in row.seeds])
+        return np.array([max(float(np.median(spent)), 1.0)]), np.array([[rmse_v]])
+    errors_v = padded(histories)
+    return np.linspace(population, max(spent), errors_v.shape[1]), errors_v
+
+
+def _draw_convergence(
+    axes: Axes, name: str, look: RowLook, spent: np.ndarray, values: np.ndarray
 ) -> None:
-    shown = np.where(np.isfinite(values), values, np.nan)
-    style = {"color": color, "linewidth": width, "drawstyle": "steps-post"}
-    axes.plot(spent, shown, **style, label=label)
-
-
-def _count(seeds: int) -> str:
-    return "one seed" if seeds == 1 else f"each of {seeds} seeds"
+    style = {"color": look.color, "marker": look.marker, "markersize": 4.0, "label": name}
+    if len(spent) == 1:
+        axes.plot(spent, values[0], linestyle="none", **style)
+        return
+    # Between infinite errors nothing can be interpolated; what comes of it is not drawn.
+    with np.errstate(invalid="ignore"):
+        low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
+    if len(values) > 1:
+        axes.fill_between(
+            spent, finite(low), finite(high), color=look.color, alpha=0.16, linewidth=0.0
+        )
+    # Evenly along a logarithmic axis.
+    places = np.searchsorted(spent, np.geomspace(spent[0], spent[-1], MARKERS_PER_LINE))
+    axes.plot(
+        spent,
+        finite(median),
+        linestyle=look.line,
+        linewidth=1.3,
+        markerfacecolor="white",
+        markevery=np.unique(np.minimum(places, len(spent) - 1)).tolist(),
+        **style,
+    )
 
 
 # Excess over the lowest RMSE, in percent: narrow steps near the bottom, where basins part.
@@ -249,13 +327,11 @@ def plot_landscape(
         xlabel=f"{'Shorter time' if is_ordered else 'Time'} constant tau1 [s]",
         ylabel=f"{'Longer time' if is_ordered else 'Time'} constant tau2 [s]",
     )
-    finish_axes(axes)
+    # Ordered pairs leave a corner free.
+    finish(figure, axes, legend_of=[] if is_ordered else [axes])
     axes.grid(visible=False)
-    if axes.get_legend_handles_labels()[0]:
-        if is_ordered:
-            axes.legend(loc="lower right", markerscale=0.9)
-        else:
-            legend_above(figure, axes, columns=3)
+    if is_ordered and axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", markerscale=0.9)
     return figure
 
 

@@ -1,7 +1,8 @@
 """Tables over SOC, and temperature, with their intervals; and errors by SOC and current."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import matplotlib
 import numpy as np
@@ -16,9 +17,9 @@ from .style import (
     GREY,
     OPEN,
     SKY_BLUE,
+    SOC_LABEL,
     figure_style,
     finish,
-    finish_axes,
     finish_bar,
     is_column,
     label_plainly,
@@ -39,9 +40,55 @@ PANELS_ACROSS: Final = 2
 PANEL_IN: Final = 1.9
 # An interval that reaches further than this many times the largest value does not set the scale.
 WIDEST: Final = 1.6
-BAND: Final[dict[str, Any]] = {"color": SKY_BLUE, "alpha": 0.35, "linewidth": 0.0}
 
 Values = Float[np.ndarray, "nodes"]
+
+
+@dataclass(frozen=True)
+class DrawnTable:
+    """One table of a fit as figures have it: in mOhm or mV, NaN where an interval is open."""
+
+    label: str
+    is_resistance: bool
+    nodes: Values
+    is_visited: Bool[np.ndarray, "nodes"]
+    values: Values
+    low: Values
+    high: Values
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """A scale for what samples visit, from zero for resistances."""
+        shown = self.values[self.is_visited] if self.is_visited.any() else self.values
+        most, least = float(shown.max()), float(shown.min())
+        span = WIDEST * max(np.abs([most, least]).max(), 1e-3)
+        top = max(most, float(np.nanmax(np.clip(self.high, None, span), initial=most)))
+        bottom = min(least, float(np.nanmin(np.clip(self.low, -span, None), initial=least)))
+        margin = 0.08 * (top - min(bottom, 0.0 if self.is_resistance else bottom) or 1.0)
+        return 0.0 if self.is_resistance else bottom - margin, top + margin
+
+
+def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
+    """Every table of a fit by its name, with both ends of every node's interval."""
+    nodes, found = np.array(fit.tables.nodes), {}
+    for name, values in fit.tables.tables.items():
+        symbol, _, unit = name.partition(" [")
+        low, high = np.full((2, len(nodes)), np.nan)
+        for each in fit.of_table(name):
+            at = int(np.argmin(np.abs(nodes - (each.soc or 0.0))))
+            low[at] = np.nan if each.low is None else 1e3 * each.low
+            high[at] = np.nan if each.high is None else 1e3 * each.high
+        is_resistance = unit == "Ohm]"
+        found[name] = DrawnTable(
+            label=f"{symbol} [{'mOhm' if is_resistance else 'mV'}]",
+            is_resistance=is_resistance,
+            nodes=nodes,
+            is_visited=np.array(fit.tables.visited or np.ones(len(nodes)), bool),
+            values=1e3 * np.array(values),
+            low=low,
+            high=high,
+        )
+    return found
 
 
 @figure_style()
@@ -58,76 +105,43 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     >>> [axes.get_ylabel() for axes in plot_tables(fit).axes]
     ['R0 [mOhm]', 'R1 [mOhm]']
     """
-    named = fit.tables.tables
-    across = min(1 if is_column() else PANELS_ACROSS, len(named))
-    figure, panels = make_panels(len(named), across, row_in=PANEL_IN, around_in=0.6, sharex=True)
-    taus = dict(enumerate(fit.tables.tau_s, start=1))
-    for place, (axes, (name, values)) in enumerate(zip(panels, named.items(), strict=True)):
-        symbol, _, unit = name.partition(" [")
-        is_resistance = unit == "Ohm]"
-        axes.set_ylabel(f"{symbol} [{'mOhm' if is_resistance else 'mV'}]")
-        _draw_table(axes, fit, name, 1e3 * np.array(values), is_resistance)
-        if constant is not None and is_resistance and place <= constant.pairs:
+    tables = drawn_tables(fit).values()
+    across = min(1 if is_column() else PANELS_ACROSS, len(tables))
+    figure, panels = make_panels(len(tables), across, row_in=PANEL_IN, around_in=0.6, sharex=True)
+    for place, (axes, table) in enumerate(zip(panels, tables, strict=True)):
+        axes.set_ylabel(table.label)
+        _draw_table(axes, table)
+        if constant is not None and table.is_resistance and place <= constant.pairs:
             value = (constant.r0, *constant.r)[place]
             label = "constant circuit"
             axes.axhline(1e3 * value, color=GREY, linewidth=1.4, zorder=1, label=label)
-        if is_resistance and place in taus:
-            title(axes, f"tau{place} = {taus[place]:.3g} s")
-    name_below(panels, across, "State of charge [-]")
+        if table.is_resistance and place > 0:
+            title(axes, f"tau{place} = {fit.tables.tau_s[place - 1]:.3g} s")
+    name_below(panels, across, SOC_LABEL)
     return finish(figure, *panels, columns=4)
 
 
-def node_intervals(fit: "TableFit", name: str) -> tuple[Values, Values]:
-    """Both ends of every node's interval in mOhm or mV, NaN where it is open or unknown."""
-    nodes = np.array(fit.tables.nodes)
-    low, high = np.full((2, len(nodes)), np.nan)
-    for each in fit.of_table(name):
-        at = int(np.argmin(np.abs(nodes - (each.soc or 0.0))))
-        low[at] = np.nan if each.low is None else 1e3 * each.low
-        high[at] = np.nan if each.high is None else 1e3 * each.high
-    return low, high
-
-
-def _draw_table(
-    axes: Axes, fit: "TableFit", name: str, values: Values, is_resistance: bool
-) -> None:
-    nodes = np.array(fit.tables.nodes)
-    visited = np.array(fit.tables.visited or np.ones(len(nodes)), bool)
-    low, high = node_intervals(fit, name)
-    known = visited & np.isfinite(low) & np.isfinite(high)
+def _draw_table(axes: Axes, table: DrawnTable) -> None:
+    nodes, values, visited = table.nodes, table.values, table.is_visited
+    known = visited & np.isfinite(table.low) & np.isfinite(table.high)
     line = {"color": BLUE, "zorder": 3}
     axes.plot(nodes, values, linestyle=(0, (3, 2)), linewidth=0.8, **line)
     axes.plot(nodes, np.where(visited, values, np.nan), linewidth=1.2, **line)
-    axes.fill_between(nodes, low, high, where=known, zorder=2, label="95 % interval", **BAND)
+    band = {"color": SKY_BLUE, "alpha": 0.35, "linewidth": 0.0, "label": "95 % interval"}
+    axes.fill_between(nodes, table.low, table.high, where=known, zorder=2, **band)
     # A node between two without an interval has no area to fill.
-    axes.vlines(nodes[known], low[known], high[known], color=SKY_BLUE, linewidth=1.0, zorder=2)
+    ends = {"color": SKY_BLUE, "linewidth": 1.0, "zorder": 2}
+    axes.vlines(nodes[known], table.low[known], table.high[known], **ends)
     style = {"linestyle": "none", "marker": "o", "markersize": 3.6, "zorder": 4, "clip_on": True}
     axes.plot(nodes[visited], values[visited], color=BLUE, label="node", **style)
     hollow = {**OPEN, "markeredgecolor": BLUE}
     axes.plot(nodes[~visited], values[~visited], label="node without samples", **style, **hollow)
-    bottom, top = scale_of(values, visited, low, high, is_resistance)
+    bottom, top = table.scale
     axes.set_ylim(bottom, top)
     outside = int(np.count_nonzero((values > top) | (values < bottom)))
     if outside:
         named = "1 node" if outside == 1 else f"{outside} nodes"
         axes.set_title(f"{named} off the scale", loc="right", fontsize=letters_pt(8))
-
-
-def scale_of(
-    values: Values,
-    visited: Bool[np.ndarray, "nodes"],
-    low: Values,
-    high: Values,
-    is_resistance: bool,
-) -> tuple[float, float]:
-    """A scale for what samples visit, from zero for resistances."""
-    shown = values[visited] if visited.any() else values
-    most, least = float(shown.max()), float(shown.min())
-    span = WIDEST * max(np.abs([most, least]).max(), 1e-3)
-    top = max(most, float(np.nanmax(np.clip(high, None, span), initial=most)))
-    bottom = min(least, float(np.nanmin(np.clip(low, -span, None), initial=least)))
-    margin = 0.08 * (top - min(bottom, 0.0 if is_resistance else bottom) or 1.0)
-    return 0.0 if is_resistance else bottom - margin, top + margin
 
 
 SOC_EDGES: Final = np.linspace(0.0, 1.0, 21)
@@ -163,7 +177,7 @@ def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     scale = ScalarMappable(Normalize(0.0, top), matplotlib.colormaps["viridis"])
     for axes, (name, rmse_mv) in zip(panels, maps.items(), strict=True):
         axes.pcolormesh(SOC_EDGES, edges_a, rmse_mv.T, cmap=scale.cmap, norm=scale.norm)
-        axes.set_xlabel("State of charge [-]")
+        axes.set_xlabel(SOC_LABEL)
         title(axes, name)
     panels[0].set_ylabel("Current [A]\n(discharge > 0)")
     extend = "max" if len(known) and known.max() > top else "neither"
@@ -171,10 +185,9 @@ def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     beyond = f", up to {known.max():.3g}" if extend == "max" else ""
     bar.set_label(f"RMSE [mV]{beyond}")
     finish_bar(bar)
-    finish_axes(*panels)
     for axes in panels:
         axes.set_xlim(0.0, 1.0)
-    return figure
+    return finish(figure, *panels)
 
 
 def _rounded(low: float, high: float) -> tuple[float, float]:
@@ -209,20 +222,23 @@ POINTS: Final = 101
 @figure_style()
 def plot_tables_by_temperature(found: "TableFits") -> Figure:
     """Every table over SOC at the nodes that samples visit, a line with its band a temperature."""
-    degc, fits = _degc(found), found.fits
-    named = fits[0].tables.tables
-    figure, panels = _panels(len(named))
-    colors = _colors(len(degc))
-    for axes, name in zip(panels, named, strict=True):
-        for temperature, fit, color in zip(degc, fits, colors, strict=True):
-            soc, value, low, high = _visited(fit, name)
-            label = f"{temperature:.3g} degC"
-            axes.plot(soc, value, color=color, marker="o", markersize=3, linewidth=1.2, label=label)
-            axes.fill_between(soc, low, high, color=color, alpha=0.18, linewidth=0.0)
-        is_resistance = name.endswith("[Ohm]")
-        axes.set_ylabel(f"{name.partition(' [')[0]} [{'mOhm' if is_resistance else 'mV'}]")
-        _limit(axes, [_visited(fit, name)[1] for fit in fits], is_resistance)
-    name_below(panels, PANELS_ACROSS, "State of charge [-]")
+    degc, fits = _degc(found), [drawn_tables(fit) for fit in found.fits]
+    figure, panels = _panels(len(fits[0]))
+    for axes, name in zip(panels, fits[0], strict=True):
+        tables = [fit[name] for fit in fits]
+        for temperature, table, color in zip(degc, tables, _colors(len(degc)), strict=True):
+            seen, label = table.is_visited, f"{temperature:.3g} degC"
+            line = {"color": color, "marker": "o", "markersize": 3, "linewidth": 1.2}
+            axes.plot(table.nodes[seen], table.values[seen], **line, label=label)
+            band = table.nodes[seen], table.low[seen], table.high[seen]
+            axes.fill_between(*band, color=color, alpha=0.18, linewidth=0.0)
+        axes.set_ylabel(tables[0].label)
+        # A scale of the values: a band may reach beyond it.
+        values = np.concatenate([table.values[table.is_visited] for table in tables])
+        margin = 0.12 * (np.ptp(values) or 1.0)
+        low = 0.0 if tables[0].is_resistance else values.min() - margin
+        axes.set_ylim(low, values.max() + margin)
+    name_below(panels, PANELS_ACROSS, SOC_LABEL)
     return finish(figure, *panels, columns=5)
 
 
@@ -232,31 +248,29 @@ def plot_over_temperature(found: "TableFits") -> Figure:
 
     Marks with intervals are the measured temperatures, lines what is interpolated between them.
     """
-    degc, fits, tables = _degc(found), found.fits, found.tables
-    assert tables is not None, "asked by _degc"
-    names = [name for name in fits[0].tables.tables if name.endswith("[Ohm]")]
-    nodes, places = fits[0].tables.nodes, _places(fits)
+    degc, fits, between = _degc(found), [drawn_tables(fit) for fit in found.fits], found.tables
+    assert between is not None, "asked by _degc"
+    names = [name for name, table in fits[0].items() if table.is_resistance]
+    nodes, places = found.fits[0].tables.nodes, _places(found.fits)
     fine = np.linspace(degc[0], degc[-1], POINTS)
-    between = [tables.at(float(each)).tables for each in fine]
+    courses = [between.at(float(each)).tables for each in fine]
     figure, panels = _panels(len(names))
-    colors = _colors(len(places))
     for axes, name in zip(panels, names, strict=True):
-        for place, color in zip(places, colors, strict=True):
-            course = [1e3 * each[name][place] for each in between]
+        values = 1e3 * np.array([[each[name][place] for place in places] for each in courses])
+        for place, course, color in zip(places, values.T, _colors(len(places)), strict=True):
             label = f"SOC {100 * nodes[place]:g} %"
             axes.plot(fine, course, color=color, linewidth=1.2, label=label)
             for temperature, fit in zip(degc, fits, strict=True):
-                soc, value, low, high = _visited(fit, name)
-                at = int(np.argmin(np.abs(soc - nodes[place])))
-                if np.isfinite(low[at]) and np.isfinite(high[at]):
-                    axes.plot([temperature] * 2, [max(low[at], 0.0), high[at]], color=color)
-                axes.plot(temperature, value[at], color=color, marker="o", markersize=3.6)
-        axes.set_ylabel(f"{name.partition(' [')[0]} [mOhm]")
+                table = fit[name]
+                low, high = max(table.low[place], 0.0), table.high[place]
+                axes.plot([temperature] * 2, [low, high], color=color)
+                value = table.values[place]
+                axes.plot(temperature, value, color=color, marker="o", markersize=3.6)
+        axes.set_ylabel(fits[0][name].label)
         axes.margins(x=0.05)
-        values = np.array([[each[name][place] for place in places] for each in between])
         if values.min() > 0:
             axes.set_yscale("log")
-            axes.set_ylim(1e3 * values.min() / 1.5, 1e3 * values.max() * 1.5)
+            axes.set_ylim(values.min() / 1.5, values.max() * 1.5)
             label_plainly(axes.yaxis)
     name_below(panels, PANELS_ACROSS, "Temperature [degC]")
     return finish(figure, *panels, columns=5)
@@ -268,34 +282,12 @@ def _degc(found: "TableFits") -> tuple[float, ...]:
     return found.over_temperature.temperatures_degc
 
 
-def _visited(fit: "TableFit", name: str) -> tuple[np.ndarray, ...]:
-    """SOC, value, and interval of a table at the visited nodes, in mOhm or mV; NaN where open."""
-    known = {each.soc: each for each in fit.of_table(name)}
-    rows = []
-    for soc, value, seen in zip(
-        fit.tables.nodes, fit.tables.tables[name], fit.tables.visited, strict=True
-    ):
-        each = known.get(soc)
-        ends = (None, None) if each is None else (each.low, each.high)
-        rows += [(soc, value, *ends)] if seen else []
-    soc, *values = np.array(rows, float).T
-    return soc, *(1e3 * each for each in values)
-
-
 def _places(fits: "tuple[TableFit, ...]") -> list[int]:
     """The nodes nearest to `SOC` of those that samples of every temperature visit."""
     seen = np.all([fit.tables.visited for fit in fits], axis=0)
     nodes = np.array(fits[0].tables.nodes)
     known = np.flatnonzero(seen) if seen.any() else np.arange(len(nodes))
     return sorted({int(known[np.argmin(np.abs(nodes[known] - soc))]) for soc in SOC})
-
-
-def _limit(axes: Axes, values: list[np.ndarray], is_resistance: bool) -> None:
-    """A scale of the values: a band may reach beyond it."""
-    flat = np.concatenate(values)
-    low, high = float(flat.min()), float(flat.max())
-    margin = 0.12 * ((high - low) or 1.0)
-    axes.set_ylim(0.0 if is_resistance else low - margin, high + margin)
 
 
 def _colors(count: int) -> np.ndarray:

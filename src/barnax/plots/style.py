@@ -1,13 +1,13 @@
-"""How every figure looks: sizes, colors, axes, and files of pictures."""
+"""How every figure looks: sizes, colors, axes, lines, and the rows of a comparison."""
 
-import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final, Literal
+from pathlib import Path
+from typing import Any, Final, TypeVar, cast
 
 import matplotlib
 import numpy as np
@@ -22,7 +22,9 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ..cell import CircuitParameters
+from ..schema import Document
+
+Stored = TypeVar("Stored", bound=Document)
 
 HEIGHT_IN: Final = 4.5
 LONGEST_TITLE: Final = 80
@@ -70,6 +72,8 @@ TICKS: Final[dict[str, Any]] = {
 }
 MINOR_TICKS: Final[dict[str, Any]] = TICKS | {"length": 1.5, "width": 0.5}
 GRID: Final[dict[str, Any]] = {"color": "#D9D9D9", "linestyle": "-", "linewidth": 0.5}
+
+SOC_LABEL: Final = "State of charge [-]"
 
 # What matplotlib brings along, and what systems have for the letters it lacks.
 FONT: Final = "DejaVu Sans"
@@ -139,6 +143,11 @@ def _scaled(style: dict[Any, Any]) -> dict[Any, Any]:
     return style | {name: letters * style[name] for name in style if name.endswith("size")}
 
 
+def opened(source: Stored | str | Path, kind: type[Stored]) -> Stored:
+    """What a figure is drawn from: a stored document itself, or that of a file."""
+    return source if isinstance(source, kind) else kind.from_json(cast("str | Path", source))
+
+
 def make_figure(height_in: float = HEIGHT_IN) -> Figure:
     """An empty figure that no pyplot knows of, as wide as the layout says."""
     layout = _layout.get()
@@ -171,27 +180,35 @@ def space_columns(figure: Figure) -> None:
         engine.set(wspace=0.08)
 
 
-def finish(figure: Figure, *panels: Axes, columns: int = 3) -> Figure:
-    """The figure with its axes finished and one legend of them all above."""
-    finish_axes(*panels)
-    legend_above(figure, *panels, columns=columns)
+def finish(
+    figure: Figure, *panels: Axes, columns: int = 3, legend_of: Sequence[Axes] | None = None
+) -> Figure:
+    """The figure with ticks, a grid behind the data, labels of one column or row at one height,
+    and above it, where it hides no data, one legend of all labels in `legend_of`, by default the
+    panels; none where there is no label."""
+    for axes in panels:
+        axes.tick_params(which="major", **_scaled(TICKS))
+        axes.tick_params(which="minor", **_scaled(MINOR_TICKS))
+        axes.grid(visible=True, which="major", **GRID)
+        axes.set_axisbelow(True)
+    figure.align_ylabels(panels)
+    entries = {}
+    for axes in panels if legend_of is None else legend_of:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        columns = min(columns, _layout.get().most_in_legend)
+        legend = figure.legend(
+            list(entries.values()), list(entries), loc="outside upper center", ncols=columns
+        )
+        for text in legend.get_texts():
+            show_name(text)
     return figure
 
 
 def finish_bar(bar: Colorbar) -> None:
     """Ticks of a color scale like those of the axes."""
     bar.ax.tick_params(which="both", **_scaled(TICKS))
-
-
-def finish_axes(*many: Axes) -> None:
-    """Ticks, a grid behind the data, and labels of one column or row at one height."""
-    for axes in many:
-        axes.tick_params(which="major", **_scaled(TICKS))
-        axes.tick_params(which="minor", **_scaled(MINOR_TICKS))
-        axes.grid(visible=True, which="major", **GRID)
-        axes.set_axisbelow(True)
-    figure = many[0].figure.get_figure(root=True)
-    figure.align_ylabels(many)
 
 
 def title(axes: Axes, text: str) -> None:
@@ -236,20 +253,6 @@ def _fonts() -> list[str]:
 def _letters() -> frozenset[int]:
     """The code points that some font here can draw."""
     return frozenset().union(*(get_font(findfont(name)).get_charmap() for name in _fonts()))
-
-
-def legend_above(figure: Figure, *panels: Axes, columns: int) -> None:
-    """One legend of all labels in `panels` above them, where it hides no data."""
-    entries = {}
-    for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    columns = min(columns, _layout.get().most_in_legend)
-    legend = figure.legend(
-        list(entries.values()), list(entries), loc="outside upper center", ncols=columns
-    )
-    for text in legend.get_texts():
-        show_name(text)
 
 
 SHORT = 10.0
@@ -329,50 +332,33 @@ def draw_points(axes: Axes, x: Any, y: Any, marker: str, size: float, **style: A
     axes.plot(x, y, linestyle="none", marker=marker, markersize=size, **style)
 
 
-Kind = Literal["png", "svg", "pdf"]
-DPI: Final = 150
-# Dates and versions would make equal runs differ.
-UNDATED: Final[dict[Kind, dict[str, Any]]] = {
-    "png": {"Software": None},
-    "svg": {"Date": None, "Creator": None},
-    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-}
+# Cycles of three coprime lengths: 315 rows differ in at least one of them. Neighbors differ in
+# lightness too, so that grey print tells them apart.
+ROW_COLORS: Final = (BLUE, ORANGE, BLACK, VERMILLION, SKY_BLUE, GREEN, PURPLE)
+LINES: Final = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
 
-def encode(figure: Figure, kind: Kind = "png", dpi: int = DPI) -> bytes:
-    """The figure as PNG, SVG or PDF, in memory.
+@dataclass(frozen=True)
+class RowLook:
+    """The same row looks the same in every figure."""
 
-    `dpi` is the resolution of PNG and of what is drawn as a picture inside SVG and PDF. The first
-    call settles the figure's layout, so that all its files look the same.
+    color: str
+    line: str | tuple[int, tuple[float, ...]]
+    marker: str
 
-    >>> encode(Figure(), "svg")[:5]
-    b'<?xml'
+
+def row_looks(labels: Iterable[str]) -> dict[str, RowLook]:
+    """A look for every label, by its place among the labels.
+
+    >>> [look.marker for look in row_looks(["IBMO-ISO RC", "LS-SO RC"]).values()]
+    ['o', 's']
     """
-    buffer = io.BytesIO()
-    with figure_style(), matplotlib.rc_context({"svg.hashsalt": "barnax"}):
-        # Laid out anew for every file, axes would move by a fraction of a point each time.
-        engine = figure.get_layout_engine()
-        if engine is not None:
-            engine.execute(figure)
-            # Not "none": with that stand-in every figure is drawn twice.
-            figure.set_layout_engine(None)
-        figure.canvas.print_figure(buffer, format=kind, dpi=dpi, metadata=UNDATED[kind])
-    return buffer.getvalue()
-
-
-def readable(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Resistances in mOhm, capacitances in F and time constants in s, by a name with its unit.
-
-    `parameters` are PyBaMM's names, as `result.json` holds them.
-
-    >>> readable({"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 500.0})
-    {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
-    """
-    circuit = CircuitParameters.from_dict(parameters)
-    values = {"R0 [mOhm]": 1e3 * circuit.r0}
-    pairs = zip(circuit.r, circuit.c, circuit.tau_s, strict=True)
-    for pair, (r, c, tau_s) in enumerate(pairs, start=1):
-        values |= {f"R{pair} [mOhm]": 1e3 * r, f"C{pair} [F]": c, f"tau{pair} [s]": tau_s}
-    if circuit.gamma is not None:
-        values["gamma [1/SOC]"] = circuit.gamma
-    return values
+    return {
+        label: RowLook(
+            ROW_COLORS[place % len(ROW_COLORS)],
+            LINES[place % len(LINES)],
+            MARKERS[place % len(MARKERS)],
+        )
+        for place, label in enumerate(labels)
+    }

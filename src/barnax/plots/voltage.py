@@ -1,7 +1,8 @@
-"""Voltage, current and state of charge over time."""
+"""Records over time: voltage, current and state of charge; one circuit's voltage, or many."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,13 +16,13 @@ from .style import (
     SHADE,
     SKY_BLUE,
     VERMILLION,
+    RowLook,
     draw_line,
     figure_style,
     finish,
-    finish_axes,
     is_column,
-    legend_above,
     make_figure,
+    row_looks,
     title,
 )
 
@@ -138,10 +139,7 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
     for axes in panels:
         shade_unscored(axes, time, prepared.scored)
     title(current, prepared.record.name)
-    finish_axes(*panels)
-    if not prepared.scored.all():
-        legend_above(figure, current, columns=1)
-    return figure
+    return finish(figure, *panels, columns=1)
 
 
 def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span: slice) -> None:
@@ -219,3 +217,123 @@ def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> 
     edges = prepared.time_s[[span.start, span.stop - 1]] / unit.seconds
     for axes in panels[:, 0]:
         axes.axvspan(*edges, facecolor="none", edgecolor=FRAME, linewidth=0.9, zorder=3)
+
+
+# More lines of voltage than these hide each other even in the magnified stretch.
+MOST_VOLTAGES: Final = 8
+MARKERS_PER_LINE: Final = 8
+COMPARED_IN: Final = 6.0
+MEASURED: Final = "#BEBEBE"
+TIE: Final = "#ADADAD"
+
+
+def require_one_record(evaluations: Mapping[str, "Evaluation"]) -> None:
+    """Raise `ValueError` where there is nothing to draw, or not the same samples in every row."""
+    if not evaluations:
+        raise ValueError("there is no row to draw; give at least one evaluation")
+    simulated = {
+        (each.prepared.record.name, each.prepared.first, len(each.simulated_v))
+        for each in evaluations.values()
+    }
+    if len(simulated) > 1:
+        names = ", ".join(sorted({name for name, _, _ in simulated}))
+        raise ValueError(
+            f"the rows are on different samples ({names}); draw one record and window at a time"
+        )
+
+
+def most_accurate(evaluations: Mapping[str, "Evaluation"], most: int) -> dict[str, "Evaluation"]:
+    """At most `most` rows, those of the lowest RMSE, in their own order."""
+    ranked = sorted(evaluations, key=lambda label: evaluations[label].metrics.rmse_v)
+    kept = set(ranked[:most])
+    return {label: each for label, each in evaluations.items() if label in kept}
+
+
+def heading(record: str, kept: int, of: int) -> str:
+    """The record's name, and what a title adds where not every row is drawn.
+
+    >>> heading("cycle.csv", 8, 12)
+    'cycle.csv: the 8 of 12 rows with the lowest RMSE'
+    """
+    return record if kept == of else f"{record}: the {kept} of {of} rows with the lowest RMSE"
+
+
+@figure_style()
+def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
+    """Voltage over time, measured and of every row; below, the framed stretch magnified.
+
+    `evaluations` are the rows' evaluations on one record, under their labels (Li et al., 2023,
+    Fig. 10 and 12). The stretch is the one where the row with the lowest RMSE errs most; records
+    under 100 scored samples go without. Of more than eight rows the eight
+    with the lowest RMSE are drawn, and the title says so. Raises `ValueError` where the rows are
+    on different samples.
+
+    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
+    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
+    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    >>> record, cell = read_record(bundled_file("identification")), characterize(tests)
+    >>> rows = {name: validate(record, cell, name, circuit) for name in ("so-rc", "iso-rc")}
+    >>> [axes.get_ylabel() for axes in plot_compared_voltages(rows).axes]
+    ['Voltage [V]', 'Voltage [V]']
+    """
+    require_one_record(evaluations)
+    looks = row_looks(evaluations)
+    shown = most_accurate(evaluations, MOST_VOLTAGES)
+    prepared = next(iter(shown.values())).prepared
+    unit = choose_time_unit(prepared.time_s)
+    time = prepared.time_s / unit.seconds
+    best = min(shown.values(), key=lambda each: each.metrics.rmse_v)
+    span = worst_stretch(best.error_v, prepared.scored)
+    figure = make_figure(height_in=COMPARED_IN)
+    ratios = [1.0, 1.5] if span is not None else [1.0]
+    whole, *close = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
+
+    _draw_rows(whole, time, slice(None), shown, looks, is_close=span is None)
+    shade_unscored(whole, time, prepared.scored)
+    whole.set_xlabel(unit.label)
+    title(whole, heading(prepared.record.name, len(shown), len(evaluations)))
+    if span is not None:
+        seconds, label = stretch_clock(prepared.time_s, span, unit)
+        _draw_rows(close[0], seconds, span, shown, looks, is_close=True)
+        close[0].set_xlabel(label)
+        _frame(whole, close[0], *time[[span.start, span.stop - 1]])
+    return finish(figure, *close, whole)
+
+
+def _draw_rows(
+    axes: Axes,
+    time: np.ndarray,
+    samples: slice,
+    shown: Mapping[str, "Evaluation"],
+    looks: Mapping[str, RowLook],
+    *,
+    is_close: bool,
+) -> None:
+    """The measured line and every row's; markers only where single samples can be seen."""
+    measured_v = next(iter(shown.values())).prepared.voltage_v
+    width = 3.2 if is_close else 1.6
+    time = time[samples]
+    draw_line(axes, time, measured_v[samples], label="measured", color=MEASURED, linewidth=width)
+    for place, (label, each) in enumerate(shown.items()):
+        look = looks[label]
+        name = f"{label} ({1e3 * each.metrics.rmse_v:.3g} mV)"
+        drawn = draw_line(
+            axes, time, each.simulated_v[samples], label=name, color=look.color, linewidth=0.6
+        )
+        if is_close:
+            drawn.set(linewidth=1.1, linestyle=look.line, marker=look.marker)
+            drawn.set(markersize=3.6, markerfacecolor="white")
+            # Shifted from row to row, so that markers of equal answers do not hide each other.
+            spacing = max(1, np.size(drawn.get_xdata()) // MARKERS_PER_LINE)
+            drawn.set_markevery((spacing * place // len(shown), spacing))
+    axes.set_ylabel("Voltage [V]")
+
+
+def _frame(whole: Axes, close: Axes, start: float, stop: float) -> None:
+    """A frame around the stretch in the upper panel, tied to the lower one."""
+    low_v, high_v = close.get_ylim()
+    box = (start, low_v, stop - start, high_v - low_v)
+    frame = whole.indicate_inset(box, inset_ax=close, edgecolor=FRAME, alpha=1.0, linewidth=0.9)
+    # The ties cross the data: lighter than any line, and behind them.
+    for tie in frame.connectors or ():
+        tie.set(color=TIE, linewidth=0.7, zorder=1.5)

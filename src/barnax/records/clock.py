@@ -1,7 +1,5 @@
 """The rules on the clock: it never falls, and no sample stands in the record twice."""
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -47,7 +45,7 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
         return samples.keep(np.argsort(time, kind="stable")), findings
     what, remedy = _restart(samples, falls, is_midnight)
     findings.append(found_at(samples, at, "error", f"{drop}: {what}", remedy))
-    return replace(samples, time_s=_running_on(time)), findings
+    return samples.having(time=_running_on(time)), findings
 
 
 # So much of a clock's falls must lie where the step changes, and so low must they go.
@@ -74,7 +72,7 @@ def _join_steps(samples: Samples) -> tuple[Samples | None, list[Finding]]:
         return None, []
     # A step begins where the one before it ended.
     before = np.cumsum(np.where(starts, time[:-1], 0.0))
-    joined = replace(samples, time_s=time + np.concatenate([np.zeros(1), before]))
+    joined = samples.having(time=time + np.concatenate([np.zeros(1), before]))
     at = int(np.argmax(falls)) + 1
     times = counted(int(falls.sum()), "time")
     what = f"'{samples.header('time')}' starts again with each step ({times}); they are joined"
@@ -182,7 +180,7 @@ def separate_steps(samples: Samples) -> tuple[Samples, list[Finding]]:
     count = int(np.sum(sides))
     what = f"{counted(count, 'change')} of step with both sides on one time stamp: both kept"
     at = int(np.argmax(sides)) + 1
-    moved = replace(samples, time_s=samples.time_s + place * apart_s)
+    moved = samples.having(time=samples.time_s + place * apart_s)
     return moved, [found_at(samples, at, "note", what)]
 
 
@@ -218,7 +216,7 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
             "stamp: the clock has too few digits"
         )
         finding = found_at(samples, at, "error", what, "export the time with more digits")
-        return replace(samples, time_s=_spread(samples.time_s)), [finding]
+        return samples.having(time=_spread(samples.time_s)), [finding]
     findings = []
     for is_merged, words in (
         (is_exact, "exact repeats of the row before"),

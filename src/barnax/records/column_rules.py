@@ -9,9 +9,18 @@ import numpy as np
 
 from ..errors import InputError, counted, listed, printable
 from .cells import CLOCKS, is_clock, numbers
-from .columns import QUANTITIES, Column, Quantity, Unit, likely_column, likely_names, named_column
-from .dialects import NOTHING, columns_of, is_ocv_table, other_table
+from .columns import (
+    NOTHING,
+    Column,
+    columns_of,
+    is_ocv_table,
+    likely_column,
+    likely_names,
+    named_column,
+    other_table,
+)
 from .findings import Finding
+from .quantities import QUANTITIES, Quantity, Unit
 from .table import Table
 
 Columns = Mapping[str, Column]

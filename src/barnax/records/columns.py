@@ -9,199 +9,10 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
-
-@dataclass(frozen=True)
-class Unit:
-    """A unit: its value times `factor` plus `offset` is in the quantity's base unit."""
-
-    symbol: str
-    factor: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity, its aliases from the most to the least specific, and its units, its own first.
-
-    Aliases and unit keys are lower case with blanks for underscores. `examples` are names to give
-    a column. `foreign` words are what the quantity is called in other languages: not accepted, but
-    pointed to.
-    """
-
-    name: str
-    aliases: tuple[str, ...]
-    units: Mapping[str, Unit]
-    examples: tuple[str, ...]
-    foreign: tuple[str, ...] = ()
-
-    @property
-    def base_unit(self) -> Unit:
-        return next(iter(self.units.values()))
-
-    @property
-    def is_required(self) -> bool:
-        return self.name in NEEDED
-
-
-# What no record can do without, by the quantities' names.
-NEEDED = frozenset({"time", "current", "voltage"})
-# Aliases that carry their unit in themselves.
-_SELF_EXPLAINING = {
-    "seconds",
-    "amps",
-    "mamps",
-    "volts",
-    "amp-hr",
-    "mamp-hr",
-    "chgah",
-    "disah",
-    "ma",
-    "mv",
-}
-
-
-def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
-    return {name: unit for unit, names in spellings.items() for name in names.split("|")}
-
-
-def _quantity(
-    name: str, units: Mapping[str, Unit], aliases: str, examples: str, foreign: str = ""
-) -> Quantity:
-    words = (tuple(filter(None, each.split("|"))) for each in (aliases, examples, foreign))
-    names, labels, elsewhere = words
-    return Quantity(name, names, units, labels, elsewhere)
-
-
-_SECONDS = _units(
-    {
-        Unit("s"): "s|sec|secs|second|seconds|秒",
-        Unit("ms", 1e-3): "ms|msec|millisecond|milliseconds",
-        Unit("min", 60.0): "min|mins|minute|minutes|分|分钟",
-        Unit("h", 3600.0): "h|hr|hrs|hour|hours|小时",
-        Unit("d", 86400.0): "d|day|days",
-    }
-)
-_AMPERES = _units(
-    {
-        Unit("A"): "a|amp|amps|ampere|amperes|安",
-        Unit("mA", 1e-3): "ma|毫安|milliamp|milliamps|milliampere|milliamperes",
-        Unit("uA", 1e-6): "ua|microamp|microamps|microampere|microamperes",
-    }
-)
-_VOLTS = _units(
-    {Unit("V"): "v|volt|volts|v vs. ref.|伏", Unit("mV", 1e-3): "mv|millivolt|millivolts"}
-)
-_AMPERE_HOURS = _units(
-    {
-        Unit("Ah"): "ah|a.h|a·h|a h|ahr|a-hr|amp-hr|ampere hour|amp hour|amp hours|安时",
-        Unit("mAh", 1e-3): "mah|ma.h|ma·h|ma h|mahr|mamp-hr|milliampere hour|milliamp hour|毫安时",
-    }
-)
-_DEGREES = _units(
-    {
-        Unit("degC"): "degc|deg c|c|°c|oc|celsius|celcius|degree celsius|degrees celsius",
-        Unit("K", 1.0, -273.15): "k|kelvin",
-        Unit("degF", 5 / 9, -160 / 9): "degf|deg f|f|°f|fahrenheit",
-    }
-)
-_COUNTS = _units({Unit("1"): "1|dimensionless|unitless"})
-_FRACTIONS = _units({Unit("1"): "1|-", Unit("%", 0.01): "%|percent|pct"})
-
-QUANTITIES: tuple[Quantity, ...] = (
-    _quantity(
-        "time",
-        _SECONDS,
-        "test time|testtime|total time|tottime|cumulative time|elapsed time|time|seconds|t",
-        "Test Time / s|test_time_second",
-        "zeit|temps|tiempo|tempo|时间",
-    ),
-    # A clock that starts again with each step, and the time of day: where there is no test clock.
-    _quantity("step time", _SECONDS, "step time|steptime|relative time", "Step Time / s"),
-    _quantity(
-        "date",
-        _SECONDS,
-        "date time|datetime|unix time|time stamp|timestamp|date and time|date",
-        "Unix Time / s",
-    ),
-    _quantity(
-        "current",
-        _AMPERES,
-        "cell current|channel current|current|current measured|cur|amps|we(1).current|i|ma=mA",
-        "Current / A|current_ampere",
-        "strom|courant|corriente|corrente|电流",
-    ),
-    _quantity("charge of the interval", _AMPERE_HOURS, "", ""),
-    _quantity(
-        "voltage",
-        _VOLTS,
-        "terminal voltage|cell voltage|channel voltage|voltage|voltage measured|potential|volts|"
-        "ecell|ewe|working electrode|working electrode vs. nhe|we(1).potential|u|v|mv=mV",
-        "Voltage / V|voltage_volt",
-        "spannung|tension|voltaje|tensione|电压",
-    ),
-    _quantity(
-        "temperature",
-        _DEGREES,
-        "surface temperature|surface temperature t1|cell temperature|temperature cell|"
-        "battery temperature|temperature|aux temperature|"
-        "aux temperature 1|aux1 temperature|temperature t1|temperature 1|temperature measured|temp|"
-        "t1|t|ambient temperature",
-        "Surface Temperature / degC|Ambient Temperature / degC",
-    ),
-    _quantity(
-        "step",
-        _COUNTS,
-        "step index|step|step id|stepid|step number|step no|stepno|ns|step count",
-        "Step Index / 1",
-    ),
-    _quantity(
-        "cycle", _COUNTS, "cycle index|cycle count|cycle|cycle number|totcycle", "Cycle Count / 1"
-    ),
-    _quantity(
-        "state",
-        _COUNTS,
-        "state|step type|md|status|step name|mode|step mode|step state",
-        "Step Type / 1",
-    ),
-    _quantity(
-        "charging capacity",
-        _AMPERE_HOURS,
-        "charging capacity|schedule charging capacity|charge capacity|q charge|chgah",
-        "Charging Capacity / Ah",
-    ),
-    _quantity(
-        "discharging capacity",
-        _AMPERE_HOURS,
-        "discharging capacity|schedule discharging capacity|discharge capacity|q discharge|disah",
-        "Discharging Capacity / Ah",
-    ),
-    _quantity(
-        "net capacity",
-        _AMPERE_HOURS,
-        "net capacity|step net capacity|capacity",
-        "Net Capacity / Ah|Capacity(Ah)",
-    ),
-)
-
-_BRANCH = (
-    "{0} ocv|ocv {0}|{0} open circuit voltage|open circuit voltage {0}|{0} voltage|voltage {0}|"
-)
-# What a table of OCV over SOC holds instead: SOC, and one voltage or one for each direction.
-OCV_QUANTITIES: tuple[Quantity, ...] = (
-    _quantity("SOC", _FRACTIONS, "state of charge|soc", "SOC [-]|SOC / %"),
-    _quantity("OCV", _VOLTS, "open circuit voltage|ocv|voltage|volts|u|v", "OCV [V]|Voltage / V"),
-    *(
-        _quantity(
-            f"{word} OCV",
-            _VOLTS,
-            _BRANCH.format(word) + _BRANCH.format(word.replace("charge", "charging")),
-            f"{word} OCV [V]",
-        )
-        for word in ("charge", "discharge")
-    ),
-)
-
+from .dialects import DIALECTS, OTHER_TABLES, PLAIN, Dialect
+from .quantities import OCV_QUANTITIES, QUANTITIES, Quantity, Unit
 
 # A unit stands behind a slash, # or comma, in brackets, or after a blank (machine names); Arbin
 # numbers its auxiliary channels behind the bracket.
@@ -211,8 +22,13 @@ _UNIT = re.compile(
 # "h:min:s.ms", "h min s.ms", "Hours in hh:mm:ss.xxx", "mm:ss" and "ss.xxx" are forms of seconds.
 _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
 
+# Aliases that carry their unit in themselves.
+_SELF_EXPLAINING = re.compile("seconds|m?amps|volts|m?amp-hr|chgah|disah|ma|mv")
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000
+# What can tell the time, and the current.
+_CLOCKS, _CURRENTS = {"time", "step time", "date"}, {"current", "charge of the interval"}
+NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -305,7 +121,7 @@ def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, 
             if alias == "t" and not stated and (name.strip() != "t" or quantity.name != "time"):
                 continue
             unit = quantity.units[stated.lower()] if stated else quantity.base_unit
-            is_plain = "1" in quantity.units or alias in _SELF_EXPLAINING
+            is_plain = "1" in quantity.units or bool(_SELF_EXPLAINING.fullmatch(alias))
             return rank, Column(index, name, quantity, unit, is_unit_assumed=not is_plain)
         if plain.startswith(alias) and (rest := _UNIT.match(plain[len(alias) :])):
             unit = unit_of(quantity, rest["unit"])
@@ -336,3 +152,74 @@ def likely_column(quantity: Quantity, header: Sequence[str]) -> Column | None:
     if len(names) != 1:
         return None
     return _with_its_unit(list(header).index(names[0]), names[0], quantity)
+
+
+def _bare(header: Sequence[str]) -> set[str]:
+    """The names as marks give them, each with its unit and without."""
+    names = {normal(name).replace(" (", "(") for name in header}
+    return names | {re.split(r" *[(\[/#,]", name)[0] for name in names}
+
+
+def dialect_of(header: Sequence[str]) -> Dialect:
+    """Whose names these are; `PLAIN` where they are nobody's."""
+    names = _bare(header)
+    return next((dialect for dialect in DIALECTS if dialect.is_marked(names)), PLAIN)
+
+
+def columns_of(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> dict[str, Column]:
+    """The column of each quantity of a record that the header names.
+
+    `given` holds the user's own names by quantity, as `columns` takes them, and comes first.
+    """
+    found = find_columns(header, dialect_of(header).quantities)
+    for quantity in QUANTITIES:
+        if quantity.name in given:
+            column = named_column(header, quantity, given[quantity.name])
+            if column is not None:
+                found[quantity.name] = column
+    return found
+
+
+def names_record(header: Sequence[str], given: Mapping[str, str] = NOTHING) -> bool:
+    """Whether the header names a clock, a current and a voltage."""
+    found = columns_of(header, given).keys() if len(header) > 2 else set()
+    return "voltage" in found and bool(found & _CURRENTS) and bool(found & _CLOCKS)
+
+
+def with_units(header: Sequence[str], below: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+    """The names with the units that stand in the cells below them, and whether they do."""
+    units = [cell.strip("[]()") for cell in below]
+    units += [""] * (len(header) - len(units))
+    own = {each.index: each for each in columns_of(header).values()}
+    spelled = {
+        k: unit_of(own[k].quantity, units[k])
+        for k in own
+        if units[k] and own[k].quantity.is_required
+    }
+    if not spelled or not all(
+        unit and (own[k].is_unit_assumed or unit == own[k].unit) for k, unit in spelled.items()
+    ):
+        return tuple(header), False
+    return tuple(
+        name
+        if (k in own and not own[k].is_unit_assumed) or not _is_unit(units[k])
+        else f"{name} [{units[k]}]"
+        for k, name in enumerate(header)
+    ), True
+
+
+def _is_unit(text: str) -> bool:
+    return any(unit_of(quantity, text) for quantity in QUANTITIES)
+
+
+def other_table(header: Sequence[str]) -> str | None:
+    """What a table is that is known to be no record, if it is such."""
+    names = _bare(header)
+    held = (what for mark, what in OTHER_TABLES.items() if names.issuperset(mark.split(" & ")))
+    return next(held, None)
+
+
+def is_ocv_table(header: Sequence[str]) -> bool:
+    """Whether the header names SOC and a voltage, but no record."""
+    ocv = find_columns(header, OCV_QUANTITIES).keys()
+    return "SOC" in ocv and len(ocv) > 1 and not names_record(header)

@@ -13,7 +13,6 @@ from jaxtyping import Bool
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from .samples import Samples
     from .table import Lines
 
 Severity = Literal["error", "warning", "note"]
@@ -61,7 +60,7 @@ class Finding:
 
 
 def found_at(
-    source: "Lines | Samples",
+    source: "Lines",
     where: "int | Bool[np.ndarray, 'lines']",
     severity: Severity,
     what: str,
@@ -70,8 +69,8 @@ def found_at(
 ) -> Finding:
     """A finding at one line, or the first of several, with the row and sheet it stands in."""
     line = int(np.argmax(where)) if isinstance(where, np.ndarray) else where
-    sheet = source.sheets[int(source.sheet[line])] if len(source.sheets) > 1 else None
-    return Finding(severity, what, remedy, int(source.row[line]), sheet, **more)
+    row, sheet = source.table.place(int(source.at[line]))
+    return Finding(severity, what, remedy, row, sheet, **more)
 
 
 def named(check: str, findings: Iterable[Finding]) -> list[Finding]:

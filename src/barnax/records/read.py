@@ -19,15 +19,15 @@ import polars as pl
 from ..errors import LONGEST_NAME, InputError, cut, printable
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import examine_columns, read_columns
-from .columns import NEEDED
+from .columns import NOTHING
+from .conventions import decide_hold, decide_sign, examine_direction
 from .counters import skipped_ah
-from .dialects import CHARGE, DISCHARGE, NOTHING, Sign
+from .dialects import CHARGE, DISCHARGE, Sign
 from .findings import Finding, named, raise_first_error, warnings_of
-from .hold import decide_hold
+from .quantities import NEEDED
 from .readers import read_table
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
-from .sign import decide_sign, examine_direction
 from .table import LARGEST_FILE, Table, examine_cells, table_sha256, take_lines
 from .units import (
     examine_current_unit,
@@ -320,7 +320,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         time_s=_own(samples.time_s),
         current_a=_own(_turned(samples.current_a, turn)),
         voltage_v=_own(samples.voltage_v),
-        temperature_degc=_own(samples.temperature_degc),
+        temperature_degc=_own(samples.values.get("temperature")),
         step=_own(samples.step),
         row=_own(samples.row),
         sign=sign,
@@ -328,7 +328,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
         sha256=source.sha256,
         charge_ah=_own(_turned(counted_ah, turn)),
         skipped_ah=_own(_turned(hidden_ah, turn)),
-        cycle=_own(samples.cycle),
+        cycle=_own(samples.values.get("cycle")),
         state=_own(samples.state),
     )
 

@@ -1,16 +1,13 @@
 """A file's samples in s, A and V and the tester's ampere-hours, before the sign is known."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .columns import Column
+from .columns import dialect_of
 from .counters import Counters
-from .dialects import dialect_of
-from .dialects.dialect import Dialect
+from .dialects import Dialect
 from .record import Record
 from .table import Lines
 
@@ -26,45 +23,45 @@ _LOAD_V = 0.02
 _ENOUGH = 50_000
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """A file's samples in s, A and V; the current's sign is still the file's own.
+class Samples(Lines):
+    """The lines of a record: a number everywhere, in s, A and V; the current's sign is the file's.
 
-    `row` and `sheet` say where each stands in the source; `columns` are those they come from.
+    The time counts from the first sample where it is a date.
     """
 
-    time_s: Float[np.ndarray, "samples"]
-    current_a: Float[np.ndarray, "samples"]
-    voltage_v: Float[np.ndarray, "samples"]
-    temperature_degc: Float[np.ndarray, "samples"] | None
-    step: Int[np.ndarray, "samples"] | None
-    cycle: Int[np.ndarray, "samples"] | None
-    state: Int[np.ndarray, "samples"] | None
-    counters: Counters
-    row: Int[np.ndarray, "samples"]
-    sheet: Int[np.ndarray, "samples"]
-    sheets: tuple[str, ...]
-    columns: Mapping[str, Column]
-    dialect: Dialect
+    @property
+    def time_s(self) -> Float[np.ndarray, "samples"]:
+        return self.values["time"]
 
-    def __len__(self) -> int:
-        return len(self.time_s)
+    @property
+    def current_a(self) -> Float[np.ndarray, "samples"]:
+        return self.values["current"]
 
-    def header(self, name: str) -> str:
-        """The name of a quantity's column, as written."""
-        return self.columns[name].header
+    @property
+    def voltage_v(self) -> Float[np.ndarray, "samples"]:
+        return self.values["voltage"]
 
-    def keep(self, chosen: Bool[np.ndarray, "samples"] | Int[np.ndarray, "kept"]) -> "Samples":
-        """The samples where `chosen` holds, or those at its places, in its order."""
-        if chosen.dtype == bool and chosen.all():
-            return self
-        arrays = {
-            each.name: values[chosen]
-            for each in fields(self)
-            if isinstance(values := getattr(self, each.name), np.ndarray)
-        }
-        counters = {name: values[chosen] for name, values in self.counters.written.items()}
-        return replace(self, counters=Counters(**counters), **arrays)
+    @property
+    def step(self) -> Int[np.ndarray, "samples"] | None:
+        return self.values.get("step")
+
+    @property
+    def state(self) -> Int[np.ndarray, "samples"] | None:
+        return self.values.get("state")
+
+    @cached_property
+    def counters(self) -> Counters:
+        """The tester's own ampere-hours."""
+        return Counters(
+            self.values.get("charging capacity"),
+            self.values.get("discharging capacity"),
+            self.values.get("net capacity"),
+        )
+
+    @cached_property
+    def dialect(self) -> Dialect:
+        """Whose names the columns have."""
+        return dialect_of(self.table.header)
 
     @cached_property
     def intervals_s(self) -> Float[np.ndarray, "intervals"]:
@@ -103,6 +100,11 @@ class Samples:
     def steps(self) -> Int[np.ndarray, "steps"]:
         """The intervals over which the current steps."""
         return np.flatnonzero(self.is_step)
+
+    @cached_property
+    def resistance_ohm(self) -> float:
+        """The resistance at the current's steps; zero where they do not tell it."""
+        return step_resistance_ohm(self.step_a[self.steps], self.step_v[self.steps])
 
     @cached_property
     def begun_ah(self) -> Float[np.ndarray, "intervals"]:
@@ -167,34 +169,16 @@ def few(values: Float[np.ndarray, "all"]) -> Float[np.ndarray, "some"]:
 
 def samples_of(lines: Lines) -> Samples:
     """The samples of lines that have a finite time, current and voltage throughout."""
-    values = lines.values
-    whole = {
-        name: values[name].astype(int) if name in values else None
-        for name in ("step", "cycle", "state")
-    }
-    time_s, current_a = values["time"], values["current"]
+    values = dict(lines.values)
+    for name in values.keys() & {"step", "cycle", "state"}:
+        values[name] = values[name].astype(int)
+    time_s = values["time"]
     if lines.columns["time"].quantity.name == "date":
-        time_s = time_s - time_s[:1]
+        values["time"] = time_s = time_s - time_s[:1]
     if lines.columns["current"].quantity.name == "charge of the interval":
         interval_h = np.diff(time_s, prepend=time_s[:1]) / 3600
-        current_a = current_a / np.where(interval_h > 0, interval_h, np.inf)
-    return Samples(
-        time_s=time_s,
-        current_a=current_a,
-        voltage_v=values["voltage"],
-        temperature_degc=values.get("temperature"),
-        **whole,
-        counters=Counters(
-            values.get("charging capacity"),
-            values.get("discharging capacity"),
-            values.get("net capacity"),
-        ),
-        row=lines.row,
-        sheet=lines.sheet,
-        sheets=lines.sheets,
-        columns=lines.columns,
-        dialect=dialect_of(lines.table.header),
-    )
+        values["current"] = values["current"] / np.where(interval_h > 0, interval_h, np.inf)
+    return Samples(lines.table, lines.columns, values, lines.at)
 
 
 def some(values: np.ndarray) -> np.ndarray:

@@ -3,16 +3,19 @@
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 import polars as pl
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, counted, cut
 from .cells import numbers
-from .columns import NEEDED, Column
+from .columns import Column
 from .counters import inner
 from .findings import Finding, found_at
+from .quantities import NEEDED
 from .record import OTHER_STATE
 
 # Even nanoseconds since 1970 are less; what is more overflows where it is squared.
@@ -42,12 +45,11 @@ class Table:
         """The row in which the columns' names stand."""
         return int(self.row[0]) - 1 if len(self.row) else 1
 
-    @property
-    def sheet_of_line(self) -> Int[np.ndarray, "lines"]:
-        """Which of `sheets` each line comes from; zero everywhere for formats without sheets."""
-        if not self.sheets:
-            return np.zeros(len(self.row), int)
-        return np.repeat(np.arange(len(self.sheets)), [lines for _, lines in self.sheets])
+    def place(self, line: int) -> tuple[int, str | None]:
+        """The row of a line in the source, and its sheet where there are several."""
+        ends = np.cumsum([lines for _, lines in self.sheets])
+        own = self.sheets[int(np.searchsorted(ends, line, "right"))][0] if len(ends) > 1 else None
+        return int(self.row[line]), own
 
 
 @dataclass(frozen=True)
@@ -67,20 +69,25 @@ class Reader:
 class Lines:
     """The lines of a table that are not blank, by quantity and in base units.
 
-    A value is NaN where its cell is no number. `row` and `sheet` say where each line stands in
-    the source, `at` where it stands in `table`.
+    A value is NaN where its cell is no number. `at` says where each line stands in `table`.
     """
 
     table: Table
     columns: Mapping[str, Column]
-    values: dict[str, Float[np.ndarray, "lines"]]
+    values: dict[str, np.ndarray]
     at: Int[np.ndarray, "lines"]
-    row: Int[np.ndarray, "lines"]
-    sheet: Int[np.ndarray, "lines"]
 
-    @property
-    def sheets(self) -> tuple[str, ...]:
-        return tuple(name for name, _ in self.table.sheets)
+    def __len__(self) -> int:
+        return len(self.at)
+
+    @cached_property
+    def row(self) -> Int[np.ndarray, "lines"]:
+        """Each line's row in the source."""
+        return self.table.row[self.at]
+
+    def header(self, name: str) -> str:
+        """The name of a quantity's column, as written."""
+        return self.columns[name].header
 
     def cell(self, name: str, line: int) -> object:
         """What stands in the file under the quantity `name`, long text cut; None for nothing."""
@@ -95,16 +102,18 @@ class Lines:
             return np.zeros(len(values), bool)
         return ~(np.abs(values) <= LARGEST_NUMBER)
 
-    def keep(self, mask: Bool[np.ndarray, "lines"]) -> "Lines":
-        """The lines where `mask` holds."""
-        if mask.all():
+    def keep(self, chosen: Bool[np.ndarray, "lines"] | Int[np.ndarray, "kept"]) -> Self:
+        """The lines where `chosen` holds, or those at its places, in its order."""
+        if chosen.dtype == bool and chosen.all():
             return self
-        values = {name: numbers[mask] for name, numbers in self.values.items()}
-        return replace(
-            self, values=values, at=self.at[mask], row=self.row[mask], sheet=self.sheet[mask]
-        )
+        values = {name: numbers[chosen] for name, numbers in self.values.items()}
+        return replace(self, values=values, at=self.at[chosen])
 
-    def without(self, name: str) -> "Lines":
+    def having(self, **values: np.ndarray) -> Self:
+        """The same lines with other values of some quantities."""
+        return replace(self, values={**self.values, **values})
+
+    def without(self, name: str) -> Self:
         """The lines without the quantity `name`."""
         columns = {key: column for key, column in self.columns.items() if key != name}
         values = {key: numbers for key, numbers in self.values.items() if key != name}
@@ -114,12 +123,10 @@ class Lines:
 def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     """The lines of a table under the given columns, blank ones left out."""
     values = {name: numbers(table.columns[found.index], found) for name, found in columns.items()}
-    every = np.arange(len(table.row))
-    lines = Lines(table, columns, values, every, table.row, table.sheet_of_line)
+    lines = Lines(table, columns, values, np.arange(len(table.row)))
     if not table.columns or not all(column.null_count() for column in table.columns):
         return lines
-    is_blank = np.all([column.is_null().to_numpy() for column in table.columns], axis=0)
-    return lines.keep(~is_blank)
+    return lines.keep(~np.all([column.is_null().to_numpy() for column in table.columns], axis=0))
 
 
 def table_sha256(table: Table) -> str:
@@ -139,7 +146,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
     An optional column with such cells is left out.
     """
     findings = []
-    is_good = np.ones(len(lines.row), bool)
+    is_good = np.ones(len(lines), bool)
     is_unread = ~is_good
     if (impedance := _impedance_rows(lines)).any():
         count = counted(int(impedance.sum()), "row")
@@ -148,7 +155,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
         findings.append(found_at(lines, impedance, "note", what, is_told=True))
         is_good &= ~impedance
     if _is_cut_short(lines):
-        what, last = "the last row is cut short: left out", len(lines.row) - 1
+        what, last = "the last row is cut short: left out", len(lines) - 1
         findings.append(found_at(lines, last, "warning", what, "copy or export the file again"))
         is_good[-1] = False
     units = _units_row(lines)
@@ -195,7 +202,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
 
 def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
     """The lines whose state is an impedance measurement."""
-    is_other = lines.values.get("state", np.zeros(len(lines.row))) == OTHER_STATE
+    is_other = lines.values.get("state", np.zeros(len(lines))) == OTHER_STATE
     if is_other.any():
         words = lines.table.columns[lines.columns["state"].index].gather(lines.at[is_other])
         is_other[is_other] = (
@@ -206,7 +213,7 @@ def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
 
 def _is_cut_short(lines: Lines) -> bool:
     """Whether cells are missing at the end of the last line that the one before it has."""
-    if len(lines.at) < 2 or lines.sheets:
+    if len(lines) < 2 or lines.table.sheets:
         return False
     last, before = (
         [column[int(line)] is not None for column in lines.table.columns]
@@ -220,7 +227,7 @@ def _is_cut_short(lines: Lines) -> bool:
 def _units_row(lines: Lines) -> str:
     """The units that the first line spells under time, current and voltage, or nothing."""
     needed = [name for name in lines.columns if name in NEEDED]
-    cells = [lines.cell(name, 0) for name in needed] if len(lines.row) else []
+    cells = [lines.cell(name, 0) for name in needed] if len(lines) else []
     are_units = [
         isinstance(cell, str)
         and cell.strip().strip("[]()").lower() in lines.columns[name].quantity.units

@@ -1,13 +1,11 @@
 """The rules on units: whether voltage, time and current are in those that their names say."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..errors import counted
 from .counters import gain_ah
 from .findings import Finding, Severity, found_at
-from .samples import Samples, few, step_resistance_ohm
+from .samples import Samples, few
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
 _CELL_RANGE_V = (0.5, 6.0)
@@ -28,7 +26,7 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     def mended(what: str, remedy: str, factor: float, severity: Severity = "error") -> Samples:
         what = f"the median voltage in '{name}' is {what}"
         findings.append(found_at(samples, 0, severity, what, remedy))
-        return replace(samples, voltage_v=samples.voltage_v * factor)
+        return samples.having(voltage=samples.voltage_v * factor)
 
     if middle_v < 0:
         low_v, high_v = _CELL_RANGE_V
@@ -133,7 +131,7 @@ def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
         what = f"'{name}' may be in {words}: {reason}"
         return samples, [found_at(samples, 0, severity, what, f"if it is, {remedy}")]
     what = f"'{name}' looks like {words}: {reason}"
-    mended = replace(samples, time_s=samples.time_s * factor)
+    mended = samples.having(time=samples.time_s * factor)
     return mended, [found_at(samples, 0, severity, what, remedy)]
 
 
@@ -235,7 +233,7 @@ def examine_current_unit(
             what = f"'{name}' looks like {words}: {reason}"
             at = int(np.argmax(np.abs(samples.current_a)))
             remedy = _read_as(samples, "current", symbol)
-            mended = replace(samples, current_a=samples.current_a * factor)
+            mended = samples.having(current=samples.current_a * factor)
             return mended, [found_at(samples, at, "error", what, remedy)]
     return samples, []
 
@@ -274,10 +272,10 @@ def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
         reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
     if capacity_ah is not None and samples.span_ah > _TOO_MUCH * capacity_ah:
         reasons.append(f"{moves} of a cell of {capacity_ah:.4g} Ah")
-    steps = samples.steps
-    resistance_ohm = step_resistance_ohm(samples.step_a[steps], samples.step_v[steps])
-    if 0 < resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
-        reasons.append(f"the cell's resistance would be {1e6 * resistance_ohm:.3g} microohm")
+    if 0 < samples.resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
+        reasons.append(
+            f"the cell's resistance would be {1e6 * samples.resistance_ohm:.3g} microohm"
+        )
     return "; ".join(reasons)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..plots.sources import Illustration, record_roles
+from ..plots.pictures import Illustration, record_roles
 from . import comparison_sentences as say
 from .comparison_sentences import answered, errors_on, leaders, records, rmse_on
 from .decisions import (

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
-from ..uncertainty.linearization import named_values
+from ..uncertainty.covariance import named_values
 from .document import Bullets, Listing, Paragraph, Section, Table, make_table
 from .tables import pairs_table
 from .words import NOTHING, joined, millivolt, percent, significant, symbol, with_unit

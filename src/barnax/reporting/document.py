@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 if TYPE_CHECKING:
-    from ..plots.sources import Illustration
+    from ..plots.pictures import Illustration
 
 Role = Literal["text", "number"]
 MediaType = Literal["image/png", "image/svg+xml"]

@@ -13,7 +13,7 @@ from .words import counted, duration, figures, millivolt
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
     from ..fleet.summary import Cause, Summary
-    from ..plots.sources import Illustration
+    from ..plots.pictures import Illustration
     from ..search.evaluate import Evaluation
 
 # Of long lists, so many; the dataset has all.
@@ -26,8 +26,8 @@ def fleet_illustrations(
 ) -> "list[Illustration]":
     """Distributions, the clearest trends, and the worst fits."""
     from ..fleet.summary import summed_up
-    from ..plots.fleet import plot_distributions, plot_fleet_trends
-    from ..plots.sources import Illustration
+    from ..plots.parameters import plot_distributions, plot_fleet_trends
+    from ..plots.pictures import Illustration
     from ..plots.voltage import plot_voltage
 
     good = rows.filter(pl.col("error").is_null())

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..plots.sources import Illustration, record_roles
-from ..plots.style import readable
+from ..plots.parameters import readable
+from ..plots.pictures import Illustration, record_roles
 from .decisions import (
     box_sentences,
     decision_sentences,

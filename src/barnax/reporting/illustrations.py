@@ -9,8 +9,8 @@ from .. import plots
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..plots.live import MOST_NUMBERS, live_landscape, live_record, live_tables
+from ..plots.pictures import Illustration, record_roles
 from ..plots.search import has_landscape
-from ..plots.sources import Illustration, record_roles
 from ..pulses import pulses_of
 from ..run import describe
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC
-from ..plots.pulses import rate_label
+from ..plots.cell import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
 from .document import Bullets, Picture, Section, Table, make_table
 from .words import NOTHING, counted, duration, fixed, joined

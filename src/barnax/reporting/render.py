@@ -11,8 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from ..plots.sources import Illustration
-from ..plots.style import Kind, encode
+from ..plots.pictures import Illustration, Kind, encode
 from .document import Bullets, Document, Listing, Paragraph, Picture, Table
 
 # Special wherever they stand: a bracket only where a link could follow, an underscore only at

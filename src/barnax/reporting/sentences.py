@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 from ..global_optimum.search import FACTOR, optimality_gap
 from ..search.refine import AtBound
-from ..uncertainty.covariance import CONFIDENCE, WIDEST_FACTOR, Estimate, Uncertainty
-from ..uncertainty.diagnostics import Band, Diagnostics
+from ..uncertainty.assessment import Band, Diagnostics
+from ..uncertainty.covariance import CONFIDENCE, WIDEST_FACTOR, Estimate, Held, Uncertainty
 from ..uncertainty.identifiability import Finding, Identifiability
-from ..uncertainty.linearization import Held
 from ..uncertainty.refitted import Profile
 from ..uncertainty.suggestions import Suggestion
 from .words import between, counted, figures, joined, percent, symbol, with_unit

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from ..plots.style import readable
+from ..plots.parameters import readable
 from .document import Item, Table, make_table
 from .words import figures, fixed
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..gather import OVER_TEMPERATURE
-from ..over_soc.cross_validation import WORTHWHILE
+from ..over_soc.accuracy import WORTHWHILE
 from ..over_soc.temperature import SAME_DEGC
 from ..pipeline import FITTING_AGAIN
 from .sentences import (

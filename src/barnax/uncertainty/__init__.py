@@ -1,32 +1,21 @@
 """What the data determine, how well, and what would lower the error."""
 
-from .assessment import Assessment, Examination, assess, examine
-from .covariance import Covariance, Estimate, Uncertainty
-from .diagnostics import Band, Diagnostics
-from .identifiability import Finding, Identifiability
-from .linearization import compile_linearization
-from .refit import Refit
-from .refitted import Bootstrap, Profile, bootstrap, profile
-from .suggestions import Suggestion, suggestions
-
-__all__ = [
-    "Assessment",
-    "Band",
-    "Bootstrap",
-    "Covariance",
-    "Diagnostics",
-    "Estimate",
-    "Examination",
-    "Finding",
-    "Identifiability",
-    "Profile",
-    "Refit",
-    "Suggestion",
-    "Uncertainty",
-    "assess",
-    "bootstrap",
-    "compile_linearization",
-    "examine",
-    "profile",
-    "suggestions",
-]
+from .assessment import Assessment as Assessment
+from .assessment import Band as Band
+from .assessment import Diagnostics as Diagnostics
+from .assessment import Examination as Examination
+from .assessment import assess as assess
+from .assessment import examine as examine
+from .covariance import Covariance as Covariance
+from .covariance import Estimate as Estimate
+from .covariance import Uncertainty as Uncertainty
+from .covariance import compile_linearization as compile_linearization
+from .identifiability import Finding as Finding
+from .identifiability import Identifiability as Identifiability
+from .refit import Refit as Refit
+from .refitted import Bootstrap as Bootstrap
+from .refitted import Profile as Profile
+from .refitted import bootstrap as bootstrap
+from .refitted import profile as profile
+from .suggestions import Suggestion as Suggestion
+from .suggestions import suggestions as suggestions

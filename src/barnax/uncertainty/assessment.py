@@ -1,19 +1,157 @@
-"""An assessment needs no further fit; an examination fits again, some hundred times."""
+"""What is said of an optimum: intervals, what is determined, and where the residuals are.
 
+An assessment needs no further fit; an examination fits again, some hundred times.
+"""
+
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jaxtyping import Array, Key
+import numpy as np
+from jaxtyping import Array, Float, Key
 
 from ..cell import CircuitParameters
 from ..execution import one_blas_thread
+from ..model.inputs import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
-from .covariance import Covariance, Uncertainty
-from .diagnostics import Diagnostics, diagnostics
+from .covariance import Covariance, Uncertainty, linearize
 from .identifiability import Identifiability, identifiability
-from .linearization import linearize
 from .refit import Refit
 from .refitted import Bootstrap, Profile, bootstrap, profile
 from .suggestions import Suggestion, suggestions
+
+SOC_EDGES = np.linspace(0, 1, 11)
+# Multiples of the current that empties the cell in an hour.
+RATE_EDGES = (0.2, 1.0, 2.0)
+TEMPERATURE_STEPS = (1.0, 2.0, 5.0, 10.0)
+MOST_TEMPERATURES = 8
+
+
+@dataclass(frozen=True)
+class Band:
+    """Residuals of the samples from `low` to `high`, None where there is no end.
+
+    Of SOC these are fractions, of the current C-rates (discharge positive, the band at rest spans
+    zero), of temperature degC. `mean_v` is measured minus simulated, `share` their part of
+    the summed squared error.
+    """
+
+    low: float | None
+    high: float | None
+    samples: int
+    rmse_v: float
+    mean_v: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """How the residuals are correlated and where they are large.
+
+    `autocorrelation` holds the residuals' own at `lags_s`. `correlation_time_s` is the integrated
+    autocorrelation time of the fitted noise: so many seconds are worth one independent sample, and
+    the record `effective_samples` of them.
+    """
+
+    lags_s: tuple[float, ...]
+    autocorrelation: tuple[float, ...]
+    correlation_time_s: float
+    effective_samples: float
+    samples: int
+    by_soc: tuple[Band, ...]
+    by_current: tuple[Band, ...]
+    by_temperature: tuple[Band, ...] | None
+
+
+def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
+    """The residuals of an optimum over the scored samples of its records."""
+    linearization, noise = covariance.linearization, covariance.noise
+    prepared_records = problem.prepared_records
+    interval_s = linearization.interval_s
+    time_s = noise.correlation_time_s(interval_s)
+    rest_c = max(each.rest_current_a / each.capacity_ah for each in prepared_records)
+    rate = np.concatenate(
+        [each.current_a[each.scored] / each.capacity_ah for each in prepared_records]
+    )
+    return Diagnostics(
+        lags_s=tuple(noise.lags_s.tolist()),
+        autocorrelation=tuple(noise.autocorrelation.tolist()),
+        correlation_time_s=time_s,
+        effective_samples=linearization.samples * interval_s / max(time_s, interval_s),
+        samples=linearization.samples,
+        by_soc=soc_bands(_scored(prepared_records, "soc"), linearization.error_v),
+        by_current=_current_bands(rate, linearization.error_v, rest_c),
+        by_temperature=_temperature_bands(prepared_records, linearization.error_v),
+    )
+
+
+def _scored(prepared_records: Sequence[PreparedRecord], name: str) -> Float[np.ndarray, "scored"]:
+    return np.concatenate(
+        [getattr(prepared, name)[prepared.scored] for prepared in prepared_records]
+    )
+
+
+def soc_bands(soc: np.ndarray, error_v: np.ndarray) -> tuple[Band, ...]:
+    """The errors in each tenth of the state of charge."""
+    edges = SOC_EDGES.copy()
+    edges[[0, -1]] = -np.inf, np.inf  # measured SOC may leave 0 to 1 a little
+    return _bands(soc, error_v, edges, SOC_EDGES.tolist())
+
+
+def _current_bands(rate: np.ndarray, error_v: np.ndarray, rest_c: float) -> tuple[Band, ...]:
+    ends = [rest_c, *(edge for edge in RATE_EDGES if edge > rest_c)]
+    inner = [*(-end for end in reversed(ends)), *ends]
+    return _bands(rate, error_v, np.array([-np.inf, *inner, np.inf]), [None, *inner, None])
+
+
+def _temperature_bands(
+    prepared_records: Sequence[PreparedRecord], error_v: np.ndarray
+) -> tuple[Band, ...] | None:
+    measured = [prepared.record.temperature_degc for prepared in prepared_records]
+    parts = [
+        each[prepared.span][prepared.scored]
+        for each, prepared in zip(measured, prepared_records, strict=True)
+        if each is not None
+    ]
+    if len(parts) < len(prepared_records):
+        return None
+    temperature = np.concatenate(parts)
+    if np.all(np.isnan(temperature)):
+        return None
+    low, high = np.nanmin(temperature), np.nanmax(temperature)
+    step = next(
+        (step for step in TEMPERATURE_STEPS if (high - low) / step <= MOST_TEMPERATURES),
+        (high - low) / MOST_TEMPERATURES,
+    )
+    edges = step * np.arange(np.floor(low / step), np.floor(high / step) + 2)
+    return _bands(temperature, error_v, edges, edges.tolist())
+
+
+def _bands(
+    quantity: Float[np.ndarray, "samples"],
+    error_v: Float[np.ndarray, "samples"],
+    edges: Float[np.ndarray, "edges"],
+    ends: Sequence[float | None],
+) -> tuple[Band, ...]:
+    """The bands that hold samples; each includes its lower edge, and is told by its `ends`."""
+    total = float(error_v @ error_v)
+    place = np.digitize(quantity, edges) - 1
+    bands = []
+    for index, (low, high) in enumerate(itertools.pairwise(ends)):
+        inside = error_v[place == index]
+        if len(inside):
+            squares = float(inside @ inside)
+            bands.append(
+                Band(
+                    low=low,
+                    high=high,
+                    samples=len(inside),
+                    rmse_v=float(np.sqrt(squares / len(inside))),
+                    mean_v=float(np.mean(inside)),
+                    share=squares / total if total > 0 else 0.0,
+                )
+            )
+    return tuple(bands)
 
 
 @dataclass(frozen=True, eq=False)

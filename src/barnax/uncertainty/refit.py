@@ -27,7 +27,7 @@ from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
 from ..model.simulate import Intervals, unit_response
 from ..search.refine import AT_BOUND
-from .linearization import Linearization
+from .covariance import Linearization
 
 # Of a unit response, relative to the largest current: far below the noise, with half the columns
 # of the compressed objective.

@@ -23,8 +23,7 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..model.problem import Problem
 from ..model.search_space import Coordinates
-from .covariance import CONFIDENCE, Covariance
-from .linearization import Linearization, linearize, named_values
+from .covariance import CONFIDENCE, Covariance, Linearization, linearize, named_values
 from .refit import Refit, holding
 
 REPLICATES = 200

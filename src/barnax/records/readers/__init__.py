@@ -12,41 +12,12 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 
-import numpy as np
-import polars as pl
-
-from ...errors import InputError, reason_of
-from ..dialects import NOTHING
+from ...errors import InputError
+from ..columns import NOTHING
 from ..table import LARGEST_FILE, Reader, Table
-from .neware import NEWARE
-from .optional import ARBIN_RES, BIOLOGIC_MPR
+from .binary import ARBIN_RES, BIOLOGIC_MPR, NEWARE, PARQUET, ZIP
 from .text import TEXT
 from .workbook import WORKBOOK
-
-
-def _recognizes(content: bytes) -> bool:
-    return content.startswith(b"PAR1")
-
-
-def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
-    del given
-    damaged = f"{file}: the Parquet file is damaged or cut short"
-    try:
-        frame = pl.read_parquet(io.BytesIO(content))
-    except pl.exceptions.PanicException as error:
-        # Some files damaged in their middle make Polars panic, in words for its developers.
-        raise InputError(f"{damaged}; copy or export it again.") from error
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise InputError(f"{damaged} ({reason_of(error)}); copy or export it again.") from error
-    return Table(
-        header=tuple(frame.columns),
-        columns=tuple(frame.get_columns()),
-        row=np.arange(2, frame.height + 2),
-    )
-
-
-PARQUET = Reader("Parquet table", _recognizes, _read)
-
 
 READERS: tuple[Reader, ...] = (PARQUET, NEWARE, BIOLOGIC_MPR, ARBIN_RES, WORKBOOK, TEXT)
 
@@ -54,15 +25,14 @@ READERS: tuple[Reader, ...] = (PARQUET, NEWARE, BIOLOGIC_MPR, ARBIN_RES, WORKBOO
 _MARKUP = re.compile(
     rb"\s*(<(!doctype|html|table|\?xml|head|meta)\b|[\[{]\s*[\[{\"])", re.IGNORECASE
 )
-_ZIP = b"PK\x03\x04"
 
 
 def _unzipped(content: bytes, file: str) -> bytes:
     """The content, decompressed where it is gzipped, or a zip archive of one file."""
-    if not content.startswith((_ZIP, b"\x1f\x8b")):
+    if not content.startswith((ZIP, b"\x1f\x8b")):
         return content
     try:
-        if content.startswith(_ZIP):
+        if content.startswith(ZIP):
             plain = _only_file(content)
         else:
             with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
@@ -109,7 +79,7 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
     for reader in READERS:
         if reader.recognizes(content):
             return reader.read(content, file, given)
-    if content.startswith(_ZIP):
+    if content.startswith(ZIP):
         raise InputError(
             f"{file}: a zip archive, and not of one readable file; unpack it and give one of its "
             "files."

@@ -17,8 +17,8 @@ import polars as pl
 
 from ...errors import InputError, counted
 from ..cells import numbers, without_groups
-from ..columns import NEEDED
-from ..dialects import columns_of, is_ocv_table, names_record, other_table, with_units
+from ..columns import columns_of, is_ocv_table, names_record, other_table, with_units
+from ..quantities import NEEDED
 from ..table import Reader, Table
 
 Schema = Mapping[str, type[pl.DataType]]

@@ -1,4 +1,4 @@
-"""How well every node of every table is determined.
+"""How good fitted tables are: the interval of every node, and errors on blocks held out of the fit.
 
 A fit with the weights of the objective is smooth where the data say little, so its own standard
 errors are too small. They are taken of a fit with a hundredth of the weights, as the sandwich
@@ -10,19 +10,20 @@ weights have moved it further, and to the curve of which the lines between nodes
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
 from ..execution import in_float64
 from ..model.exponentials import Span
 from ..model.inputs import PreparedRecord
-from ..uncertainty.covariance import CONFIDENCE
-from ..uncertainty.linearization import one_clock
+from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
-from .objective import Objective, Solution
-from .reduced import blocks
+from .objective import Objective, Solution, TableSettings
+from .reduced import Groups, Reduced, blocks
+from .search import find_best, least_in_box
 
 # Of the smoothing weights, those of the fit that standard errors are of.
 LIGHT = 0.01
@@ -32,6 +33,11 @@ MOST_SLOTS = 4096
 STEP = 1e-4
 # Directions that move the errors by less than this share of what the largest do are unseen.
 UNSEEN = 1e-9
+# What a table's error is stated above, beside that over the whole window: below, resistances rise
+# so steeply that an error in the capacity decides.
+ABOVE_SOC = 0.1
+# An extra is worth its parameters where it lowers both held-out errors by more than this share.
+WORTHWHILE = 0.1
 
 
 @dataclass(frozen=True)
@@ -58,13 +64,9 @@ class NodeInterval:
 
 
 @in_float64
-def intervals_of(
-    objective: Objective,
-    best: Solution,
-    prepared_records: Sequence[PreparedRecord],
-    visited: Bool[np.ndarray, "nodes"],
-) -> tuple[NodeInterval, ...]:
+def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ...]:
     """Those of visited nodes, table after table, then of the time constants and gamma."""
+    visited = objective.visited
     lighter = replace(objective, share=LIGHT * objective.share)
     light = lighter.solve(best.place, best.sides, exact=True)
     is_free = (light.sides == 0) & np.tile(visited, objective.tables)
@@ -72,7 +74,7 @@ def intervals_of(
         axis.low < place < axis.high for axis, place in zip(objective.axes, best.place, strict=True)
     ]
     free = np.flatnonzero(np.append(is_free, is_open))
-    noise, to_noise, products = _noise_behind(lighter, light, prepared_records, free)
+    noise, to_noise, products = _noise_behind(lighter, light, free)
     normal = products.copy()
     tabled = free[free < len(is_free)]
     normal[: len(tabled), : len(tabled)] += lighter.penalty_normal[np.ix_(tabled, tabled)]
@@ -96,7 +98,7 @@ def intervals_of(
         return NodeInterval(name, soc, value, error, bias, low, high)
 
     found = []
-    named = objective.tables_at(best, visited.tolist()).tables
+    named = objective.tables_at(best).tables
     nodes, seen = np.array(objective.reduced.layout.nodes), np.flatnonzero(visited)
     for table, name in enumerate(named):
         sag = sag_of(nodes[seen], best.values[table, seen])
@@ -140,16 +142,16 @@ def sag_of(
 
 
 def _noise_behind(
-    objective: Objective, found: Solution, prepared_records: Sequence[PreparedRecord], free
+    objective: Objective, found: Solution, free: Int[np.ndarray, "free"]
 ) -> tuple[Noise, Float[np.ndarray, "seen free"], Float[np.ndarray, "free free"]]:
     """The noise in coordinates Q, the T / N with J = Q T, and J'J / N of the free values."""
-    time_s = one_clock(tuple(prepared_records))
-    longest_s = max(each.scored_duration_s for each in prepared_records)
+    time_s = one_clock(objective.prepared_records)
+    longest_s = max(each.scored_duration_s for each in objective.prepared_records)
     slots = Slots.of(time_s, longest_s, MOST_SLOTS)
     counts, errors = np.zeros(slots.count), np.zeros(slots.count)
     sums = np.zeros((slots.count, len(free)))
     products, squares_v2, first = np.zeros((len(free), len(free))), 0.0, 0
-    for columns, base in _linearized(objective, found, prepared_records):
+    for columns, base in _linearized(objective, found):
         error = base + columns[:, : found.values.size] @ found.values.ravel()
         columns = columns[:, free]
         here = time_s[first : first + len(error)]
@@ -178,13 +180,13 @@ def _noise_behind(
     return noise, to_noise / len(time_s), products / len(time_s)
 
 
-def _linearized(objective: Objective, found: Solution, prepared_records):
+def _linearized(objective: Objective, found: Solution):
     """Columns of all unknowns and of all axes at the scored samples, and the base error."""
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.place[:pairs], found.place[pairs:]
     layout = replace(layout, in_tau=_around(tau, 1), in_rate=_around(rate, -1) if rate else None)
     part = replace(objective.reduced, layout=layout)
-    for prepared in prepared_records:
+    for prepared in objective.prepared_records:
         for block in blocks(prepared, layout):
             scored = prepared.scored[block.here]
             if not np.any(scored):
@@ -213,3 +215,114 @@ def _around(places: Sequence[float], direction: int) -> Span:
     nodes = np.array([direction * (place + step) for place in places for step in (-STEP, 0, STEP)])
     eye = np.eye(len(nodes))
     return Span(0.0, 1.0, nodes, eye[0], eye, np.arange(len(nodes)), eye, 0.0)
+
+
+@dataclass(frozen=True)
+class SocErrors:
+    """RMSE over all samples that count, and over those above `ABOVE_SOC`; None without such."""
+
+    rmse_v: float
+    above_v: float | None
+
+    @classmethod
+    def of(cls, error_v: Float[np.ndarray, "samples"], soc: Float[np.ndarray, "samples"]):
+        """Those of some errors at some states of charge."""
+        is_above = (soc > ABOVE_SOC).astype(int)
+        squares = np.bincount(is_above, error_v**2, minlength=2)
+        return cls.of_squares(squares, np.bincount(is_above, minlength=2))
+
+    @classmethod
+    def of_squares(cls, squares_v2: Float[np.ndarray, "2"], counts: Int[np.ndarray, "2"]):
+        """Those of the sums of squares up to `ABOVE_SOC` and above, of so many samples."""
+        above_v = float(np.sqrt(squares_v2[1] / counts[1])) if counts[1] else None
+        return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
+
+    def is_worth(self, simpler: "SocErrors") -> bool:
+        """Whether it is lower than a simpler circuit's by more than `WORTHWHILE` in both."""
+
+        def falls(own_v: float | None, other_v: float | None) -> bool:
+            return own_v is None or other_v is None or own_v < (1 - WORTHWHILE) * other_v
+
+        return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Errors on blocks that were held out of the fit, of the tables and of the constant circuit.
+
+    Each of the `folds` holds every `folds`-th block of `block_s` seconds of every record. Time
+    constants are those of all samples; what is linear is fitted in each fold anew. The constant
+    circuit is the same one with one value for every SOC and no OCV correction.
+    """
+
+    folds: int
+    block_s: float
+    tables: SocErrors
+    constant: SocErrors
+
+
+def blocks_of(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> tuple[list[Groups], int]:
+    """For each record what gives the groups of some samples, -1 where one is not scored, and how
+    many groups there are.
+
+    Two groups a fold: the samples up to and above `ABOVE_SOC`.
+    """
+
+    def group(here: slice, each: PreparedRecord, start_s: float) -> Int[np.ndarray, "samples"]:
+        if not settings.folds:
+            return np.where(each.scored[here], 0, -1)
+        fold = np.floor((each.time_s[here] - start_s) / settings.block_s).astype(int)
+        groups = 2 * (fold % settings.folds) + (each.soc[here] > ABOVE_SOC)
+        return np.where(each.scored[here], groups, -1)
+
+    groups: list[Groups] = [
+        partial(group, each=each, start_s=float(each.time_s[np.argmax(each.scored)]))
+        for each in prepared_records
+    ]
+    return groups, 2 * settings.folds or 1
+
+
+def cross_validate(objective: Objective, best: Solution) -> CrossValidation | None:
+    """The held-out errors of a circuit.
+
+    None where nothing is held out, or where all samples lie in one fold.
+    """
+    settings, parts = objective.settings, objective.parts
+    if not settings.folds:
+        return None
+    scored_in_folds = np.reshape([part.scored for part in parts], (-1, 2)).sum(axis=1)
+    if np.count_nonzero(scored_in_folds) < 2:
+        return None
+    plain = replace(settings, nodes=(0.5,), ocv_correction=False)
+    whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
+    flat = [part.constant() for part in parts]
+    return CrossValidation(
+        settings.folds,
+        settings.block_s,
+        _held_out(objective, best, parts),
+        _held_out(whole, find_best(whole), flat),
+    )
+
+
+def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> SocErrors:
+    folds = objective.settings.folds
+    # Of every group's factor only the columns at one place are wanted.
+    columns, bases = zip(
+        *(replace(objective, reduced=part).columns(best.place) for part in parts), strict=True
+    )
+    scored = np.array([part.scored for part in parts])
+    squares = np.zeros(len(parts))
+    for fold in range(folds):
+        is_rest = np.arange(len(parts)) // 2 != fold
+        rest = np.flatnonzero(is_rest & (scored > 0))
+        share = scored[rest] / scored[rest].sum()
+        normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
+        for each, at in zip(share, rest, strict=True):
+            normal += each * columns[at].T @ columns[at]
+            gradient += each * columns[at].T @ bases[at]
+        x, _ = least_in_box(normal, gradient, *objective.box, best.sides)
+        for at in np.flatnonzero(~is_rest):
+            squares[at] = scored[at] * np.sum((bases[at] + columns[at] @ x) ** 2)
+    return SocErrors.of_squares(*(each.reshape(-1, 2).sum(axis=0) for each in (squares, scored)))

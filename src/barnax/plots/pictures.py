@@ -1,50 +1,51 @@
-"""What a figure is drawn from, and the figure with its captions."""
+"""Figures as files: PNG, SVG or PDF in memory, and a figure with its caption."""
 
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Final, Literal
 
+import matplotlib
 from matplotlib.figure import Figure
 from PIL.Image import Dither, Quantize
 from PIL.PngImagePlugin import PngImageFile
 
-from .style import encode
+from .style import figure_style
 
-if TYPE_CHECKING:
-    from ..cell import CellModel
-    from ..comparison import ComparisonResult
-    from ..results import Result
-
-
-def cell_of(source: "CellModel | Result | str | Path") -> "CellModel":
-    """The cell itself, that of a result, or that of a `result.json`."""
-    from ..cell import CellModel
-
-    if isinstance(source, CellModel):
-        return source
-    # A result needs JAX, which a cell does not.
-    return result_of(source).cell_model
+Kind = Literal["png", "svg", "pdf"]
+DPI: Final = 150
+# Dates and versions would make equal runs differ.
+UNDATED: Final[dict[Kind, dict[str, Any]]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
 
 
-def result_of(source: "Result | str | Path") -> "Result":
-    """A stored result, or that of a `result.json`."""
-    from ..results import Result
+def encode(figure: Figure, kind: Kind = "png", dpi: int = DPI) -> bytes:
+    """The figure as PNG, SVG or PDF, in memory.
 
-    return source if isinstance(source, Result) else Result.from_json(source)
+    `dpi` is the resolution of PNG and of what is drawn as a picture inside SVG and PDF. The first
+    call settles the figure's layout, so that all its files look the same.
 
-
-def comparison_of(source: "ComparisonResult | str | Path") -> "ComparisonResult":
-    """A stored comparison, or that of a `comparison.json`."""
-    from ..comparison import ComparisonResult
-
-    return source if isinstance(source, ComparisonResult) else ComparisonResult.from_json(source)
+    >>> encode(Figure(), "svg")[:5]
+    b'<?xml'
+    """
+    buffer = io.BytesIO()
+    with figure_style(), matplotlib.rc_context({"svg.hashsalt": "barnax"}):
+        # Laid out anew for every file, axes would move by a fraction of a point each time.
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            engine.execute(figure)
+            # Not "none": with that stand-in every figure is drawn twice.
+            figure.set_layout_engine(None)
+        figure.canvas.print_figure(buffer, format=kind, dpi=dpi, metadata=UNDATED[kind])
+    return buffer.getvalue()
 
 
 # Sharp on a phone and in print, and still small enough to be sent.
-DPI = 180
+ILLUSTRATION_DPI: Final = 180
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ class Illustration:
 
     @cached_property
     def png(self) -> bytes:
-        return encode(self.figure, "png", DPI)
+        return encode(self.figure, "png", ILLUSTRATION_DPI)
 
     @cached_property
     def small_png(self) -> bytes:
@@ -78,7 +79,7 @@ class Illustration:
 
     @cached_property
     def svg(self) -> bytes:
-        return encode(self.figure, "svg", DPI)
+        return encode(self.figure, "svg", ILLUSTRATION_DPI)
 
 
 def record_roles(identified: int, validated: int) -> list[str]:

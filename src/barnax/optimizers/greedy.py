@@ -1,30 +1,79 @@
-"""Searches whose candidates give way only to better ones: an ecosystem (AEO) and sunflowers."""
+"""Searches in which only better candidates replace others: AGA, an ecosystem and sunflowers."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import jax.random as jr
-from jaxtyping import Array, Float, Int, Key, PyTree
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from .draws import normal
-from .population import AbstractUniformStart
-from .swarm import Box, Swarm, sort_by_loss
+from .population import AbstractUniformStart, Generation, Proposal
+from .pso import badness
+from .swarm import Box, Swarm, better_of_each, keep_best, sort_by_loss
 
 
-class AbstractGreedySearch(AbstractUniformStart):
-    """Each candidate is replaced by its own offspring if that is better; the best stands first."""
+class AbstractSortedSearch(AbstractUniformStart):
+    """A search whose candidates stand in the order of their losses, the best first."""
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return sort_by_loss(swarm)
 
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Int[Array, ""]) -> Swarm:
-        is_better = offspring.losses < swarm.losses
-        return sort_by_loss(
-            Swarm(
-                jnp.where(is_better[:, None], offspring.positions, swarm.positions),
-                jnp.where(is_better, offspring.losses, swarm.losses),
-            )
+
+class Mating(NamedTuple):
+    """One generation's numbers: who fights for parenthood, chances, shares and mutations."""
+
+    rivals: Int[Array, "2 2 candidates"]
+    crosses: Float[Array, "candidates 1"]
+    share: Float[Array, "candidates dims"]
+    mutates: Float[Array, "candidates dims"]
+    is_up: Bool[Array, "candidates dims"]
+    stretch: Float[Array, "candidates dims"]
+
+
+class AdaptiveGenetic(AbstractSortedSearch):
+    """The adaptive genetic algorithm (Srinivas and Patnaik, 1994), as Ling and Wei (2021) name it.
+
+    Parents win a tournament of two. A pair is crossed with probability `crossover`, less the
+    better its better parent is than the mean, and a child's coordinates mutate with probability
+    `mutation`, less the better its parent is: both fall to zero at the best candidate. The rates
+    at the mean are those of Srinivas and Patnaik. Ling and Wei's operators could not be read:
+    crossover is BLX-0.5 (Eshelman and Schaffer, 1993), mutation
+    non-uniform (Michalewicz, 1992, b = 2), and the best of parents and children live on.
+    """
+
+    crossover: float = 1.0
+    mutation: float = 0.5
+
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Mating:
+        shape, dtype = (self.population, len(box.lower)), box.lower.dtype
+        columns = jr.uniform(key, (self.population, 5 + 4 * shape[1]), dtype)
+        rivals = jnp.floor(columns[:, :4] * self.population).astype(jnp.int32)
+        share, mutates, direction, length = jnp.split(columns[:, 5:], 4, axis=1)
+        left = 1 - (generation - 1).astype(dtype) / self.iterations
+        return Mating(
+            rivals=rivals.T.reshape(2, 2, -1),
+            crosses=columns[:, 4:5],
+            share=2 * share - 0.5,
+            mutates=mutates,
+            is_up=direction < 0.5,
+            stretch=1 - length ** (left**2),
         )
+
+    def propose(self, drawn: Mating, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
+        positions = swarm.positions
+        # Candidates are sorted, so the better of some is the one of the smallest number.
+        first, second = jnp.min(drawn.rivals, axis=1)
+        share = badness(swarm.losses)
+        best_parent = share[jnp.minimum(first, second)][:, None]
+        is_crossed = drawn.crosses < self.crossover * best_parent
+        weight = jnp.where(is_crossed, drawn.share, 1)
+        children = positions[second] + weight * (positions[first] - positions[second])
+        is_mutated = drawn.mutates < self.mutation * share[first][:, None]
+        end = jnp.where(drawn.is_up, box.upper, box.lower)
+        return children + jnp.where(is_mutated, drawn.stretch, 0) * (end - children), None
+
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
+        return keep_best(swarm, offspring, self.population)
 
 
 class Season(NamedTuple):
@@ -43,7 +92,7 @@ class Season(NamedTuple):
     away: Float[Array, "candidates dims"]
 
 
-class Ecosystem(AbstractGreedySearch):
+class Ecosystem(AbstractSortedSearch):
     """Artificial ecosystem-based optimization (Zhao, Wang and Zhang, 2020; Ferahtia et al., 2021).
 
     The worst candidate is the producer: it moves between the best and a random place. The others
@@ -55,11 +104,7 @@ class Ecosystem(AbstractGreedySearch):
     Ferahtia et al. could not be read; Li et al. (2023) say that they use this algorithm.
     """
 
-    population: int = 30
-    iterations: int = 500
-    bounded: bool = True
-
-    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Season:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Season:
         normal_key, uniform_key = jr.split(key)
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
         top, bottom, decay = normal(normal_key, (3, *shape), dtype)
@@ -87,9 +132,7 @@ class Ecosystem(AbstractGreedySearch):
             away=spread * (1 - 2 * third),
         )
 
-    def propose(
-        self, drawn: Season, swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+    def propose(self, drawn: Season, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions, best = swarm.positions, swarm.positions[0]
         producer = drawn.stay * best + drawn.producer
         consuming = (
@@ -101,6 +144,9 @@ class Ecosystem(AbstractGreedySearch):
         decaying = best + drawn.to_best * best + drawn.away * positions
         return jnp.where(generation % 2 == 1, consuming, decaying), None
 
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
+        return sort_by_loss(better_of_each(swarm, offspring))
+
 
 class Light(NamedTuple):
     """One generation's numbers: how far each plant steps, where pollen goes, and who is born."""
@@ -109,7 +155,7 @@ class Light(NamedTuple):
     born: Float[Array, "candidates dims"]
 
 
-class SunflowerSearch(AbstractGreedySearch):
+class SunflowerSearch(AbstractSortedSearch):
     """Enhanced sunflower optimization, in the manner of El-Sehiemy et al. (2020).
 
     The best plants are pollinated: each mixes with the next in order. The worst die, and seeds
@@ -122,14 +168,11 @@ class SunflowerSearch(AbstractGreedySearch):
     weigh alike.
     """
 
-    population: int = 30
-    iterations: int = 500
     pollination: float = 0.05
     mortality: float = 0.1
     longest_step: float = 0.1
-    bounded: bool = True
 
-    def draw(self, key: Key[Array, ""], generation: Int[Array, ""], box: Box) -> Light:
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Light:
         step_key, born_key = jr.split(key)
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
         return Light(
@@ -137,16 +180,17 @@ class SunflowerSearch(AbstractGreedySearch):
             box.scale(jr.uniform(born_key, shape, dtype)),
         )
 
-    def propose(
-        self, drawn: Light, swarm: Swarm, generation: Int[Array, ""], box: Box
-    ) -> tuple[Float[Array, "offspring dims"], PyTree]:
+    def propose(self, drawn: Light, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions = swarm.positions
         pollinated = max(1, round(self.pollination * self.population))
         dying = max(1, round(self.mortality * self.population))
         rank = jnp.arange(self.population)[:, None]
         is_pollinated = rank < pollinated
         goal = jnp.where(is_pollinated, jnp.roll(positions, -1, axis=0), positions[0])
-        limit = self.longest_step * (box.upper - box.lower)
+        limit = self.longest_step * box.width
         reach = jnp.where(is_pollinated, drawn.step, 2 * drawn.step)
         stepped = positions + jnp.clip(reach * (goal - positions), -limit, limit)
         return jnp.where(rank < self.population - dying, stepped, drawn.born), None
+
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
+        return sort_by_loss(better_of_each(swarm, offspring))

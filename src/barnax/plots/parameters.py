@@ -1,128 +1,67 @@
-"""The rows of a comparison: how they converged, and what seeds and online methods found."""
+"""Circuits side by side: parameters of seeds and rows, over SOC, and of the cells of a fleet."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from .compared_records import RowLook, row_looks
-from .search import LEAST_EXCESS_PERCENT, padded
-from .sources import comparison_of
+from ..cell import CircuitParameters
 from .style import (
     BLACK,
+    BLUE,
     GREY,
+    HEIGHT_IN,
     OPEN,
+    VERMILLION,
+    RowLook,
     draw_points,
     figure_style,
     finish,
-    finish_axes,
     label_plainly,
-    legend_above,
     make_figure,
-    readable,
-    space_columns,
+    make_panels,
+    opened,
+    row_looks,
 )
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult, Row
     from ..comparison.result import RowPart
 
-
-BAND = (10, 90)
-MARKERS_PER_LINE = 6
-HEIGHT_IN = 4.8
-
-RMSE = "RMSE [mV]"
-COLUMNS = 3
-LINE_IN = 0.26
-FURNITURE_IN = 0.65
-LEGEND_IN = 0.3
+Values = Float[np.ndarray, "cells"]
+RMSE: Final = "RMSE [mV]"
+COLUMNS: Final = 3
+LINE_IN: Final = 0.26
+FURNITURE_IN: Final = 0.65
+LEGEND_IN: Final = 0.3
 # Seeds are spread about their row's line, evenly and without a draw, so equal answers show.
-SPREAD = 0.56
-MARGIN = 0.06
-GOLDEN_RATIO = 0.6180339887498949
+SPREAD: Final = 0.56
+MARGIN: Final = 0.06
+GOLDEN_RATIO: Final = 0.6180339887498949
 
 
-@figure_style()
-def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Figure:
-    """Best RMSE of each row over the evaluations of one seed: its median, and a band of seeds.
+def readable(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Resistances in mOhm, capacitances in F and time constants in s, by a name with its unit.
 
-    The band holds the seeds from the tenth to the ninetieth percentile. Rows without a history,
-    such as least squares, are a mark at what they spent. Where the global optimum of a model is
-    known, a second panel shows the excess over it, in percent; excesses under 1e-6 % are drawn
-    there. Generations count as equally expensive, and those before a seed's first finite error
-    as infinite. `comparison` may be the path of a `comparison.json`.
+    `parameters` are PyBaMM's names, as `result.json` holds them.
+
+    >>> readable({"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 500.0})
+    {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
     """
-    result = comparison_of(comparison)
-    optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
-    rows = [row for row in result.rows if row.seeds]
-    looks = row_looks(row.name for row in rows)
-    has_excess = any(optima_v.get(row.model) for row in rows)
-    figure = make_figure(height_in=HEIGHT_IN)
-    panels = figure.subplots(1, 2 if has_excess else 1, squeeze=False)[0]
-    for row in rows:
-        spent, errors_v = _convergence(row, result.budget.population)
-        _draw_convergence(panels[0], row.name, looks[row.name], spent, 1e3 * errors_v)
-        optimum_v = optima_v.get(row.model)
-        if optimum_v:
-            excess_percent = np.maximum(100 * (errors_v / optimum_v - 1), LEAST_EXCESS_PERCENT)
-            _draw_convergence(panels[1], row.name, looks[row.name], spent, excess_percent)
-    panels[0].set_ylabel("Best RMSE [mV]")
-    if has_excess:
-        panels[1].set_ylabel("Optimality gap [%]")
-        space_columns(figure)
-    for axes in panels:
-        axes.set(xscale="log", yscale="log", xlabel="Evaluations of one seed [-]")
-        label_plainly(axes.yaxis)
-    return finish(figure, *panels)
-
-
-def _convergence(row: "RowPart", population: int) -> tuple[np.ndarray, np.ndarray]:
-    """What a seed had spent, and the best RMSE of every seed by then.
-
-    One column, of the median RMSE at the median cost, for a row without a history.
-    """
-    histories = [seed.history_v for seed in row.seeds if seed.history_v]
-    spent = [seed.evaluations for seed in row.seeds]
-    if len(histories) < len(row.seeds):
-        rmse_v = np.median([seed.rmse_v for seed in row.seeds])
-        return np.array([max(float(np.median(spent)), 1.0)]), np.array([[rmse_v]])
-    errors_v = padded(histories)
-    return np.linspace(population, max(spent), errors_v.shape[1]), errors_v
-
-
-def _draw_convergence(
-    axes: Axes, name: str, look: RowLook, spent: np.ndarray, values: np.ndarray
-) -> None:
-    style = {"color": look.color, "marker": look.marker, "markersize": 4.0, "label": name}
-    if len(spent) == 1:
-        axes.plot(spent, values[0], linestyle="none", **style)
-        return
-    # Between infinite errors nothing can be interpolated; what comes of it is not drawn.
-    with np.errstate(invalid="ignore"):
-        low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
-    if len(values) > 1:
-        axes.fill_between(
-            spent, _finite(low), _finite(high), color=look.color, alpha=0.16, linewidth=0.0
-        )
-    # Evenly along a logarithmic axis.
-    places = np.searchsorted(spent, np.geomspace(spent[0], spent[-1], MARKERS_PER_LINE))
-    axes.plot(
-        spent,
-        _finite(median),
-        linestyle=look.line,
-        linewidth=1.3,
-        markerfacecolor="white",
-        markevery=np.unique(np.minimum(places, len(spent) - 1)).tolist(),
-        **style,
-    )
-
-
-def _finite(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(values), values, np.nan)
+    circuit = CircuitParameters.from_dict(parameters)
+    values = {"R0 [mOhm]": 1e3 * circuit.r0}
+    pairs = zip(circuit.r, circuit.c, circuit.tau_s, strict=True)
+    for pair, (r, c, tau_s) in enumerate(pairs, start=1):
+        values |= {f"R{pair} [mOhm]": 1e3 * r, f"C{pair} [F]": c, f"tau{pair} [s]": tau_s}
+    if circuit.gamma is not None:
+        values["gamma [1/SOC]"] = circuit.gamma
+    return values
 
 
 @figure_style()
@@ -133,15 +72,17 @@ def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Fig
     what Levenberg-Marquardt made of that. Dotted lines are bounds that all models share, where
     they lie in view. `comparison` may be the path of a `comparison.json`.
     """
-    result = comparison_of(comparison)
+    from ..comparison import ComparisonResult
+
+    result = opened(comparison, ComparisonResult)
     rows = [row for row in result.rows if row.seeds]
     looks = row_looks(row.name for row in rows)
     names = _quantities(rows)
-    lines = -(-len(names) // COLUMNS)
-    figure = make_figure(height_in=LEGEND_IN + lines * (FURNITURE_IN + LINE_IN * len(rows)))
-    grid = figure.subplots(lines, COLUMNS, squeeze=False, sharey=True)
+    row_in = FURNITURE_IN + LINE_IN * len(rows)
+    size = {"row_in": row_in, "around_in": LEGEND_IN}
+    figure, panels = make_panels(len(names), COLUMNS, **size, sharey=True)
     bounds = _shared_bounds(result)
-    for axes, name in zip(grid.flat, names, strict=False):
+    for axes, name in zip(panels, names, strict=True):
         for place, row in enumerate(rows):
             _draw_row(axes, place, row, looks[row.name], name)
         axes.set(xscale="log", xlabel=name)
@@ -150,11 +91,7 @@ def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Fig
         label_plainly(axes.xaxis)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.set_yticks(range(len(rows)), [row.name for row in rows], parse_math=False)
-    for axes in grid.flat[len(names) :]:
-        axes.set_visible(False)
-    finish_axes(*grid.flat[: len(names)])
-    legend_above(figure, grid[0, 0], columns=3)
-    return figure
+    return finish(figure, *panels, legend_of=panels[:1])
 
 
 def _quantities(rows: "Sequence[RowPart]") -> list[str]:
@@ -225,32 +162,31 @@ def plot_trajectories(rows: "Mapping[str, Row]") -> Figure:
     looks, pairs = row_looks(rows), max(row.problem.bounds.pairs for row in tracked.values())
     figure = make_figure(height_in=AROUND_IN + TRAJECTORY_IN * (pairs + 1))
     grid = figure.subplots(pairs + 1, 2, squeeze=False, sharex=True)
+    panels = {"R0 [mOhm]": grid[0, 0]}
+    for pair in range(1, pairs + 1):
+        panels |= {f"R{pair} [mOhm]": grid[pair, 0], f"tau{pair} [s]": grid[pair, 1]}
     for name, row in tracked.items():
-        path, answer = row.median.trajectory, row.median.parameters
+        path, answer = row.median.trajectory, readable(row.median.parameters.to_dict())
         assert path is not None, "chosen above"
         prepared = row.problem.prepared
         soc = np.interp(path.time_s, prepared.time_s, prepared.soc)
-        panels = [(grid[0, 0], 1e3 * path.r0, 1e3 * answer.r0, "R0 [mOhm]")]
-        for pair in range(path.r.shape[1]):
-            number = pair + 1
-            values, final = 1e3 * path.r[:, pair], 1e3 * answer.r[pair]
-            panels.append((grid[number, 0], values, final, f"R{number} [mOhm]"))
-            values, final = path.tau_s[:, pair], answer.tau_s[pair]
-            panels.append((grid[number, 1], values, final, f"tau{number} [s]"))
+        seen = {"R0 [mOhm]": 1e3 * path.r0}
+        for pair, (r, tau_s) in enumerate(zip(path.r.T, path.tau_s.T, strict=True), start=1):
+            seen |= {f"R{pair} [mOhm]": 1e3 * r, f"tau{pair} [s]": tau_s}
         look = {"color": looks[name].color, "linestyle": looks[name].line}
-        for axes, values, final, label in panels:
+        for label, values in seen.items():
+            axes = panels[label]
             axes.plot(*medians(soc, values), linewidth=1.2, **look, label=name)
-            axes.plot([-3, 0], [final, final], linewidth=1.6, color=look["color"])
+            axes.plot([-3, 0], [answer[label]] * 2, linewidth=1.6, color=look["color"])
             axes.set(ylabel=label, yscale="log")
     grid[0, 1].set_visible(False)
-    shown = [axes for axes in grid.flat if axes.get_visible()]
     for axes in grid[-1]:
         axes.set_xlabel("State of charge [%]")
         # As a discharge runs.
         axes.set_xlim(101, -4)
-    for axes in shown:
+    for axes in panels.values():
         label_plainly(axes.yaxis)
-    return finish(figure, *shown)
+    return finish(figure, *panels.values())
 
 
 def medians(soc: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -259,3 +195,45 @@ def medians(soc: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
     inside = [values[(place == step) & np.isfinite(values)] for step in range(1, len(STEPS))]
     middle = [np.median(each) if len(each) else np.nan for each in inside]
     return 100 * (STEPS[:-1] + STEPS[1:]) / 2, np.array(middle)
+
+
+ROW_IN: Final = 0.62 * HEIGHT_IN
+BINS: Final = 24
+
+
+@figure_style()
+def plot_distributions(quantities: Mapping[str, Values]) -> Figure:
+    """A histogram of each positive quantity over the cells, and its median.
+
+    >>> figure = plot_distributions({"R0 [Ohm]": np.array([0.01, 0.02, 0.02])})
+    >>> figure.axes[0].get_xlabel()
+    'R0 [Ohm]'
+    """
+    figure, panels = make_panels(len(quantities), COLUMNS, row_in=ROW_IN)
+    for axes, (name, values) in zip(panels, quantities.items(), strict=True):
+        low, high = values.min(), values.max()
+        bins = min(BINS, 2 * math.ceil(math.sqrt(len(values))))
+        spread = np.geomspace(low, high, bins + 1) if high > low else 1
+        axes.hist(values, spread, color=BLUE)
+        axes.axvline(float(np.median(values)), color=VERMILLION, linestyle="--")
+        axes.set(xlabel=name, ylabel="Cells [-]")
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+        if high > 3 * low:
+            axes.set_xscale("log")
+            label_plainly(axes.xaxis)
+    return finish(figure, *panels)
+
+
+@figure_style()
+def plot_fleet_trends(trends: Sequence[tuple[str, Values, str, Values]]) -> Figure:
+    """Quantities over what they change with: name and values of the one, then of the other.
+
+    >>> age, r0_ohm = np.array([1.0, 2.0]), np.array([0.01, 0.02])
+    >>> plot_fleet_trends([("age", age, "R0 [Ohm]", r0_ohm)]).axes[0].get_xlabel()
+    'age'
+    """
+    figure, panels = make_panels(len(trends), COLUMNS, row_in=ROW_IN)
+    for axes, (by, places, name, values) in zip(panels, trends, strict=True):
+        axes.plot(places, values, "o", color=BLUE, markersize=3)
+        axes.set(xlabel=by, ylabel=name)
+    return finish(figure, *panels)

@@ -1,0 +1,326 @@
+"""The makes whose tables are known, and what they call their columns: data, for `columns`.
+
+A new make is one `Dialect` in `DIALECTS`; the first that a header is marked as wins.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+from .quantities import QUANTITIES, Quantity
+
+CHARGE, DISCHARGE = "charge-positive", "discharge-positive"
+Sign = Literal["charge-positive", "discharge-positive"]
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """One make's way to write a table.
+
+    `marks` are sets of names ("rec# & amps"): a header that has all of one is this make's. Names
+    are in lower case, with blanks for underscores.
+
+    `names` gives a quantity's own names, from the most to the least specific; for the others the
+    usual ones hold. A unit, in any spelling, may stand behind a name in the file; where none does,
+    "programmdauer=ms" says what it is. `sign` is what the make's currents mean as a rule, and
+    `logs_at_end` that a sample's current flowed before it.
+    """
+
+    name: str
+    marks: tuple[str, ...] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
+    sign: Sign = CHARGE
+    logs_at_end: bool = False
+
+    @cached_property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What the columns of this make's tables may hold."""
+        return tuple(
+            replace(each, spelled=self.names.get(each.name, each.spelled)) for each in QUANTITIES
+        )
+
+    def is_marked(self, names: set[str]) -> bool:
+        """Whether the names, each with its unit and without, are those of this make."""
+        return any(names.issuperset(mark.split(" & ")) for mark in self.marks)
+
+
+DIALECTS: tuple[Dialect, ...] = (
+    Dialect(
+        "Battery Data Format",
+        marks=(
+            "test time / s & current / a & voltage / v",
+            "test time second & current ampere & voltage volt",
+        ),
+    ),
+    # Workbooks and CSV of MITS 4 to 8, and .res by the extra `arbin`. Names with underscores
+    # (older), with blanks (MITS 8), or without units (as published by TRI). A sample is logged at
+    # the end of its interval. Counters run on until the schedule resets them.
+    Dialect(
+        "Arbin",
+        marks=(
+            "date time & test time & step index & current & voltage",
+            "test time & step time & step index & current & voltage & charge capacity",
+            "test time(s) & step index & current(a) & voltage(v)",
+            "data point & test time & step index & current",
+            "test id & data point & test time",
+        ),
+        names={
+            "time": "test time",
+            "step time": "step time",
+            "date": "date time|datetime",
+            "current": "current",
+            "voltage": "voltage",
+            "temperature": "aux temperature|aux temperature 1|temperature|temperature 1|temp",
+            "step": "step index",
+            "cycle": "cycle index",
+            "charging capacity": "charge capacity",
+            "discharging capacity": "discharge capacity",
+            "net capacity": "capacity",
+        },
+        logs_at_end=True,
+    ),
+    # BTS 5 to 8, as CSV, workbooks, and the binary files that fastnda reads. Names as in exports of
+    # BTSDA in English and Chinese, and of the library NewareNDA. `Time` and `Relative Time` start
+    # again with each step; older exports have no test clock. The capacity counts from zero in each
+    # step.
+    Dialect(
+        "Neware",
+        marks=(
+            "datapoint & voltage & current",
+            "chg. cap. & dchg. cap.",
+            "record id & realtime",
+            "record id & step name",
+            "record id & step id",
+            "index & status & time & timestamp & current(ma)",
+            "relative time & absolute time",
+            "total time & cycle index & step index & date",
+            "total time s & unix time s & step type",
+            "record number & relative time",
+            "数据序号 & 电流",
+            "工步类型 & 电流",
+            "工步号 & 电流",
+            "步次 & 电流",
+            "序号 & 电流 & 电压",
+            "总时间 & 电流 & 电压",
+            "记录序号 & 电流",
+        ),
+        names={
+            "time": "total time|cumulative time|test time|总时间|累计时间|测试时间",
+            "step time": "step time|time|relative time|工步时间|相对时间|时间",
+            "date": "unix time|date|absolute time|realtime|real time|system time|date time|"
+            "timestamp|系统时间|绝对时间|日期",
+            "current": "current|cur|电流",
+            "voltage": "voltage|volt|vol|电压",
+            "temperature": "temperature|t1|aux1 temperature|温度",
+            "step": "step count|step index|step number|step|steps|step id|工步号|工步序号|步次",
+            "cycle": "cycle count|cycle index|cycle|cycle id|循环号|循环序号|循环",
+            "state": "step type|status|state|step name|step state|工步类型|工步名称|状态",
+            "charging capacity": "chg. cap.|charge capacity|cap chg|capacitance chg|充电容量",
+            "discharging capacity": "dchg. cap.|discharge capacity|cap dchg|capacitance dchg|"
+            "放电容量",
+            "net capacity": "capacity|cap|容量",
+        },
+    ),
+    # Text exports of MIMS (.txt, .csv, or the channel's number as suffix). The current is without a
+    # sign in most, and a column of C, D and R tells the direction. The test clock is printed as
+    # days and hh:mm:ss ("0d 00:00:05.05"), or as a number with its unit; where German settings
+    # print it without, it is minutes. Amp-hr counts from zero in each step.
+    Dialect(
+        "Maccor",
+        marks=(
+            "rec# & step & amps",
+            "rec# & step & mamps",
+            "rec & step & md & current",
+            "rec# & step & state",
+            "cycle p & cycle c",
+            "cyc# & amps",
+            "cyc# & mamps",
+            "rec# & dpt time",
+            "dpt time & current & voltage",
+        ),
+        names={
+            "time": "testtime=min|test time=min|test",
+            "step time": "steptime=min|step time=min",
+            "date": "dpt time|dpt-time|date time",
+            "current": "amps|mamps=mA|current|i",
+            "voltage": "volts|mvolts=mV|voltage",
+            "temperature": "temp 1|temperature cell|temperature|ev temp|temp",
+            "step": "step",
+            "cycle": "cyc#|cycle c|cycle|cycle p",
+            "state": "state|md|status",
+            "net capacity": "amp-hr|mamp-hr=mAh|capacity|cap.",
+        },
+    ),
+    # CSV of Battery Manager and BTS-600, and workbooks with German names. A line of units stands
+    # below the names ("[V]", "[ss.xxx]"), and the program's clock may begin with an earlier section
+    # of the program. German exports print both clocks in milliseconds. The last row is the stop of
+    # the program, twice.
+    Dialect(
+        "Digatron",
+        marks=(
+            "prog time & step time",
+            "programmdauer",
+            "program time & step time",
+            "program duration & step duration",
+            "schritt zeit & zeitstempel",
+        ),
+        names={
+            "time": "prog time|program time|program duration|programm zeit|programmdauer=ms",
+            "step time": "step time|step duration|schritt zeit|schrittdauer=ms",
+            "date": "time stamp|timestamp|zeitstempel|zeit",
+            "current": "current|strom",
+            "voltage": "voltage|spannung",
+            "temperature": "temperature|t1|t batt|logtemppositive|logtemp001|temp1",
+            "step": "step|schritt|schritt nr.",
+            "cycle": "cycle|zyklus",
+            "state": "status|zustand",
+            "charging capacity": "ahcha|ahlad",
+            "discharging capacity": "ahdch|ahela",
+            "net capacity": "ahaccu|ahakku|capacity",
+        },
+    ),
+    # The column line begins with a tilde, as the lines above it do. "Ah" is the net charge.
+    Dialect(
+        "Basytec",
+        marks=("time & t-step & u & i", "time & dataset & u & i", "t-step & ah-step"),
+        names={
+            "time": "time",
+            "step time": "t-step",
+            "current": "i",
+            "voltage": "u",
+            "temperature": "t1",
+            "step": "line",
+            "cycle": "cyc-count",
+            "state": "command",
+            "charging capacity": "",
+            "discharging capacity": "",
+            "net capacity": "ah",
+        },
+    ),
+    # [Summary], [Protocol] and [Data]; both clocks are in hours.
+    Dialect(
+        "Novonix",
+        marks=("run time & step time & potential", "run time & potential & current"),
+        names={
+            "time": "run time",
+            "step time": "step time",
+            "date": "date and time",
+            "voltage": "potential|voltage",
+            "temperature": "temperature",
+            # Their step types are numbers.
+            "state": "",
+            "step": "step number|step position",
+            "cycle": "cycle number",
+            "net capacity": "capacity",
+        },
+    ),
+    Dialect(
+        "Landt",
+        marks=(
+            "测试时间 & 系统时间",
+            "过程号 & 电流",
+            "testtime & systime",
+            "testtime & steptime & current",
+            "test time s & step name",
+        ),
+        names={
+            "time": "testtime|test time|测试时间",
+            "step time": "steptime|step time|过程时间",
+            "date": "systime|system time|date time iso string|系统时间",
+            "step": "step-index|step index|step|过程号",
+            "cycle": "cycle-index|cycle index|cycle",
+            "state": "step-state|step name|mode|过程模式",
+            "current": "current|电流",
+            "voltage": "voltage|电压",
+            "temperature": "auxtemp|temperature 1",
+            "net capacity": "capacity|容量",
+        },
+    ),
+    # Above the names stands a sheet of the test, with small tables of its own.
+    Dialect(
+        "PEC",
+        marks=("total time & load on time & step time",),
+        names={
+            "time": "total time",
+            "step time": "step time",
+            "date": "real time",
+            "step": "step",
+            "cycle": "cycle",
+        },
+    ),
+    Dialect(
+        "Bitrode",
+        marks=("total time & loop counter", "total time & amp-hours & watt-hours"),
+        names={
+            "state": "mode",
+            "temperature": "temperature a1|temperature",
+            "net capacity": "amp-hours",
+        },
+    ),
+    # Rows and names begin with a tab, and a line of units follows the names.
+    Dialect(
+        "Gamry",
+        marks=("pt & t & vf & im", "pt & t & vf & i", "t & vf & im"),
+        names={"time": "t=s|time", "current": "im|i", "voltage": "vf|vm", "temperature": "temp"},
+    ),
+    # Text exports of EC-Lab and BT-Lab (.mpt, .txt), and .mpr by the extra `biologic`. Names stand
+    # before a slash ("Ewe/V", "<I>/mA", "control/V/mA"). The clock runs from the start of the
+    # acquisition, so that a file that goes on from another starts late. `dq` is the charge of the
+    # interval before the row; galvanostatic techniques store it in place of the current.
+    Dialect(
+        "BioLogic",
+        marks=(
+            "mode & ox",
+            "time & ewe",
+            "time & ecell",
+            "time & ewe-ece",
+            "flags & time",
+            "mode & error & time",
+        ),
+        names={
+            "time": "time",
+            "step time": "step time",
+            "current": "i",
+            "charge of the interval": "dq",
+            "voltage": "ecell|ewe-ece|ewe|u",
+            "temperature": "temperature",
+            "step": "ns",
+            "state": "",
+            "cycle": "cycle number|half cycle",
+            "charging capacity": "",
+            "discharging capacity": "",
+            "net capacity": "(q-qo)|q-qo|q charge/discharge",
+        },
+    ),
+    Dialect("PyBaMM", marks=("current [a]",), sign=DISCHARGE),
+    # What the words are in German and Chinese, of no make.
+    Dialect(
+        "German",
+        marks=("zeit & strom & spannung", "datum & strom & spannung"),
+        names={
+            "time": "zeit",
+            "date": "datum",
+            "current": "strom",
+            "voltage": "spannung",
+            "temperature": "temperatur",
+        },
+    ),
+    Dialect(
+        "Chinese",
+        marks=("时间 & 电流 & 电压",),
+        names={"time": "时间", "current": "电流", "voltage": "电压", "temperature": "温度"},
+    ),
+    # Ivium and VersaStudio.
+    Dialect("Ivium", marks=("time & i & e", "elapsed time & i & e"), names={"voltage": "u|v|e"}),
+)
+PLAIN = Dialect("plain")
+
+# Tables that are no record of one cell over time, by their names, and what to give instead.
+OTHER_TABLES: Mapping[str, str] = {
+    "freq & re & -im": "an impedance spectrum",
+    "freq & zreal & zimag": "an impedance spectrum",
+    "freq & z' & z''": "an impedance spectrum",
+    "schedule file name & start datetime": "Arbin's description of a test",
+    "cycle & vstart & vend": "a table of one row a cycle",
+}

@@ -1,0 +1,187 @@
+"""The quantities of a record and of an OCV table: what they are called, and in what units."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: its value times `factor` plus `offset` is in the quantity's base unit."""
+
+    symbol: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity, its units, its own first, and its aliases from the most to the least specific.
+
+    Aliases ("cell current|current|i") and unit keys are lower case with blanks for underscores;
+    "programmdauer=ms" has that unit where the name states none. `examples` are names to give a
+    column. `foreign` words are what the quantity is called in other languages: not accepted, but
+    pointed to.
+    """
+
+    name: str
+    units: Mapping[str, Unit]
+    spelled: str = ""
+    examples: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
+
+    @cached_property
+    def aliases(self) -> tuple[str, ...]:
+        return tuple(filter(None, self.spelled.split("|")))
+
+    @property
+    def base_unit(self) -> Unit:
+        return next(iter(self.units.values()))
+
+    @property
+    def is_required(self) -> bool:
+        return self.name in NEEDED
+
+
+# What no record can do without, by the quantities' names.
+NEEDED = frozenset({"time", "current", "voltage"})
+
+
+def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
+    return {name: unit for unit, names in spellings.items() for name in names.split("|")}
+
+
+_SECONDS = _units(
+    {
+        Unit("s"): "s|sec|secs|second|seconds|秒",
+        Unit("ms", 1e-3): "ms|msec|millisecond|milliseconds",
+        Unit("min", 60.0): "min|mins|minute|minutes|分|分钟",
+        Unit("h", 3600.0): "h|hr|hrs|hour|hours|小时",
+        Unit("d", 86400.0): "d|day|days",
+    }
+)
+_AMPERES = _units(
+    {
+        Unit("A"): "a|amp|amps|ampere|amperes|安",
+        Unit("mA", 1e-3): "ma|毫安|milliamp|milliamps|milliampere|milliamperes",
+        Unit("uA", 1e-6): "ua|microamp|microamps|microampere|microamperes",
+    }
+)
+_VOLTS = _units(
+    {Unit("V"): "v|volt|volts|v vs. ref.|伏", Unit("mV", 1e-3): "mv|millivolt|millivolts"}
+)
+_AMPERE_HOURS = _units(
+    {
+        Unit("Ah"): "ah|a.h|a·h|a h|ahr|a-hr|amp-hr|ampere hour|amp hour|amp hours|安时",
+        Unit("mAh", 1e-3): "mah|ma.h|ma·h|ma h|mahr|mamp-hr|milliampere hour|milliamp hour|毫安时",
+    }
+)
+_DEGREES = _units(
+    {
+        Unit("degC"): "degc|deg c|c|°c|oc|celsius|celcius|degree celsius|degrees celsius",
+        Unit("K", 1.0, -273.15): "k|kelvin",
+        Unit("degF", 5 / 9, -160 / 9): "degf|deg f|f|°f|fahrenheit",
+    }
+)
+_COUNTS = _units({Unit("1"): "1|dimensionless|unitless"})
+_FRACTIONS = _units({Unit("1"): "1|-", Unit("%", 0.01): "%|percent|pct"})
+
+QUANTITIES: tuple[Quantity, ...] = (
+    Quantity(
+        "time",
+        _SECONDS,
+        "test time|testtime|total time|tottime|cumulative time|elapsed time|time|seconds|t",
+        ("Test Time / s", "test_time_second"),
+        ("zeit", "temps", "tiempo", "tempo", "时间"),
+    ),
+    # A clock that starts again with each step, and the time of day: where there is no test clock.
+    Quantity("step time", _SECONDS, "step time|steptime|relative time", ("Step Time / s",)),
+    Quantity(
+        "date",
+        _SECONDS,
+        "date time|datetime|unix time|time stamp|timestamp|date and time|date",
+        ("Unix Time / s",),
+    ),
+    Quantity(
+        "current",
+        _AMPERES,
+        "cell current|channel current|current|current measured|cur|amps|we(1).current|i|ma=mA",
+        ("Current / A", "current_ampere"),
+        ("strom", "courant", "corriente", "corrente", "电流"),
+    ),
+    Quantity("charge of the interval", _AMPERE_HOURS),
+    Quantity(
+        "voltage",
+        _VOLTS,
+        "terminal voltage|cell voltage|channel voltage|voltage|voltage measured|potential|volts|"
+        "ecell|ewe|working electrode|working electrode vs. nhe|we(1).potential|u|v|mv=mV",
+        ("Voltage / V", "voltage_volt"),
+        ("spannung", "tension", "voltaje", "tensione", "电压"),
+    ),
+    Quantity(
+        "temperature",
+        _DEGREES,
+        "surface temperature|surface temperature t1|cell temperature|temperature cell|"
+        "battery temperature|temperature|aux temperature|"
+        "aux temperature 1|aux1 temperature|temperature t1|temperature 1|temperature measured|temp|"
+        "t1|t|ambient temperature",
+        ("Surface Temperature / degC", "Ambient Temperature / degC"),
+    ),
+    Quantity(
+        "step",
+        _COUNTS,
+        "step index|step|step id|stepid|step number|step no|stepno|ns|step count",
+        ("Step Index / 1",),
+    ),
+    Quantity(
+        "cycle",
+        _COUNTS,
+        "cycle index|cycle count|cycle|cycle number|totcycle",
+        ("Cycle Count / 1",),
+    ),
+    Quantity(
+        "state",
+        _COUNTS,
+        "state|step type|md|status|step name|mode|step mode|step state",
+        ("Step Type / 1",),
+    ),
+    Quantity(
+        "charging capacity",
+        _AMPERE_HOURS,
+        "charging capacity|schedule charging capacity|charge capacity|q charge|chgah",
+        ("Charging Capacity / Ah",),
+    ),
+    Quantity(
+        "discharging capacity",
+        _AMPERE_HOURS,
+        "discharging capacity|schedule discharging capacity|discharge capacity|q discharge|disah",
+        ("Discharging Capacity / Ah",),
+    ),
+    Quantity(
+        "net capacity",
+        _AMPERE_HOURS,
+        "net capacity|step net capacity|capacity",
+        ("Net Capacity / Ah", "Capacity(Ah)"),
+    ),
+)
+
+# What a table of OCV over SOC holds instead: SOC, and one voltage or one for each direction.
+OCV_QUANTITIES: tuple[Quantity, ...] = (
+    Quantity("SOC", _FRACTIONS, "state of charge|soc", ("SOC [-]", "SOC / %")),
+    Quantity(
+        "OCV", _VOLTS, "open circuit voltage|ocv|voltage|volts|u|v", ("OCV [V]", "Voltage / V")
+    ),
+    *(
+        Quantity(
+            f"{word} OCV",
+            _VOLTS,
+            "|".join(
+                f"{way} ocv|ocv {way}|{way} open circuit voltage|open circuit voltage {way}|"
+                f"{way} voltage|voltage {way}"
+                for way in (word, word.replace("charge", "charging"))
+            ),
+            (f"{word} OCV [V]",),
+        )
+        for word in ("charge", "discharge")
+    ),
+)

@@ -1,0 +1,167 @@
+"""Binary formats that a library reads: Parquet, Neware's, and two by packages of an extra.
+
+What the libraries behind them need, and what they must not do: open files, and speak. fastnda knows
+files by their names only, so the content goes through a temporary one. galvani is under the GPL:
+whoever wants .mpr files read installs it, and it is loaded for them only.
+"""
+
+import io
+import logging
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from logging.handlers import BufferingHandler
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ...errors import InputError, reason_of
+from ..table import Reader, Table
+
+Columns = Mapping[str, Any]
+ZIP = b"PK\x03\x04"
+
+
+@contextmanager
+def _as_file(content: bytes, suffix: str) -> Iterator[str]:
+    """The path of a temporary file of that content, for libraries that open files themselves."""
+    with tempfile.TemporaryDirectory() as folder:
+        with tempfile.NamedTemporaryFile(suffix=suffix, dir=folder, delete=False) as file:
+            file.write(content)
+        yield file.name
+
+
+@contextmanager
+def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
+    """What the library logs meanwhile, kept from the terminal."""
+    log = logging.getLogger(library)
+    handler = BufferingHandler(10_000)
+    was_propagating, log.propagate = log.propagate, False
+    log.addHandler(handler)
+    try:
+        yield handler.buffer
+    finally:
+        log.removeHandler(handler)
+        log.propagate = was_propagating
+
+
+def _is_parquet(content: bytes) -> bool:
+    return content.startswith(b"PAR1")
+
+
+def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+    del given
+    damaged = f"{file}: the Parquet file is damaged or cut short"
+    try:
+        frame = pl.read_parquet(io.BytesIO(content))
+    except pl.exceptions.PanicException as error:
+        # Some files damaged in their middle make Polars panic, in words for its developers.
+        raise InputError(f"{damaged}; copy or export it again.") from error
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InputError(f"{damaged} ({reason_of(error)}); copy or export it again.") from error
+    return Table(
+        header=tuple(frame.columns),
+        columns=tuple(frame.get_columns()),
+        row=np.arange(2, frame.height + 2),
+    )
+
+
+PARQUET = Reader("Parquet table", _is_parquet, _read_parquet)
+
+
+def _is_neware(content: bytes) -> bool:
+    """An .nda file begins with the maker's name; an .ndax file is a zip archive of .ndc files."""
+    return content.startswith(b"NEWARE") or (content.startswith(ZIP) and b".ndc" in content)
+
+
+def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+    # Of the formats only this one needs it, and it takes long to load.
+    import fastnda
+
+    del given
+    suffix = ".ndax" if content.startswith(ZIP) else ".nda"
+    try:
+        with _as_file(content, suffix) as path, quieted("fastnda") as told:
+            frame = fastnda.read(path, cycle_mode="auto")
+    except Exception as error:
+        # What a damaged file makes the library raise is of many kinds.
+        raise InputError(
+            f"{file}: the {suffix} file is damaged, cut short or of an unknown version; export the "
+            "record as CSV from BTSDA."
+        ) from error
+    if not frame.height:
+        raise InputError(f"{file}: this Neware file has no samples; give another.")
+    is_damaged = any(record.exc_info for record in told)
+    notes = ("a part beside the records is damaged, and was left out",) if is_damaged else ()
+    columns = [
+        column.cast(pl.String) if column.dtype == pl.Categorical else column
+        for column in frame.get_columns()
+    ]
+    return Table(tuple(frame.columns), tuple(columns), np.arange(2, frame.height + 2), notes=notes)
+
+
+NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)
+
+
+def _by_package(
+    name: str, start: bytes, extra: str, export: str, parse: Callable[[bytes], Columns]
+):
+    """A reader of content that holds `start` near its beginning, by the package of an extra."""
+
+    def recognizes(content: bytes) -> bool:
+        return start in content[:64]
+
+    def read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+        del given
+        article = "an" if name[0] in "AEIOU" else "a"
+        try:
+            columns = parse(content)
+        except ImportError as error:
+            raise InputError(
+                f"{file}: this is {article} {name} file; install the package that reads it with "
+                f"pip install 'barnax[{extra}]', or export the record as {export}."
+            ) from error
+        except Exception as error:
+            # What a damaged file makes the package raise is of many kinds.
+            raise InputError(
+                f"{file}: the {name} file is damaged, cut short or of an unknown version; export "
+                f"the record as {export}."
+            ) from error
+        series = tuple(pl.Series(key, np.array(values)) for key, values in columns.items())
+        return Table(tuple(columns), series, np.arange(2, len(series[0]) + 2))
+
+    return Reader(name, recognizes, read)
+
+
+def _parse_mpr(content: bytes) -> Columns:
+    from galvani.BioLogic import MPRfile  # pyright: ignore[reportMissingImports]
+
+    data = MPRfile(io.BytesIO(content)).data
+    return {name: data[name] for name in data.dtype.names or ()}
+
+
+def _parse_res(content: bytes) -> Columns:
+    from access_parser import AccessParser  # pyright: ignore[reportMissingImports]
+
+    with _as_file(content, ".res") as path:
+        table = AccessParser(path).parse_table("Channel_Normal_Table")
+    # Rows are not stored in order.
+    order = np.argsort(table["Data_Point"], kind="stable")
+    return {name: np.array(values)[order] for name, values in table.items()}
+
+
+BIOLOGIC_MPR = _by_package(
+    "BioLogic .mpr",
+    b"BIO-LOGIC MODULAR FILE",
+    "biologic",
+    "text (.mpt) from EC-Lab or BT-Lab",
+    _parse_mpr,
+)
+ARBIN_RES = _by_package(
+    "Arbin .res",
+    b"Standard Jet DB",
+    "arbin",
+    "a workbook or CSV from Arbin's Data Watcher",
+    _parse_res,
+)

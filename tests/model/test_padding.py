@@ -101,19 +101,6 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
 
 
 @in_float64
-def test_what_fills_a_record_up_counts_nothing(bundled_cell):
-    short, long = (problem_of(bundled_cell, "so-rc", [even(n)]) for n in (211, 401))
-    fill = padding_for([short.scan, long.scan])
-    box = short.coordinates
-    middle = box.decode(jnp.asarray((box.lower + box.upper) / 2))
-    errors_of = eqx.filter_jit(lambda evaluator: evaluator.errors(middle))
-    plain, filled = errors_of(short.scan), errors_of(fill(short.scan))
-    assert filled.shape == (401,)
-    np.testing.assert_array_equal(filled[:211], plain)
-    assert not jnp.any(filled[211:])
-
-
-@in_float64
 def test_joint_records_padded_have_their_bits(bundled_cell):
     # Each problem has the longest record in one of two columns.
     joint, other = (

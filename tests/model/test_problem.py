@@ -46,19 +46,6 @@ def test_the_objective_is_the_rmse_that_the_report_gives(short_problem):
     assert rmse_by_scan(short_problem, [CIRCUIT])[0] == pytest.approx(metrics.rmse_v, rel=1e-11)
 
 
-def test_the_jacobian_of_the_residuals_is_exact(short_problem):
-    # A complex step through the plain loop has no truncation error.
-    step = 1e-40
-    with jax.enable_x64(True):
-        objective = replace(short_problem, scale="log").objective
-        jacobian = eqx.filter_jit(jax.jacfwd(residuals))(jnp.asarray(LOGARITHMS), objective)
-    scale = np.sqrt(short_problem.prepared.scored.sum())
-    for index in range(5):
-        shifted = LOGARITHMS + 1j * step * np.eye(5)[index]
-        expected = looped_error_v(short_problem, shifted).imag / step / scale
-        np.testing.assert_allclose(jacobian[:, index], expected, atol=1e-12)
-
-
 def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
     window = Window(score_to_s=60.0, score_from_s=30.0, initial_soc=1.0)
     problem = make_problem(bundled_record, bundled_cell, window=window)

@@ -259,3 +259,5 @@ def test_a_record_padded_is_longer_and_has_the_same_bits(is_weighted):
         terminal_voltage_jit(rc, longer)[:SAMPLES], terminal_voltage_jit(rc, inputs)
     )
     assert squared_error_jit(rc, longer) == squared_error_jit(rc, inputs)
+    filled_v, plain_v = errors_jit(longer, rc), errors_jit(inputs, rc)
+    np.testing.assert_array_equal(filled_v, np.append(plain_v, np.zeros(41)))

@@ -177,8 +177,6 @@ def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundl
 def test_single_precision_agrees_to_its_own_rounding(bundled_cell):
     record = drive_record("even", SAMPLES, 5)
     problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
-        drive_record("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC
-    )
     with jax.enable_x64(True):
         short = both_objectives(problem)[1]
         points = points_in(short.coordinates, 20, 3)

@@ -178,7 +178,8 @@ def _blocks(
     state, turned = np.zeros(tau.shape), np.zeros(turn_tau.shape)
     for first in range(0, len(inputs.current_a), BLOCK):
         here = slice(first, first + BLOCK)
-        block = inputs.map_samples(lambda array, here=here: np.asarray(array)[here])
+        # Of NumPy's arrays, where JAX's are declared.
+        block: Any = inputs.map_samples(lambda array, here=here: np.asarray(array)[here])
         state, answers = answer_block(tau, state, block.held_a, block.intervals)
         columns, moved = [answers[:, : len(in_tau.skeleton)]], block.hysteresis
         if in_rate is not None and moved is not None:

@@ -8,6 +8,7 @@ ohmic drop. Functions are written for one candidate; callers vmap them.
 import abc
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -175,7 +176,7 @@ class SimulationInput(AbstractEvaluator):
         """The same with every clock changed."""
         return eqx.tree_at(_clocks, self, [change(each) for each in _clocks(self)])
 
-    def map_samples(self, change: Callable[[Array], Array]) -> "SimulationInput":
+    def map_samples(self, change: Callable[[Array], Any]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""
         return eqx.tree_at(_sampled, self, replace_fn=change)
 

@@ -14,29 +14,13 @@ from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, read_source, source_from_frame
-from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, frame, sheet
-
-from .test_findings import FAULTS
+from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, frame
 
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 @pytest.mark.parametrize("capacity_ah", [None, 2.0])
 def test_the_bundled_records_are_clean(name, capacity_ah):
     assert check_file(bundled_file(name), capacity_ah=capacity_ah).is_clean
-
-
-@pytest.mark.parametrize(
-    "fault", [name for name in FAULTS if name != "milliamperes by the capacity"]
-)
-def test_what_the_rules_call_an_error_the_reader_raises_and_nothing_else(tmp_path, fault):
-    outcome = checked(tmp_path, FAULTS[fault][0])
-    errors = [finding for finding in outcome.findings if finding.severity == "error"]
-    if not errors:
-        read_record(tmp_path / "cell.csv")
-        return
-    with pytest.raises(InputError) as caught:
-        read_record(tmp_path / "cell.csv")
-    assert str(caught.value) in {f"{finding.sentence('cell.csv')}." for finding in errors}
 
 
 def test_one_read_of_a_file_gives_its_record_and_its_check(tmp_path, monkeypatch):
@@ -84,11 +68,6 @@ def test_rows_are_the_file_s_own_below_a_preamble(tmp_path):
     assert text.splitlines()[clock.row - 1].startswith("12.5,")
 
 
-def test_a_missing_column_of_a_workbook_is_found_too(tmp_path):
-    (tmp_path / "cell.xlsx").write_bytes(sheet(frame()[:50].drop(CURRENT)))
-    assert counting(check_file(tmp_path / "cell.xlsx")) == {"columns": "error"}
-
-
 def test_two_columns_of_one_used_name_are_a_warning(tmp_path):
     lines = frame()[:500].write_csv().splitlines()
     rows = [f"{line},{number}" for number, line in enumerate(lines)]
@@ -102,15 +81,6 @@ def test_a_suffix_that_lies_is_a_note(tmp_path, name):
     (tmp_path / name).write_text(frame().write_csv())
     (finding,) = check_file(tmp_path / name).findings
     assert (finding.check, finding.severity) == ("format", "note")
-
-
-@pytest.mark.parametrize(
-    "content", [b"", b"\x00\x01\x02" * 100, b"PAR1 cut short", b"name,colour\na,red\n"]
-)
-def test_what_is_no_table_of_a_record_is_refused(tmp_path, content):
-    (tmp_path / "cell.csv").write_bytes(content)
-    with pytest.raises(InputError, match=r"^cell\.csv: "):
-        check_file(tmp_path / "cell.csv")
 
 
 def test_an_outcome_is_plain_values():

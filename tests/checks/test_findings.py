@@ -12,6 +12,8 @@ import pytest
 
 from barnax.bundled import BUNDLED_NAMES
 from barnax.checks import CHECKS
+from barnax.errors import InputError
+from barnax.records import read_record
 from helpers.golden import require_golden
 from helpers.records import (
     CURRENT,
@@ -106,6 +108,25 @@ def doubled_stamp():
     return changed(DRIVE, TIME, DRIVE[TIME][jump], [jump + 1])
 
 
+def stamps_of_three(starts):
+    """The record with three different values under one stamp, in some places."""
+    table = DRIVE
+    for start in starts:
+        table = changed(table, CURRENT, [0.1, 0.2], [start + 1, start + 2])
+        table = changed(table, TIME, DRIVE[TIME][start], [start + 1, start + 2])
+    return table
+
+
+def in_order(*pieces):
+    return pl.concat([DRIVE[first:last] for first, last in pieces])
+
+
+def step_clock():
+    clock = array(DRIVE, TIME)
+    steps = pl.Series(STEP, (clock // 600).astype(int))
+    return changed(DRIVE, TIME, clock % 600).with_columns(steps)
+
+
 def noisy_rest():
     noise_a = np.random.default_rng(0).normal(0, 0.012, OUT.height)
     return changed(OUT, CURRENT, array(OUT, CURRENT) + noise_a)
@@ -145,6 +166,29 @@ FAULTS = {
     "no samples": (DRIVE[:0], {"length": "error"}),
     "a stamp twice": (doubled_stamp(), {"repeats": "warning"}),
     "a coarse clock": (changed(DRIVE, TIME, np.floor(LINES / 10) * 10.0), {"repeats": "error"}),
+    "many stamps of three values": (
+        stamps_of_three(range(50, 19_000, 50)),
+        {"repeats": "error", "current spikes": "warning"},
+    ),
+    "a row twice": (in_order((0, 100), (99, None)), {}),
+    "a row twice with noise": (changed(DRIVE, TIME, DRIVE[TIME][99], [100]), {}),
+    "two rows exchanged": (
+        in_order((0, 100), (101, 102), (100, 101), (102, None)),
+        {"clock": "error"},
+    ),
+    "a piece in the wrong place": (
+        in_order((0, 5000), (8000, 9000), (5000, 8000), (9000, None)),
+        {"clock": "error"},
+    ),
+    "two tests in one file": (
+        pl.concat([DRIVE, frame("validation")]),
+        {"clock": "error", "breaks": "warning"},
+    ),
+    "a clock of the steps": (step_clock(), {"clock": "warning"}),
+    "a time of day": (
+        changed(DRIVE, TIME, (array(DRIVE, TIME) + 80_000) % 86_400),
+        {"clock": "error"},
+    ),
     "an absurd voltage": (changed(DRIVE, VOLTAGE, 65535.0, [77]), {"voltage unit": "error"}),
     "an odd voltage": (changed(DRIVE, VOLTAGE, 0.0, [77]), {"voltage unit": "warning"}),
     "no load": (scaled(DRIVE, CURRENT, 0.0), {"current unit": "warning"}),
@@ -204,7 +248,9 @@ TEXTS = {}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_found_by_its_own_check(tmp_path, fault):
+def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_raises(
+    tmp_path, fault
+):
     table, expected = FAULTS[fault]
     outcome = checked(tmp_path, table, capacity_ah=CAPACITY_AH.get(fault))
     assert counting(outcome) == expected
@@ -214,6 +260,17 @@ def test_a_fault_is_found_by_its_own_check(tmp_path, fault):
         f"  {finding.severity} {finding.check}: {finding.sentence('')}\n"
         for finding in outcome.findings
     )
+    if (seen := outcome.facts) is not None:
+        moved = f"{seen.charged_ah:.4f} Ah in, {seen.discharged_ah:.4f} Ah out"
+        TEXTS[fault] += f"  seen: {seen.samples} samples, {moved}\n"
+    errors = [each for each in outcome.findings if each.severity == "error"]
+    # Reading knows of no capacity.
+    if not errors or fault == "milliamperes by the capacity":
+        read_record(tmp_path / "cell.csv")
+        return
+    with pytest.raises(InputError) as caught:
+        read_record(tmp_path / "cell.csv")
+    assert str(caught.value) in {f"{each.sentence('cell.csv')}." for each in errors}
 
 
 def test_every_finding_is_worded_as_it_was_written_down():

@@ -43,25 +43,16 @@ RAW = {
 
 
 @pytest.mark.parametrize("file", FILES)
-def test_a_measured_record_has_its_samples_sign_and_ampere_hours(real_data, file):
+def test_a_measured_record_has_its_samples_sign_hold_and_ampere_hours(real_data, file):
     samples, charged_ah, discharged_ah = FILES[file]
-    record = read_record(real_data / file, current_hold="backward")
+    record = read_record(real_data / file)
     sign = "discharge-positive" if "/dyn-" in file else "charge-positive"
-    assert (record.samples, record.sign.value) == (samples, sign)
-    moved = record.interval_current_a * record.interval_s / 3600
+    assert (record.samples, record.sign.value, record.sign.strength) == (samples, sign, "strong")
+    if "dst" in file or "us06" in file:
+        assert (record.hold.value, record.hold.strength) == ("backward", "strong")
+    moved = record.current_a[1:] * record.interval_s / 3600
     assert np.sum(np.maximum(moved, 0)) == pytest.approx(discharged_ah, abs=1e-4)
     assert np.sum(np.maximum(-moved, 0)) == pytest.approx(charged_ah, abs=1e-4)
-
-
-@pytest.mark.parametrize("file", FILES)
-def test_the_sign_of_a_measured_record_rests_on_strong_evidence(real_data, file):
-    assert read_record(real_data / file).sign.strength == "strong"
-
-
-@pytest.mark.parametrize("file", [file for file in FILES if "dst" in file or "us06" in file])
-def test_the_counters_of_an_arbin_record_prove_it_backward(real_data, file):
-    hold = read_record(real_data / file).hold
-    assert (hold.value, hold.strength) == ("backward", "strong")
 
 
 @pytest.mark.parametrize("raw", RAW)

@@ -200,12 +200,6 @@ def find_rests(given: CheckInput) -> Iterator[Finding]:
         )
         remedy = f"`rest_current={given.rest_current_a:.2g}` says so, or give another value"
         yield given.at(given.is_rested, "note", what, remedy)
-    is_zero = given.record.current_a == 0
-    is_minus = is_zero & np.signbit(given.samples.current_a)
-    # Rounded noise gives some; a tester that turns the sign of its readings gives nearly all.
-    if is_minus.sum() > max(_FEWEST, 0.9 * is_zero.sum()):
-        times = counted(int(is_minus.sum()), "time")
-        yield given.at(is_minus, "note", f"the resting current is written -0 ({times}), read as 0")
 
 
 def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:

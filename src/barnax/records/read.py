@@ -87,13 +87,6 @@ def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
             ("repeats", separate_steps),
             ("sign", examine_direction),
             ("voltage unit", examine_voltage_unit),
-        ):
-            samples, found = rule(samples)
-            findings += named(check, found)
-            if short := _too_short(samples):
-                return Examined(None, None, (*findings, short))
-        mended = samples
-        for check, rule in (
             ("voltage unit", examine_voltage_range),
             ("repeats", examine_repeats),
             ("time unit", examine_time_unit),
@@ -103,6 +96,8 @@ def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
             findings += named(check, found)
             if short := _too_short(mended):
                 return Examined(None, None, (*findings, short))
+            # What follows judges the values, and a record keeps them.
+            samples = mended if rule is examine_voltage_unit else samples
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)

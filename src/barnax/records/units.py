@@ -59,6 +59,8 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
 def _read_as(samples: Samples, quantity: str, symbol: str) -> str:
     """How to say that a column is in another unit than its name says."""
     column = samples.columns[quantity]
+    if not column.quantity.examples:
+        return f"correct the unit of '{column.header}'"
     label = column.quantity.examples[0].partition(" / ")[0]
     option = f"`columns='{quantity}={column.header}:{symbol}'`"
     return f"rename the column to '{label} / {symbol}', or give {option} if all files are so"

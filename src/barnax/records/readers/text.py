@@ -8,12 +8,13 @@ import codecs
 import contextlib
 import csv
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
+from jaxtyping import Bool
 
 from ...errors import InputError, counted
 from ..cells import numbers, without_groups
@@ -290,28 +291,30 @@ def _columns(
             **options,
         )
 
-    def as_wide_as_the_names() -> pl.DataFrame:
-        """Without a copy of the content, and nothing beyond the names."""
-        schema = _guessed(first, names, delimiter)
-        schema.pop(names[-1])
-        frame = parsed(text, schema, skip_lines=above)
-        return frame.with_columns(pl.lit(None, pl.String).alias(names[-1]))
-
-    def of_any_width(schema: Schema) -> pl.DataFrame:
+    def of_any_width(schema: Schema) -> list[pl.Series]:
         content = b"".join([wide, memoryview(text)[start:]])
-        return parsed(content, schema, truncate_ragged_lines=True)[1:]
+        return parsed(content, schema, truncate_ragged_lines=True)[1:].get_columns()
 
-    for read in (
-        as_wide_as_the_names,
-        lambda: of_any_width(_guessed(first, names, delimiter)),
-    ):
+    with contextlib.suppress(pl.exceptions.PolarsError):
+        guessed = _guessed(first, names, delimiter)
         with contextlib.suppress(pl.exceptions.PolarsError):
-            return without_groups(read().get_columns())
+            # Without a copy of the content, and nothing beyond the names.
+            frame = parsed(text, {name: guessed[name] for name in names[:-1]}, skip_lines=above)
+            beyond = pl.lit(None, pl.String).alias(names[-1])
+            return without_groups(frame.with_columns(beyond).get_columns())
+        return without_groups(of_any_width(guessed))
     # A word among the numbers, or a quote within a cell: as text, a message can quote it.
-    return without_groups(_parsed_as_text(of_any_width, names, delimiter, file).get_columns())
+    try:
+        columns = of_any_width(dict.fromkeys(names, pl.String))
+    except pl.exceptions.PolarsError as error:
+        raise InputError(
+            f"{file}: cannot be split into columns at {delimiter!r}; export it as plain CSV without"
+            " quotes inside cells."
+        ) from error
+    return without_groups([column.str.strip_chars().replace("", None) for column in columns])
 
 
-def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type[pl.DataType]]:
+def _guessed(content: bytes, names: list[str], delimiter: str) -> Schema:
     """Which columns hold numbers, by the first lines; whole numbers may go on with a fraction."""
     frame = pl.read_csv(
         content,
@@ -328,20 +331,16 @@ def _guessed(content: bytes, names: list[str], delimiter: str) -> dict[str, type
     }
 
 
-def _parsed_as_text(
-    parsed: Callable[[Schema], pl.DataFrame],
-    names: list[str],
-    delimiter: str,
-    file: str,
-) -> pl.DataFrame:
-    try:
-        frame = parsed(dict.fromkeys(names, pl.String))
-    except pl.exceptions.PolarsError as error:
-        raise InputError(
-            f"{file}: cannot be split into columns at {delimiter!r}; export it as plain CSV without"
-            " quotes inside cells."
-        ) from error
-    return frame.select(pl.all().str.strip_chars().replace("", None))
+def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], noun: str, which: str) -> Table:
+    """The table without some lines, and a note of them."""
+    kept = pl.Series(~is_left_out)
+    note = f"left out {counted(int(is_left_out.sum()), noun)} {which}"
+    return replace(
+        table,
+        columns=tuple(column.filter(kept) for column in table.columns),
+        row=table.row[~is_left_out],
+        notes=(*table.notes, note),
+    )
 
 
 def _records_of_layers(table: Table) -> Table:
@@ -353,21 +352,15 @@ def _records_of_layers(table: Table) -> Table:
     if not blank or not names_record(table.header):
         return table
     front = np.any([column.is_not_null().to_numpy() for column in table.columns[:blank]], axis=0)
+    header, columns = table.header[blank:], table.columns[blank:]
     # Where all rows have it, it is a column without a name, as an index of pandas.
     if front.all() or not front.any():
-        return replace(table, header=table.header[blank:], columns=table.columns[blank:])
-    kept = pl.Series(~front)
-    note = f"left out {counted(int(front.sum()), 'row')} of cycles and steps between the records"
-    header, columns = table.header[blank:], table.columns[blank:]
+        return replace(table, header=header, columns=columns)
     if "step" not in columns_of(header):
         # Every other row begins a step; that of a cycle stands on one line with its first.
         header, columns = ("Step Count", *header), (pl.Series(np.cumsum(front)), *columns)
-    return Table(
-        header,
-        tuple(column.filter(kept) for column in columns),
-        table.row[~front],
-        notes=(*table.notes, note),
-    )
+    records = replace(table, header=header, columns=columns)
+    return _kept(records, front, "row", "of cycles and steps between the records")
 
 
 def _without_headings(table: Table) -> Table:
@@ -379,10 +372,7 @@ def _without_headings(table: Table) -> Table:
     are_headings = are_bare & first.str.contains(_WORD).fill_null(False).to_numpy()
     if not are_headings.any() or not names_record(table.header):
         return table
-    note = f"left out {counted(int(are_headings.sum()), 'line')} of words between the rows"
-    columns = tuple(column.filter(pl.Series(~are_headings)) for column in table.columns)
-    notes = (*table.notes, note)
-    return replace(table, columns=columns, row=table.row[~are_headings], notes=notes)
+    return _kept(table, are_headings, "line", "of words between the rows")
 
 
 def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[str, ...]:

@@ -238,7 +238,7 @@ def _run(
     bands = [
         errors_by_soc(each.error_v, each.prepared.soc, each.prepared.scored) for each in evaluations
     ]
-    box = problem.objective_in("log").coordinates
+    box = problem.log_coordinates
     return replace(
         row,
         notes=row.median.notes,

@@ -63,6 +63,8 @@ def test_a_simulation_starts_at_a_time_or_after_the_last_block_of_a_step(window,
         # Both ends of the times are inside, and steps and times must both hold.
         (Window(score_from_s=60.0, score_to_s=80.0), 0, [1, 2, 3]),
         (Window(score_steps=(2, 3), score_from_s=400.0, score_to_s=830.0), 0, range(35, 79)),
+        # As a warning prints it.
+        (Window(score_steps="2,3", score_from_s=400.0, score_to_s=830.0), 0, range(35, 79)),
     ],
 )
 def test_samples_are_scored_after_the_start_in_the_chosen_steps_and_times(window, first, expected):

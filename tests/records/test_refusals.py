@@ -65,6 +65,7 @@ REFUSED = {
     "a column in another language": csv(FRAME.rename({CURRENT: "Strom [A]"})),
     "nothing like a record": b"name,colour\na,red\nb,blue\n",
     "an OCV table": b"SOC [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
+    "an OCV table over the depth of discharge": b"DoD [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
     "a long header": b"<td>nothing</td> " * 500 + b"\n1\n",
     "nan": csv(one(VOLTAGE, 40, float("nan"))),
     "an empty cell": parquet(one(CURRENT, 7, None)),

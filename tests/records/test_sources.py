@@ -79,6 +79,11 @@ def test_what_is_no_data_frame_is_refused(frame):
         record_from_frame(frame)
 
 
+def test_a_data_frame_given_as_a_file_is_told_what_reads_it():
+    with pytest.raises(InputError, match=r"a DataFrame is no file; barnax.record_from_frame"):
+        read_record(FRAME)
+
+
 @pytest.mark.parametrize("name", ["us06\x1b[2J\x1b[31m.csv", "line\nbreak.csv", "\u202egnp.csv"])
 def test_a_name_cannot_command_a_terminal(tmp_path, name):
     FRAME.write_csv(tmp_path / name)

@@ -35,6 +35,15 @@ OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
 }
 
 
+def is_temperature(degc: float) -> bool:
+    """Whether it may be a cell's; what is not is of another unit, or of a sensor that is not there.
+
+    >>> is_temperature(25.0), is_temperature(298.15)
+    (True, False)
+    """
+    return -100 < degc < 200
+
+
 @dataclass(frozen=True)
 class Window:
     """The part of a record that is simulated and scored, and what is known about its start.
@@ -62,6 +71,10 @@ class Window:
     temperature_degc: float | None = None
 
     def __post_init__(self):
+        for name in ("score_steps", "score_soc"):
+            # As a warning about the file prints them.
+            if isinstance(text := getattr(self, name), str):
+                object.__setattr__(self, name, OPTIONS[name][1](text))
         if self.start_time_s is not None and self.start_after_step is not None:
             raise InputError("give `start_time` or `start_after_step`, not both")
         if self.initial_soc is not None and not 0 <= self.initial_soc <= 1:
@@ -78,7 +91,7 @@ class Window:
             value = getattr(self, f"{name}_a" if name == "rest_current" else f"{name}_ah")
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"`{name}` {value} must be positive")
-        if self.temperature_degc is not None and not -100 < self.temperature_degc < 200:
+        if not is_temperature(self.temperature_degc or 0.0):
             raise InputError(f"`temperature` {self.temperature_degc:g} must be the cell's, in degC")
         if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
             raise InputError(

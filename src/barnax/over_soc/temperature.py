@@ -18,14 +18,12 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..execution import one_blas_thread
 from ..model.inputs import PreparedRecord
+from ..model.window import is_temperature
 from .accuracy import SocErrors
 from .certificate import Proof, certify, certify_together
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
 from .objective import Axis, Objective, Solution, TableSettings
 from .search import Place, find_best, polish
-
-# What lies outside is another unit, or a sensor that is not there.
-COLDEST_DEGC, WARMEST_DEGC = -100.0, 200.0
 
 
 @dataclass(frozen=True)
@@ -243,7 +241,7 @@ def require_temperature(prepared: PreparedRecord) -> float:
         raise InputError(
             f"{name}: no temperature column, and no temperature given; give it with `temperature`"
         )
-    if not COLDEST_DEGC < degc < WARMEST_DEGC:
+    if not is_temperature(degc):
         raise InputError(
             f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or the "
             "unit in the name of the column, as in 'Temperature / K'"

@@ -17,6 +17,7 @@ from .columns import (
     likely_column,
     likely_names,
     named_column,
+    normal,
     other_table,
 )
 from .findings import Finding
@@ -215,6 +216,8 @@ def _no_record(table: Table, file: str) -> str:
     message = f"{file}: no column for time, current, voltage; columns found: {names}. "
     if is_ocv_table(table.header):
         return f"{message}It is a table of OCV over SOC; give it as the OCV test (`ocv`)."
+    if any(normal(name).startswith(("dod", "depth of discharge")) for name in table.header):
+        return f"{message}For a table of OCV, write 1 - DoD into a column named 'SOC [-]'."
     accepted = "; ".join(
         f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
         for quantity in REQUIRED

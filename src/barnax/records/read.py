@@ -254,8 +254,12 @@ def read_record(
     """
     _check_option("current_sign", current_sign, ("auto", CHARGE, DISCHARGE))
     _check_option("current_hold", current_hold, ("auto", "forward", "backward"))
-    if not isinstance(source, Source):
+    if isinstance(source, str | Path):
         source = read_source(source, columns=columns)
+    elif not isinstance(source, Source):
+        raise InputError(
+            f"a {type(source).__name__} is no file; barnax.record_from_frame reads data frames"
+        )
     elif columns:
         source = replace(source, columns=read_columns(columns))
     examined = examine(source)

@@ -84,7 +84,8 @@ def time_tables(sizes: Sizes) -> list[Row]:
 
 
 def _objective(prepared: PreparedRecord, kind: type[Objective]) -> Objective:
-    objective = reduced_objective([prepared], SETTINGS, ((TAU_RANGE_S,) * 2, None))
+    ranges = dict.fromkeys(("tau1 [s]", "tau2 [s]"), TAU_RANGE_S)
+    objective = reduced_objective([prepared], SETTINGS, ranges)
     return kind(**vars(objective))
 
 

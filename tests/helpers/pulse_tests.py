@@ -1,13 +1,15 @@
 """A pulse test of a made cell, whose resistances and time constants are known."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from barnax.records import Decision, Record
+from barnax.records import Record
+from reference import banded_response, drop_v, make_record
 
 CAPACITY_AH = 2.0
 TAU_S = (4.0, 60.0)
 R1_OHM, R2_OHM = 0.01, 0.02
-GIVEN = Decision("forward", "given", "made so")
 
 
 def r0_ohm(soc):
@@ -31,26 +33,11 @@ def made_record(interval_s=0.5, factor=1.0, degc=None, lift_v=0.0) -> Record:
         count = round(seconds / step_s)
         current_a += [amps] * count
         time_s += (time_s[-1] + step_s * np.arange(1, count + 1)).tolist()
-    time_s = np.array(time_s[:-1])
-    current_a = np.array(current_a)
-    dt = np.diff(time_s, append=time_s[-1] + 1)
-    soc = 1 - np.concatenate([[0], np.cumsum(current_a * dt)[:-1]]) / 3600 / CAPACITY_AH
-    voltage_v = 3.2 + (0.9 + lift_v) * soc - factor * r0_ohm(soc) * current_a
-    for r, tau_s in zip((R1_OHM, R2_OHM), TAU_S, strict=True):
-        u, course = 0.0, []
-        for amps, gap_s in zip(current_a, dt, strict=True):
-            course.append(u)
-            u = np.exp(-gap_s / tau_s) * u + (1 - np.exp(-gap_s / tau_s)) * factor * r * amps
-        voltage_v = voltage_v - np.array(course)
-    return Record(
-        name="made" if degc is None else f"made at {degc:g}",
-        time_s=time_s,
-        current_a=current_a,
-        voltage_v=voltage_v,
-        temperature_degc=None if degc is None else np.full(len(time_s), degc),
-        step=None,
-        row=np.arange(len(time_s)) + 2,
-        sign=GIVEN,
-        hold=GIVEN,
-        sha256="",
-    )
+    time_s, current_a = np.array(time_s[:-1]), np.array(current_a)
+    flowed_a = current_a[:-1] * np.diff(time_s)
+    soc = 1 - np.concatenate([[0], np.cumsum(flowed_a)]) / 3600 / CAPACITY_AH
+    circuit = (r0_ohm(soc), (R1_OHM, R2_OHM), TAU_S)
+    drop = factor * drop_v(banded_response, time_s, current_a, circuit)
+    name = "made" if degc is None else f"made at {degc:g}"
+    record = make_record(time_s, current_a, 3.2 + (0.9 + lift_v) * soc - drop, name=name)
+    return record if degc is None else replace(record, temperature_degc=np.full(len(time_s), degc))

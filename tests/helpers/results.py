@@ -19,7 +19,7 @@ from barnax.model.start import Start
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableSettings
-from barnax.records.record import Decision, Record
+from barnax.records.record import Record
 from barnax.results import AssessmentPart, InputPart, MetricsBlock, MetricsPart, Result, TablesPart
 from barnax.run import Run, best_answer
 from barnax.run import make_result as store
@@ -28,6 +28,7 @@ from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
 from barnax.uncertainty import Band, Diagnostics, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
+from reference import make_record as record_of
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
 CAPACITY_AH = 2.0
@@ -48,19 +49,8 @@ def make_record(samples: int, interval_s: float = 1.0, name: str = "cycle.csv") 
     """A repeated square wave of current, and a voltage that falls with ripple."""
     number = np.arange(samples)
     current_a = np.where(number % 20 < 10, 2.0, -1.0)
-    given = Decision("forward", "given", "made so")
-    return Record(
-        name=name,
-        time_s=1000.0 + interval_s * number,
-        current_a=current_a,
-        voltage_v=4.0 - 0.5 * number / samples - 0.05 * current_a,
-        temperature_degc=None,
-        step=None,
-        row=number + 2,
-        sign=Decision("discharge-positive", "given", "made so"),
-        hold=given,
-        sha256="",
-    )
+    voltage_v = 4.0 - 0.5 * number / samples - 0.05 * current_a
+    return record_of(1000.0 + interval_s * number, current_a, voltage_v, name=name)
 
 
 def make_evaluation(

@@ -12,7 +12,6 @@ from barnax.optimizers import (
     BarnacleMating,
     Box,
     Swarm,
-    bmo,
     evaluations_per_iteration,
     ibmo_centered,
 )
@@ -44,15 +43,17 @@ def proposed(solver, swarm, key):
     return solver.propose(drawn, swarm, jnp.array(1), box)[0]
 
 
-def test_with_every_improvement_off_the_class_is_bmo():
-    assert BarnacleMating() == bmo() != ibmo_centered(pl=7)
-
-
-def test_mating_without_any_factor_is_refused():
-    with pytest.raises(ValueError, match="needs cosine_factor"):
-        BarnacleMating(mating_factor="one")
-    with pytest.raises(ValueError, match="no mating_factor is called 'gaussian'"):
-        BarnacleMating(mating_factor="gaussian")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"mating_factor": "one"}, "needs cosine_factor"),
+        ({"mating_factor": "gaussian"}, "no mating_factor is called 'gaussian'"),
+        ({"reevaluate_parents": True, "brood_share": 0.5}, "brood_share of zero"),
+    ],
+)
+def test_switches_that_do_not_go_together_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        BarnacleMating(**options)
 
 
 def test_moving_the_origin_moves_the_whole_run_of_ibmo_centered():
@@ -137,8 +138,3 @@ def test_the_elite_center_lies_in_the_better_half_and_nearest_to_the_best():
     weights = np.log(3.5) - np.log([1, 2, 3])
     center = weights @ [0, 1, 2] / weights.sum()
     np.testing.assert_allclose(proposed(solver, swarm, jr.key(0)), center, rtol=1e-5)
-
-
-def test_broods_with_parents_evaluated_again_are_refused():
-    with pytest.raises(ValueError, match="brood_share of zero"):
-        BarnacleMating(reevaluate_parents=True, brood_share=0.5)

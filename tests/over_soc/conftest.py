@@ -1,9 +1,13 @@
 """Records of the bundled cell made ready for tables."""
 
+from dataclasses import replace
+
 import pytest
 
+from barnax.cell import characterize
 from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings
+from barnax.records import read_record
 
 # Few nodes and a narrow box, so that a factor is small.
 NODES = (0.3, 0.5, 0.7, 0.85, 1.0)
@@ -23,3 +27,18 @@ def with_hysteresis(bundled_record, bundled_cell):
     """The same with dynamic hysteresis."""
     window = Window(score_from_s=200.0, score_to_s=4000.5)
     return prepare_record(bundled_record, bundled_cell, "esc", window)
+
+
+@pytest.fixture(scope="session")
+def samsung(real_data):
+    """Drive profiles of the measured INR18650-20R, made ready by their files' names."""
+    folder = real_data / "calce-inr18650-20r"
+    ocv = read_record(folder / "ocv-incremental_25degC_SP20-3.parquet")
+    cell = characterize([ocv], capacity_ah=2.0, ocv_fit="interpolated")
+    profile = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
+
+    def prepared(name, **changes):
+        record = read_record(folder / f"{name}_SP20-2.parquet")
+        return prepare_record(record, cell, "so-rc", replace(profile, **changes))
+
+    return prepared

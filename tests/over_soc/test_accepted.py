@@ -3,29 +3,16 @@
 import numpy as np
 import pytest
 
-from barnax.cell import characterize
-from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings, errors_on, fit_tables
-from barnax.records import read_record
 
-PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
 NO_PROOF = {"most_cells": 0, "folds": 0}
 
 
 @pytest.fixture(scope="module")
-def samsung(real_data):
-    folder = real_data / "calce-inr18650-20r"
-    ocv = read_record(folder / "ocv-incremental_25degC_SP20-3.parquet")
-    cell = characterize([ocv], capacity_ah=2.0, ocv_fit="interpolated")
-
-    def prepared(name):
-        return prepare_record(
-            read_record(folder / f"{name}_SP20-2.parquet"), cell, "so-rc", PROFILE
-        )
-
+def measured(samsung):
     names = ("dst_25degC_80soc", "us06_25degC_80soc", "dst_25degC_50soc", "us06_25degC_50soc")
-    return [prepared(name) for name in names]
+    return [samsung(name) for name in names]
 
 
 def in_mv(errors):
@@ -50,13 +37,13 @@ def in_mv(errors):
     ],
 )
 def test_given_time_constants_give_the_accepted_tables(
-    samsung, records, has_correction, root_mv, r0_mohm, errors_mv
+    measured, records, has_correction, root_mv, r0_mohm, errors_mv
 ):
     settings = TableSettings(ocv_correction=has_correction, fixed=GIVEN, **NO_PROOF)
-    fit = fit_tables(samsung[:records], settings)
+    fit = fit_tables(measured[:records], settings)
     assert 1e3 * fit.objective_v == pytest.approx(root_mv, rel=1e-3)
     assert 1e3 * fit.tables.at("R0 [Ohm]", np.array([0.5]))[0] == pytest.approx(r0_mohm, rel=1e-3)
-    found = in_mv([errors_on(each, fit.tables) for each in samsung])
+    found = in_mv([errors_on(each, fit.tables) for each in measured])
     assert found == pytest.approx(errors_mv, rel=1e-3)
 
 
@@ -68,17 +55,17 @@ def test_given_time_constants_give_the_accepted_tables(
         (2, True, 9.1463, (2.0, 27.28)),
     ],
 )
-def test_the_search_finds_the_accepted_optimum(samsung, records, has_correction, root_mv, tau_s):
+def test_the_search_finds_the_accepted_optimum(measured, records, has_correction, root_mv, tau_s):
     settings = TableSettings(ocv_correction=has_correction, **NO_PROOF)
-    fit = fit_tables(samsung[:records], settings)
+    fit = fit_tables(measured[:records], settings)
     assert 1e3 * fit.objective_v <= root_mv * (1 + 1e-5)
     assert fit.tables.tau_s == pytest.approx(tau_s, rel=1e-3)
     assert [each.name for each in fit.at_bound] == (["tau1 [s]"] if records == 2 else [])
 
 
 @pytest.mark.parametrize(("records", "held_out_mv"), [(1, (13.819, 1.583)), (2, (27.923, 2.938))])
-def test_held_out_blocks_have_the_accepted_errors(samsung, records, held_out_mv):
-    fit = fit_tables(samsung[:records], TableSettings(most_cells=0))
+def test_held_out_blocks_have_the_accepted_errors(measured, records, held_out_mv):
+    fit = fit_tables(measured[:records], TableSettings(most_cells=0))
     assert fit.cross_validation is not None
     assert in_mv([fit.cross_validation.tables]) == pytest.approx(held_out_mv, rel=1e-3)
     assert fit.cross_validation.tables.above_v < 0.4 * fit.cross_validation.constant.above_v

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from barnax.cell import SocTables, characterize
+from barnax.cell import SocTables
 from barnax.errors import InputError
-from barnax.model.inputs import Window, prepare_record
 from barnax.over_soc import TableSettings, errors_on, fit_tables, simulate_tables
 from barnax.over_soc.temperature import (
     fit_temperatures,
     group_by_temperature,
 )
-from barnax.records import read_record
 
 from .conftest import NODES, SMALL
 
@@ -121,22 +119,16 @@ def test_records_are_grouped_by_their_given_or_measured_temperature(prepared):
         fit_temperatures({25.0: [prepared]}, SMALL)
 
 
-PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
 # Around the accepted optima, so that a factor is small.
 AROUND = {"tau1 [s]": (5.0, 20.0), "tau2 [s]": (40.0, 100.0)}
 
 
-def test_measured_temperatures_share_time_constants_at_no_cost(real_data):
+def test_measured_temperatures_share_time_constants_at_no_cost(samsung):
     """Accepted: sqrt(J) of 7.6276, 5.9566 and 3.9784 mV with time constants of their own; 25 degC
     is predicted by the others to about 20 mV above 10 % SOC, for R0 is not monotone."""
-    folder = real_data / "calce-inr18650-20r"
-    ocv = read_record(folder / "ocv-incremental_25degC_SP20-3.parquet")
-    cell = characterize([ocv], capacity_ah=2.0, ocv_fit="interpolated")
 
     def prepared(name, degc):
-        record = read_record(folder / f"{name}_{degc}degC_80soc_SP20-2.parquet")
-        window = replace(PROFILE, temperature_degc=float(degc))
-        return prepare_record(record, cell, "so-rc", window)
+        return samsung(f"{name}_{degc}degC_80soc", temperature_degc=float(degc))
 
     cells = {float(degc): [prepared("dst", degc)] for degc in (0, 25, 45)}
     fit = fit_temperatures(cells, TableSettings(bounds=AROUND, folds=0, most_cells=0))

@@ -1,37 +1,28 @@
-"""What an assessment and an examination hold, as it is stored."""
+"""What an assessment and an examination hold; bands and correlations of residuals by NumPy."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.schema import Part
-from barnax.uncertainty import Diagnostics, Examination, Identifiability, Uncertainty, assess
+from barnax.uncertainty import Examination, assess
+from barnax.uncertainty.assessment import diagnostics
 
-from .made import fit, made_problem, white_noise
+from .made import SAMPLES, fit, made_problem, white_noise
 
 
 class Stored(Part):
     """A part of a result."""
 
-    uncertainty: Uncertainty
-    identifiability: Identifiability
-    diagnostics: Diagnostics
-    examination: Examination | None
+    examination: Examination
 
 
-@pytest.fixture(scope="module")
-def stored(white, examination):
-    return Stored(
-        uncertainty=white.assessment.uncertainty,
-        identifiability=white.assessment.identifiability,
-        diagnostics=white.assessment.diagnostics,
-        examination=examination,
-    )
-
-
-def test_all_of_it_is_read_back_as_it_was_written(stored):
-    written = stored.model_dump_json(by_alias=True)
-    assert Stored.model_validate_json(written) == stored
+def test_an_examination_is_read_back_as_it_was_written(examination):
+    stored = Stored(examination=examination)
+    assert Stored.model_validate_json(stored.model_dump_json(by_alias=True)) == stored
 
 
 def test_the_examination_is_of_every_parameter_that_has_an_error(white, examination):
@@ -72,3 +63,58 @@ def test_what_is_no_number_any_more_is_refused_in_one_message(short_problem, bou
     problem = made_problem(short_problem, white_noise(0), bounds=bounds)
     with pytest.raises(InputError, match="narrow the bounds"):
         assess(problem, circuit)
+
+
+@pytest.mark.parametrize("bands", ["by_soc", "by_current"])
+def test_bands_share_out_all_samples_and_all_squared_error(bands, colored):
+    found = getattr(colored.assessment.diagnostics, bands)
+    assert sum(band.samples for band in found) == SAMPLES
+    assert sum(band.share for band in found) == pytest.approx(1.0)
+    squares = sum(band.samples * band.rmse_v**2 for band in found)
+    assert np.sqrt(squares / SAMPLES) == pytest.approx(colored.rmse_v)
+
+
+def test_a_band_holds_the_errors_of_its_samples(colored):
+    prepared, found = colored.problem.prepared, colored.assessment.diagnostics
+    error_v = colored.assessment.covariance.linearization.error_v
+    rest_c = prepared.rest_current_a / colored.problem.cell.capacity_ah
+    (rest,) = [band for band in found.by_current if band.low == -rest_c and band.high == rest_c]
+    inside = np.abs(prepared.current_a) < prepared.rest_current_a
+    assert rest.samples == np.count_nonzero(inside)
+    assert rest.mean_v == pytest.approx(np.mean(error_v[inside]))
+    (top,) = [band for band in found.by_soc if band.high == 1.0]
+    assert top.samples == np.count_nonzero(prepared.soc >= 0.9)
+
+
+def test_rates_are_of_the_capacity_a_record_was_simulated_with(colored):
+    prepared = colored.problem.prepared
+    aged = replace(prepared, capacity_ah=prepared.capacity_ah / 4)
+    problem = replace(colored.problem, prepared_records=(aged,))
+    found = diagnostics(problem, colored.assessment.covariance).by_current
+    rate = 4 * prepared.current_a / prepared.capacity_ah
+    for band in found:
+        low, high = band.low or -np.inf, band.high or np.inf
+        assert band.samples == np.count_nonzero((rate >= low) & (rate < high))
+
+
+def test_the_autocorrelation_is_the_residuals_own(colored):
+    found = colored.assessment.diagnostics
+    error_v = colored.assessment.covariance.linearization.error_v
+    at_one = np.mean(error_v[1:] * error_v[:-1]) / np.mean(error_v**2)
+    assert found.lags_s[:2] == (0.0, 1.0)
+    assert found.autocorrelation[:2] == pytest.approx([1.0, at_one])
+
+
+def test_temperature_bands_appear_where_it_was_measured(colored):
+    assert colored.assessment.diagnostics.by_temperature is None
+    prepared = colored.problem.prepared
+
+    def bands_of(degrees):
+        record = replace(prepared.record, temperature_degc=degrees)
+        warm = replace(colored.problem, prepared_records=(replace(prepared, record=record),))
+        return diagnostics(warm, colored.assessment.covariance).by_temperature
+
+    found = bands_of(np.linspace(20.0, 26.0, prepared.record.samples))
+    assert sum(band.samples for band in found) == SAMPLES
+    assert (found[0].low, found[0].high) == (20.0, 21.0)
+    assert bands_of(np.full(prepared.record.samples, np.nan)) is None

@@ -137,4 +137,4 @@ def _searches(
 
 def _errors(evaluation: Evaluation) -> SocErrors:
     scored = evaluation.prepared.scored
-    return SocErrors.of(evaluation.error_v[scored], evaluation.prepared.soc[scored])
+    return SocErrors.of([(evaluation.error_v[scored], evaluation.prepared.soc[scored])])

@@ -8,7 +8,7 @@ weights have moved it further, and to the curve of which the lines between nodes
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -109,12 +109,14 @@ def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ..
             if name.startswith("R") and each.low is not None:
                 each = replace(each, low=max(each.low, 0.0))
             found.append(each)
-    for axis, (name, place) in enumerate(zip(objective.names, best.place, strict=True)):
+    for number, (axis, place) in enumerate(zip(objective.axes, best.place, strict=True)):
         # Of the logarithm, so that the interval is positive.
-        each = interval(name, None, len(is_free) + axis, place, place)
+        each = interval(axis.name, None, len(is_free) + number, place, place)
         value = math.exp(place)
         low, high = (None if end is None else math.exp(end) for end in (each.low, each.high))
-        found.append(NodeInterval(name, None, value, value * each.standard_error, 0.0, low, high))
+        found.append(
+            NodeInterval(axis.name, None, value, value * each.standard_error, 0.0, low, high)
+        )
     return tuple(found)
 
 
@@ -225,11 +227,14 @@ class SocErrors:
     above_v: float | None
 
     @classmethod
-    def of(cls, error_v: Float[np.ndarray, "samples"], soc: Float[np.ndarray, "samples"]):
-        """Those of some errors at some states of charge."""
-        is_above = (soc > ABOVE_SOC).astype(int)
-        squares = np.bincount(is_above, error_v**2, minlength=2)
-        return cls.of_squares(squares, np.bincount(is_above, minlength=2))
+    def of(cls, parts: Iterable[tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]]):
+        """Those of errors at states of charge, part after part."""
+        squares_v2, counts = np.zeros(2), np.zeros(2, int)
+        for error_v, soc in parts:
+            is_above = (soc > ABOVE_SOC).astype(int)
+            squares_v2 += np.bincount(is_above, error_v**2, minlength=2)
+            counts += np.bincount(is_above, minlength=2)
+        return cls.of_squares(squares_v2, counts)
 
     @classmethod
     def of_squares(cls, squares_v2: Float[np.ndarray, "2"], counts: Int[np.ndarray, "2"]):

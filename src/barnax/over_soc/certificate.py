@@ -40,7 +40,7 @@ from ..model.compressed import BLOCK
 from ..model.inputs import PreparedRecord
 from ..model.search_space import Range
 from .objective import Axis, Objective, Solution, TableSettings
-from .search import Found, Searchable, least_in_box, polish
+from .search import Found, Searchable, alike_pairs, least_in_box, polish
 
 # Width of the first cells in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4
@@ -171,9 +171,7 @@ def _halves(cell: Cell, objective: Searchable) -> list[Cell]:
 
 def _holds_one(cell: Cell, objective: Searchable) -> bool:
     """Whether the cell holds time constants that are in order, where all pairs have one box."""
-    if len(set(objective.tau_ranges_s)) > 1:
-        return True
-    taus = cell[: len(objective.tau_ranges_s)]
+    taus = cell[: alike_pairs(objective)]
     return all(
         first[0] < second[1] or first == second for first, second in itertools.pairwise(taus)
     )

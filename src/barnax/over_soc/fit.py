@@ -17,7 +17,6 @@ from ..model.inputs import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
 from .accuracy import (
-    ABOVE_SOC,
     CrossValidation,
     NodeInterval,
     SocErrors,
@@ -48,9 +47,6 @@ MOSTLY = 0.5
 BOTH_WAYS_SOC = 0.1
 # Of a dynamic hysteresis that such records do not tell: it has turned after about 10 % SOC.
 HELD_GAMMA = 20.0
-
-# The ranges of every pair's time constant in s, and that of gamma where there is one.
-Box = tuple[tuple[Range, ...], Range | None]
 
 
 @dataclass(frozen=True)
@@ -131,12 +127,13 @@ def fit_of(objective: Objective, proof: Proof) -> TableFit:
         intervals = intervals_of(objective, best)
         held_out = cross_validate(objective, best)
     at_bound = _at_bound(objective, best)
+    taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)
     is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.root
     return TableFit(
         tables=tables,
         objective_v=best.root,
         errors=tuple(errors_on(each, tables) for each in objective.prepared_records),
-        tau_ranges_s=objective.tau_ranges_s,
+        tau_ranges_s=taus_s,
         lower_bound_v=proof.lower_bound_v,
         status="certified" if is_close else "grid-verified",
         cells=proof.cells,
@@ -158,13 +155,9 @@ def expected_rmse_v(
     asked for. Those outside the tables' box are taken at its ends, those without a value in its
     geometric middle.
     """
-    tau_ranges_s, gamma_range = box_of(prepared_records, TableSettings())
-    ranges = {f"tau{pair} [s]": limits for pair, limits in enumerate(tau_ranges_s, 1)}
-    if gamma_range is not None:
-        ranges[RATE] = gamma_range
     fixed = {
         name: float(np.clip(constants.get(name, math.sqrt(low * high)), low, high))
-        for name, (low, high) in ranges.items()
+        for name, (low, high) in box_of(prepared_records, TableSettings()).items()
     }
     settings = TableSettings(fixed=fixed, folds=0)
     objective = reduced_objective(prepared_records, settings)
@@ -174,22 +167,18 @@ def expected_rmse_v(
 
 
 def reduced_objective(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings, box: Box | None = None
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    ranges: Mapping[str, Range] | None = None,
 ) -> Objective:
-    """The objective over all records, in their own box or the one given."""
-    tau_ranges_s, gamma_range = box or box_of(prepared_records, settings)
-    layout = layout_of(
-        settings.nodes,
-        (min(low for low, _ in tau_ranges_s), max(high for _, high in tau_ranges_s)),
-        gamma_range,
-        settings.ocv_correction,
-        settings.half_hysteresis,
-    )
+    """The objective over all records, in the ranges given or their own."""
+    ranges = ranges or box_of(prepared_records, settings)
+    layout = layout_of(settings.nodes, ranges, settings.ocv_correction, settings.half_hysteresis)
     groups, count = blocks_of(prepared_records, settings)
     parts = reduce_records(prepared_records, layout, groups, count)
     with one_blas_thread():
         whole = together(parts)
-    return Objective(prepared_records, settings, tau_ranges_s, gamma_range, whole, parts)
+    return Objective(prepared_records, settings, ranges, whole, parts)
 
 
 def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
@@ -200,18 +189,15 @@ def errors_on(prepared: PreparedRecord, tables: SocTables) -> SocErrors:
 @in_float64
 def pooled_errors(prepared_records: Sequence[PreparedRecord], tables: SocTables) -> SocErrors:
     """The same on several records together."""
-    squares, counts = np.zeros(2), np.zeros(2, int)
-    for prepared in prepared_records:
-        for here, error_v in error_blocks(prepared, tables):
-            scored = prepared.scored[here]
-            is_above = (prepared.soc[here][scored] > ABOVE_SOC).astype(int)
-            squares += np.bincount(is_above, error_v[scored] ** 2, minlength=2)
-            counts += np.bincount(is_above, minlength=2)
-    return SocErrors.of_squares(squares, counts)
+    return SocErrors.of(
+        (error_v[each.scored[here]], each.soc[here][each.scored[here]])
+        for each in prepared_records
+        for here, error_v in error_blocks(each, tables)
+    )
 
 
-def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> Box:
-    """The ranges of every pair's time constant, and that of gamma where there is one."""
+def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> dict[str, Range]:
+    """The ranges of every pair's time constant, and that of gamma where there is one, by name."""
     circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
     interval_s = min(each.median_interval_s for each in prepared_records)
     duration_s = max(each.scored_duration_s for each in prepared_records)
@@ -224,7 +210,7 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
     )
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
     names = [f"tau{pair + 1} [s]" for pair in range(circuit.pairs)]
-    tau_ranges_s = tuple(ranges.get(name, (fastest_s, slowest_s)) for name in names)
+    box = {name: ranges.get(name, (fastest_s, slowest_s)) for name in names}
     unknown = ranges.keys() - {*names, RATE, *(f"R{n} [Ohm]" for n in range(circuit.pairs + 1))}
     if unknown or (RATE in ranges and not circuit.has_rate):
         raise InputError(
@@ -236,15 +222,13 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
             f"the circuit {circuit.name} has no dynamic hysteresis, so `half_hysteresis` has no "
             "amplitude to fit; choose the circuit esc"
         )
-    if any(high < math.nextafter(low, 0) for low, high in tau_ranges_s):
+    if any(high < math.nextafter(low, 0) for low, high in box.values()):
         raise InputError("the bounds leave no range for the time constants; widen them")
-    return tau_ranges_s, _gamma_range(prepared_records, settings) if circuit.has_rate else None
-
-
-def _gamma_range(prepared_records: Sequence[PreparedRecord], settings: TableSettings) -> Range:
-    """Held where the records do not tell it, and nothing else is asked for."""
-    is_told = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
-    return settings.ranges.get(RATE, RATE_RANGE if is_told else (HELD_GAMMA, HELD_GAMMA))
+    if circuit.has_rate:
+        # Held where the records do not tell it, and nothing else is asked for.
+        is_told = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
+        box[RATE] = ranges.get(RATE, RATE_RANGE if is_told else (HELD_GAMMA, HELD_GAMMA))
+    return box
 
 
 def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
@@ -263,12 +247,12 @@ def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
 
 def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
     found = []
-    for name, axis, place in zip(objective.names, objective.axes, best.place, strict=True):
+    for axis, place in zip(objective.axes, best.place, strict=True):
         near = AT_BOUND * (axis.high - axis.low)
         if near and place - axis.low <= near:
-            found.append(AtBound(name, "lower"))
+            found.append(AtBound(axis.name, "lower"))
         elif near and axis.high - place <= near:
-            found.append(AtBound(name, "upper"))
+            found.append(AtBound(axis.name, "upper"))
     return tuple(found)
 
 

@@ -111,6 +111,7 @@ class Axis:
     counts as it is, the dynamic hysteresis of the measured gap.
     """
 
+    name: str
     low: float
     high: float
     table: int | None
@@ -166,22 +167,21 @@ class Solution:
 class Objective:
     """J of `settings` over some records of a cell, for circuits with so many pairs.
 
-    Places are the logarithms of every pair's time constant in s, then of gamma where there is one.
-    `reduced` is the factor of all scored samples, `parts` those of the groups of `blocks_of`;
-    `share` scales all smoothing weights.
+    `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
+    name; places are the logarithms of these. `reduced` is the factor of all scored samples, `parts`
+    those of the groups of `blocks_of`; `share` scales all smoothing weights.
     """
 
     prepared_records: Sequence[PreparedRecord]
     settings: TableSettings
-    tau_ranges_s: tuple[Range, ...]
-    gamma_range: Range | None
+    ranges: Mapping[str, Range]
     reduced: Reduced
     parts: Sequence[Reduced] = ()
     share: float = 1.0
 
     @property
     def pairs(self) -> int:
-        return len(self.tau_ranges_s)
+        return len(self.ranges) - (RATE in self.ranges)
 
     @property
     def nodes(self) -> int:
@@ -206,18 +206,19 @@ class Objective:
         """The searched coordinates."""
         layout, taus, turns = self.reduced.layout, self.reduced.part(0), self.reduced.part(1)
 
-        def axis(limits: Range, table: int | None, part: np.ndarray, span: Span, direction: int):
-            low, high = np.log(limits).tolist()
+        def axis(name: str, table: int | None, part: np.ndarray, span: Span, direction: int):
+            low, high = np.log(self.ranges[name]).tolist()
             flat = part.reshape(len(part), -1)
-            return Axis(low, high, table, flat, part.shape[1:], span, direction)
+            return Axis(name, low, high, table, flat, part.shape[1:], span, direction)
 
         axes = [
-            axis(limits, pair + 1, taus, layout.in_tau, 1)
-            for pair, limits in enumerate(self.tau_ranges_s)
+            axis(name, pair, taus, layout.in_tau, 1)
+            for pair, name in enumerate(self.ranges, 1)
+            if name != RATE
         ]
-        if self.gamma_range is not None and layout.in_rate is not None:
+        if layout.in_rate is not None:
             table = self.tables - 1 if layout.has_amplitude else None
-            axes.append(axis(self.gamma_range, table, turns, layout.in_rate, -1))
+            axes.append(axis(RATE, table, turns, layout.in_rate, -1))
         return tuple(axes)
 
     @property
@@ -327,9 +328,3 @@ class Objective:
             gamma=gamma,
             visited=tuple(self.visited.tolist()),
         )
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Those of the axes."""
-        named = tuple(f"tau{pair + 1} [s]" for pair in range(self.pairs))
-        return named if self.gamma_range is None else (*named, RATE)

@@ -7,7 +7,7 @@ constants x nodes, what else there is, base error] gives the columns of every ti
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -15,6 +15,7 @@ from functools import cached_property, reduce
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..cell.circuits import RATE
 from ..cell.tables import hats
 from ..execution import in_float64, one_blas_thread, threads
 from ..model.compressed import (
@@ -178,19 +179,20 @@ def join(
 
 def layout_of(
     nodes: tuple[float, ...],
-    tau_range_s: Range,
-    gamma_range: Range | None,
+    ranges: Mapping[str, Range],
     has_correction: bool,
     has_amplitude: bool,
 ) -> Layout:
-    """Columns for time constants and rates of these ranges, to the accuracy of the scan.
+    """Columns for time constants and gamma of these ranges, to the accuracy of the scan.
 
     Raises `InputError` where a range is too wide.
     """
     in_rate = None
-    if gamma_range is not None:
-        in_rate = span_of(1 / gamma_range[1], 1 / gamma_range[0], TOLERANCE)
-    in_tau = span_of(*tau_range_s, TOLERANCE)
+    if RATE in ranges:
+        slowest, fastest = ranges[RATE]
+        in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
+    low_s, high_s = zip(*(limits for name, limits in ranges.items() if name != RATE), strict=True)
+    in_tau = span_of(min(low_s), max(high_s), TOLERANCE)
     return Layout(nodes, in_tau, in_rate, has_correction, has_amplitude)
 
 

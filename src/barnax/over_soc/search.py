@@ -11,7 +11,7 @@ from scipy.linalg import LinAlgError, get_lapack_funcs, lstsq
 from scipy.ndimage import minimum_filter
 from scipy.optimize import minimize
 
-from ..model.search_space import Range
+from ..cell.circuits import RATE
 
 # Grid points of a time constant by the number of pairs, alone and beside gamma, and of gamma.
 TAUS = {1: 64, 2: 20, 3: 10, 4: 8}
@@ -134,8 +134,6 @@ class Searchable(Protocol[Found]):
     """What can be searched: an `Objective`, or several with the same time constants."""
 
     @property
-    def tau_ranges_s(self) -> tuple[Range, ...]: ...
-    @property
     def axes(self) -> Any: ...
     def solve(self, place: Place, sides: Any = None, exact: bool = False) -> Found: ...
     def slope(self, found: Found) -> Float[np.ndarray, "axes"]: ...
@@ -174,28 +172,31 @@ def polish(objective: Searchable[Found], start: Found) -> Found:
 
 def in_order(objective: Searchable, place: Place) -> Place:
     """The same place with its pairs from fast to slow, where all have one box."""
-    pairs = len(objective.tau_ranges_s)
-    if len(set(objective.tau_ranges_s)) > 1:
-        return place
-    return (*sorted(place[:pairs]), *place[pairs:])
+    alike = alike_pairs(objective)
+    return (*sorted(place[:alike]), *place[alike:])
+
+
+def alike_pairs(objective: Searchable) -> int:
+    """How many pairs can change places: all, where they have one box, else none."""
+    boxes = [(axis.low, axis.high) for axis in objective.axes if axis.name != RATE]
+    return len(boxes) if len(set(boxes)) == 1 else 0
 
 
 def _minima(objective: Searchable[Found]) -> list[Found]:
     """The lowest of the grid points that no neighbor is below."""
-    pairs = len(objective.tau_ranges_s)
-    has_rate = len(objective.axes) > pairs
+    has_rate = objective.axes[-1].name == RATE
+    pairs, alike = len(objective.axes) - has_rate, alike_pairs(objective)
     sizes = [(TAUS_BESIDE_GAMMA if has_rate else TAUS)[pairs]] * pairs + [GAMMAS] * has_rate
     places = [
         np.linspace(axis.low, axis.high, size if axis.high > axis.low else 1).tolist()
         for axis, size in zip(objective.axes, sizes, strict=True)
     ]
-    is_alike = len(set(objective.tau_ranges_s)) == 1
     squared = np.full([len(axis) for axis in places], np.inf)
     found: dict[tuple[int, ...], Found] = {}
     sides = None
     for point in itertools.product(*(range(len(axis)) for axis in places)):
         # Two pairs with one time constant are one pair, and searched only where there is no other.
-        if is_alike and len(places[0]) > 1 and list(point[:pairs]) != sorted(set(point[:pairs])):
+        if len(places[0]) > 1 and list(point[:alike]) != sorted(set(point[:alike])):
             continue
         place = tuple(axis[index] for axis, index in zip(places, point, strict=True))
         found[point] = solution = objective.solve(place, sides)

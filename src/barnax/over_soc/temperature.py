@@ -160,10 +160,6 @@ class _Joint:
         return scored / scored.sum()
 
     @property
-    def tau_ranges_s(self):
-        return self.objectives[0].tau_ranges_s
-
-    @property
     def axes(self) -> tuple[Axis, ...]:
         return self.objectives[0].axes
 
@@ -194,8 +190,8 @@ def fit_temperatures(
     settings = settings or TableSettings()
     require_temperatures(by_degc)
     degc = tuple(sorted(by_degc))
-    box = box_of([each for own in degc for each in by_degc[own]], settings)
-    joint = _Joint(tuple(reduced_objective(by_degc[each], settings, box) for each in degc))
+    ranges = box_of([each for own in degc for each in by_degc[own]], settings)
+    joint = _Joint(tuple(reduced_objective(by_degc[each], settings, ranges) for each in degc))
     with one_blas_thread():
         best = find_best(joint)
         proofs = [

@@ -299,22 +299,17 @@ def _spread_starts(problem: Problem, parameters: CircuitParameters) -> list[Circ
     return starts
 
 
-def _prepared_again(
-    problem: Problem,
-    circuit: str,
-    *,
-    initial_soc: float | None = None,
-    capacity_ah: float | None = None,
-) -> Problem:
-    """The same problem with its records made ready otherwise. Raises `InputError` where the state
-    of charge then leaves the OCV curve."""
+def _prepared_again(problem: Problem, circuit: str, **changes: float) -> Problem:
+    """The same problem with its records made ready otherwise: `changes` are of their windows.
+
+    Raises `InputError` where the state of charge then leaves the OCV curve."""
     prepared_records = []
     for prepared in problem.prepared_records:
-        window = replace(
-            prepared.settled_window,
-            initial_soc=prepared.start.soc if initial_soc is None else initial_soc,
-            rest_current_a=prepared.rest_current_a,
-            capacity_ah=prepared.capacity_ah if capacity_ah is None else capacity_ah,
-        )
+        present = {
+            "initial_soc": prepared.start.soc,
+            "rest_current_a": prepared.rest_current_a,
+            "capacity_ah": prepared.capacity_ah,
+        }
+        window = replace(prepared.settled_window, **present | changes)
         prepared_records.append(prepare_record(prepared.record, problem.cell, circuit, window))
     return replace(problem, prepared_records=tuple(prepared_records))

@@ -1,0 +1,156 @@
+"""Refits against the scan, profiles against SciPy's refits, the bootstrap against the sandwich."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from barnax.cell import CircuitParameters
+from barnax.errors import InputError
+from barnax.model.problem import make_problem, rmse_by_scan
+from barnax.model.window import Window
+from barnax.uncertainty import Refit, profile
+from barnax.uncertainty.refitted import block_length, bootstrap
+from reference import drop_v, filtered_response
+
+from .made import TRUTH, fit, made_problem, white_noise
+
+
+@pytest.fixture(scope="module")
+def jointly(short_problem):
+    """One circuit under two voltages of the same current."""
+    first, second = (made_problem(short_problem, white_noise(seed)) for seed in (0, 1))
+    return replace(first, prepared_records=(*first.prepared_records, *second.prepared_records))
+
+
+@pytest.fixture(scope="module")
+def turning(short_problem):
+    """A problem with dynamic hysteresis."""
+    prepared = short_problem.prepared
+    window = Window(initial_soc=prepared.start.soc, score_from_s=200.0, score_to_s=1500.5)
+    return make_problem(prepared.record, short_problem.cell, "esc", window=window)
+
+
+@pytest.mark.parametrize("kind", ["jointly", "turning"])
+def test_the_error_of_a_held_circuit_is_the_scan_s(kind, request):
+    problem = request.getfixturevalue(kind)
+    gamma = 30.0 if problem.bounds.has_rate else None
+    circuit = CircuitParameters(TRUTH.r0, TRUTH.r, TRUTH.c, gamma)
+    refit = Refit(problem)
+    point = refit.encode(circuit)
+    ends = refit(point[None], matrix=np.zeros((len(point), len(point))), shift=point[None])
+    assert ends.points[0] == pytest.approx(point)
+    assert ends.rmse_v[0] == pytest.approx(rmse_by_scan(problem, [circuit])[0], rel=1e-7)
+
+
+def test_another_voltage_is_fitted_as_if_it_were_the_record_s(short_problem):
+    problem = made_problem(short_problem, white_noise(0))
+    changed = made_problem(short_problem, white_noise(1))
+    refit, own = Refit(problem), Refit(changed)
+    start = refit.encode(TRUTH)[None]
+    foreign = refit(start, base_v=refit.voltages.project(own.voltages.own_v[None]))
+    np.testing.assert_allclose(foreign.points, own(start).points, rtol=1e-5)
+    np.testing.assert_allclose(foreign.rmse_v, own(start).rmse_v, rtol=1e-8)
+
+
+def test_how_many_fits_run_at_a_time_changes_no_bit(short_problem):
+    problem = made_problem(short_problem, white_noise(0))
+    refit = Refit(problem)
+    starts = refit.encode(TRUTH) + 0.1 * np.random.default_rng(2).normal(size=(11, 5))
+    together = refit(starts)
+    alone = refit(starts[9:10])
+    assert np.array_equal(together.points[9], alone.points[0])
+    assert together.rmse_v[9] == alone.rmse_v[0]
+
+
+def test_where_little_is_unknown_the_profile_gives_the_linear_interval(white, examination):
+    assert len(examination.profiles) == 7
+    for found in examination.profiles:
+        linear = white.assessment.uncertainty[found.name]
+        width = np.log(linear.high / linear.low)
+        assert np.log(found.low / linear.low) == pytest.approx(0, abs=0.05 * width)
+        assert np.log(found.high / linear.high) == pytest.approx(0, abs=0.05 * width)
+        best = found.values[np.argmin(found.rmse_v)]
+        assert best == found.value == pytest.approx(linear.value, rel=1e-9)
+
+
+@pytest.mark.parametrize("slot", [1, 4])
+def test_scipy_refits_the_others_to_the_same_error(slot, white, examination):
+    prepared = white.problem.prepared
+    name = ["R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]"][slot]
+    (found,) = [each for each in examination.profiles if each.name == name]
+    start = np.log([TRUTH.r0, *TRUTH.r, *TRUTH.tau_s])
+
+    def errors_mv(others, value):
+        r0, r1, r2, tau1, tau2 = np.exp(np.insert(others, slot, np.log(value)))
+        drop = drop_v(filtered_response, 1.0, prepared.current_a, (r0, (r1, r2), (tau1, tau2)))
+        return 1e3 * (prepared.voltage_v - prepared.source_v + drop)
+
+    for place in (1, -2):
+        others, value = np.delete(start, slot), found.values[place]
+        fitted = least_squares(errors_mv, others, args=(value,), xtol=1e-14)
+        expected_v = 1e-3 * np.sqrt(np.mean(fitted.fun**2))
+        assert found.rmse_v[place] == pytest.approx(expected_v, rel=1e-6)
+
+
+def test_an_end_that_the_data_leave_open_is_not_made_up(short_problem):
+    # Under 300 mV of noise a slower pair of the same capacitance fits as well.
+    loose = fit(made_problem(short_problem, white_noise(2, 0.3)))
+    assert loose.assessment.uncertainty["tau2 [s]"].held == "at upper bound"
+    found = profile(loose.problem, loose.parameters, "tau2 [s]")
+    assert found.high is None
+    assert max(found.values) <= 1500
+
+
+def test_a_parameter_the_circuit_does_not_have_is_refused(white):
+    with pytest.raises(InputError, match=r"'R7 \[Ohm\]' is not a parameter"):
+        profile(white.problem, white.parameters, "R7 [Ohm]", **white.known)
+
+
+def test_a_held_parameter_has_no_profile(short_problem):
+    problem = made_problem(short_problem, white_noise(5), fixed={"tau2 [s]": 120.0})
+    with pytest.raises(InputError, match="held: fixed"):
+        profile(problem, TRUTH, "tau2 [s]")
+
+
+def test_the_bootstrap_agrees_with_the_standard_errors(colored):
+    key = jax.random.key(1)
+    found = bootstrap(colored.problem, colored.parameters, key=key, **colored.known)
+    assert found.replicates == found.converged == 200
+    for name, each in found.parameters.items():
+        estimate = colored.assessment.uncertainty[name]
+        # Each is itself known to 20 or 30 %, as simulation shows.
+        assert 0.5 < each.relative_error / estimate.relative_error < 1.6
+        assert each.low < estimate.value < each.high
+
+
+def test_the_same_key_draws_the_same_blocks(colored):
+    given = (colored.problem, colored.parameters)
+    first, again, other = (
+        bootstrap(*given, key=jax.random.key(key), replicates=16, **colored.known)
+        for key in (0, 0, 1)
+    )
+    assert first == again
+    assert first != other
+
+
+def test_the_block_length_is_that_of_the_rule_for_first_order_autoregression(colored):
+    covariance = colored.assessment.covariance
+    rho = np.exp(-1 / covariance.noise.correlation_s[6])
+    only = np.zeros_like(covariance.noise.variance_v2)
+    only[6] = 1.0
+    pure = replace(covariance, noise=replace(covariance.noise, variance_v2=only))
+    length, is_cut = block_length(pure)
+    # Sum of |lag| rho^|lag| over that of rho^|lag|.
+    ratio = 2 * rho / (1 - rho) ** 2 / ((1 + rho) / (1 - rho))
+    assert length == np.ceil((1.5 * ratio**2 * covariance.linearization.samples) ** (1 / 3))
+    assert not is_cut
+
+
+def test_held_parameters_are_not_resampled(short_problem):
+    problem = made_problem(short_problem, white_noise(5), fixed={"R0 [Ohm]": 0.05})
+    found = bootstrap(problem, TRUTH, key=jax.random.key(0), replicates=8)
+    assert "R0 [Ohm]" not in found.parameters
+    assert set(found.parameters) >= {"R1 [Ohm]", "tau2 [s]", "C2 [F]"}

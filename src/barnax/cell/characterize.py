@@ -37,7 +37,6 @@ from .soc_axis import (
     decide_capacity,
     join_sweeps,
     place_on_soc,
-    scale_warnings,
 )
 
 # Of a voltage that was not measured in one direction only.
@@ -46,6 +45,8 @@ _DIRECTIONS = {"discharge OCV": DISCHARGE, "charge OCV": CHARGE, "OCV": EITHER}
 # SOC may pass full and empty a little; what is far beyond is in percent, or no SOC.
 _SOC_RANGE, _PERCENT_FROM = (-0.1, 1.1), 1.5
 _CELL_RANGE_V = (0.5, 6.0)
+# Two branches of a cell without hysteresis may cross by what their fits and tests are off.
+_LEAST_GAP_V = -2e-3
 
 
 @dataclass(frozen=True)
@@ -182,14 +183,15 @@ def characterize(
     }
     warnings = [text for table in tables for text in table.warnings]
     warnings.extend(text for _, of_record in found for text in of_record)
-    points = _tabled(tables)
+    points: dict[int, tuple[OcvPoint, ...]] = {}
+    for table in tables:
+        _join(points, table.branches, tables)
     if sweeps:
         capacity = decide_capacity(sweeps, capacity_ah, ocv_capacity_ah)
         warnings.extend(capacity.warnings)
-        warnings.extend(scale_warnings(sweeps, capacity, len(records) == 1))
-        placed = place_on_soc(sweeps, capacity, len(records) == 1)
-        _require_one_each(tables, points, placed)
-        points |= placed
+        placed, scaled = place_on_soc(sweeps, capacity, len(records) == 1)
+        warnings.extend(scaled)
+        _join(points, placed, tables)
     elif capacity_ah is not None:
         capacity = Capacity(capacity_ah, "given", capacity_ah)
     else:
@@ -210,7 +212,15 @@ def characterize(
     hysteresis = SegmentedHysteresis.zero()
     if len(measured) == 2:
         soc = _shared_soc(charge, discharge)
-        hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
+        gap_v = charge(soc) - discharge(soc)
+        hysteresis = SegmentedHysteresis.fit(soc, gap_v, hysteresis_fit)
+        if (mean_v := float(np.mean(gap_v))) < _LEAST_GAP_V:
+            both = _sources([*points[CHARGE], *points[DISCHARGE]])
+            warnings.append(
+                f"{both}: the OCV of the charge lies below that of the discharge, by "
+                f"{-1e3 * mean_v:.3g} mV on average, which no cell's does: exchange the two if "
+                "they are exchanged, or check the capacity and both tests"
+            )
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,
@@ -245,25 +255,19 @@ def _require_positive(option: str, value: float | None, unit: str) -> None:
         raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
 
 
-def _tabled(tables: Sequence[OcvTable]) -> dict[int, tuple[OcvPoint, ...]]:
-    """The branches that tables give."""
-    points: dict[int, tuple[OcvPoint, ...]] = {}
-    for table in tables:
-        _require_one_each(tables, points, table.branches)
-        points |= table.branches
-    return points
-
-
-def _require_one_each(
-    tables: Sequence[OcvTable], points: Mapping[int, object], more: Mapping[int, object]
+def _join(
+    points: dict[int, tuple[OcvPoint, ...]],
+    more: Mapping[int, tuple[OcvPoint, ...]],
+    tables: Sequence[OcvTable],
 ) -> None:
-    """Raise InputError where a branch is given twice, or a single curve beside another."""
+    """Add branches. Raises `InputError` for one given twice, or a single curve beside another."""
     if points and (points.keys() & more.keys() or EITHER in {*points, *more}):
         names = ", ".join(table.name for table in tables)
         raise InputError(
             f"the OCV table {names} has a branch that another OCV test also has; give only one of "
             "them"
         )
+    points.update(more)
 
 
 def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> Curve:

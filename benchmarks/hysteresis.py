@@ -14,7 +14,7 @@ from pathlib import Path
 import jax
 
 import barnax
-from barnax.reporting.comparison_sentences import conclusion
+from barnax.reporting.comparison_verdict import conclusion
 from benchmarks.pages import bounds_named, save_page
 
 RESULTS = Path(__file__).parent / "results" / "hysteresis.md"

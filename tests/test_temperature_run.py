@@ -13,11 +13,11 @@ from barnax.model.inputs import group_tests
 from barnax.model.window import Window
 from barnax.pipeline import validate_stored
 from barnax.pulse_test import hppc
-from barnax.reporting import identification_document
-from barnax.reporting.first_screen import first_screen
+from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
 from barnax.reporting.render import to_markdown
-from barnax.reporting.temperature import prediction_sentence
+from barnax.reporting.soc_tables import prediction_sentence
+from barnax.reporting.verdict import first_screen
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
 FEW = {"seeds": 2, "iterations": 5, "population": 8}

@@ -17,7 +17,7 @@ class Filtered:
         inputs = problem.all_inputs[0]
         self.current_a = np.asarray(inputs.current_a)
         self.base_v = np.asarray(inputs.base_error_v)
-        box = problem.objective_in("log", "scan").coordinates
+        box = problem.log_coordinates
         self.lower, self.upper = np.asarray(box.lower), np.asarray(box.upper)
 
     def errors(self, point: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
     lanes = lanes_of(scan, points_of(scan, POPULATION))
     nodes = len(short.compressed.in_tau.nodes)
     node_lanes = lanes_of(scan, points_of(scan, nodes))
-    logs = scan.objective_in("log").coordinates
+    logs = scan.log_coordinates
     starts = np.asarray(points_in(logs, sizes.starts))
     circuits = short.parameters_at(starts, logs)
     descent = Descent(short)

@@ -211,7 +211,7 @@ def replay_soc(
         time_s=prepared.time_s - prepared.time_s[0],
         truth=prepared.soc,
         estimate=estimate,
-        counted=np.stack([_counted(model, case) for case in cases]),
+        counted=np.stack([_counted(case) for case in cases]),
     )
     parts = tuple(
         _score(model, case, each, traces, place)
@@ -258,7 +258,7 @@ def _case(model: FilterModel, prepared: PreparedRecord, scenario: Scenario, soc_
     return believed, model.start(soc, soc_sd, float(prepared.start.direction), direction_sd), drive
 
 
-def _counted(model: FilterModel, case: Any) -> Float[np.ndarray, "samples"]:
+def _counted(case: Any) -> Float[np.ndarray, "samples"]:
     """SOC by counting alone, with what the manager has wrong."""
     believed, (state, _), drive = case
     passed_ah = np.cumsum(np.asarray(drive.held_a * drive.interval_s)) / 3600

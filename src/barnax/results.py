@@ -388,7 +388,7 @@ class Result(Document):
         return figure_of(self, name)
 
     def _repr_html_(self) -> str:
-        from .reporting import identification_document
+        from .reporting.identification import identification_document
         from .reporting.render import to_fragment
 
         return to_fragment(identification_document(self, summary_only=True))

@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 
 from barnax.baselines import METHODS, Budget, MethodFailure
-from barnax.baselines.regression import circuit_values, even_samples, regression, track
+from barnax.baselines.regression import circuit_values, even_samples, regression
 from barnax.baselines.separable import state_matrix
 from barnax.model.inputs import prepare_record
 from barnax.model.problem import make_problem
@@ -50,11 +49,16 @@ def test_least_squares_finds_a_circuit_without_noise_exactly(model, hold, known_
 def test_recursive_least_squares_ends_at_a_circuit_without_noise(hold, known_problem):
     answer = answer_of("rls", known_problem(TWO_PAIRS, hold=hold))
     assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=1e-3)
+    trajectory = answer.trajectory
+    assert trajectory.time_s[0] == 2.0
+    assert trajectory.r.shape == trajectory.tau_s.shape == (len(trajectory.time_s), 2)
+    ends = [trajectory.r0[-1], *trajectory.r[-1], *trajectory.tau_s[-1]]
+    assert ends == pytest.approx(values(TWO_PAIRS), rel=1e-3)
 
 
 def test_weighted_least_squares_is_a_loop_with_a_factor_a_coefficient(known_problem):
     problem = known_problem(TWO_PAIRS, noise_v=1e-5)
-    _, columns, target = regression(problem)
+    samples, columns, target = regression(problem)
     factors = np.array([0.9999, 0.9999, 0.999, 0.999, 0.999])
     scale = np.sqrt(np.mean(columns**2, axis=0))
     theta, variance = np.zeros(5), 1e6 * np.eye(5)
@@ -63,10 +67,9 @@ def test_weighted_least_squares_is_a_loop_with_a_factor_a_coefficient(known_prob
         gain = variance @ row / (1 + row @ variance @ row)
         theta = theta + gain * (value - row @ theta)
         variance = (np.eye(5) - np.outer(gain, row)) @ variance
-    with jax.enable_x64(True):
-        samples, r0, r, tau_s = track(problem, 0.9999, 0.999)
+    path = answer_of("wrls", problem).trajectory
     expected = circuit_values(theta / scale, samples, 2)
-    for found, each in zip((r0[-1], r[-1], tau_s[-1]), expected, strict=True):
+    for found, each in zip((path.r0[-1], path.r[-1], path.tau_s[-1]), expected, strict=True):
         np.testing.assert_allclose(found, each, rtol=1e-5)
 
 
@@ -125,15 +128,6 @@ def test_subspaces_need_no_first_state():
     is_row = np.arange(500) >= 19
     found = np.linalg.eigvals(state_matrix(drive, np.array(output), is_row, 10, 2))
     np.testing.assert_allclose(np.sort(found), [0.5, 0.9], rtol=1e-9)
-
-
-def test_the_trajectory_of_recursive_least_squares_covers_the_record(known_problem):
-    trajectory = answer_of("rls", known_problem(TWO_PAIRS)).trajectory
-    assert trajectory is not None
-    assert trajectory.time_s[0] == 2.0
-    assert trajectory.r.shape == trajectory.tau_s.shape == (len(trajectory.time_s), 2)
-    ends = [trajectory.r0[-1], *trajectory.r[-1], *trajectory.tau_s[-1]]
-    assert ends == pytest.approx(values(TWO_PAIRS), rel=1e-3)
 
 
 def test_least_squares_equals_the_regression_in_lagged_samples(known_problem):

@@ -1,4 +1,4 @@
-"""Pulse-rest tests of a cell whose OCV and hysteresis are known."""
+"""OCV tests of a cell whose OCV and hysteresis are known: branches, SOC and capacity."""
 
 from dataclasses import replace
 
@@ -7,18 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.errors import InputError
+from barnax.records import read_record
 from helpers.ocv_tests import (
     CAPACITY_AH,
+    REST,
     W_NODES_V,
     average_v,
+    between_cutoffs,
     both_ways,
     branch_v,
     charge_only,
     discharge_only,
     pulses,
     record_of,
+    slow_sweep,
 )
 
 GRID = np.linspace(0.0, 1.0, 21)
@@ -26,15 +31,10 @@ NODE_SOC = np.array([0.0, 0.1, 0.35, 0.95, 1.0])
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])
-def test_a_test_both_ways_gives_the_branches_back(hold):
+def test_a_test_both_ways_gives_branches_capacity_and_hysteresis_back(hold):
     cell = characterize([both_ways(hold)], ocv_fit="interpolated")
     np.testing.assert_allclose(cell.discharge(GRID), branch_v(GRID, -1), atol=1e-9)
     np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
-
-
-@pytest.mark.parametrize("hold", ["forward", "backward"])
-def test_a_test_both_ways_gives_capacity_and_hysteresis_back(hold):
-    cell = characterize([both_ways(hold)], ocv_fit="interpolated")
     assert cell.capacity_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
     np.testing.assert_allclose(cell.hysteresis_v(NODE_SOC), W_NODES_V, atol=1e-7)
 
@@ -58,22 +58,18 @@ def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
     np.testing.assert_allclose(cell.average_ocv_v(soc), average_v(soc), atol=1e-8)
 
 
-def test_one_file_keeps_one_axis_when_the_recharge_stops_short():
-    cell = characterize([both_ways(returned=0.98)], ocv_fit="interpolated")
+@pytest.mark.parametrize(("returned", "capacity_ah"), [(0.98, None), (0.5, 2.0)])
+def test_one_file_keeps_one_axis_when_the_recharge_stops_short(returned, capacity_ah):
+    test = both_ways(returned=returned)
+    cell = characterize([test], capacity_ah=capacity_ah, ocv_fit="interpolated")
     assert cell.charge_points[0].soc == pytest.approx(0.0, abs=1e-9)
-    assert cell.charge_points[-1].soc == pytest.approx(0.98, abs=1e-9)
+    assert cell.charge_points[-1].soc == pytest.approx(returned, abs=1e-9)
 
 
 def test_a_given_capacity_scales_the_axis_of_one_file():
     cell = characterize([both_ways()], capacity_ah=2.02, ocv_fit="interpolated")
     assert cell.discharge_points[-1].soc == 1.0
     assert cell.discharge_points[0].soc == pytest.approx(1 - CAPACITY_AH / 2.02, abs=1e-9)
-
-
-def test_files_of_one_direction_are_scaled_by_their_own_charge():
-    shorter = replace(charge_only(), current_a=charge_only().current_a * 0.985)
-    cell = characterize([discharge_only(), shorter], ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
 
 
 def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
@@ -134,25 +130,156 @@ def test_the_average_of_one_direction_has_its_errors():
     assert errors["average"] == errors["discharge"]
 
 
-def test_directions_that_disagree_are_fine_with_the_capacity_given():
-    cell = characterize([both_ways(returned=0.5)], capacity_ah=2.0, ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(0.5, abs=1e-9)
+# Records that hold more than their OCV test, and testers that never read zero
 
 
-def test_a_record_without_rests_is_refused():
-    current_a = np.append(np.tile([2.0] * 10 + [-1.5] * 10, 100), 2.0)
-    record = record_of(current_a, start_soc=1.0, direction=1, hold="backward")
-    record = replace(record, current_a=np.append(current_a, 2.0))
-    with pytest.raises(InputError, match="it has no rests"):
+def steady(direction: int, hours: float, share: float = 1.0) -> np.ndarray:
+    """`share` of the capacity in one go, by the minute."""
+    current_a = -direction * share * CAPACITY_AH / hours
+    return np.full(round(60 * hours), current_a)
+
+
+def conditioned(rest: np.ndarray = REST):
+    """A C/20 discharge, a C/2 charge, then pulses down and up."""
+    slow, back = steady(-1, 20), steady(+1, 2)
+    parts = [REST, slow, rest, back, REST, pulses(-1), pulses(+1)]
+    return record_of(np.concatenate(parts), start_soc=1.0, direction=1, name="long.csv")
+
+
+@pytest.mark.parametrize("minutes", [0, 10, 60])
+def test_a_slow_conditioning_discharge_does_not_hide_the_pulses(minutes):
+    cell = characterize([conditioned(np.zeros(minutes))], ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (21, 21)
+    np.testing.assert_allclose(cell.discharge(GRID), branch_v(GRID, -1), atol=1e-9)
+    np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
+
+
+def test_slow_sweeps_of_both_directions_come_before_rests_of_one():
+    parts = [REST, steady(-1, 20), steady(+1, 20), REST, pulses(-1)]
+    record = record_of(np.concatenate(parts), start_soc=1.0, direction=1)
+    cell = characterize([record], ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (101, 101)
+    assert any("the discharge by rests between pulses" in text for text in cell.warnings)
+
+
+@pytest.mark.parametrize("slow", [steady(-1, 20), [*steady(-1, 20), *steady(+1, 20), *REST]])
+def test_rests_of_both_directions_come_before_slow_sweeps(slow):
+    full = [] if len(slow) > 1200 else steady(+1, 2)
+    down, up = pulses(-1, 16, share=0.85), pulses(+1, 16, share=0.85)
+    parts = [REST, slow, full, REST, down, up]
+    record = record_of(np.concatenate(parts), start_soc=1.0, direction=1)
+    cell = characterize([record], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    assert (len(cell.discharge_points), len(cell.charge_points)) == (17, 17)
+
+
+def test_a_few_pulses_after_a_slow_discharge_are_not_the_test():
+    parts = [REST, steady(-1, 20), REST, pulses(+1, 5, share=0.3), pulses(-1, 5, share=0.3)]
+    cell = characterize([record_of(np.concatenate(parts), start_soc=1.0, direction=1)])
+    assert len(cell.discharge_points) == 101
+
+
+def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
+    clean = record_of(np.concatenate([REST, pulses(-1, rest=31)]), start_soc=1.0, direction=1)
+    reads = np.where(clean.current_a == 0, 0.03, clean.current_a)
+    record = replace(clean, current_a=reads)
+    with pytest.raises(InputError, match="not an OCV test"):
         characterize([record])
-
-
-def test_halves_that_share_no_state_of_charge_are_refused():
-    upper = np.concatenate([np.zeros(60), pulses(-1, 10, share=0.55)])
-    lower = np.concatenate([np.zeros(60), pulses(+1, 8, share=0.4)])
-    records = [
-        record_of(upper, start_soc=1.0, direction=1),
-        record_of(lower, start_soc=0.0, direction=-1),
+    cell = characterize([record], rest_current_a=0.05)
+    expected = characterize([clean])
+    assert [p.voltage_v for p in cell.discharge_points] == [
+        p.voltage_v for p in expected.discharge_points
     ]
-    with pytest.raises(InputError, match="do not overlap"):
-        characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+
+
+@pytest.mark.parametrize("test", [discharge_only, charge_only])
+@pytest.mark.parametrize("rest_current_a", [0.02, 1.0])
+def test_a_rest_current_up_to_that_of_the_pulses_serves(test, rest_current_a):
+    assert np.abs(test().current_a).max() == 1.0
+    assert characterize([test()], rest_current_a=rest_current_a) == characterize([test()])
+
+
+# When a test tells the capacity, and what its SOC is scaled by
+
+
+def half_discharge():
+    return np.concatenate([REST, pulses(-1, 10, share=0.5)])
+
+
+def assumptions(cell):
+    return [text for text in cell.warnings if "no capacity was given" in text]
+
+
+def scaled(record, factor: float):
+    return replace(record, current_a=record.current_a * factor)
+
+
+def test_a_test_between_cutoffs_measures_its_capacity():
+    cell = characterize([between_cutoffs()])
+    assert assumptions(cell) == []
+    assert cell.capacity_origin.startswith("measured")
+
+
+def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
+    current_a = np.concatenate([half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)])
+    cell = characterize([record_of(current_a, start_soc=0.5, direction=1)])
+    assert len(assumptions(cell)) == 1
+
+
+@pytest.mark.parametrize("test", [between_cutoffs, lambda: slow_sweep(-1)])
+@pytest.mark.parametrize("ratio", [0.6, 0.9, 1.1, 1.9])
+def test_the_record_s_capacity_does_not_stretch_a_test_that_spans_both_ends(test, ratio):
+    whole = characterize([test()], ocv_fit="interpolated")
+    other = characterize([test()], capacity_ah=ratio * whole.capacity_ah, ocv_fit="interpolated")
+    assert other.capacity_ah == ratio * whole.capacity_ah
+    assert other.discharge_points == whole.discharge_points
+    assert other.charge_points == whole.charge_points
+
+
+def test_the_capacity_of_the_ocv_test_scales_one_that_does_not_span_both_ends():
+    test = record_of(half_discharge(), start_soc=1.0, direction=1)
+    cell = characterize([test], capacity_ah=1.8, ocv_capacity_ah=2.0)
+    assert cell.capacity_ah == 1.8
+    assert cell.soc_range == pytest.approx((0.5, 1.0))
+    alone = characterize([test], ocv_capacity_ah=2.0)
+    assert (alone.capacity_ah, alone.discharge_points) == (2.0, cell.discharge_points)
+
+
+def test_a_slow_sweep_measures_its_capacity_and_scales_itself():
+    measured = characterize([slow_sweep(-1)])
+    assert measured.capacity_origin.startswith("measured")
+    given = characterize([slow_sweep(-1)], capacity_ah=CAPACITY_AH / 0.96)
+    # The last loaded sample is one minute of twenty hours short of empty.
+    assert given.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)
+    assert not any("scaled" in text for text in given.warnings)
+
+
+def test_the_bundled_test_measures_its_capacity():
+    cell = characterize([read_record(path) for path in BUNDLED.ocv])
+    assert cell.capacity_origin.startswith("measured")
+    assert cell.capacity_ah == pytest.approx(1.9997, abs=5e-5)
+    assert assumptions(cell) == []
+
+
+def test_a_charge_that_stops_at_92_percent_is_scaled_by_the_capacity():
+    records = [discharge_only(), scaled(charge_only(), 0.92)]
+    cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    assert cell.charge_points[-1].soc == pytest.approx(0.92, abs=1e-9)
+    assert any(
+        "1.84 Ah, the capacity is 2 Ah: its SOC is scaled by the capacity" in text
+        for text in cell.warnings
+    )
+
+
+def test_two_files_that_agree_are_scaled_by_their_own_charge_and_say_so():
+    records = [scaled(discharge_only(), 0.92), scaled(charge_only(), 0.92)]
+    cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-9)
+    assert sum("scaled by its own charge" in text for text in cell.warnings) == 2
+
+
+@pytest.mark.parametrize("share", [0.981, 1.0, 1.019])
+def test_a_charge_within_two_percent_is_scaled_by_its_own_without_a_word(share):
+    records = [discharge_only(), scaled(charge_only(), share)]
+    cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
+    assert not any("scaled" in text for text in cell.warnings)

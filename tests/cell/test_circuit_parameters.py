@@ -53,12 +53,6 @@ def test_a_time_constant_beyond_all_floats_is_refused_by_its_pair(size):
         CircuitParameters(0.05, (0.02, size), (500.0, size))
 
 
-def test_a_time_constant_is_resistance_times_capacitance():
-    circuit = CircuitParameters(0.05, (0.5, 0.25), (8.0, 4.0))
-    assert circuit.tau_s == (4.0, 1.0)
-    assert circuit.ordered() == CircuitParameters(0.05, (0.25, 0.5), (4.0, 8.0))
-
-
 def test_the_rate_of_a_dynamic_hysteresis_stands_last():
     circuit = CircuitParameters(0.05, (0.02,), (500.0,), gamma=300.0)
     assert list(circuit.to_dict()) == ["R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "gamma"]

@@ -38,11 +38,8 @@ def test_the_samsung_cell_has_the_published_gap(samsung):
     np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
 
 
-def test_the_samsung_cell_has_the_published_capacity(samsung):
+def test_the_samsung_test_measures_the_published_capacity(samsung):
     assert samsung.capacity_ah == pytest.approx(1.9960, abs=5e-4)
-
-
-def test_the_samsung_test_shows_that_it_runs_from_full_to_empty(samsung):
     assert samsung.capacity_origin.startswith("measured")
     assert samsung.warnings == ()
 

@@ -45,12 +45,6 @@ def test_a_slow_sweep_gives_its_branch(direction, hold):
     np.testing.assert_allclose(curve(INNER), under_load_v(INNER, direction), atol=1e-4)
 
 
-@pytest.mark.parametrize("hold", ["forward", "backward"])
-def test_a_slow_sweep_measures_the_capacity(hold):
-    cell = characterize([sweep(-1, hold=hold)])
-    assert cell.capacity_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
-
-
 def test_a_slow_sweep_is_thinned_to_101_points_from_empty_to_full():
     points = characterize([sweep(-1)]).discharge_points
     assert len(points) == 101

@@ -4,6 +4,7 @@ The words stand in `words.txt`, written anew with BARNAX_WRITE_GOLDEN=1.
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,11 @@ def conditioned():
     return driven(REST, slow, REST, back, REST, pulses(-1), pulses(+1), name="long.csv")
 
 
+def restless():
+    record = driven(np.tile([2.0] * 10 + [-1.5] * 10, 50))
+    return replace(record, current_a=np.where(record.current_a == 0, 2.0, record.current_a))
+
+
 def steep(soc, _):
     return 3.2 + np.tanh(30 * soc) + 0.01 * soc
 
@@ -74,6 +80,8 @@ TESTS = {
     "five points": lambda: [both_ways(count=5)],
     "short rests": lambda: [driven(pulses(-1, rest=20), name="drive.csv")],
     "two rests": lambda: [driven(pulses(-1, 2))],
+    "no rests": lambda: [restless()],
+    "halves that do not overlap": lambda: [part(0.55, 1.0, "upper.csv"), part(0.4, 0, "lower", 1)],
     "no current": lambda: [driven(np.zeros(100))],
     "one C": lambda: [driven(REST, np.full(60, 2.0), REST)],
     "parts that do not meet": lambda: [part(0.4, 1.0, "upper.csv"), part(0.4, 0.5, "lower.csv")],
@@ -100,8 +108,13 @@ OPTIONS = [
     *((test, {}) for test in TESTS),
     *(("a whole test", {"capacity_ah": value}) for value in (20.0, 0.002, 0.0, -2.0, NAN, 2.0)),
     *(("a whole test", {"capacity_ah": CAPACITY_AH / ratio}) for ratio in RATIOS),
-    *(("a slow discharge", {"capacity_ah": CAPACITY_AH / ratio}) for ratio in (0.49, *RATIOS, 2.1)),
+    *(
+        ("a slow discharge", {"capacity_ah": CAPACITY_AH / ratio})
+        for ratio in (0.49, 0.81, 0.96, 2.1)
+    ),
     *(("one direction", {"capacity_ah": CAPACITY_AH / ratio}) for ratio in (0.4, 0.6, 1.21)),
+    *(("a test between cutoffs", {"capacity_ah": value}) for value in (0.95, 4.0)),
+    ("halves that do not overlap", {"capacity_ah": 2.0, "ocv_fit": "interpolated"}),
     *(("one direction", {"rest_current_a": value}) for value in (0.0, -0.1, NAN, 5.0)),
     ("a test between cutoffs", {"ocv_capacity_ah": 1.5}),
     ("a table", {"capacity_ah": 2.0}),

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax.cli.record_options import RecordOptions
+from barnax.cli.options import RecordOptions
 from barnax.errors import InputError
 from barnax.gather import Reading, read_inputs, read_validation
 from barnax.records import source_from_frame

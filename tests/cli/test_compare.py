@@ -24,15 +24,20 @@ def compared(tmp_path_factory):
     return run_command("compare", *ROWS, *BUDGET, "--out", folder), folder
 
 
-def test_one_folder_comes_out(compared):
+def test_one_folder_comes_out_with_a_result_that_times_every_row(compared):
     outcome, folder = compared
     assert outcome.status == 0
-    names = {path.name for path in folder.iterdir()}
-    assert names == {
-        "comparison.json", "timings.json", "files.json", "report.html", "report.md", "figures"
-    }  # fmt: skip
-    suffixes = {path.suffix for path in (folder / "figures").iterdir()}
-    assert suffixes == {".png", ".svg"}
+    files = {"comparison.json", "timings.json", "files.json", "report.html", "report.md"}
+    assert {path.name for path in folder.iterdir()} == {*files, "figures"}
+    assert {path.suffix for path in (folder / "figures").iterdir()} == {".png", ".svg"}
+    result = ComparisonResult.from_json(folder / "comparison.json")
+    timings = json.loads((folder / "timings.json").read_text())
+    assert all(timings[f"{row.name} [s]"] >= 0 for row in result.rows)
+    assert [row.name for row in result.rows] == [
+        *("ls so-rc", "varpro so-rc", "ls iso-rc", "varpro iso-rc")
+    ]
+    assert result.command[:2] == ("barnax", "compare")
+    assert str(folder) not in " ".join(result.command)
 
 
 def test_the_tables_and_the_verdict_are_printed(compared):
@@ -41,26 +46,6 @@ def test_the_tables_and_the_verdict_are_printed(compared):
     assert max(map(len, outcome.out.splitlines())) <= 80
     for part in ("Parameters", "Search", "lowest RMSE", "varpro so-rc"):
         assert part in printed
-
-
-def test_every_row_is_timed_beside_the_result(compared):
-    _, folder = compared
-    result = ComparisonResult.from_json(folder / "comparison.json")
-    timings = json.loads((folder / "timings.json").read_text())
-    assert all(timings[f"{row.name} [s]"] >= 0 for row in result.rows)
-    assert [row.name for row in result.rows] == [
-        "ls so-rc",
-        "varpro so-rc",
-        "ls iso-rc",
-        "varpro iso-rc",
-    ]
-
-
-def test_the_command_is_stored_without_folders(compared):
-    _, folder = compared
-    command = ComparisonResult.from_json(folder / "comparison.json").command
-    assert command[:2] == ("barnax", "compare")
-    assert str(folder) not in " ".join(command)
 
 
 def test_a_second_run_needs_force_and_gives_the_same_bytes(compared, tmp_path, monkeypatch):
@@ -96,16 +81,10 @@ def test_bad_input_is_one_message(words, message, refuse):
     assert message in " ".join(refuse("compare", *words).split())
 
 
-def test_without_a_choice_the_papers_rows_run():
+def test_a_choice_of_models_or_methods_gives_all_combinations_once():
     assert chosen_rows(None, None, PAPER_ROWS) == list(PAPER_ROWS)
-
-
-def test_a_choice_of_both_gives_all_combinations_once():
     rows = chosen_rows("esc, so-rc", "ls,lm,ls", PAPER_ROWS)
     assert rows == [("esc", "ls"), ("esc", "lm"), ("so-rc", "ls"), ("so-rc", "lm")]
-
-
-def test_a_choice_of_models_keeps_the_papers_methods():
     assert chosen_rows("esc", None, PAPER_ROWS) == [
         ("esc", method) for method in ("ls", "pso", "bmo", "ibmo")
     ]

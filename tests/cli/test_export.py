@@ -29,44 +29,33 @@ def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
     assert list(contents(tmp_path)) == [exporter.file_name]
 
 
-def test_out_names_the_file_and_its_folders(run, stored, tmp_path):
-    assert run("export", stored, "--to", "csv", "--out", "a/b/cell.csv").status == 0
-    assert (tmp_path / "a/b/cell.csv").read_text().startswith("name,value,unit\n")
-
-
-def test_quiet_leaves_the_caveats_alone(run, stored):
-    outcome = run("export", stored, "--to", "pybamm", "-q")
-    assert outcome.out == ""
+def test_out_names_the_file_and_quiet_leaves_the_caveats_alone(run, stored, tmp_path):
+    outcome = run("export", stored, "--to", "pybamm", "--out", "a/b/cell.py", "-q")
+    assert (outcome.status, outcome.out) == (0, "")
     assert outcome.err.startswith("warning: PyBaMM's Thevenin model has no hysteresis voltage")
+    assert (tmp_path / "a/b/cell.py").is_file()
 
 
-def test_an_existing_file_is_refused_and_force_is_named(refuse, stored, tmp_path):
+def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored, tmp_path):
     (tmp_path / "barnax_cell.h").write_text("mine")
     message = refuse("export", stored, "--to", "c-header")
     assert "barnax_cell.h: exists already; replace it with --force" in message
-
-
-def test_force_replaces_it(run, stored, tmp_path):
-    (tmp_path / "barnax_cell.h").write_text("mine")
     assert run("export", stored, "--to", "c-header", "--force").status == 0
     assert (tmp_path / "barnax_cell.h").read_text().startswith("/*\n * Written by barnax")
 
 
-def test_the_result_itself_is_never_replaced(refuse, stored):
-    message = refuse("export", stored, "--to", "csv", "--out", stored, "--force")
-    assert "is the result itself" in message
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "Missing option"),
+        (("--to", "spice"), "--to 'spice' is not known; there are pybamm, thevenin, simscape, c-h"),
+        (("--to", "csv", "--verify"), "not for csv"),
+        (("--to", "csv", "--out", "{stored}", "--force"), "is the result itself"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused(refuse, stored, words, message):
+    assert message in refuse("export", stored, *(w.format(stored=stored) for w in words))
     Result.from_json(stored)
-
-
-def test_an_unknown_target_is_refused_with_the_known_ones(refuse, stored):
-    message = refuse("export", stored, "--to", "spice")
-    assert (
-        "--to 'spice' is not known; there are pybamm, thevenin, simscape, c-header, csv" in message
-    )
-
-
-def test_a_missing_target_is_a_usage_error(refuse, stored):
-    assert "Missing option" in refuse("export", stored)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"{}"], ids=["absent", "empty", "other"])
@@ -100,10 +89,6 @@ def test_verify_without_the_package_says_how_to_get_it(refuse, stored, monkeypat
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     message = refuse("export", stored, "--to", "thevenin", "--verify")
     assert 'pip install ".[verify]"' in message
-
-
-def test_verify_of_what_nothing_simulates_is_refused(refuse, stored):
-    assert "not for csv" in refuse("export", stored, "--to", "csv", "--verify")
 
 
 @pytest.mark.parametrize("name", ["pybamm", "thevenin"])

@@ -1,10 +1,17 @@
-"""Errors by SOC, and differences over time and over seeds."""
+"""Errors by SOC, differences over time and over seeds, and how their intervals are resampled."""
 
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
-from barnax.comparison.statistics import compare_over_seeds, compare_over_time, errors_by_soc
+from barnax.comparison.statistics import (
+    block_length,
+    compare_over_seeds,
+    compare_over_time,
+    errors_by_soc,
+    resampled_means,
+)
 
 
 def test_bands_hold_every_scored_sample_once():
@@ -76,3 +83,70 @@ def test_one_answer_stands_beside_every_seed():
 
 def test_two_answers_without_seeds_have_no_pairs():
     assert compare_over_seeds(np.array([1.0]), np.array([2.0])) is None
+
+
+def autoregressive(correlation, samples, seed, rows=1):
+    """Noise whose neighbors are correlated, after a start that is forgotten."""
+    white = np.random.default_rng(seed).standard_normal((rows, samples + 500))
+    return lfilter([1.0], [1.0, -correlation], white, axis=1)[:, 500:]
+
+
+# For such noise G / g(0) = 2 rho / (1 - rho^2) in the rule's own words: a closed form.
+@pytest.mark.parametrize("correlation", [0.5, 0.8, 0.9])
+def test_the_length_is_the_optimal_one_of_autoregressive_noise(correlation):
+    samples = 20_000
+    lengths = [block_length(autoregressive(correlation, samples, seed)[0])[0] for seed in range(10)]
+    optimal = (1.5 * (2 * correlation / (1 - correlation**2)) ** 2 * samples) ** (1 / 3)
+    assert np.mean(lengths) == pytest.approx(optimal, rel=0.1)
+
+
+def test_a_series_that_drifts_all_along_is_capped_and_says_so():
+    length, is_capped = block_length(np.linspace(0, 1, 10_000) ** 2)
+    assert is_capped
+    assert 200 < length <= 3 * np.sqrt(10_000)
+
+
+def test_a_constant_series_needs_no_block():
+    assert block_length(np.full(1000, 0.3)) == (1, False)
+
+
+@pytest.mark.parametrize("length", [1, 7, 50])
+def test_resampled_means_vary_as_block_means_do(length):
+    series = autoregressive(0.5, 5000, 3)
+    means = resampled_means(series, length, np.random.default_rng(0))[0]
+    circle = np.concatenate([series[0], series[0, : length - 1]])
+    blocks = np.lib.stride_tricks.sliding_window_view(circle, length).mean(axis=1)
+    expected = np.std(blocks) / np.sqrt(np.ceil(5000 / length))
+    # The standard deviation of 1000 draws is known to 1 / sqrt(2000).
+    assert np.std(means) == pytest.approx(expected, rel=4 / np.sqrt(2000))
+    assert np.mean(means) == pytest.approx(np.mean(blocks), abs=4 * expected / np.sqrt(1000))
+
+
+def test_the_ends_of_a_series_count_as_much_as_its_middle():
+    series = np.zeros((1, 3000))
+    series[0, -200:] = 1.0
+    means = resampled_means(series, 150, np.random.default_rng(0))[0]
+    assert np.mean(means) == pytest.approx(200 / 3000, abs=4 * np.std(means) / np.sqrt(1000))
+
+
+def test_errors_that_differ_by_rounding_are_no_real_difference():
+    error_v = autoregressive(0.5, 3000, 6)[0]
+    found = compare_over_time(error_v, error_v * (1 + 1e-12))
+    assert found.interval_v[1] < 0
+    assert not found.is_real
+    pairs = compare_over_seeds(np.full(30, 0.02), np.full(30, 0.02) * (1 + 1e-12))
+    assert (pairs.wins, pairs.losses, pairs.p_value) == (0, 0, 1.0)
+
+
+# Two rows of equal size of error: the truth is zero. 200 records; 95 % is 190, and four standard
+# deviations are 12; blocks are known to cover a little less.
+@pytest.mark.parametrize("correlation", [0.0, 0.7, 0.95])
+def test_intervals_cover_the_truth_as_often_as_they_say(correlation):
+    covered = 0
+    for seed in range(200):
+        first, second = autoregressive(correlation, 3000, seed, rows=2)
+        found = compare_over_time(first, second, seed)
+        (low_v, high_v), (low_v2, high_v2) = found.interval_v, found.interval_v2
+        assert (low_v <= 0 <= high_v) == (low_v2 <= 0 <= high_v2)
+        covered += not found.is_real
+    assert 172 <= covered <= 200

@@ -11,7 +11,7 @@ from barnax.metrics import measure
 from barnax.model.window import Window
 from barnax.over_soc import TableSettings, simulate_tables
 from barnax.records import read_record
-from barnax.reporting import comparison_document
+from barnax.reporting.comparison import comparison_document
 from barnax.reporting.render import to_markdown
 
 SMALL = TableSettings(nodes=(0.5, 0.9, 1.0), most_cells=0, block_s=100.0)

@@ -38,28 +38,39 @@ class Inline(Executor):
 
 
 @pytest.fixture
-def made_rows(monkeypatch):
-    """Rows without any identification; the ids that were computed, in order."""
+def computed(monkeypatch):
+    """Rows without any identification: the ids that were computed, in order."""
+    return made_rows(monkeypatch)
+
+
+def made_rows(monkeypatch, before=lambda name: None):
+    """The same, where `before` is called with each id, and may give an error or raise one."""
     computed = []
 
     def row(cell, settings, kept=None):
+        error = before(cell.id)
         computed.append(cell.id)
-        return ROW | {"id": cell.id, **cell.carried}
+        return ROW | {"id": cell.id, "error": error, **cell.carried}
 
     monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
     return computed
+
+
+def use_pools(monkeypatch, make):
+    """Pools of processes are what `make` gives."""
+    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: make())
 
 
 def cells_of(names):
     return [{"id": name, "records": "nowhere.csv", "age": 1} for name in names]
 
 
-def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, made_rows):
+def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, computed):
     first = identify_fleet(cells_of("abc"), tmp_path, executor=Inline())
-    assert (first.finished, first.skipped, made_rows) == (3, 0, ["a", "b", "c"])
+    assert (first.finished, first.skipped, computed) == (3, 0, ["a", "b", "c"])
     changed = [*cells_of("ab"), {"id": "c", "records": "nowhere.csv", "age": 2}]
     second = identify_fleet(changed, tmp_path, executor=Inline())
-    assert (second.finished, second.skipped, made_rows[3:]) == (1, 2, ["c"])
+    assert (second.finished, second.skipped, computed[3:]) == (1, 2, ["c"])
     rows = read_rows(tmp_path)
     assert rows["id"].to_list() == ["a", "b", "c"]
     assert rows["age"].to_list() == [1, 1, 2]
@@ -74,17 +85,13 @@ class Stop(Exception):
 @pytest.mark.parametrize("shard", [None, (1, 1)])
 @pytest.mark.parametrize("is_interrupted", [False, True])
 def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_interrupted, shard):
-    failing, computed = {"b"}, []
-
-    def row(cell, settings, kept=None):
-        computed.append(cell.id)
-        return ROW | {"id": cell.id, "error": "no" if cell.id in failing else None}
+    failing = {"b"}
+    computed = made_rows(monkeypatch, lambda name: "no" if name in failing else None)
 
     def stop(state):
         if is_interrupted and state.finished:
             raise Stop
 
-    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
     one_each = {"executor": Inline(), "shard": shard, "batch": 1}
     with suppress(Stop):
         identify_fleet(cells_of("abc"), tmp_path, report=stop, **one_each)
@@ -95,13 +102,13 @@ def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_in
     assert read_rows(tmp_path)["error"].to_list() == [None] * 3
 
 
-def test_a_folder_may_be_called_like_a_pattern(tmp_path, made_rows):
+def test_a_folder_may_be_called_like_a_pattern(tmp_path, computed):
     for names in ("ab", "abc"):
         state = identify_fleet(cells_of(names), tmp_path / "[A1] *", executor=Inline())
-    assert (state.finished, state.skipped, made_rows) == (1, 2, ["a", "b", "c"])
+    assert (state.finished, state.skipped, computed) == (1, 2, ["a", "b", "c"])
 
 
-def test_settings_that_come_back_have_their_own_rows(tmp_path, made_rows):
+def test_settings_that_come_back_have_their_own_rows(tmp_path, computed):
     def stop(state):
         if state.finished:
             raise Stop
@@ -116,14 +123,14 @@ def test_settings_that_come_back_have_their_own_rows(tmp_path, made_rows):
     assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
 
 
-def test_rows_of_other_cells_stay(tmp_path, made_rows):
+def test_rows_of_other_cells_stay(tmp_path, computed):
     identify_fleet(cells_of("ab"), tmp_path, executor=Inline())
     identify_fleet(cells_of("c"), tmp_path, executor=Inline())
     assert read_rows(tmp_path)["id"].to_list() == ["a", "b", "c"]
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
 
 
-def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, made_rows):
+def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, computed):
     taken = []
 
     def cells():
@@ -145,18 +152,18 @@ def test_an_iterable_is_read_no_further_than_its_batches(tmp_path, made_rows):
     assert reports[-1] == (10, 10)
 
 
-def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, made_rows):
+def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, computed):
     for number in (1, 2):
         identify_fleet(cells_of("abcdef"), tmp_path, executor=Inline(), shard=(number, 2))
     assert len(list(tmp_path.glob("cells-*-of-00002.parquet"))) == 2
-    assert sorted(made_rows) == list("abcdef")
+    assert sorted(computed) == list("abcdef")
     whole = identify_fleet(cells_of("abcdef"), tmp_path, executor=Inline())
     assert (whole.finished, whole.skipped) == (0, 6)
     assert [path.name for path in tmp_path.glob("*.parquet")] == ["cells.parquet"]
     assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
 
 
-def test_shards_run_beside_each_other(tmp_path, made_rows):
+def test_shards_run_beside_each_other(tmp_path, computed):
     names = [f"cell {number}" for number in range(24)]
     with ThreadPoolExecutor(4) as pool:
         running = [
@@ -169,34 +176,31 @@ def test_shards_run_beside_each_other(tmp_path, made_rows):
     assert identify_fleet(cells_of(names), tmp_path, executor=Inline()).skipped == len(names)
 
 
-def test_two_commands_cannot_write_to_one_folder(tmp_path, made_rows, monkeypatch):
+def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
     refused = []
 
-    def row(cell, settings, kept=None):
-        try:
+    def begin_another(name):
+        with pytest.raises(InputError, match="another command is writing there") as problem:
             identify_fleet(cells_of("z"), tmp_path, executor=Inline())
-        except InputError as problem:
-            refused.append(str(problem))
-        return ROW | {"id": cell.id}
+        refused.append(problem)
 
-    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
-    identify_fleet(cells_of("a"), tmp_path, executor=Inline())
+    made_rows(monkeypatch, begin_another)
+    assert identify_fleet(cells_of("a"), tmp_path, executor=Inline()).finished == 1
     assert len(refused) == 1
-    assert "another command is writing there" in refused[0]
 
 
-def test_an_id_that_stands_twice_is_refused(tmp_path, made_rows):
+def test_an_id_that_stands_twice_is_refused(tmp_path, computed):
     with pytest.raises(InputError, match="the id 'a' occurs twice"):
         identify_fleet(cells_of("aba"), tmp_path, executor=Inline())
 
 
-def test_an_unknown_method_is_refused_before_any_cell(tmp_path, made_rows):
+def test_an_unknown_method_is_refused_before_any_cell(tmp_path, computed):
     with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
         identify_fleet(cells_of("a"), tmp_path, executor=Inline(), settings={"method": "magic"})
-    assert made_rows == []
+    assert computed == []
 
 
-def test_a_mapping_may_leave_columns_empty(tmp_path, made_rows):
+def test_a_mapping_may_leave_columns_empty(tmp_path, computed):
     empty = {"capacity": None, "ocv": None, "circuit": None, "age": None}
     cells = [*cells_of("a"), cells_of("b")[0] | empty]
     assert identify_fleet(cells, tmp_path, executor=Inline()).finished == 2
@@ -247,14 +251,13 @@ class Fragile(Inline):
 def test_a_cell_that_kills_its_worker_costs_one_row(tmp_path, monkeypatch):
     deaths = []
 
-    def row(cell, settings, kept=None):
-        if cell.id == "deadly":
-            deaths.append(cell.id)
+    def die(name):
+        if name == "deadly":
+            deaths.append(name)
             raise Deadly
-        return ROW | {"id": cell.id}
 
-    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
-    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: Fragile())
+    made_rows(monkeypatch, die)
+    use_pools(monkeypatch, Fragile)
     names = ["a", "b", "deadly", "c", "d", "e"]
     state = identify_fleet(cells_of(names), tmp_path, batch=3)
     assert (state.finished, state.failed, len(deaths)) == (6, 1, 2)
@@ -266,13 +269,11 @@ def test_a_cell_that_kills_its_worker_costs_one_row(tmp_path, monkeypatch):
 
 
 def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch):
-    computed, dies = [], [True]
+    dies = [True]
 
-    def row(cell, settings, kept=None):
-        if cell.id == "deadly" and dies.pop():
+    def die_once(name):
+        if name == "deadly" and dies.pop():
             raise Deadly
-        computed.append(cell.id)
-        return ROW | {"id": cell.id}
 
     class Limited(Fragile):
         asked = 0
@@ -282,7 +283,7 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
             assert self.asked < 100
             return super().submit(fn, *args, **kwargs)
 
-    monkeypatch.setattr("barnax.fleet.rows.identify_cell", row)
+    computed = made_rows(monkeypatch, die_once)
     cells = cells_of(["a", "deadly", "b"])
     with pytest.raises(InputError, match="the executor is broken"):
         identify_fleet(cells, tmp_path, executor=Limited(), batch=1)
@@ -291,11 +292,11 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
     assert (state.finished, state.skipped, computed) == (2, 1, ["a", "deadly", "b"])
 
 
-def test_a_pool_that_breaks_while_nothing_runs_is_replaced(tmp_path, made_rows, monkeypatch):
+def test_a_pool_that_breaks_while_nothing_runs_is_replaced(tmp_path, computed, monkeypatch):
     broken = Fragile()
     broken.is_broken = True
     pools = iter([broken, Inline()])
-    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: next(pools))
+    use_pools(monkeypatch, lambda: next(pools))
     assert identify_fleet(cells_of("ab"), tmp_path).finished == 2
 
 
@@ -308,7 +309,7 @@ def test_workers_that_never_begin_are_no_endless_loop(tmp_path, monkeypatch):
             future.set_exception(BrokenProcessPool("no worker started"))
             return future
 
-    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: Dead())
+    use_pools(monkeypatch, Dead)
     with pytest.raises(RuntimeError, match="workers die before they begin"):
         identify_fleet(cells_of("ab"), tmp_path)
 
@@ -374,13 +375,7 @@ def test_validation_records_start_at_an_soc_of_their_own(small_fleet, bundled_ce
     # The parameters of the fleet's first cell, whose noise is 1 mV.
     write_cell(tmp_path / "later.parquet", bundled_cell, 350, 7, soc=0.5)
     (cell, *_), _ = read_manifest(small_fleet / "manifest.csv")
-    row = {
-        "id": "own",
-        "records": cell.records,
-        "ocv": cell.ocv,
-        "initial_soc": 0.8,
-        "model": "1rc",
-    }
+    row = {"id": "own", "records": cell.records, "ocv": cell.ocv, "initial_soc": 0.8}
     row |= {"validate": tmp_path / "later.parquet", "validate_initial_soc": 0.5, "model": "1rc"}
     found = identify_cell(cell_of(row), {"seeds": 0, "trust": "none"})
     assert found["error"] is None

@@ -5,8 +5,8 @@ import polars as pl
 import pytest
 
 from barnax.fleet.summary import summarize
-from barnax.reporting import to_html
 from barnax.reporting.fleet import fleet_document, fleet_illustrations
+from barnax.reporting.render import to_html
 
 CELLS = 40
 

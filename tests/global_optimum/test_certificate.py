@@ -13,7 +13,7 @@ from barnax.global_optimum.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, c
 from barnax.global_optimum.reduced import Axis, Reduced
 from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem, rmse_by_scan
-from barnax.model.search_space import Bounds, ResistanceBounds
+from barnax.model.search_space import Bounds
 from barnax.model.window import Window
 from reference import banded_response, make_record
 
@@ -124,8 +124,8 @@ def test_what_a_response_does_between_the_three_places_is_allowed_for(wave, phas
 
     axis = Axis(0.0, 8.0, columns, wave**3 / THIRD_DERIVATIVE, wrong)
     resistances = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.5, 1.0), "tau1 [s]": (1.0, np.exp(8.0))}
-    box = ResistanceBounds(Bounds(resistances, resistances["tau1 [s]"], pairs=1))
-    reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box, is_ordered=True)
+    box = Bounds(resistances, resistances["tau1 [s]"], pairs=1)
+    reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box)
     places = np.linspace(0.0, 8.0, 20_001)
     sine = np.min(np.sin(wave * places + phase))
     lowest = 2 + min(0.5 * sine, sine)

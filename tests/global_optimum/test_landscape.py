@@ -5,13 +5,14 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.cell import CircuitParameters
-from barnax.errors import InputError
-from barnax.global_optimum import Landscape, make_landscape
+from barnax.global_optimum import Landscape
+from barnax.global_optimum.reduced import Reduced
+from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
 from barnax.uncertainty.covariance import named_values
-from reference import make_record
+from helpers.problems import drive_record
 
 KNOWN_SOC = Window(initial_soc=0.6)
 R_BOX = (1e-4, 0.2)
@@ -31,17 +32,6 @@ CASES = {
 }
 
 
-def drive_record(samples=400, seed=0, hold="forward"):
-    """Steps, rests and noise on a clock with gaps; two relaxations and a slow drift."""
-    rng = np.random.default_rng(seed)
-    interval_s = rng.choice([1.0, 1.016, 30.0], samples - 1, p=[0.6, 0.38, 0.02])
-    time_s = np.append(0.0, np.cumsum(interval_s))
-    current_a = np.repeat(rng.choice([0.0, 0.5, 3.0, -1.5], samples // 10 + 1), 10)[:samples]
-    voltage_v = 3.7 - 0.06 * current_a + 0.01 * np.sin(time_s / 90)
-    voltage_v = voltage_v + 1e-3 * rng.standard_normal(samples)
-    return make_record(time_s, current_a, voltage_v, hold=hold)
-
-
 @pytest.fixture(scope="module")
 def problem_of(bundled_cell):
     """The problem of a case, on one record."""
@@ -51,7 +41,7 @@ def problem_of(bundled_cell):
         if case not in made:
             circuit, bounds, fixed = CASES[case]
             given = {"window": KNOWN_SOC, "bounds": bounds, "fixed": fixed}
-            made[case] = make_problem(drive_record(), bundled_cell, circuit, **given)
+            made[case] = make_problem(drive_record("gaps", 400, 0), bundled_cell, circuit, **given)
         return made[case]
 
     return make
@@ -63,7 +53,7 @@ def landscape_in(problem_of):
 
     def make(case) -> Landscape:
         if case not in made:
-            made[case] = make_landscape(problem_of(case))
+            made[case] = landscape_of(Reduced.of(problem_of(case)))
         return made[case]
 
     return make
@@ -165,19 +155,12 @@ def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():
 
 
 def test_records_together_have_the_landscape_of_their_joint_error(bundled_cell):
-    records = [drive_record(300, seed=1), drive_record(200, seed=2, hold="backward")]
+    records = [drive_record("gaps", 300, 1), drive_record("gaps", 200, 2, "backward")]
     problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)
-    landscape = make_landscape(problem)
+    landscape = landscape_of(Reduced.of(problem))
     low, high = np.full(3, R_BOX[0]), np.full(3, R_BOX[1])
     scale = 2 / bundled_cell.capacity_ah
     for point in some_points(landscape, 4):
         taus = landscape.circuit(point).tau_s
         expected = least_rmse(problem, low * scale, high * scale, taus, None)
         assert landscape.rmse_v[point] == pytest.approx(expected, rel=1e-8)
-
-
-def test_a_box_too_wide_to_compress_is_refused(bundled_cell):
-    wide = {"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)}
-    problem = make_problem(drive_record(), bundled_cell, "so-rc", window=KNOWN_SOC, bounds=wide)
-    with pytest.raises(InputError, match="`objective='scan'`"):
-        make_landscape(problem)

@@ -4,6 +4,7 @@ import numpy as np
 
 from reference import drop_v, looped_response, make_record
 
+CLOCKS = ("even", "uneven", "gaps")
 R0_OHM, R_OHM, TAU_S = 0.05, (0.01, 0.02), (5.0, 80.0)
 
 
@@ -11,6 +12,22 @@ def drive_a(samples, seed=0, interval=10):
     """A current that jumps every few samples between rest, discharge and charge."""
     rng = np.random.default_rng(seed)
     return np.repeat(rng.choice([0.0, 2.0, 3.0, -1.0], samples // interval + 1), interval)[:samples]
+
+
+def drive_record(clock, samples, seed, hold="forward"):
+    """A made-up drive cycle: steps, rests and noise, on one of `CLOCKS`."""
+    rng = np.random.default_rng(seed)
+    interval_s = np.full(samples - 1, 1.0)
+    if clock != "even":
+        interval_s = rng.choice([0.5, 1.0, 1.0001, 2.0], samples - 1)
+    if clock == "gaps":
+        interval_s[rng.integers(0, samples - 1, 3)] = rng.uniform(30, 200, 3)
+    time_s = np.append(0.0, np.cumsum(interval_s))
+    current_a = np.repeat(rng.choice([0.0, 0.5, 3.0, -1.5], samples // 10 + 1), 10)[:samples]
+    current_a = current_a + 1e-3 * rng.standard_normal(samples)
+    voltage_v = 3.7 - 0.06 * current_a + 0.05 * np.sin(time_s / 300)
+    voltage_v = voltage_v + 2e-3 * rng.standard_normal(samples)
+    return make_record(time_s, current_a, voltage_v, hold=hold)
 
 
 def simulated_record(cell, time_s, current_a, soc, direction, **changes):

@@ -45,6 +45,11 @@ def line(axes, label: str):
     return found
 
 
+def labels(axes) -> list[str]:
+    """What a panel of a figure has in its legend."""
+    return axes.get_legend_handles_labels()[1]
+
+
 def make_record(samples: int, interval_s: float = 1.0, name: str = "cycle.csv") -> Record:
     """A repeated square wave of current, and a voltage that falls with ripple."""
     number = np.arange(samples)

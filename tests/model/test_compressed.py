@@ -17,6 +17,7 @@ from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.errors import InputError
 from barnax.model.compressed import BLOCK, ROW_STEP
 from barnax.model.problem import (
+    Objective,
     make_problem,
     rc_parameters,
     residuals,
@@ -27,32 +28,16 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
 from barnax.search.seeds import search_many, search_seeds
-from reference import banded_response, drop_v, make_record
+from helpers.problems import CLOCKS, drive_record
+from reference import banded_response, drop_v
 
 # What is promised: the larger of these, over the whole box.
 RELATIVE, ABSOLUTE_V = 1e-9, 1e-12
 KNOWN_SOC = Window(initial_soc=0.6)
-CLOCKS = ("even", "uneven", "gaps")
 # One length, so that few programs serve all.
 SAMPLES = 403
 
 rmse_of_all = eqx.filter_jit(jax.vmap(rmse, in_axes=(0, None)))
-
-
-def record_of(clock: str, samples: int, seed: int, hold="forward"):
-    """A made-up drive cycle: steps, rests and noise, on a clock of the kind named."""
-    rng = np.random.default_rng(seed)
-    interval_s = np.full(samples - 1, 1.0)
-    if clock != "even":
-        interval_s = rng.choice([0.5, 1.0, 1.0001, 2.0], samples - 1)
-    if clock == "gaps":
-        interval_s[rng.integers(0, samples - 1, 3)] = rng.uniform(30, 200, 3)
-    time_s = np.append(0.0, np.cumsum(interval_s))
-    current_a = np.repeat(rng.choice([0.0, 0.5, 3.0, -1.5], samples // 10 + 1), 10)[:samples]
-    current_a = current_a + 1e-3 * rng.standard_normal(samples)
-    voltage_v = 3.7 - 0.06 * current_a + 0.05 * np.sin(time_s / 300)
-    voltage_v = voltage_v + 2e-3 * rng.standard_normal(samples)
-    return make_record(time_s, current_a, voltage_v, hold=hold)
 
 
 def points_in(box, count: int, seed: int):
@@ -66,9 +51,15 @@ def rmses_of(points, objective):
     return np.asarray(rmse_of_all(points, objective))
 
 
+def both_objectives(problem, scale="log"):
+    """By the scan, and compressed."""
+    problem = replace(problem, scale=scale)
+    return [Objective(each, problem.coordinates) for each in (problem.scan, problem.compressed)]
+
+
 def assert_both_agree(problem, scale="log"):
     with jax.enable_x64(True):
-        scan, short = (problem.objective_in(scale, kind) for kind in ("scan", "compressed"))
+        scan, short = both_objectives(problem, scale)
         points = points_in(scan.coordinates, 20, 0)
         expected, found = rmses_of(points, scan), rmses_of(points, short)
     np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
@@ -77,7 +68,7 @@ def assert_both_agree(problem, scale="log"):
 def assert_compressed_is_the_reference(problem, seed=0):
     """Against a banded solve of every record, so that no scan is compiled."""
     with jax.enable_x64(True):
-        short = problem.objective_in("log", "compressed")
+        short = both_objectives(problem)[1]
         points = points_in(short.coordinates, 20, seed)
         found = rmses_of(points, short)
         rc = jax.tree.map(np.asarray, jax.vmap(short.coordinates.decode)(points))
@@ -104,7 +95,7 @@ CASES = [
 
 @pytest.mark.parametrize(("circuit", "clock", "hold", "scale"), CASES)
 def test_every_circuit_in_the_box_has_the_scans_error(bundled_cell, circuit, clock, hold, scale):
-    record = record_of(clock, SAMPLES, seed=1, hold=hold)
+    record = drive_record(clock, SAMPLES, seed=1, hold=hold)
     assert_both_agree(make_problem(record, bundled_cell, circuit, window=KNOWN_SOC), scale)
 
 
@@ -123,7 +114,7 @@ def test_any_box_and_window_has_the_error_of_a_plain_simulation(
 ):
     tau = (low, low * 10**decades)
     problem = make_problem(
-        record_of(clock, SAMPLES, seed, hold),
+        drive_record(clock, SAMPLES, seed, hold),
         bundled_cell,
         "so-rc",
         window=replace(KNOWN_SOC, score_from_s=scored_from_s),
@@ -141,13 +132,13 @@ def test_a_record_longer_than_a_block_is_carried_across_its_edges(bundled_record
 
 
 def test_a_record_of_fewer_samples_than_nodes_has_the_error_of_a_plain_simulation(bundled_cell):
-    problem = make_problem(record_of("uneven", 15, 8), bundled_cell, "so-rc", window=KNOWN_SOC)
+    problem = make_problem(drive_record("uneven", 15, 8), bundled_cell, "so-rc", window=KNOWN_SOC)
     assert problem.scored < len(problem.compressed.in_tau.nodes)
     assert_compressed_is_the_reference(problem)
 
 
 def test_records_reduced_together_have_their_joint_error(bundled_cell):
-    records = [record_of("uneven", 300, 2), record_of("gaps", 400, 3, "backward")]
+    records = [drive_record("uneven", 300, 2), drive_record("gaps", 400, 3, "backward")]
     problem = make_problem(records, bundled_cell, "so-rc", window=KNOWN_SOC)
     assert problem.scored == 700
     assert_compressed_is_the_reference(problem)
@@ -155,24 +146,24 @@ def test_records_reduced_together_have_their_joint_error(bundled_cell):
 
 
 def test_a_circuit_that_fits_perfectly_keeps_its_zero(bundled_cell):
-    made = make_problem(record_of("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
+    made = make_problem(drive_record("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
     circuit = CircuitParameters(0.05, (0.03, 0.02), (300.0, 5000.0))
     exact_v = evaluate(made.prepared, circuit).simulated_v
     record = replace(made.prepared.record, voltage_v=exact_v)
     problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
     with jax.enable_x64(True):
-        short = problem.objective_in("log", "compressed")
+        short = both_objectives(problem)[1]
         point = short.coordinates.encode(rc_parameters(circuit))
         assert rmses_of(jnp.stack([point] * 30), short)[0] < ABSOLUTE_V
     assert rmse_by_scan(problem, [circuit])[0] < ABSOLUTE_V
 
 
 def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundled_cell):
-    problem = make_problem(record_of("even", SAMPLES, 2), bundled_cell, "esc", window=KNOWN_SOC)
+    problem = make_problem(drive_record("even", SAMPLES, 2), bundled_cell, "esc", window=KNOWN_SOC)
     with jax.enable_x64(True):
         slopes = eqx.filter_jit(jax.jacfwd(residuals))
         values = eqx.filter_jit(residuals)
-        objectives = [problem.objective_in("log", kind) for kind in ("scan", "compressed")]
+        objectives = both_objectives(problem)
         point = points_in(objectives[0].coordinates, 1, 4)[0]
         normal, gradient = [], []
         for objective in objectives:
@@ -184,9 +175,10 @@ def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundl
 
 
 def test_single_precision_agrees_to_its_own_rounding(bundled_cell):
-    problem = make_problem(record_of("even", SAMPLES, 5), bundled_cell, "so-rc", window=KNOWN_SOC)
+    record = drive_record("even", SAMPLES, 5)
+    problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
     with jax.enable_x64(True):
-        short = problem.objective_in("log", "compressed")
+        short = both_objectives(problem)[1]
         points = points_in(short.coordinates, 20, 3)
         expected = rmses_of(points, short)
     narrow = jax.tree.map(
@@ -208,21 +200,11 @@ def compressed_problem(short_problem):
     )
 
 
-def test_the_errors_of_a_compressed_search_are_the_scans(compressed_problem):
-    found = search_seeds(compressed_problem, make_optimizer("pso", 12, 40), key=jr.key(0), seeds=3)
-    expected = rmse_by_scan(
-        replace(compressed_problem, kind="scan"), [seed.parameters for seed in found.seeds]
-    )
-    assert [seed.rmse_v for seed in found.seeds] == expected
-    for seed in found.seeds:
-        assert seed.history_v[-1] == pytest.approx(seed.rmse_v, rel=RELATIVE)
-
-
 def test_a_compressed_search_has_the_same_bits_among_any_seeds_and_cells(
     compressed_problem, bundled_cell
 ):
     other = make_problem(
-        record_of("even", 1400, 9),
+        drive_record("even", 1400, 9),
         bundled_cell,
         window=KNOWN_SOC,
         bounds=dict(compressed_problem.bounds.ranges),
@@ -251,7 +233,7 @@ def test_records_of_different_lengths_and_currents_share_the_shape_of_their_fact
     tau = {"tau1 [s]": (0.5, 2000.0), "tau2 [s]": (0.5, 2000.0)}
     shapes = {
         make_problem(
-            record_of("even", samples, samples), bundled_cell, window=KNOWN_SOC, bounds=tau
+            drive_record("even", samples, samples), bundled_cell, window=KNOWN_SOC, bounds=tau
         ).compressed.factor.shape
         for samples in (2000, 2700, 3500)
     }
@@ -262,7 +244,7 @@ def test_records_of_different_lengths_and_currents_share_the_shape_of_their_fact
 
 
 def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):
-    with pytest.raises(InputError, match="`objective='scan'`"):
+    with pytest.raises(InputError, match=r"decades.*narrow the bounds or use `objective='scan'`"):
         make_problem(
             short_problem.prepared.record,
             short_problem.cell,

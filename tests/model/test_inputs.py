@@ -9,7 +9,7 @@ import pytest
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.cell.circuits import loops
 from barnax.errors import InputError
-from barnax.model.inputs import other_direction, prepare_record, soc_along
+from barnax.model.inputs import both_directions, prepare_record, soc_along
 from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate
@@ -165,12 +165,6 @@ def test_the_state_of_charge_falls_by_the_ampere_hours_taken_from_the_start_on(h
     assert soc[99] - soc[90] == pytest.approx(90 * 1 / 3600 / 2.0, rel=1e-9)
 
 
-def test_the_current_before_the_start_does_not_count(bundled_cell):
-    course = prepared(bundled_cell, Window(start_time_s=400.0, initial_soc=0.8))
-    assert course.first == 35
-    assert course.soc[0] == 0.8
-
-
 @pytest.mark.parametrize(("given_ah", "scale"), [(None, 1.0), (1.0, 2.0)])
 def test_the_capacity_of_a_window_is_the_records_own(bundled_cell, given_ah, scale):
     course = prepared(bundled_cell, Window(initial_soc=0.8, capacity_ah=given_ah))
@@ -189,11 +183,6 @@ def test_a_rested_voltage_is_read_on_the_branch_of_the_last_direction(bundled_ce
     assert start.soc == pytest.approx(0.6, abs=1e-4)
     assert (start.soc_source, start.row) == ("rested voltage", 2)
     assert start.voltage_v == ocv_v(branch, 0.6)
-
-
-def test_a_given_state_of_charge_is_taken(bundled_cell):
-    start = prepared(bundled_cell, Window(initial_soc=0.4, start_time_s=400.0)).start
-    assert (start.soc, start.soc_source) == (0.4, "given")
 
 
 @pytest.mark.parametrize(
@@ -288,7 +277,7 @@ def test_a_rest_near_full_or_empty_decides_by_itself(bundled_cell, soc, directio
     assert (course.start.direction, course.start.direction_source) == (direction, "full or empty")
     # The five segments of the hysteresis miss the branches by up to 2 mV there.
     assert course.start.soc == pytest.approx(soc, abs=2e-3)
-    assert other_direction(course, bundled_cell) is None
+    assert both_directions(course, bundled_cell)[1] is None
 
 
 def test_a_record_cut_in_the_middle_of_a_discharge_is_met_from_the_other_direction(bundled_cell):
@@ -296,7 +285,7 @@ def test_a_record_cut_in_the_middle_of_a_discharge_is_met_from_the_other_directi
     time_s, current_a = np.arange(400.0), np.where(np.arange(400) < REST, 0, 2.0)
     record = simulated_record(bundled_cell, time_s, current_a, soc=0.6, direction=-1)
     assumed = prepare_record(record, bundled_cell, "iso-rc")
-    other = other_direction(assumed, bundled_cell)
+    other = both_directions(assumed, bundled_cell)[1]
     assert [each.start.direction for each in (assumed, other)] == [1, -1]
     assert [each.start.direction_source for each in (assumed, other)] == ["assumed"] * 2
     assert other.window == assumed.window == Window()
@@ -314,7 +303,7 @@ def test_of_a_start_under_load_only_a_state_that_moves_keeps_what_was_before(
     record = made(current_a=np.roll(CURRENT_A, -25))
     course = prepare_record(record, bundled_cell, circuit, FULL)
     assert (course.start.direction, course.start.direction_source) == (-1, "assumed")
-    other = other_direction(course, bundled_cell)
+    other = both_directions(course, bundled_cell)[1]
     assert (other is not None) == is_open
     if is_open:
         gap_v = other.source_v - course.source_v
@@ -329,7 +318,7 @@ def test_of_a_start_under_load_only_a_state_that_moves_keeps_what_was_before(
     ],
 )
 def test_a_direction_that_is_known_has_no_other(bundled_cell, window):
-    assert other_direction(prepared(bundled_cell, window, "esc"), bundled_cell) is None
+    assert both_directions(prepared(bundled_cell, window, "esc"), bundled_cell)[1] is None
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])
@@ -424,6 +413,6 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
     assert prepared(bundled_cell, unscored, voltage_v=2.8).scored.sum() == 25
 
 
-def test_an_unknown_circuit_is_refused_with_the_known_ones(bundled_cell):
-    with pytest.raises(ValueError, match="no circuit is called 'rint'; there are iso-rc, so-rc"):
-        prepared(bundled_cell, circuit="rint")
+def test_a_given_state_of_charge_is_taken(bundled_cell):
+    start = prepared(bundled_cell, Window(initial_soc=0.4, start_time_s=400.0)).start
+    assert (start.soc, start.soc_source) == (0.4, "given")

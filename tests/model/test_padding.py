@@ -14,8 +14,8 @@ import pytest
 import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
-from barnax.model.padding import FACTOR_STEP, padding_for
-from barnax.model.problem import Objective, make_problem, rmse, rmse_by_scan
+from barnax.model.padding import padding_for
+from barnax.model.problem import FACTOR_STEP, Objective, make_problem, rmse, rmse_by_scan
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
@@ -98,19 +98,6 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
         assert ours.parameters == expected.parameters
         assert ours.rmse_v == expected.rmse_v
         assert ours.history_v.tobytes() == expected.history_v.tobytes()
-
-
-@in_float64
-def test_what_fills_a_record_up_counts_nothing(bundled_cell):
-    short, long = (problem_of(bundled_cell, "so-rc", [even(n)]) for n in (211, 401))
-    fill = padding_for([short.scan, long.scan])
-    box = short.coordinates
-    middle = box.decode(jnp.asarray((box.lower + box.upper) / 2))
-    errors_of = eqx.filter_jit(lambda evaluator: evaluator.errors(middle))
-    plain, filled = errors_of(short.scan), errors_of(fill(short.scan))
-    assert filled.shape == (401,)
-    np.testing.assert_array_equal(filled[:211], plain)
-    assert not jnp.any(filled[211:])
 
 
 @in_float64

@@ -32,7 +32,7 @@ def looped_error_v(problem, logarithms):
 
 def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
     with jax.enable_x64(True):
-        objective = short_problem.objective_in("log")
+        objective = replace(short_problem, scale="log").objective
         loss = float(rmse_jit(jnp.asarray(LOGARITHMS), objective))
         errors = np.asarray(residuals_jit(jnp.asarray(LOGARITHMS), objective))
     expected = np.sqrt(np.mean(looped_error_v(short_problem, LOGARITHMS) ** 2))
@@ -46,24 +46,11 @@ def test_the_objective_is_the_rmse_that_the_report_gives(short_problem):
     assert rmse_by_scan(short_problem, [CIRCUIT])[0] == pytest.approx(metrics.rmse_v, rel=1e-11)
 
 
-def test_the_jacobian_of_the_residuals_is_exact(short_problem):
-    # A complex step through the plain loop has no truncation error.
-    step = 1e-40
-    with jax.enable_x64(True):
-        objective = short_problem.objective_in("log")
-        jacobian = eqx.filter_jit(jax.jacfwd(residuals))(jnp.asarray(LOGARITHMS), objective)
-    scale = np.sqrt(short_problem.prepared.scored.sum())
-    for index in range(5):
-        shifted = LOGARITHMS + 1j * step * np.eye(5)[index]
-        expected = looped_error_v(short_problem, shifted).imag / step / scale
-        np.testing.assert_allclose(jacobian[:, index], expected, atol=1e-12)
-
-
 def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):
     window = Window(score_to_s=60.0, score_from_s=30.0, initial_soc=1.0)
     problem = make_problem(bundled_record, bundled_cell, window=window)
     with jax.enable_x64(True):
-        errors = residuals_jit(jnp.asarray(LOGARITHMS), problem.objective_in("log"))
+        errors = residuals_jit(jnp.asarray(LOGARITHMS), replace(problem, scale="log").objective)
     np.testing.assert_array_equal(np.asarray(errors) != 0, problem.prepared.scored)
 
 
@@ -76,28 +63,9 @@ def test_a_problem_is_in_double_precision_and_leaves_the_setting(bundled_record,
         assert not jax.config.jax_enable_x64
 
 
-def test_the_box_follows_the_cell_and_the_record(short_problem):
-    ranges = short_problem.bounds.ranges
-    scale = 2.0 / short_problem.cell.capacity_ah
-    assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
-    assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
-
-
-def test_a_box_that_cannot_be_names_where_it_came_from(bundled_record, bundled_cell):
-    wrong = {"R0 [Ohm]": (0.2, 0.1)}
-    with pytest.raises(InputError, match=r"box\.toml: the bounds of 'R0 \[Ohm\]'"):
-        make_problem(bundled_record, bundled_cell, window=SHORT, bounds=wrong, source="box.toml")
-
-
 def test_no_record_is_no_problem(bundled_cell):
     with pytest.raises(ValueError, match="at least one record"):
         make_problem([], bundled_cell)
-
-
-def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
-    flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
-    with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
-        make_problem(flat, bundled_cell, window=SHORT)
 
 
 def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundled_cell):
@@ -111,7 +79,7 @@ def test_the_warnings_are_those_of_record_cell_and_window(bundled_record, bundle
 def test_circuits_are_given_with_the_faster_pair_first(short_problem, scale):
     swapped = CircuitParameters(r0=0.05, r=(0.02, 0.01), c=(4000.0, 500.0))
     with jax.enable_x64(True):
-        coordinates = short_problem.objective_in(scale).coordinates
+        coordinates = replace(short_problem, scale=scale).coordinates
         point = np.asarray(coordinates.encode(rc_parameters(swapped)))
         (circuit,) = short_problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(CIRCUIT.to_dict(), rel=1e-12)
@@ -126,3 +94,16 @@ def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
         point = np.asarray(coordinates.encode(rc_parameters(slow_first)))
         (circuit,) = problem.parameters_at([point], coordinates)
     assert circuit.to_dict() == pytest.approx(slow_first.to_dict(), rel=1e-12)
+
+
+def test_the_box_follows_the_cell_and_the_record(short_problem):
+    ranges = short_problem.bounds.ranges
+    scale = 2.0 / short_problem.cell.capacity_ah
+    assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
+    assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
+
+
+def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
+    flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
+    with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):
+        make_problem(flat, bundled_cell, window=SHORT)

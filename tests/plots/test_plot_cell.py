@@ -1,4 +1,4 @@
-"""The figures of a cell: its open-circuit voltage and its hysteresis voltage."""
+"""What tests show of a cell: open-circuit and hysteresis voltage, and pulses of 25 degC."""
 
 import io
 import itertools
@@ -6,11 +6,15 @@ import itertools
 import numpy as np
 import pytest
 
-from barnax import bundled_file, characterize, read_record
+from barnax import CircuitParameters, bundled_file, characterize, read_record
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
 from barnax.cell.curves import KNOTS
-from barnax.plots import plot_hysteresis, plot_ocv
-from helpers.results import line
+from barnax.model.inputs import prepare_record
+from barnax.model.window import Window
+from barnax.plots import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
+from barnax.pulses import levels, pulses_of
+from barnax.search.evaluate import evaluate
+from helpers.results import labels, line
 
 SOC = np.linspace(0.0, 1.0, 11)
 
@@ -73,8 +77,8 @@ def test_rounding_errors_of_a_curve_through_its_points_do_not_fill_the_panel():
 
 
 def test_a_branch_that_was_not_measured_is_not_drawn():
-    labels = plot_ocv(make_cell(has_charge=False)).axes[0].get_legend_handles_labels()[1]
-    assert labels == ["discharge curve", "discharge points"]
+    drawn = labels(plot_ocv(make_cell(has_charge=False)).axes[0])
+    assert drawn == ["discharge curve", "discharge points"]
 
 
 def test_the_hysteresis_points_are_those_of_the_fit(polynomial_cell):
@@ -111,7 +115,7 @@ def test_measured_differences_are_added_where_the_curves_miss_them(polynomial_ce
         np.max(np.abs(drawn.get_ydata() - 1e3 * np.array(polynomial_cell.hysteresis.points)[:, 1]))
         > 1
     )
-    assert label not in plot_hysteresis(make_cell()).axes[0].get_legend_handles_labels()[1]
+    assert label not in labels(plot_hysteresis(make_cell()).axes[0])
 
 
 def test_of_a_cell_with_one_branch_no_hysteresis_is_drawn_but_said_to_be_missing():
@@ -122,3 +126,50 @@ def test_of_a_cell_with_one_branch_no_hysteresis_is_drawn_but_said_to_be_missing
     assert [text.get_text() for text in axes.texts] == [
         "not measured: the OCV is of one branch only"
     ]
+
+
+@pytest.fixture(scope="module")
+def evaluation():
+    record = read_record(bundled_file("hppc_25degC"))
+    cell = characterize([record], ocv_fit="interpolated")
+    window = Window(start_time_s=10799.0, initial_soc=1.0)
+    circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    return evaluate(prepare_record(record, cell, "so-rc", window), circuit)
+
+
+@pytest.fixture(scope="module")
+def pulses(evaluation):
+    return pulses_of(evaluation.prepared)
+
+
+def test_every_direction_and_rate_has_a_panel(evaluation, pulses):
+    figure = plot_pulses(evaluation, pulses)
+    titles = [axes.get_title(loc="left") for axes in figure.axes[:4]]
+    assert [title.split(" (")[0] for title in titles] == [
+        "discharge at 1C",
+        "discharge at 2C",
+        "charge at 0.76C",
+        "charge at 1.5C",
+    ]
+
+
+def test_a_pulse_is_drawn_measured_and_simulated_up_to_its_end(evaluation, pulses):
+    axes = plot_pulses(evaluation, pulses).axes[0]
+    first = levels(pulses)[0]
+    lines = [each for each in axes.get_lines() if len(each.get_xdata()) > 1]
+    assert len(lines) == 2 * len(first)
+    since_s, measured_mohm = lines[0].get_data()
+    assert since_s[-1] == pytest.approx(30.0, abs=0.11)
+    assert np.interp(10.0, since_s, measured_mohm) == pytest.approx(
+        1e3 * first[0].resistance_ohm[2], rel=0.02
+    )
+
+
+def test_a_rate_has_a_line_for_every_time_that_its_pulses_reach(pulses):
+    figure = plot_pulse_resistances(pulses, 2.0)
+    counts = [len(axes.get_lines()) for axes in figure.axes]
+    assert counts == [5, 3, 3, 3]
+    (at_once, *_) = figure.axes[0].get_lines()
+    np.testing.assert_allclose(
+        at_once.get_ydata(), [1e3 * pulse.resistance_ohm[0] for pulse in levels(pulses)[0]]
+    )

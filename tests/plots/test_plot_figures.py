@@ -17,8 +17,14 @@ from matplotlib.figure import Figure
 from barnax import bundled_file, characterize, plots, read_record
 from barnax.global_optimum import Landscape
 from barnax.plots.pictures import encode
-from helpers.results import make_evaluation, make_record, make_refinement, make_search
-from sample_comparisons import make_comparison, make_row
+from helpers.results import (
+    make_evaluation,
+    make_record,
+    make_refinement,
+    make_search,
+    result_of,
+)
+from sample_comparisons import make_comparison, make_failure, make_row
 
 
 def make_all_figures() -> dict[str, Figure]:
@@ -101,12 +107,36 @@ def test_the_style_of_the_session_does_not_show():
     file, plain = io.BytesIO(), io.BytesIO()
     evaluation = make_evaluation(make_record(300))
     plots.plot_voltage(evaluation).savefig(plain, format="raw")
-    with matplotlib.rc_context(
-        {"axes.facecolor": "black", "xtick.labelsize": 30.0, "axes.grid": False}
-    ):
+    plain_svg = encode(plots.plot_voltage(evaluation), "svg")
+    axes = {"axes.facecolor": "black", "xtick.labelsize": 30.0, "axes.grid": False}
+    with matplotlib.rc_context(axes | {"svg.fonttype": "none", "svg.hashsalt": "other"}):
         figure = plots.plot_voltage(evaluation)
+        svg = encode(plots.plot_voltage(evaluation), "svg")
     figure.savefig(file, format="raw")
     assert file.getvalue() == plain.getvalue()
+    assert svg == plain_svg
+
+
+@pytest.mark.parametrize(
+    ("plot", "what"),
+    [
+        (plots.plot_ocv, "result"),
+        (plots.plot_hysteresis, "result"),
+        (plots.plot_convergence, "result"),
+        (plots.plot_compared_convergence, "comparison"),
+        (plots.plot_compared_parameters, "comparison"),
+    ],
+)
+def test_what_is_stored_is_drawn_from_its_file_too(plot, what, refinement, tmp_path):
+    compared = make_comparison([make_row("lm so-rc", 20.0), make_failure("ls so-rc", "No.")])
+    stored = result_of(refinement) if what == "result" else compared
+    path = tmp_path / "stored.json"
+    path.write_text(stored.to_json())
+    drawn = [
+        [each.get_xydata().tolist() for axes in plot(source).axes for each in axes.get_lines()]
+        for source in (stored, path, str(path))
+    ]
+    assert drawn[0] == drawn[1] == drawn[2]
 
 
 def test_importing_the_figures_loads_neither_jax_nor_pyplot():

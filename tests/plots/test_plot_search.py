@@ -1,4 +1,4 @@
-"""The convergence figure draws every seed's history, the landscape everyone who walked in it."""
+"""Convergence draws every seed's and row's history, the landscape everyone who walked in it."""
 
 import io
 
@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
+from barnax.comparison.result import SeedAnswerPart
 from barnax.global_optimum import Landscape
-from barnax.plots import plot_convergence, plot_landscape
-from helpers.results import line, make_refinement, make_search, result_of
+from barnax.plots import (
+    plot_compared_convergence,
+    plot_compared_parameters,
+    plot_convergence,
+    plot_landscape,
+)
+from helpers.results import labels, line, make_refinement, make_search, result_of
+from sample_comparisons import PARAMETERS, make_comparison, make_failure, make_row
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 
@@ -36,7 +43,7 @@ def test_the_excess_over_the_refined_answer_is_in_percent():
 def test_the_known_optimum_is_drawn_and_the_excess_is_over_the_lowest():
     found = make_search(HISTORIES_V)
     rmse, excess = plot_convergence(found, make_refinement(found, 0.0105), 0.01).axes
-    assert {"global optimum, 10 mV", "refined, 10.5 mV"} <= set(rmse.get_legend_handles_labels()[1])
+    assert {"global optimum, 10 mV", "refined, 10.5 mV"} <= set(labels(rmse))
     np.testing.assert_allclose(excess.get_lines()[0].get_ydata(), [200.0, 100.0, 10.0])
 
 
@@ -59,7 +66,7 @@ def test_an_excess_of_nothing_is_drawn_at_the_floor():
 def test_one_seed_needs_no_median():
     figure = plot_convergence(make_search(HISTORIES_V[:1]))
     figure.savefig(io.BytesIO())
-    assert figure.axes[0].get_legend_handles_labels()[1] == ["one seed"]
+    assert labels(figure.axes[0]) == ["one seed"]
 
 
 def test_generations_before_the_first_finite_error_are_left_out():
@@ -106,7 +113,7 @@ def test_the_stats_of_searches_used_alone_are_drawn_as_losses():
 def test_one_search_used_alone_is_one_seed():
     stats = {"history": LOSSES[0], "population": 10, "evaluations": 30}
     (axes,) = plot_convergence(stats).axes
-    assert axes.get_legend_handles_labels()[1] == ["one seed"]
+    assert labels(axes) == ["one seed"]
     np.testing.assert_allclose(axes.get_lines()[0].get_ydata(), [8.0, 2.0, 0.2])
 
 
@@ -129,15 +136,64 @@ def test_stats_of_another_solver_are_refused():
         plot_convergence({"num_steps": 3, "evaluations": 30})
 
 
-def test_a_stored_result_is_drawn_as_the_search_it_holds(refinement, tmp_path):
-    result = result_of(refinement)
-    (tmp_path / "result.json").write_text(result.to_json())
-    expected = plot_convergence(refinement.search, refinement)
-    for stored in (result, tmp_path / "result.json"):
-        figure = plot_convergence(stored)
-        for ours, drawn in zip(expected.axes, figure.axes, strict=True):
-            for each, same in zip(ours.get_lines(), drawn.get_lines(), strict=True):
-                np.testing.assert_array_equal(each.get_xydata(), same.get_xydata())
+@pytest.mark.parametrize("plot", [plot_compared_convergence, plot_compared_parameters])
+def test_a_row_without_an_answer_does_not_change_the_looks_of_the_others(plot):
+    rows = [make_failure("rls so-rc", "No."), make_row("lm so-rc", 20.0)]
+    colors = [
+        {line.get_color() for line in plot(make_comparison(given)).axes[0].get_lines()}
+        for given in (rows, rows[1:])
+    ]
+    assert colors[0] == colors[1]
+
+
+def test_convergence_is_each_row_s_median_with_a_band_of_its_seeds():
+    row = make_row("ibmo so-rc", 20.0)
+    axes = plot_compared_convergence(make_comparison([row])).axes[0]
+    median = line(axes, "ibmo so-rc")
+    np.testing.assert_allclose(median.get_xdata(), [30, 165, 300])
+    np.testing.assert_allclose(median.get_ydata(), [40.0, 30.0, 20.2])
+    (band,) = axes.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    np.testing.assert_allclose([heights.min(), heights.max()], [20.04, 40.0])
+
+
+def test_a_row_without_a_history_is_a_mark_at_what_it_spent():
+    seed = SeedAnswerPart(rmse_v=0.03, parameters=PARAMETERS, evaluations=0, history_v=None)
+    row = make_row("ls so-rc", 30.0, seeds=1).model_copy(update={"seeds": (seed,)})
+    drawn = line(plot_compared_convergence(make_comparison([row])).axes[0], "ls so-rc")
+    assert (drawn.get_xdata(), drawn.get_ydata()) == ([1.0], [30.0])
+
+
+def test_the_excess_over_a_known_optimum_has_a_panel():
+    rows = [make_row("ibmo so-rc", 20.0), make_row("ibmo esc", 20.0)]
+    figure = plot_compared_convergence(make_comparison(rows, optima_mv={"so-rc": 20.0}))
+    figure.savefig(io.BytesIO())
+    assert labels(figure.axes[1]) == ["ibmo so-rc"]
+    np.testing.assert_allclose(
+        line(figure.axes[1], "ibmo so-rc").get_ydata(), [100.0, 50.0, 1.0], rtol=1e-6
+    )
+    assert len(plot_compared_convergence(make_comparison(rows)).axes) == 1
+
+
+def test_generations_without_a_finite_error_are_not_drawn():
+    seed = SeedAnswerPart(
+        rmse_v=0.03, parameters=PARAMETERS, evaluations=20, history_v=(0.04, 0.03)
+    )
+    lost = seed.model_construct(**dict(seed) | {"history_v": (np.inf, 0.03)})
+    row = make_row("bmo so-rc", 30.0).model_copy(update={"seeds": (lost,)})
+    figure = plot_compared_convergence(make_comparison([]).model_copy(update={"rows": (row,)}))
+    figure.savefig(io.BytesIO())
+    np.testing.assert_array_equal(line(figure.axes[0], "bmo so-rc").get_ydata(), [np.nan, 30.0])
+
+
+def test_a_result_is_drawn_as_the_search_it_holds(refinement):
+    figures = (
+        plot_convergence(refinement.search, refinement),
+        plot_convergence(result_of(refinement)),
+    )
+    for ours, drawn in zip(*(figure.axes for figure in figures), strict=True):
+        for each, same in zip(ours.get_lines(), drawn.get_lines(), strict=True):
+            np.testing.assert_array_equal(each.get_xydata(), same.get_xydata())
 
 
 TAU_S = np.geomspace(1.0, 1000.0, 13)

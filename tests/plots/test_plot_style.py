@@ -17,15 +17,12 @@ from barnax.plots import (
     plot_condition,
     plot_error,
     plot_hysteresis,
-    plot_ocv,
     plot_voltage,
     style,
 )
-from barnax.plots.cell import cell_of
 from barnax.plots.pictures import Illustration, encode
 from barnax.plots.style import LONGEST_TITLE, decimate, label_plainly, legible
-from barnax.results import Result
-from helpers.results import make_cell, make_evaluation, make_record, result_of
+from helpers.results import make_cell, make_evaluation, make_record
 
 BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
@@ -147,37 +144,11 @@ def test_a_figure_gives_the_same_bytes_every_time_and_after_other_forms(kind):
     assert first == encode(figure, kind) == encode(make_figure(), kind)
 
 
-def test_the_style_of_the_session_does_not_show_in_the_bytes():
-    plain = encode(make_figure(), "svg")
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "other"}):
-        assert encode(make_figure(), "svg") == plain
-
-
-def test_an_illustration_has_both_forms_of_its_figure():
-    illustration = Illustration("error", make_figure(), "", "")
-    for kind in ("png", "svg"):
-        assert getattr(illustration, kind).startswith(BEGINNINGS[kind])
-    assert illustration.png is illustration.png
-
-
-def test_the_cell_of_a_result_or_of_its_file_is_drawn_as_the_cell_itself(
-    refinement, short_problem, tmp_path
-):
-    result = result_of(refinement)
-    path = tmp_path / "result.json"
-    path.write_text(result.to_json())
-    assert isinstance(result, Result)
-    for plot in (plot_ocv, plot_hysteresis):
-        drawn = [
-            [each.get_xydata().tolist() for axes in plot(source).axes for each in axes.get_lines()]
-            for source in (short_problem.cell, result, path, str(path))
-        ]
-        assert all(each == drawn[0] for each in drawn)
-    assert cell_of(short_problem.cell) is short_problem.cell
-
-
-def test_the_small_picture_is_the_large_one_in_fewer_bytes():
+def test_an_illustration_has_both_forms_and_a_small_picture_that_is_the_large_one():
     drawn = Illustration("error", make_figure(), "", "")
+    for kind in ("png", "svg"):
+        assert getattr(drawn, kind).startswith(BEGINNINGS[kind])
+    assert drawn.png is drawn.png
     large, small = (
         matplotlib.image.imread(io.BytesIO(each))[..., :3] for each in (drawn.png, drawn.small_png)
     )

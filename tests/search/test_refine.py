@@ -113,17 +113,6 @@ def test_a_box_that_excludes_the_optimum_is_reported(refined_in, refinement, fac
     assert narrow.rmse_v > refinement.rmse_v
 
 
-def test_pairs_with_boxes_of_their_own_keep_their_labels(refined_in, refinement):
-    # The faster pair has the smaller resistance; these boxes make it the second one.
-    best = refinement.parameters
-    middle = np.sqrt(best.r[0] * best.r[1])
-    assert best.r[0] < best.r[1]
-    labelled = refined_in({"R1 [Ohm]": (middle, 0.2), "R2 [Ohm]": (1e-4, middle)})
-    expected = replace(best, r=best.r[::-1], c=best.c[::-1])
-    assert labelled.rmse_v == pytest.approx(refinement.rmse_v, rel=1e-7)
-    assert labelled.parameters.to_dict() == pytest.approx(expected.to_dict(), rel=1e-3)
-
-
 def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
     fixed = {"C1 [F]": 500.0, "R0 [Ohm]": 0.05}
     problem = make_problem(

@@ -83,6 +83,18 @@ class Method:
     run: Callable[[Problem, Budget, Progress], list[Answer]]
 
 
+def deterministic(name: str, source: str, identify: Callable[[Problem], Answer]) -> Method:
+    """The method whose one answer `identify` gives; it draws nothing and needs no budget."""
+
+    def run(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+        del budget
+        answer = identify(problem)
+        progress(1)
+        return [answer]
+
+    return Method(name, source, is_deterministic=True, run=run)
+
+
 def generator_of(key: int, seed: int) -> np.random.Generator:
     """What one seed draws from; other keys and seeds are independent of it."""
     return np.random.default_rng([key, seed])
@@ -100,7 +112,7 @@ def random_circuits(
     problem: Problem, generator: np.random.Generator, count: int
 ) -> list[CircuitParameters]:
     """Circuits spread evenly over the logarithms of the search box."""
-    box = problem.objective_in("log").coordinates
+    box = problem.log_coordinates
     low, high = np.asarray(box.lower), np.asarray(box.upper)
     fractions = latin_hypercube(generator, count, len(low))
     return problem.parameters_at(list(low + fractions * (high - low)), box)

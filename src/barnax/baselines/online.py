@@ -12,8 +12,7 @@ from ..filters import Drive, ErrorModel, make_model, run_filter
 from ..filters.model import GRID, NOISES_PER_REST
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
-from ..model.search_space import ResistanceBounds
-from .method import Answer, Budget, Method, MethodFailure, Progress
+from .method import Answer, MethodFailure, Trajectory, deterministic
 from .regression import (
     FORGETTING,
     VARIANCE,
@@ -37,7 +36,7 @@ def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
     Time constants stand at equal steps of their logarithm, for two pairs at one place would stay
     there. Deviations are of the logarithms: a quarter of the box, `LARGEST_SD` at most.
     """
-    box, pairs = ResistanceBounds(problem.bounds), problem.bounds.pairs
+    box, pairs = problem.bounds, problem.bounds.pairs
     shares = np.arange(1, pairs + 1) / (pairs + 1)
     tau_low, tau_high = np.array([box.tau_range_s(pair) for pair in range(pairs)]).T
     tau_s = tau_low * (tau_high / tau_low) ** shares
@@ -48,13 +47,12 @@ def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
     names += [f"tau{pair}" for pair in range(1, pairs + 1)]
     spans = np.log(np.concatenate([high / low, tau_high / tau_low])) / 4
     sd = {name: min(float(span), LARGEST_SD) for name, span in zip(names, spans, strict=True)}
-    c = tuple(float(tau / each) for tau, each in zip(tau_s, r, strict=True))
-    circuit = CircuitParameters(float(r0), tuple(float(each) for each in r), c, gamma)
+    circuit = CircuitParameters.of_tau(r0, r, tau_s, gamma)
     return circuit, {name: each for name, each in sd.items() if each > 0}
 
 
 @in_float64
-def least_squares_and_filter(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def least_squares_and_filter(problem: Problem) -> Answer:
     """Recursive least squares for the circuit, an extended Kalman filter for its states, in turn.
 
     In the manner of Tan et al. (2021): at every sample the filter moves SOC and the voltages of
@@ -65,13 +63,11 @@ def least_squares_and_filter(problem: Problem, budget: Budget, progress: Progres
     noise is the mean square of the innovations so far, forgotten as in `rls`. Answers as
     `averaged` says. Raises `MethodFailure` where a parameter is held or the filter diverges.
     """
-    del budget
     samples, columns, _ = regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     middle, _ = middle_of(problem)
     found = _track_with_filter(problem.prepared, problem.cell, samples, scale, middle)
-    progress(1)
-    return averaged(problem, samples, *found)
+    return averaged(problem, Trajectory(samples.time_s[samples.is_row], *found), samples.notes)
 
 
 def _track_with_filter(
@@ -138,7 +134,7 @@ def drive_time(drive: Drive, place: int) -> str:
 
 
 @in_float64
-def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def dual_filter(problem: Problem) -> Answer:
     """Two unscented Kalman filters, of the states and of the circuit, whose noise adapts.
 
     In the manner of Peng et al. (2021), by `barnax.filters`: the dual form of the unscented filter,
@@ -149,7 +145,6 @@ def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[An
     `averaged` says; a dynamic hysteresis keeps the middle rate. Raises `MethodFailure` where a
     filter diverges.
     """
-    del budget
     prepared, (middle, slow_sd) = problem.prepared, middle_of(problem)
     model = make_model(
         problem.cell, problem.circuit, middle, ErrorModel(FIRST_ERROR_V),
@@ -172,27 +167,20 @@ def dual_filter(problem: Problem, budget: Budget, progress: Progress) -> list[An
         # They may change places on their way.
         order = np.argsort(tau_s, axis=1)
         r, tau_s = (np.take_along_axis(each, order, axis=1) for each in (r, tau_s))
-    samples = EvenSamples(
-        prepared.time_s, prepared.source_v, prepared.current_a, prepared.scored,
-        prepared.median_interval_s, is_forward=True, notes=(),
-    )  # fmt: skip
-    chosen = prepared.scored
-    r0 = middle.r0 * factor.get("R0", held)
-    progress(1)
-    return averaged(problem, samples, r0[chosen], r[chosen], tau_s[chosen], middle.gamma)
+    values = prepared.time_s, middle.r0 * factor.get("R0", held), r, tau_s
+    path = Trajectory(*(each[prepared.scored] for each in values))
+    return averaged(problem, path, gamma=middle.gamma)
 
 
 _dual = jax.jit(partial(run_filter, kind="ukf", form="dual", adapting=1 - FORGETTING))
 
-RLS_EKF = Method(
+RLS_EKF = deterministic(
     "rls-ekf",
     "Recursive least squares and an extended Kalman filter for the states (Tan et al., 2021)",
-    is_deterministic=True,
-    run=least_squares_and_filter,
+    least_squares_and_filter,
 )
-DUAL_UKF = Method(
+DUAL_UKF = deterministic(
     "dual-ukf",
     "Adaptive dual unscented Kalman filter (Peng et al., 2021)",
-    is_deterministic=True,
-    run=dual_filter,
+    dual_filter,
 )

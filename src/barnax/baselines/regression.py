@@ -1,6 +1,7 @@
 """Least squares of the circuit's difference equation: at once (LS) and recursive (RLS)."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ from ..execution import in_float64
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
 from ..search.evaluate import evaluate
-from .method import Answer, Budget, Method, MethodFailure, Progress, Trajectory
+from .method import Answer, MethodFailure, Trajectory, deterministic
 
 # Intervals this close to the median, relative to it, are taken as it; a tester's clock jitters.
 EVEN = 0.05
@@ -151,15 +152,13 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
             "the difference equation it finds has complex, negative or unstable poles, which are "
             "not time constants; noise and model error cause this"
         )
-    resistances = [float(r0), *(float(each) for each in r)]
+    resistances = [r0, *r]
     if min(resistances) <= 0:
         values = ", ".join(
             f"R{index} {1e3 * value:.4g} mohm" for index, value in enumerate(resistances)
         )
         raise MethodFailure(f"the difference equation it finds has a negative resistance: {values}")
-    r0, *pairs = resistances
-    c = tuple(float(tau) / each for each, tau in zip(pairs, tau_s, strict=True))
-    return CircuitParameters(r0, tuple(pairs), c)
+    return CircuitParameters.of_tau(resistances[0], resistances[1:], tau_s)
 
 
 def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
@@ -179,14 +178,14 @@ def answer_of(
     parameters: CircuitParameters,
     notes: tuple[str, ...],
     trajectory: Trajectory | None = None,
-) -> list[Answer]:
+) -> Answer:
     """The one answer of a method that draws nothing and simulates nothing but its answer."""
     rmse_v = evaluate(problem.prepared, parameters).metrics.rmse_v
     notes = (*notes, *outside_box(parameters, problem))
-    return [Answer(parameters, rmse_v, evaluations=0, trajectory=trajectory, notes=notes)]
+    return Answer(parameters, rmse_v, evaluations=0, trajectory=trajectory, notes=notes)
 
 
-def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def least_squares(problem: Problem) -> Answer:
     """The circuit whose difference equation has the least sum of squared equation errors.
 
     One linear regression, no simulation, and no box. It minimises the error of predicting the next
@@ -195,84 +194,53 @@ def least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[
     RMSE is no least one even where it answers. Raises `MethodFailure` where the equation belongs
     to no circuit, and where a parameter is held.
     """
-    del budget
     samples, columns, target = regression(problem)
     # Columns in volts, amperes and their differences span many decades.
     scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     coefficients = np.linalg.lstsq(columns / scale, target)[0] / scale
     parameters = circuit_of(*circuit_values(coefficients, samples, problem.bounds.pairs))
-    progress(1)
     return answer_of(problem, parameters, samples.notes)
 
 
-LS = Method(
+LS = deterministic(
     "ls",
     "Batch least squares of the discretised transfer function (Ljung, 1999, section 7.3)",
-    is_deterministic=True,
-    run=least_squares,
+    least_squares,
 )
 
 
 @in_float64
-def recursive_least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def recursive_least_squares(problem: Problem, *, poles: float, gains: float) -> Answer:
     """The circuit that recursive least squares tracks, averaged, with its whole trajectory.
 
     Ljung, System Identification (1999), section 11.2, as Yang, Tang and Zhang, Energies 14 (2021)
-    1054, use it for a second-order RC circuit; the forgetting factor is `FORGETTING`, the first
-    guess zero. Answers as `averaged` says; the bias of `ls` is its bias too. Raises
-    `MethodFailure` where a parameter is held.
-    """
-    del budget
-    found = track(problem, FORGETTING, FORGETTING)
-    progress(1)
-    return averaged(problem, *found)
-
-
-@in_float64
-def weighted_least_squares(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
-    """Recursive least squares whose coefficients forget at rates of their own.
-
-    The weighted recursive least squares of Verbrugge and Koch (2006), whose parameters each have
-    a time weighting: the variance is divided by the root of both coefficients' factors (Saelid
-    and Foss, 1983). Their factors belong to another circuit, so ours are taken: the coefficients
-    of the current forget as in `rls`, those of the poles ten times as slowly, for the time
-    constants of a cell change less than its resistances. All else is as in `rls`.
-    """
-    del budget
-    found = track(problem, SLOW_FORGETTING, FORGETTING)
-    progress(1)
-    return averaged(problem, *found)
-
-
-def track(
-    problem: Problem, poles: float, gains: float
-) -> tuple[EvenSamples, np.ndarray, np.ndarray, np.ndarray]:
-    """The samples, and R0, R and tau after every row, by recursive least squares.
-
-    `poles` and `gains` are the forgetting factors of a and b. Call inside float64.
+    1054, use it for a second-order RC circuit; the first guess is zero, and `poles` and `gains` are
+    the forgetting factors of a and b. `rls` has one for all. `wrls` is the weighted recursive least
+    squares of Verbrugge and Koch (2006), whose parameters each have a time weighting: the variance
+    is divided by the root of both coefficients' factors (Saelid and Foss, 1983). Their factors
+    belong to another circuit, so ours are taken: the poles are forgotten ten times as slowly, for
+    the time constants of a cell change less than its resistances. Answers as `averaged` says; the
+    bias of `ls` is its bias too. Raises `MethodFailure` where a parameter is held.
     """
     samples, columns, target = regression(problem)
     pairs = problem.bounds.pairs
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     factors = jnp.repeat(jnp.array([poles, gains]), jnp.array([pairs, pairs + 1]))
     tracked = _track(jnp.asarray(columns / scale), jnp.asarray(target), factors)
-    return samples, *circuit_values(np.asarray(tracked) / scale, samples, pairs)
+    values = circuit_values(np.asarray(tracked) / scale, samples, pairs)
+    return averaged(problem, Trajectory(samples.time_s[samples.is_row], *values), samples.notes)
 
 
 def averaged(
-    problem: Problem,
-    samples: EvenSamples,
-    r0: np.ndarray,
-    r: np.ndarray,
-    tau_s: np.ndarray,
-    gamma: float | None = None,
-) -> list[Answer]:
+    problem: Problem, path: Trajectory, notes: tuple[str, ...] = (), gamma: float | None = None
+) -> Answer:
     """The answer of an online method: medians over time, and the trajectory.
 
     Counted are the rows from the one on at which the first guess is forgotten (or half of a
     shorter record), where the values are a circuit's; noise can make those few, and a note says
     how many. Raises `MethodFailure` where there are none.
     """
+    r0, r, tau_s = path.r0, path.r, path.tau_s
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
     late = np.arange(len(r0)) >= min(MEMORY, len(r0) // 2)
     counted = late & is_circuit
@@ -288,7 +256,7 @@ def averaged(
     ).ordered()
     parameters = replace(parameters, gamma=gamma)
     trajectory = Trajectory(
-        time_s=samples.time_s[samples.is_row],
+        time_s=path.time_s,
         r0=np.where(is_circuit, r0, np.nan),
         r=np.where(is_circuit[:, None], r, np.nan),
         tau_s=np.where(is_circuit[:, None], tau_s, np.nan),
@@ -297,7 +265,7 @@ def averaged(
         f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} samples at "
         "which its equation is a circuit"
     )
-    return answer_of(problem, parameters, (note, *samples.notes), trajectory)
+    return answer_of(problem, parameters, (note, *notes), trajectory)
 
 
 @jax.jit
@@ -322,16 +290,14 @@ def _track(columns, target, factors):
     return lax.scan(step, start, (columns, target))[1]
 
 
-RLS = Method(
+RLS = deterministic(
     "rls",
     f"Recursive least squares, forgetting factor {FORGETTING} (Yang, Tang and Zhang, 2021)",
-    is_deterministic=True,
-    run=recursive_least_squares,
+    partial(recursive_least_squares, poles=FORGETTING, gains=FORGETTING),
 )
 
-WRLS = Method(
+WRLS = deterministic(
     "wrls",
     "Recursive least squares, a forgetting factor per coefficient (Verbrugge and Koch, 2006)",
-    is_deterministic=True,
-    run=weighted_least_squares,
+    partial(recursive_least_squares, poles=SLOW_FORGETTING, gains=FORGETTING),
 )

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.optimize import differential_evolution
 
 from ..execution import compile_for, in_float64, run_blocks
-from ..model.problem import Objective, Problem, rmse, rmse_by_scan
+from ..model.problem import Problem, rmse_by_scan, rmse_of_all
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
 from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
 from ..search.seeds import SeedAnswer, search_seeds
@@ -162,7 +162,7 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
         )
     low, high = np.asarray(box.lower), np.asarray(box.upper)
     candidates = jnp.zeros((budget.population, len(low)))
-    compiled = compile_for(_errors, candidates, problem.objective)
+    compiled = compile_for(rmse_of_all, candidates, problem.objective)
 
     @in_float64  # the setting belongs to a thread
     def run(seed: int):
@@ -215,10 +215,6 @@ def evolve_in_box(
         vectorized=True,
     )
     return np.asarray(end.x)
-
-
-def _errors(points, objective: Objective):
-    return jax.vmap(rmse, in_axes=(0, None))(points, objective)
 
 
 DE = Method(

@@ -1,7 +1,7 @@
 """Methods that solve for the resistances at given time constants: by a search, by subspaces."""
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -14,10 +14,9 @@ from scipy.optimize import least_squares, lsq_linear
 from ..cell import CircuitParameters
 from ..execution import in_float64
 from ..model.problem import Problem
-from ..model.search_space import ResistanceBounds
 from ..model.simulate import RCParameters, SimulationInput, overpotential, unit_response
 from ..search.evaluate import evaluate
-from .method import Answer, Budget, Method, MethodFailure, Progress
+from .method import Answer, MethodFailure, deterministic
 from .regression import answer_of, even_samples
 
 # Grid points a time constant, by the number of pairs, and grid points of the hysteresis' rate.
@@ -28,54 +27,6 @@ POLISHED = 4
 TOLERANCE = 1e-12
 
 Point = Float[np.ndarray, "outer"]
-
-
-@dataclass(frozen=True, eq=False)
-class Separable:
-    """One problem whose error is linear in the resistances once tau and gamma are known.
-
-    The error is base(gamma) + R0 times the current + the sum of R_i times the response of a
-    pair of 1 ohm. Everything is in V and ohm over the scored samples, scaled so that the sum of
-    squares is the RMSE squared.
-    """
-
-    inputs: SimulationInput
-    box: ResistanceBounds
-
-    @classmethod
-    def of(cls, problem: Problem) -> "Separable":
-        """The problem by the scan, whatever its own objective."""
-        return cls(problem.all_inputs[0], ResistanceBounds(problem.bounds))
-
-    @property
-    def current(self) -> Float[np.ndarray, "samples"]:
-        return self._scored(self.inputs.current_a)
-
-    @in_float64
-    def responses(self, tau_s: Float[np.ndarray, "taus"]) -> Float[np.ndarray, "samples taus"]:
-        """The response of a pair of 1 ohm, for every time constant."""
-        return np.stack(
-            [self._scored(row) for row in _responses(jnp.asarray(tau_s), self.inputs)], 1
-        )
-
-    @in_float64
-    def bases(
-        self, gammas: Float[np.ndarray, "gammas"] | None
-    ) -> Float[np.ndarray, "samples gammas"]:
-        """The error of a circuit without resistances, for every rate of the hysteresis.
-
-        One column for a circuit without dynamic hysteresis.
-        """
-        if gammas is None:
-            return self._scored(self.inputs.base_error_v)[:, None]
-        rows = _bases(jnp.asarray(gammas), self.inputs)
-        return np.stack([self._scored(row) for row in rows], axis=1)
-
-    def _scored(self, signal) -> Float[np.ndarray, "samples"]:
-        weight = self.inputs.weight
-        chosen = np.asarray(signal)
-        chosen = chosen if weight is None else chosen[np.asarray(weight) > 0]
-        return chosen / np.sqrt(len(chosen))
 
 
 def bounded_least_squares(
@@ -115,11 +66,7 @@ def triangular_factor(
     return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 
-@eqx.filter_jit
-def _responses(
-    tau_s: Float[Array, "taus"], inputs: SimulationInput
-) -> Float[Array, "taus samples"]:
-    return jax.vmap(lambda tau: unit_response(tau, inputs.held_a, inputs.intervals))(tau_s)
+_responses = eqx.filter_jit(jax.vmap(unit_response, in_axes=(0, None, None)))
 
 
 @eqx.filter_jit
@@ -134,7 +81,7 @@ def _bases(
     return jax.vmap(base)(gammas)
 
 
-def variable_projection(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def variable_projection(problem: Problem) -> Answer:
     """The best circuit of a search over ln tau alone (Golub and Pereyra, SIAM J. Numer. Anal. 10
     (1973) 413).
 
@@ -144,33 +91,51 @@ def variable_projection(problem: Problem, budget: Budget, progress: Progress) ->
     with finite differences; a dynamic hysteresis adds ln gamma to the search. It draws nothing.
     One evaluation is one pair's response on the grid, and one residual in the polish.
     """
-    del budget
     search = OuterSearch(problem)
     ends = [search.polish(start) for start in search.grid_minima()]
     best = min(ends, key=lambda point: np.linalg.norm(search.residual(point)))
     parameters = search.circuit(best)
-    progress(1)
-    return [
-        Answer(
-            parameters=parameters,
-            rmse_v=evaluate(problem.prepared, parameters).metrics.rmse_v,
-            evaluations=search.evaluations,
-        )
-    ]
+    rmse_v = evaluate(problem.prepared, parameters).metrics.rmse_v
+    return Answer(parameters, rmse_v, search.evaluations)
 
 
 class OuterSearch:
-    """The search over points (ln tau1, ln tau2, ..., ln gamma); counts its evaluations."""
+    """The search over points (ln tau1, ln tau2, ..., ln gamma) of a problem, by the scan.
+
+    The error is base(gamma) + R0 times the current + the sum of R_i times the response of a pair of
+    1 ohm. All are in V and ohm over the scored samples, scaled so that the sum of squares is the
+    RMSE squared. `evaluations` counts responses on the grid, and residuals.
+    """
 
     def __init__(self, problem: Problem):
-        self.separable = Separable.of(problem)
-        self.pairs = problem.bounds.pairs
-        self.is_ordered = problem.bounds.pairs_are_alike
-        ranges = [self.separable.box.tau_range_s(pair) for pair in range(self.pairs)]
-        if self.separable.box.gamma_range is not None:
-            ranges.append(self.separable.box.gamma_range)
+        self.inputs, self.bounds = problem.all_inputs[0], problem.bounds
+        self.pairs, self.is_ordered = self.bounds.pairs, self.bounds.pairs_are_alike
+        ranges = [self.bounds.tau_range_s(pair) for pair in range(self.pairs)]
+        if self.bounds.gamma_range is not None:
+            ranges.append(self.bounds.gamma_range)
         self.low, self.high = np.log(ranges).T
         self.evaluations = 0
+
+    @in_float64
+    def columns(self, tau_s: Float[np.ndarray, "taus"]) -> Float[np.ndarray, "samples columns"]:
+        """The current, then the response of a pair of 1 ohm for every time constant."""
+        responses = _responses(jnp.asarray(tau_s), self.inputs.held_a, self.inputs.intervals)
+        return self._scored([self.inputs.current_a, *responses])
+
+    @in_float64
+    def bases(self, gammas: Float[np.ndarray, "gammas"]) -> Float[np.ndarray, "samples bases"]:
+        """The error of a circuit without resistances, for every rate of the hysteresis.
+
+        One column for a circuit without dynamic hysteresis, which has no rates.
+        """
+        if not len(gammas):
+            return self._scored([self.inputs.base_error_v])
+        return self._scored(_bases(jnp.asarray(gammas), self.inputs))
+
+    def _scored(self, signals) -> Float[np.ndarray, "samples signals"]:
+        chosen, weight = np.stack(signals, axis=1), self.inputs.weight
+        chosen = chosen if weight is None else chosen[np.asarray(weight) > 0]
+        return chosen / np.sqrt(len(chosen))
 
     def residual(self, point: Point) -> Float[np.ndarray, "samples"]:
         """The error with the best resistances there; its sum of squares is the RMSE squared."""
@@ -182,15 +147,20 @@ class OuterSearch:
         _, _, (r0, *r) = self._solve(point)
         tau_s = np.exp(point[: self.pairs])
         gamma = float(np.exp(point[-1])) if len(point) > self.pairs else None
-        c = tuple(float(tau / each) for each, tau in zip(r, tau_s, strict=True))
-        found = CircuitParameters(float(r0), tuple(float(each) for each in r), c, gamma)
+        found = CircuitParameters.of_tau(r0, r, tau_s, gamma)
         return found.ordered() if self.is_ordered else found
 
     def grid_minima(self) -> list[Point]:
         """The best grid points that are better than all around them."""
         axes = [self._axis(index) for index in range(len(self.low))]
         taus, gammas = axes[: self.pairs], axes[self.pairs :]
-        columns, bases, starts = self._signals(taus, gammas)
+        # Pairs with one box share their responses.
+        own = taus[:1] if self.is_ordered else taus
+        begin = np.cumsum([1, *(len(axis) for axis in own)]).tolist()
+        starts = [1] * self.pairs if self.is_ordered else begin[:-1]
+        columns = self.columns(np.exp(np.concatenate(own)))
+        bases = self.bases(np.exp(gammas).ravel())
+        self.evaluations += columns.shape[1] - 1 + (bases.shape[1] if gammas else 0)
         # All grid points share one triangular factor, a few hundred numbers.
         factor = triangular_factor(np.concatenate([columns, bases], axis=1))
         errors = np.full([len(axis) for axis in axes], np.inf)
@@ -199,9 +169,8 @@ class OuterSearch:
             if self.is_ordered and any(b <= a for a, b in itertools.pairwise(place)):
                 continue
             chosen = [0, *(start + index for start, index in zip(starts, place, strict=True))]
-            box = self.separable.box.resistance_box(
-                np.exp([axis[index] for axis, index in zip(taus, place, strict=True)])
-            )
+            at = np.array([axis[index] for axis, index in zip(taus, place, strict=True)])
+            box = self.bounds.resistance_box(np.exp(at))
             for number in range(bases.shape[1]):
                 base = factor[:, columns.shape[1] + number]
                 values = bounded_least_squares(factor[:, chosen], base, *box)
@@ -243,36 +212,19 @@ class OuterSearch:
         low, high = self.low[index], self.high[index]
         return np.linspace(low, high, size) if high > low else np.array([low])
 
-    def _signals(self, taus: list[np.ndarray], gammas: list[np.ndarray]):
-        """Columns (current, then all pairs' responses), bases, and where each pair's begin.
-
-        Pairs with one box share their responses.
-        """
-        own = taus[:1] if self.is_ordered else taus
-        begin = np.cumsum([1, *(len(axis) for axis in own)])
-        starts = [1] * self.pairs if self.is_ordered else begin[:-1].tolist()
-        responses = self.separable.responses(np.exp(np.concatenate(own)))
-        bases = self.separable.bases(np.exp(gammas[0]) if gammas else None)
-        self.evaluations += responses.shape[1] + (bases.shape[1] if gammas else 0)
-        columns = np.concatenate([self.separable.current[:, None], responses], axis=1)
-        return columns, bases, starts
-
     def _solve(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Columns, base and the best resistances at a point."""
         self.evaluations += 1
         tau_s, gamma = np.exp(point[: self.pairs]), np.exp(point[self.pairs :])
-        responses = self.separable.responses(tau_s)
-        columns = np.concatenate([self.separable.current[:, None], responses], axis=1)
-        base = self.separable.bases(gamma if len(gamma) else None)[:, 0]
-        box = self.separable.box.resistance_box(tau_s)
+        columns, base = self.columns(tau_s), self.bases(gamma)[:, 0]
+        box = self.bounds.resistance_box(tau_s)
         return columns, base, bounded_least_squares(columns, base, *box)
 
 
-VARPRO = Method(
+VARPRO = deterministic(
     "varpro",
     "Variable projection (Golub and Pereyra, 1973), bounded resistances, polished grid in tau",
-    is_deterministic=True,
-    run=variable_projection,
+    variable_projection,
 )
 
 
@@ -282,7 +234,7 @@ HORIZON = 15
 APART = 1e-6
 
 
-def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
+def subspace_method(problem: Problem) -> Answer:
     """The circuit whose poles span the future voltages that the past predicts.
 
     N4SID (Van Overschee and De Moor, Subspace Identification, 1996, section 4.3) with the weights
@@ -295,7 +247,6 @@ def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> lis
     belong to no circuit: raises `MethodFailure`, also for an uneven clock, for a current that never
     changes, and for a record too short for the block rows.
     """
-    del budget
     pairs = problem.bounds.pairs
     rows = HORIZON * pairs
     samples = even_samples(problem.prepared, 2 * rows - 1)
@@ -315,18 +266,14 @@ def subspace_method(problem: Problem, budget: Budget, progress: Progress) -> lis
             "and model error cause this"
         )
     tau_s = np.sort(-samples.interval_s / np.log(poles.real))
+    shown = ", ".join(f"{tau:.4g} s" for tau in tau_s)
     search = OuterSearch(problem)
     inside = np.clip(np.log(tau_s), search.low, search.high)
     if np.any(np.diff(inside) < APART):
-        raise MethodFailure(
-            "its time constants, " + ", ".join(f"{tau:.4g} s" for tau in tau_s) + ", are one "
-            "inside the search box"
-        )
+        raise MethodFailure(f"its time constants, {shown}, are one inside the search box")
     notes = samples.notes
     if np.any(np.abs(inside - np.log(tau_s)) > APART):
-        found = ", ".join(f"{tau:.4g} s" for tau in tau_s)
-        notes = (*notes, f"its time constants, {found}, are moved into the search box")
-    progress(1)
+        notes = (*notes, f"its time constants, {shown}, are moved into the search box")
     return answer_of(problem, search.circuit(inside), notes)
 
 
@@ -354,9 +301,8 @@ def state_matrix(
     return np.linalg.lstsq(observed[:-1], observed[1:])[0]
 
 
-N4SID = Method(
+N4SID = deterministic(
     "n4sid",
     "Subspace identification, N4SID (Van Overschee and De Moor, 1996; Li et al., 2016)",
-    is_deterministic=True,
-    run=subspace_method,
+    subspace_method,
 )

@@ -37,7 +37,6 @@ from .soc_axis import (
     decide_capacity,
     join_sweeps,
     place_on_soc,
-    scale_warnings,
 )
 
 # Of a voltage that was not measured in one direction only.
@@ -182,14 +181,15 @@ def characterize(
     }
     warnings = [text for table in tables for text in table.warnings]
     warnings.extend(text for _, of_record in found for text in of_record)
-    points = _tabled(tables)
+    points: dict[int, tuple[OcvPoint, ...]] = {}
+    for table in tables:
+        _join(points, table.branches, tables)
     if sweeps:
         capacity = decide_capacity(sweeps, capacity_ah, ocv_capacity_ah)
         warnings.extend(capacity.warnings)
-        warnings.extend(scale_warnings(sweeps, capacity, len(records) == 1))
-        placed = place_on_soc(sweeps, capacity, len(records) == 1)
-        _require_one_each(tables, points, placed)
-        points |= placed
+        placed, scaled = place_on_soc(sweeps, capacity, len(records) == 1)
+        warnings.extend(scaled)
+        _join(points, placed, tables)
     elif capacity_ah is not None:
         capacity = Capacity(capacity_ah, "given", capacity_ah)
     else:
@@ -245,25 +245,19 @@ def _require_positive(option: str, value: float | None, unit: str) -> None:
         raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
 
 
-def _tabled(tables: Sequence[OcvTable]) -> dict[int, tuple[OcvPoint, ...]]:
-    """The branches that tables give."""
-    points: dict[int, tuple[OcvPoint, ...]] = {}
-    for table in tables:
-        _require_one_each(tables, points, table.branches)
-        points |= table.branches
-    return points
-
-
-def _require_one_each(
-    tables: Sequence[OcvTable], points: Mapping[int, object], more: Mapping[int, object]
+def _join(
+    points: dict[int, tuple[OcvPoint, ...]],
+    more: Mapping[int, tuple[OcvPoint, ...]],
+    tables: Sequence[OcvTable],
 ) -> None:
-    """Raise InputError where a branch is given twice, or a single curve beside another."""
+    """Add branches. Raises `InputError` for one given twice, or a single curve beside another."""
     if points and (points.keys() & more.keys() or EITHER in {*points, *more}):
         names = ", ".join(table.name for table in tables)
         raise InputError(
             f"the OCV table {names} has a branch that another OCV test also has; give only one of "
             "them"
         )
+    points.update(more)
 
 
 def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> Curve:

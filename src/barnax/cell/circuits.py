@@ -5,7 +5,7 @@ A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
@@ -68,6 +68,18 @@ class CircuitParameters:
         for pair, tau_s in enumerate(self.tau_s, 1):
             if not (math.isfinite(tau_s) and tau_s > 0):
                 raise ValueError(f"R{pair} C{pair} must be positive and finite; it is {tau_s} s")
+
+    @classmethod
+    def of_tau(
+        cls,
+        r0: float,
+        r: Sequence[float] | np.ndarray,
+        tau_s: Sequence[float] | np.ndarray,
+        gamma: float | None = None,
+    ) -> Self:
+        """The circuit whose pairs have these resistances and time constants."""
+        c = tuple(float(tau / each) for each, tau in zip(r, tau_s, strict=True))
+        return cls(float(r0), tuple(float(each) for each in r), c, gamma)
 
     @property
     def pairs(self) -> int:

@@ -201,62 +201,38 @@ def _require_possible(sweeps: Mapping[int, Sweep], axis_ah: float, spans: bool) 
 
 def place_on_soc(
     sweeps: Mapping[int, Sweep], capacity: Capacity, shares_axis: bool
-) -> dict[int, tuple[OcvPoint, ...]]:
-    """The points of each direction with their SOC, increasing.
+) -> tuple[dict[int, tuple[OcvPoint, ...]], list[str]]:
+    """The points of each direction with their SOC, increasing, and warnings.
 
     With `shares_axis`, all from one record, the rests lie on one ampere-hour axis: 1 where the
     discharge begins, else 0 where the charge begins. It is scaled by the test's own charge where
     that spans both ends and the capacity is another (by over 2 %), else by the capacity. Other
     sweeps stand alone: a discharge begins at 1, a charge at 0, and each is scaled by its own
     charge when it runs between full and empty (slow, or within 2 % of the capacity or of the
-    other sweep), else by the capacity.
+    other sweep), else by the capacity. A warning says which of rests whose charge and the capacity
+    differ by over 2 %.
     """
-    if _has_one_axis(sweeps, shares_axis):
+    if shares_axis and all(sweep.kind == "rests" for sweep in sweeps.values()):
         anchor = _main(sweeps)
         is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
         is_own = is_other and spans_both_ends(sweeps)
         scale_ah = anchor.passed_ah if is_own else capacity.axis_ah
-        return {direction: _place(sweep, anchor, scale_ah) for direction, sweep in sweeps.items()}
-    return {
-        direction: _place(sweep, sweep, _scale_ah(sweep, sweeps.get(-direction), capacity))
-        for direction, sweep in sweeps.items()
-    }
-
-
-def scale_warnings(
-    sweeps: Mapping[int, Sweep], capacity: Capacity, shares_axis: bool
-) -> tuple[str, ...]:
-    """What `place_on_soc` scaled each sweep by, where its charge and the capacity differ by 2 %.
-
-    Slow sweeps are left out: they define full and empty.
-    """
-    if _has_one_axis(sweeps, shares_axis):
-        return ()
-    found = []
+        placed = {way: _place(sweep, anchor, scale_ah) for way, sweep in sweeps.items()}
+        return placed, []
+    placed, warnings = {}, []
     for direction, sweep in sweeps.items():
-        if sweep.kind == "slow" or _is_near(sweep.passed_ah, capacity.axis_ah, CLOSURE):
-            continue
-        scale_ah = _scale_ah(sweep, sweeps.get(-direction), capacity)
-        by = "the capacity" if scale_ah == capacity.axis_ah else "its own charge, since both agree"
-        found.append(
-            f"{sweep.source}: the {WORD[direction]} passed {sweep.passed_ah:.4g} Ah, the "
-            f"capacity is {capacity.axis_ah:.4g} Ah: its SOC is scaled by {by}"
-        )
-    return tuple(found)
-
-
-def _has_one_axis(sweeps: Mapping[int, Sweep], shares_axis: bool) -> bool:
-    return shares_axis and all(sweep.kind == "rests" for sweep in sweeps.values())
-
-
-def _scale_ah(sweep: Sweep, other: Sweep | None, capacity: Capacity) -> float:
-    """The charge that is SOC 1 for a sweep that stands alone."""
-    is_whole = (
-        sweep.kind == "slow"
-        or _is_near(sweep.passed_ah, capacity.axis_ah, CLOSURE)
-        or (other is not None and _is_near(sweep.passed_ah, other.passed_ah, CLOSURE))
-    )
-    return sweep.passed_ah if is_whole else capacity.axis_ah
+        # A slow sweep defines full and empty.
+        is_whole = sweep.kind == "slow" or _is_near(sweep.passed_ah, capacity.axis_ah, CLOSURE)
+        agrees = _agree(sweeps, CLOSURE, direction)
+        scale_ah = sweep.passed_ah if is_whole or agrees else capacity.axis_ah
+        placed[direction] = _place(sweep, sweep, scale_ah)
+        if not is_whole:
+            by = "its own charge, since both agree" if agrees else "the capacity"
+            warnings.append(
+                f"{sweep.source}: the {WORD[direction]} passed {sweep.passed_ah:.4g} Ah, the "
+                f"capacity is {capacity.axis_ah:.4g} Ah: its SOC is scaled by {by}"
+            )
+    return placed, warnings
 
 
 def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]:
@@ -272,10 +248,10 @@ def _main(sweeps: Mapping[int, Sweep]) -> Sweep:
     return sweeps.get(DISCHARGE) or sweeps[CHARGE]
 
 
-def _agree(sweeps: Mapping[int, Sweep], tolerance: float) -> bool:
-    """Whether there are both directions, and they passed the same charge."""
+def _agree(sweeps: Mapping[int, Sweep], tolerance: float, direction: int = CHARGE) -> bool:
+    """Whether there are both directions, and the one passed the same charge as the other."""
     return len(sweeps) == 2 and _is_near(
-        sweeps[CHARGE].passed_ah, sweeps[DISCHARGE].passed_ah, tolerance
+        sweeps[direction].passed_ah, sweeps[-direction].passed_ah, tolerance
     )
 
 
@@ -314,6 +290,5 @@ def _closure_warnings(sweeps: Mapping[int, Sweep]) -> tuple[str, ...]:
     names = ", ".join(dict.fromkeys(sweep.source for sweep in sweeps.values()))
     return (
         f"{names}: charge and discharge of the OCV test differ: {out_ah:.4g} Ah out, "
-        f"{in_ah:.4g} Ah in "
-        f"({100 * error:+.1f} %)",
+        f"{in_ah:.4g} Ah in ({100 * error:+.1f} %)",
     )

@@ -6,11 +6,11 @@ import typer
 
 from .. import __version__
 from .compare import compare, optimizers
-from .files import check, convert
+from .files import check, convert, export
 from .fleet import fleet
 from .identify import hppc, identify
-from .results import export, rerun, show, validate
-from .soc import soc
+from .options import grouped
+from .results import rerun, show, soc, validate
 
 app = typer.Typer(
     name="barnax",
@@ -35,7 +35,7 @@ COMMANDS = (
     optimizers,
 )
 for command in COMMANDS:
-    app.command()(command)
+    app.command()(grouped(command))
 
 
 def _print_version(is_asked: bool) -> None:

@@ -7,15 +7,22 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from .groups import grouped
-from .options import Output, Paper, Rows, SearchOptions, require_choice, run_options
-from .output import DEFAULT_FOLDER, write_results
-from .record_options import Files, RecordOptions
+from .options import (
+    PAPER,
+    SEARCH,
+    Files,
+    RecordOptions,
+    SearchOptions,
+    argument,
+    group,
+    option,
+    require_choice,
+    run_options,
+)
+from .output import DEFAULT_FOLDER, Output
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
@@ -23,31 +30,45 @@ if TYPE_CHECKING:
     from ..reporting.illustrations import Illustration
 
 # What of the report stands in the terminal unless everything is asked for.
-SHOWN = {
-    *("Verdict", "Parameters", "Search", "Tables over SOC"),
-    *("Identification", "Validation", "Without an answer"),
-}
+SHOWN = {*("Verdict", "Parameters", "Search", "Tables over SOC"), *("Identification", "Validation")}
 # After a model's name: with tables over SOC too.
 TABULATED = ":soc"
 
 
-@grouped
-def compare(
-    files: Files,
-    of_records: RecordOptions,
-    search: SearchOptions,
-    wanted: Rows,
-    output: Output,
-    record: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="RECORD",
-            help="Dynamic record to identify on; without it, the bundled cell is used.",
-            show_default=False,
-        ),
-    ] = None,
-    paper: Paper = False,
-) -> None:
+@group
+class Rows:
+    """Which rows are compared."""
+
+    models: str | None = option(
+        SEARCH,
+        "NAME,NAME",
+        "Circuits, each with every method (default: the five rows of the paper); so-rc:soc adds "
+        "so-rc with tables over SOC.",
+    )
+    methods: str | None = option(
+        SEARCH,
+        "NAME,NAME",
+        "Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf, n4sid, varpro, lm, "
+        "pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.",
+    )
+    record: Path | None = argument(
+        "RECORD", "Dynamic record to identify on; without it, the bundled cell is used.", None
+    )
+
+
+@group
+class Comparing:
+    """All that a comparison can be told."""
+
+    files: Files
+    of_records: RecordOptions
+    search: SearchOptions
+    rows: Rows
+    output: Output
+    paper: bool = PAPER
+
+
+def compare(options: Comparing) -> None:
     """Compare models and methods on one cell, and write a report with tables and figures.
 
     All get the same data, bounds, budget and key. A row is a method's own answer,
@@ -55,6 +76,7 @@ def compare(
 
     Without arguments, it runs the paper's five rows on the bundled cell.
     """
+    record, output = options.rows.record, options.output
     if record and (record.is_dir() or record.suffix.lower() == ".toml"):
         raise InputError(
             f"{record}: compare takes one record and its `ocv`, not a folder or a plan; "
@@ -68,25 +90,21 @@ def compare(
         from ..comparison import PAPER_ROWS
         from ..comparison.result import compare_files
 
-    models, tabulated = split_models(wanted.models)
-    rows = chosen_rows(models, wanted.methods, PAPER_ROWS)
+    models, tabulated = split_models(options.rows.models)
+    rows = chosen_rows(models, options.rows.methods, PAPER_ROWS)
     for model, method in rows:
         require_choice("models", model, CIRCUITS)
         require_choice("methods", method, METHODS)
-    options = run_options(files, of_records, search, [record] if record else [])
+    records, search = [record] if record else [], options.search
+    given = run_options(options.files, options.of_records, search, records)
     total = sum(1 if METHODS[method].is_deterministic else search.seeds for _, method in rows)
     with session.watch("Comparing", total) as advance:
         comparison, result = compare_files(
-            **options, rows=rows, tabulated=tabulated, watch=_row_watch(session, advance)
+            **given, rows=rows, tabulated=tabulated, watch=_row_watch(session, advance)
         )
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
-    written: set[str] = set()
-    if folder is not None:
-        answer = {"comparison.json": result.to_json().encode()}
-        draw = partial(_report, result, comparison, seconds, paper)
-        folder, written = write_results(session, folder, answer, draw, output.force)
-    if output.as_json:
-        typer.echo(result.to_json(), nl=False)
+    draw = partial(_report, result, comparison, seconds, options.paper)
+    folder, written = output.deliver(session, folder, "comparison.json", result.to_json(), draw)
     _show(session, result, seconds, output.verbose)
     if folder is not None:
         name = "report.html" if "report.html" in written else "comparison.json"
@@ -96,7 +114,7 @@ def compare(
 def _show(
     session: Session, result: "ComparisonResult", seconds: dict[str, float], is_verbose: bool
 ) -> None:
-    from ..reporting import comparison_document
+    from ..reporting.comparison import comparison_document
     from ..reporting.terminal import to_terminal
 
     document = comparison_document(result, (), seconds)
@@ -161,12 +179,9 @@ def _report(
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
     from ..plots import column_width
-    from ..reporting import (
-        comparison_document,
-        comparison_illustrations,
-        paper_files,
-        report_files,
-    )
+    from ..reporting.comparison import comparison_document
+    from ..reporting.illustrations import comparison_illustrations
+    from ..reporting.render import paper_files, report_files
 
     def draw() -> "list[Illustration]":
         return comparison_illustrations(result, comparison, comparison.optima)

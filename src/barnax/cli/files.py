@@ -1,60 +1,73 @@
-"""`barnax check`, what is wrong with files, and `barnax convert`, a file as a clean table."""
+"""Files in and out: `barnax check` and `convert` of measured ones, and `export` of a result."""
 
 import json
+import os
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from ..errors import InputError, printable
-from .groups import INPUT, OUTPUT, flag, option
-from .options import Force, Quiet
+from .options import (
+    COLUMNS,
+    FORCE,
+    INPUT,
+    OUTPUT,
+    QUIET,
+    STORED,
+    HowRead,
+    argument,
+    flag,
+    group,
+    known_names,
+    option,
+)
 from .output import require_free_file, write_file
-from .record_options import Columns, Hold, Sign
-from .session import Session, as_flags, shown
+from .results import load
+from .session import Session, as_flags, shown, use_compilation_cache
+
+if TYPE_CHECKING:
+    from ..export import Verification
 
 FINDINGS = 1
 SCHEMA_VERSION = 1
 
 
-def check(
-    files: Annotated[
-        list[Path],
-        typer.Argument(metavar="FILE", help="Files from a cycler; - is standard input."),
-    ],
-    capacity: Annotated[
-        float | None,
-        option(INPUT, "AH", "Capacity of the cell, to check the ampere-hours against."),
-    ] = None,
-    columns: Columns = "",
-    as_json: Annotated[bool, flag(OUTPUT, "--json", "Print the findings as JSON.")] = False,
-    quiet: Annotated[
-        bool,
-        flag(
-            OUTPUT,
-            "--quiet -q",
-            "Print no tables and no notes; findings go to stderr, one per line.",
-        ),
-    ] = False,
-) -> None:
+@group
+class Checked:
+    """What is checked, and what is printed of it."""
+
+    files: list[Path] = argument("FILE", "Files from a cycler; - is standard input.")
+    capacity: float | None = option(
+        INPUT, "AH", "Capacity of the cell, to check the ampere-hours against."
+    )
+    columns: str = COLUMNS
+    as_json: bool = flag(OUTPUT, "--json", "Print the findings as JSON.")
+    quiet: bool = flag(
+        OUTPUT, "--quiet -q", "Print no tables and no notes; findings go to stderr, one per line."
+    )
+
+
+def check(what: Checked) -> None:
     """List every problem in measured files, and how to fix it.
 
     Exit status: 0 for notes only, 1 for errors or warnings, 2 for a file that is not a table.
     """
-    session = Session(is_quiet=quiet or as_json)
+    session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
         from ..checks import check_file
         from ..reporting.checks import check_document, count_sentence, finding_line
         from ..reporting.terminal import to_terminal
 
-    if capacity is not None and not capacity > 0:
-        raise InputError(f"`capacity` {capacity} Ah must be positive")
+    if what.capacity is not None and not what.capacity > 0:
+        raise InputError(f"`capacity` {what.capacity} Ah must be positive")
     found, unreadable = [], []
     listed: list[dict[str, Any]] = []
-    for file in files:
+    for file in what.files:
         try:
             with session.watch(f"Looking at {file.name}"):
-                each = check_file(file, capacity_ah=capacity, columns=columns)
+                each = check_file(file, capacity_ah=what.capacity, columns=what.columns)
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
@@ -62,9 +75,9 @@ def check(
         found.append(each)
         listed.append(each.to_dict())
         session.show(to_terminal(check_document(each).spelled(as_flags)))
-        if quiet:
+        if what.quiet:
             session.warn(finding_line(each.file, one) for one in each.findings if one.counts)
-    if as_json:
+    if what.as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
     session.show([count_sentence(found, len(unreadable))])
@@ -74,46 +87,122 @@ def check(
         raise typer.Exit(FINDINGS)
 
 
-def convert(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File from a cycler; - is standard input.")
-    ],
-    to: Annotated[
-        Literal["bdf"],
-        typer.Option(help="Format: the Battery Data Format.", rich_help_panel=OUTPUT),
-    ] = "bdf",
-    out: Annotated[
-        Path | None,
-        option(
-            OUTPUT,
-            "FILE",
-            "File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).",
-        ),
-    ] = None,
-    current_sign: Sign = "auto",
-    current_hold: Hold = "auto",
-    columns: Columns = "",
-    force: Force = False,
-    quiet: Quiet = False,
-) -> None:
+@group
+class Converted:
+    """Which file is converted to what."""
+
+    file: Path = argument("FILE", "File from a cycler; - is standard input.")
+    to: Literal["bdf"] = typer.Option(
+        "bdf", help="Format: the Battery Data Format.", rich_help_panel=OUTPUT
+    )
+    out: Path | None = option(
+        OUTPUT,
+        "FILE",
+        "File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).",
+    )
+    read: HowRead
+    force: bool = FORCE
+    quiet: bool = QUIET
+
+
+def convert(what: Converted) -> None:
     """Convert a cycler file to SI units, on one clock, with charge positive.
 
     Its origin, and what was decided and changed, is in the metadata of the
     Parquet file, or in a JSON file beside the CSV.
     """
-    session = Session(is_quiet=quiet)
+    session, file = Session(is_quiet=what.quiet), what.file
     with session.watch("Loading"):
         from ..records import read_record
         from ..records.bdf import bdf_files
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
-    path = out or Path(f"{stem}.{to}.parquet")
-    require_free_file(path, force)
+    path = what.out or Path(f"{stem}.{what.to}.parquet")
+    require_free_file(path, what.force)
     with session.watch(f"Reading {file.name}"):
-        record = read_record(
-            file, current_sign=current_sign, current_hold=current_hold, columns=columns
-        )
+        record = read_record(file, **vars(what.read))
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
     session.warn(record.warnings)
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
+
+
+@group
+class ExportChoices:
+    """Where an export goes, and whether it is simulated there."""
+
+    result: Path = STORED
+    to: str = option(
+        OUTPUT,
+        "pybamm|thevenin|simscape|c-header|csv|json|c-filter",
+        "The tool or format to export to.",
+        ...,
+        autocompletion=known_names("export", "EXPORTERS"),
+    )
+    out: Path | None = option(
+        OUTPUT,
+        "FILE",
+        "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
+        "barnax_cell.h, barnax_parameters.csv, barnax_cell.json or barnax_filter.h).",
+    )
+    force: bool = FORCE
+    verify: bool = flag(
+        OUTPUT,
+        "--verify",
+        "Simulate the exported circuit in PyBaMM or thevenin, and print the largest difference "
+        "from barnax.",
+    )
+    quiet: bool = QUIET
+
+
+def export(chosen: ExportChoices) -> None:
+    """Export an identified circuit to another tool.
+
+    What the tool cannot represent is named on stderr and, if the format has
+    comments, in the file.
+    """
+    session, result = Session(is_quiet=chosen.quiet), chosen.result
+    # PyBaMM would ask, and then report, what it is used for.
+    os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
+    with session.watch("Loading JAX"):
+        use_compilation_cache()
+        from ..export import get_exporter, require_package
+        from ..export import verify as simulate_both
+
+    exporter = get_exporter(chosen.to)
+    if chosen.verify:
+        require_package(exporter)
+    path = chosen.out or Path(exporter.file_name)
+    # Names that are no files are refused elsewhere, with the reason.
+    with suppress(OSError):
+        if path.samefile(result / "result.json" if result.is_dir() else result):
+            raise InputError(f"{path}: this is the result itself; choose another file with `out`")
+    require_free_file(path, chosen.force)
+    stored = load(result)
+    content, caveats = exporter.write(stored)
+    found = None
+    if chosen.verify:
+        with session.watch(f"Simulating in {exporter.package}"):
+            found = simulate_both(stored, exporter, content)
+    write_file(path, content)
+    session.warn(caveats)
+    session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])
+    if found is not None:
+        session.show([_verification(found)])
+
+
+def _verification(found: "Verification") -> str:
+    degc = ", ".join(f"{each:.3g}" for each in found.temperatures_degc)
+    at = f" at each of {degc} degC" if degc else ""
+    text = (
+        f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
+        f"samples of a pulse test{at}: {found.largest_v:.3g} V (RMS {found.rms_v:.3g} V)"
+    )
+    remainders = {
+        "without the hysteresis voltage": found.without_hysteresis_v,
+        "without the samples at which the current changes sign": found.without_turns_v,
+    }
+    reason, remainder_v = min(remainders.items(), key=lambda item: item[1])
+    if remainder_v < found.largest_v / 2:
+        text += f"; {reason} {remainder_v:.3g} V"
+    return text + "."

@@ -2,148 +2,165 @@
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import InputError, as_keys
-from .groups import OUTPUT, SEARCH, flag, grouped, option
-from .options import TableOptions, complete_circuits, complete_methods
+from .options import (
+    FIX,
+    INPUT,
+    OUTPUT,
+    SEARCH,
+    Files,
+    RecordOptions,
+    TableOptions,
+    argument,
+    flag,
+    group,
+    known_names,
+    option,
+)
 from .output import write_file
-from .record_options import Files, RecordOptions
 from .session import Session, as_flags, shown
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
 
-DEFAULT_FOLDER = Path("barnax-fleet")
 ENGINE = "Engine"
 # Problems of a manifest that a dry run lists one by one.
 MOST_LISTED = 50
 
 
-@dataclass(frozen=True)
+@group
 class FleetSearch:
     """Which circuit, and how each cell's is found."""
 
-    model: Annotated[
-        str | None,
-        option(
-            SEARCH,
-            "iso-rc|so-rc|esc|...",
-            "Circuit of the cells without one in the manifest (default: as in identify).",
-            autocompletion=complete_circuits,
-        ),
-    ] = None
-    method: Annotated[
-        str, option(SEARCH, "NAME", "Optimizer of the seeds.", autocompletion=complete_methods)
-    ] = "ibmo"
-    seeds: Annotated[
-        int,
-        option(
-            SEARCH,
-            "N",
-            "Runs of the optimizer in addition to the global optimum, on which no seed improves.",
-            min=0,
-        ),
-    ] = 0
-    key: Annotated[int, option(SEARCH, "N", "Random key of the seeds.", min=0)] = 0
-    trust: Annotated[
-        Literal["none", "basic"],
-        option(SEARCH, "none|basic", "Compute intervals (basic) or not (none)."),
-    ] = "basic"
-    bounds: Annotated[
-        Path | None,
-        option(SEARCH, "FILE.toml", "Bounds of the cells without any in the manifest."),
-    ] = None
-    fix: Annotated[
-        list[str] | None,
-        option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; repeatable.'),
-    ] = None
-    cell: Annotated[
-        Path | None,
-        option(
-            "Files",
-            "RESULT",
-            "result.json whose OCV and capacity all cells use, instead of --ocv.",
-        ),
-    ] = None
+    model: str | None = option(
+        SEARCH,
+        "iso-rc|so-rc|esc|...",
+        "Circuit of the cells without one in the manifest (default: as in identify).",
+        autocompletion=known_names("cell", "CIRCUITS"),
+    )
+    method: str = option(
+        SEARCH,
+        "NAME",
+        "Optimizer of the seeds.",
+        "ibmo",
+        autocompletion=known_names("optimizers", "OPTIMIZERS"),
+    )
+    seeds: int = option(
+        SEARCH,
+        "N",
+        "Runs of the optimizer in addition to the global optimum, on which no seed improves.",
+        0,
+        min=0,
+    )
+    key: int = option(SEARCH, "N", "Random key of the seeds.", 0, min=0)
+    trust: Literal["none", "basic"] = option(
+        SEARCH, "none|basic", "Compute intervals (basic) or not (none).", "basic"
+    )
+    bounds: Path | None = option(
+        SEARCH, "FILE.toml", "Bounds of the cells without any in the manifest."
+    )
+    fix: list[str] | None = FIX
+    cell: Path | None = option(
+        INPUT, "RESULT", "result.json whose OCV and capacity all cells use, instead of --ocv."
+    )
 
 
-@dataclass(frozen=True)
+@group
 class EngineOptions:
     """What computes, and how much of the fleet."""
 
-    workers: Annotated[
-        int | None, option(ENGINE, "N", "Processes (default: as many as cores).", min=1)
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        option(ENGINE, "ADDRESS|local", "Dask scheduler instead of processes; local starts one."),
-    ] = None
-    shard: Annotated[
-        str | None,
-        option(ENGINE, "K/N", "Only the K-th of N parts of the fleet, for an array of jobs."),
-    ] = None
-    retry: Annotated[bool, flag(ENGINE, "--retry", "Repeat the cells that failed.")] = False
-    dry_run: Annotated[
-        bool,
-        flag(
-            ENGINE,
-            "--dry-run",
-            "List missing files and values that cannot be used, and compute nothing.",
-        ),
-    ] = False
+    workers: int | None = option(ENGINE, "N", "Processes (default: as many as cores).", None, min=1)
+    scheduler: str | None = option(
+        ENGINE, "ADDRESS|local", "Dask scheduler instead of processes; local starts one."
+    )
+    shard: str | None = option(
+        ENGINE, "K/N", "Only the K-th of N parts of the fleet, for an array of jobs."
+    )
+    retry: bool = flag(ENGINE, "--retry", "Repeat the cells that failed.")
+    dry_run: bool = flag(
+        ENGINE,
+        "--dry-run",
+        "List missing files and values that cannot be used, and compute nothing.",
+    )
 
 
-@dataclass(frozen=True)
-class FleetOutput:
-    """Where the dataset goes, and what is printed."""
+@group
+class FleetOptions:
+    """All that identifying a fleet can be told."""
 
-    out: Annotated[
-        Path, option(OUTPUT, "FOLDER", "Folder of the dataset; an interrupted run continues there.")
-    ] = DEFAULT_FOLDER
-    keep_results: Annotated[
-        bool, flag(OUTPUT, "--keep-results", "Also write each cell's result.json, to results/ID.")
-    ] = False
-    quiet: Annotated[bool, flag(OUTPUT, "--quiet -q", "Print nothing but warnings.")] = False
+    manifest: Path = argument(
+        "MANIFEST",
+        "Table in CSV, Parquet or TOML with one row per cell: id, records, ocv and further "
+        "options; other columns are copied to the dataset.",
+    )
+    files: Files
+    of_records: RecordOptions
+    search: FleetSearch
+    tables: TableOptions
+    engine: EngineOptions
+    out: Path = option(
+        OUTPUT,
+        "FOLDER",
+        "Folder of the dataset; an interrupted run continues there.",
+        Path("barnax-fleet"),
+    )
+    keep_results: bool = flag(
+        OUTPUT, "--keep-results", "Also write each cell's result.json, to results/ID."
+    )
+    quiet: bool = flag(OUTPUT, "--quiet -q", "Print nothing but warnings.")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """How every cell is identified."""
+        search = self.search
+        chosen = {name: getattr(search, name) for name in ("method", "seeds", "key", "trust")}
+        chosen |= {"model": search.model} if search.model else {}
+        if search.fix:
+            from ..model.search_space import parse_fixed
+
+            chosen["fix"] = parse_fixed(search.fix)
+        keep = {"keep_results": True} if self.keep_results else {}
+        return chosen | self.tables.chosen() | keep
+
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """What a row has where the manifest leaves it open."""
+        given: dict[str, Any] = {}
+        parts = vars(self.files) | vars(self.files.read) | vars(self.of_records)
+        for name, value in parts.items():
+            if isinstance(value, list) and value:
+                is_path = name in ("ocv", "validate")
+                given[name] = [path.absolute() for path in value] if is_path else value[-1]
+            elif value and name != "read" and value != "auto":
+                given[name] = value
+        for name in ("bounds", "cell"):
+            if value := getattr(self.search, name):
+                given[name] = value.absolute()
+        return given
 
 
-@grouped
-def fleet(
-    manifest: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MANIFEST",
-            help="Table in CSV, Parquet or TOML with one row per cell: id, records, ocv and "
-            "further options; other columns are copied to the dataset.",
-        ),
-    ],
-    files: Files,
-    of_records: RecordOptions,
-    search: FleetSearch,
-    tables: TableOptions,
-    engine: EngineOptions,
-    output: FleetOutput,
-) -> None:
+def fleet(given: FleetOptions) -> None:
     """Identify every cell of a fleet, into one Parquet dataset with one row per cell.
 
     If it is interrupted, the same command continues where it stopped. If a
     cell cannot be identified, its row says why. Options on files and records
     apply to cells whose row does not set them.
     """
-    session = Session(is_quiet=output.quiet)
+    session = Session(is_quiet=given.quiet)
     from ..fleet.manifest import parse_shard, read_manifest
     from ..fleet.worker import prepare_process
     from ..reporting.fleet import closing_lines, problem_lines, progress_remark
     from ..reporting.words import counted
 
-    cells, carried = read_manifest(manifest, _defaults(files, of_records, search))
+    manifest, engine, out = given.manifest, given.engine, given.out
+    cells, carried = read_manifest(manifest, given.defaults)
     session.note(_what_is_there(cells, carried))
     prepare_process()
-    settings = _settings(search, tables, output)
+    settings = given.settings
     if engine.dry_run:
         from ..plan.document import require_choices
 
@@ -167,7 +184,7 @@ def fleet(
 
         state = identify_fleet(
             cells,
-            output.out,
+            out,
             settings=settings,
             workers=engine.workers,
             scheduler=engine.scheduler,
@@ -175,15 +192,13 @@ def fleet(
             retry=engine.retry,
             report=report,
         )
-    lines = closing_lines(state, output.out, session.elapsed_s, engine.shard)
+    lines = closing_lines(state, out, session.elapsed_s, engine.shard)
     # Shards run beside each other: the command that takes them together writes the report.
     if not engine.shard:
-        page = output.out / "report.html"
+        page = out / "report.html"
         is_old = not page.exists() or page.stat().st_mtime < manifest.stat().st_mtime
         with session.watch("Writing the report"):
-            lines[1] = _summed_up(
-                cells, carried, settings, output.out, write=is_old or state.finished > 0
-            )
+            lines[1] = _summed_up(cells, carried, settings, out, write=is_old or state.finished > 0)
     session.show(shown(as_flags(line)) for line in lines)
 
 
@@ -199,13 +214,13 @@ def _summed_up(
     cannot be repeated are not drawn."""
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
-    from ..reporting import to_html
     from ..reporting.fleet import (
         failed_sentence,
         fleet_document,
         fleet_illustrations,
         fleet_sentence,
     )
+    from ..reporting.render import to_html
 
     known = {cell.id: cell for cell in cells}
     rows = read_fleet(out, known)
@@ -229,28 +244,3 @@ def _what_is_there(cells: "list[FleetCell]", carried: tuple[str, ...]) -> str:
     records = sum(len(cell.records) for cell in cells)
     text = f"{counted(len(cells), 'cell')}, {counted(records, 'record')}"
     return f"{text}; copied to the dataset: {', '.join(carried)}" if carried else text
-
-
-def _defaults(files: Files, of_records: RecordOptions, search: FleetSearch) -> dict[str, Any]:
-    """What a row has where the manifest leaves it open."""
-    given: dict[str, Any] = {}
-    for name, value in (*vars(files).items(), *vars(of_records).items()):
-        is_path = name in ("ocv", "validate")
-        if isinstance(value, list) and value:
-            given[name] = [path.absolute() for path in value] if is_path else value[-1]
-        elif value and not isinstance(value, list):
-            given[name] = value
-    given |= {
-        name: value.absolute() for name in ("bounds", "cell") if (value := getattr(search, name))
-    }
-    return {name: value for name, value in given.items() if value != "auto"}
-
-
-def _settings(search: FleetSearch, tables: TableOptions, output: FleetOutput) -> dict[str, Any]:
-    kept = {name: getattr(search, name) for name in ("method", "seeds", "key", "trust")}
-    kept |= {"model": search.model} if search.model else {}
-    if search.fix:
-        from ..model.search_space import parse_fixed
-
-        kept["fix"] = parse_fixed(search.fix)
-    return kept | tables.chosen() | ({"keep_results": True} if output.keep_results else {})

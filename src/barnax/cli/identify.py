@@ -5,14 +5,29 @@ import sys
 import threading
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from ..errors import InputError
-from .groups import INPUT, flag, grouped
-from .options import Identification, require_choice, run_options
-from .output import DEFAULT_FOLDER, free_name, write_results
+from .options import (
+    INPUT,
+    OUTPUT,
+    PAPER,
+    SEARCH,
+    Files,
+    RecordOptions,
+    SearchOptions,
+    TableOptions,
+    argument,
+    flag,
+    group,
+    known_names,
+    option,
+    require_choice,
+    run_options,
+)
+from .output import DEFAULT_FOLDER, Output, free_name
 from .session import APPEARANCE, Session, as_flags, flag_of, use_compilation_cache, without_options
 
 if TYPE_CHECKING:
@@ -27,36 +42,95 @@ PLANNED = (
 )  # fmt: skip
 
 
-@grouped
-def identify(
-    options: Identification,
-    records: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[RECORD]...",
-            help="Dynamic record to identify on; several give one circuit for all of them. For a "
-            "folder, or files without --ocv, barnax chooses roles and windows; a plan is run as it "
-            "is. Without any, the bundled cell is identified.",
-            show_default=False,
-        ),
-    ] = None,
-    plan: Annotated[
-        bool,
-        flag(
-            INPUT,
-            "--plan",
-            "Only print the plan, as TOML: what would be done with which file. identify "
-            "accepts it in place of the folder.",
-        ),
-    ] = False,
-) -> None:
+@group
+class Choices:
+    """Which circuit, which method, and how far the answer is looked into."""
+
+    model: str | None = option(
+        SEARCH,
+        "iso-rc|so-rc|esc|...",
+        "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) hysteresis; "
+        "1rc, 3rc and 4rc have one, three and four pairs and no hysteresis (default: iso-rc; with "
+        "tables so-rc, or esc if half the hysteresis voltage is worth 8 % SOC or more).",
+        autocompletion=known_names("cell", "CIRCUITS"),
+    )
+    method: str = option(
+        SEARCH,
+        "NAME",
+        "Optimizer: ibmo, ibmo-centered, pso or any other that [bold]barnax optimizers[/bold] "
+        "lists.",
+        "ibmo",
+        autocompletion=known_names("optimizers", "OPTIMIZERS"),
+    )
+    trust: Literal["none", "basic", "full"] = option(
+        SEARCH,
+        "none|basic|full",
+        "How closely to examine the answer: basic gives intervals, identifiability and residuals; "
+        "full also gives profile likelihoods, a block bootstrap, and what would lower the error.",
+        "basic",
+    )
+    report: bool = flag(
+        OUTPUT, "--report", "Also write report.html and report.md, with every figure."
+    )
+    paper: bool = PAPER
+
+
+@group
+class Identification:
+    """All that identifying a circuit can be told."""
+
+    files: Files
+    of_records: RecordOptions
+    search: SearchOptions
+    chosen: Choices
+    tables: TableOptions
+    output: Output
+
+    def given(self, records: list[Path]) -> dict[str, Any]:
+        """The shared options of a run, by the names of the library's arguments."""
+        options = run_options(self.files, self.of_records, self.search, records)
+        return {**options, **self.tables.chosen()}
+
+
+@group
+class Records:
+    """What `identify` identifies on."""
+
+    records: list[Path] | None = argument(
+        "[RECORD]...",
+        "Dynamic record to identify on; several give one circuit for all of them. For a folder, or "
+        "files without --ocv, barnax chooses roles and windows; a plan is run as it is. Without "
+        "any, the bundled cell is identified.",
+        None,
+    )
+    plan: bool = flag(
+        INPUT,
+        "--plan",
+        "Only print the plan, as TOML: what would be done with which file. identify accepts it in "
+        "place of the folder.",
+    )
+
+
+@group
+class PulseTests:
+    """What `hppc` identifies on."""
+
+    records: list[Path] | None = argument(
+        "[RECORD]...",
+        "Pulse test (HPPC); several give one circuit. Without any, the bundled cell's test at "
+        "25 degC is used, and its drive cycles for validation.",
+        None,
+    )
+
+
+def identify(options: Identification, on: Records) -> None:
     """Identify the circuit of a cell, say how good it is, and write result.json and figures.
 
     Without arguments, it identifies the bundled cell.
     """
-    if plan:
-        return _print_plan(options, records or [])
-    _run("identify", options, records or [])
+    if on.plan:
+        return _print_plan(options, on.records or [])
+    _run("identify", options, on.records or [])
 
 
 def _print_plan(options: Identification, records: list[Path]) -> None:
@@ -64,38 +138,25 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
     with session.watch("Loading"):
         from ..plan import plan_of, plan_to_toml
 
-    given = run_options(options.files, options.of_records, options.search, records)
-    planned = plan_of(**given, **options.tables.chosen(), watch=session.watch)
+    given = options.given(records)
+    planned = plan_of(**given, watch=session.watch)
     if planned is None:
         raise InputError("`plan` is for a folder, or for files without `ocv`")
     typer.echo(plan_to_toml(_changed(planned, given["window"], options)), nl=False)
 
 
-@grouped
-def hppc(
-    options: Identification,
-    records: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[RECORD]...",
-            help="Pulse test (HPPC); several give one circuit. Without any, the bundled cell's "
-            "test at 25 degC is used, and its drive cycles for validation.",
-            show_default=False,
-        ),
-    ] = None,
-) -> None:
+def hppc(options: Identification, on: PulseTests) -> None:
     """Identify tables over SOC from a pulse test, and print every pulse's resistances.
 
     Pulses, rests, capacity and OCV come from the test itself; --ocv sets another OCV.
     """
-    _run("hppc", options, records or [])
+    _run("hppc", options, on.records or [])
 
 
 def _run(
     command: Literal["identify", "hppc"], options: Identification, records: list[Path]
 ) -> None:
-    chosen, output = options.chosen, options.output
-    files = options.files
+    chosen, output, files = options.chosen, options.output, options.files
     inputs = [*records, *(files.ocv or ()), *(files.validate or ())]
     session, folder = output.begun(DEFAULT_FOLDER, inputs)
     with session.watch("Loading JAX"):
@@ -119,11 +180,8 @@ def _run(
         require_choice("model", chosen.model, CIRCUITS)
     require_choice("method", chosen.method, OPTIMIZERS)
     given = {
-        **run_options(options.files, options.of_records, options.search, records),
-        **options.tables.chosen(),
-        "model": chosen.model,
-        "method": chosen.method,
-        "trust": chosen.trust,
+        **options.given(records),
+        **{name: getattr(chosen, name) for name in ("model", "method", "trust")},
         "watch": session.watch,
     }
     planned = plan_of(**given) if command == "identify" else None
@@ -133,13 +191,8 @@ def _run(
             session.show(plan_lines(planned, as_flags))
         given = _arguments(planned, given, records)
     result = run(**given)
-    written: set[str] = set()
-    if folder is not None:
-        answer = {"result.json": result.to_json().encode()}
-        draw = partial(result_files, result, chosen.report, chosen.paper)
-        folder, written = write_results(session, folder, answer, draw, output.force)
-    if output.as_json:
-        typer.echo(result.to_json(), nl=False)
+    draw = partial(result_files, result, chosen.report, chosen.paper)
+    folder, written = output.deliver(session, folder, "result.json", result.to_json(), draw)
     _show(session, result, folder, written, output.verbose)
     session.warn(result.warnings)
 
@@ -147,14 +200,10 @@ def _run(
 def result_files(result: "Result", report: bool, paper: bool = False) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
     from ..plots import column_width
-    from ..reporting import (
-        identification_document,
-        identification_illustrations,
-        is_always,
-        paper_files,
-        report_files,
-    )
+    from ..reporting.identification import identification_document
+    from ..reporting.illustrations import identification_illustrations, is_always
     from ..reporting.pulses import pulses_csv, tables_csv
+    from ..reporting.render import paper_files, report_files
 
     tables = {"tables.csv": tables_csv(result)} if result.tables else {}
     tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
@@ -171,9 +220,9 @@ def result_files(result: "Result", report: bool, paper: bool = False) -> dict[st
 def _show(
     session: Session, result: "Result", folder: Path | None, written: set[str], verbose: bool
 ) -> None:
-    from ..reporting import identification_document
-    from ..reporting.first_screen import first_screen
+    from ..reporting.identification import identification_document
     from ..reporting.terminal import next_lines, parts_line, to_terminal
+    from ..reporting.verdict import first_screen
 
     if verbose:
         session.show(to_terminal(identification_document(result).spelled(as_flags)))
@@ -214,8 +263,8 @@ def _changed(
     flags = {word.partition("=")[0] for word in sys.argv}
     given = {
         name: value
-        for group in (options.files, options.chosen, options.tables)
-        for name, value in vars(group).items()
+        for part in (options.files, options.files.read, options.chosen, options.tables)
+        for name, value in vars(part).items()
         if name in PLANNED and flag_of(name) in flags
     }
     return planned.changed(window, **given)
@@ -259,10 +308,10 @@ def _window_words(part: "Part") -> list[str]:
     from ..model.window import OPTIONS as WINDOW_OPTIONS
 
     words = []
-    for option, (name, *_) in WINDOW_OPTIONS.items():
+    for asked, (name, *_) in WINDOW_OPTIONS.items():
         value = getattr(part.window, name)
         if value is not None:
-            words += [flag_of(option), f"{part.name}={_written(value)}"]
+            words += [flag_of(asked), f"{part.name}={_written(value)}"]
     return words
 
 

@@ -1,210 +1,334 @@
-"""Options that several commands share: declared once, in groups, with their help."""
+"""Options of the commands: how a group is declared, and those that several commands share."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, dataclass_transform, get_type_hints
 
 import typer
+from typer.models import ParameterInfo
 
 from ..errors import InputError
-from .groups import OUTPUT, SEARCH, TABLES, flag, option
-from .output import require_free, require_there
-from .record_options import Files, RecordOptions
-from .session import Session, command_line
+from .session import command_line
+
+if TYPE_CHECKING:
+    from ..model.window import Window
+
+# The panels of the help.
+WINDOW = "Records (FILE=VALUE for one of them)"
+INPUT = "Files"
+OUTPUT = "Output"
+SEARCH = "Search"
+TABLES = "Tables over SOC"
+FILTER = "Filter"
+# Where a group keeps what Typer is told of a field.
+DECLARED = "declared"
 
 
-def complete_methods(incomplete: str) -> list[str]:
-    """Registered optimizers for shell completion."""
-    from ..optimizers import OPTIMIZERS
-
-    return [name for name in OPTIMIZERS if name.startswith(incomplete)]
+def argument(metavar: str, text: str, default: Any = ...) -> Any:
+    """A word of the command without a name; required unless it has a default."""
+    return typer.Argument(default, metavar=metavar, help=text, show_default=False)
 
 
-def complete_circuits(incomplete: str) -> list[str]:
-    """Registered circuits for shell completion."""
-    from ..cell import CIRCUITS
-
-    return [name for name in CIRCUITS if name.startswith(incomplete)]
+def option(panel: str, metavar: str, text: str, default: Any = None, **more: Any) -> Any:
+    """An option with a value; `...` as its default makes it required."""
+    return typer.Option(default, metavar=metavar, help=text, rich_help_panel=panel, **more)
 
 
-def complete_exporters(incomplete: str) -> list[str]:
-    """Registered export targets for shell completion."""
-    from ..export import EXPORTERS
-
-    return [name for name in EXPORTERS if name.startswith(incomplete)]
+def flag(panel: str, names: str, text: str, default: bool | None = False) -> Any:
+    """An option without a value, under all its names."""
+    return typer.Option(default, *names.split(), help=text, rich_help_panel=panel)
 
 
-Quiet = Annotated[
-    bool,
-    flag(OUTPUT, "--quiet -q", "Print no tables and no progress; warnings still go to stderr."),
-]
-Force = Annotated[bool, flag(OUTPUT, "--force", "Replace the file if it exists.")]
-StoredResult = Annotated[
-    Path,
-    typer.Argument(metavar="RESULT", help="The folder that identify wrote, or its result.json."),
-]
+def known_names(module: str, registry: str) -> Callable[[str], list[str]]:
+    """Completes the names of a registry, which is imported only then."""
+
+    def complete(incomplete: str) -> list[str]:
+        names = getattr(import_module(f"barnax.{module}"), registry)
+        return [name for name in names if name.startswith(incomplete)]
+
+    return complete
 
 
-Paper = Annotated[
-    bool,
-    flag(
-        OUTPUT,
-        "--paper",
-        "Also write figures/paper: every figure as PDF and SVG, one journal column wide "
-        "(89 mm, 7 pt).",
-    ),
-]
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def group(cls: Any) -> Any:
+    """A dataclass of arguments, options, flags and other groups."""
+    for name, declared in list(vars(cls).items()):
+        if isinstance(declared, ParameterInfo):
+            default = MISSING if declared.default is ... else declared.default
+            setattr(cls, name, field(default=default, metadata={DECLARED: declared}))
+    return dataclass(frozen=True, kw_only=True)(cls)
 
 
-@dataclass(frozen=True)
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, whose parameters are groups, as Typer wants it: spelled out field by field."""
+    groups = get_type_hints(command)
+    groups.pop("return")
+
+    @functools.wraps(command)
+    def spread(**given: Any) -> None:
+        command(**{name: _made(each, given) for name, each in groups.items()})
+
+    spelled = [each for of in groups.values() for each in _spelled(of)]
+    spread.__signature__ = inspect.Signature(spelled)  # pyright: ignore
+    spread.__annotations__ = {each.name: each.annotation for each in spelled}
+    return spread
+
+
+def _spelled(group: Any) -> Iterator[inspect.Parameter]:
+    hints, kind = get_type_hints(group), inspect.Parameter.KEYWORD_ONLY
+    for each in fields(group):
+        hint = hints[each.name]
+        if is_dataclass(hint):
+            yield from _spelled(hint)
+        else:
+            declared = each.metadata[DECLARED]
+            yield inspect.Parameter(each.name, kind, default=declared, annotation=hint)
+
+
+def _made(group: Any, given: Mapping[str, Any]) -> Any:
+    hints = get_type_hints(group)
+    values = {
+        name: _made(hint, given) if is_dataclass(hint) else given[name]
+        for name, hint in hints.items()
+    }
+    return group(**values)
+
+
+FORCE = flag(OUTPUT, "--force", "Replace the file if it exists.")
+QUIET = flag(OUTPUT, "--quiet -q", "Print no tables and no progress; warnings still go to stderr.")
+PAPER = flag(
+    OUTPUT,
+    "--paper",
+    "Also write figures/paper: every figure as PDF and SVG, one journal column wide (89 mm, 7 pt).",
+)
+STORED = argument("RESULT", "The folder that identify wrote, or its result.json.")
+COLUMNS = option(
+    INPUT,
+    "NAMES",
+    "Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME, with a unit "
+    "if the name has none.",
+    "",
+)
+Sign = Literal["auto", "charge-positive", "discharge-positive"]
+
+
+@group
+class HowRead:
+    """How the records are read."""
+
+    current_sign: Sign = option(
+        INPUT,
+        "SIGN",
+        "Sign of current in the records: charge-positive, discharge-positive, or auto (decided "
+        "from the data).",
+        "auto",
+    )
+    current_hold: Literal["auto", "forward", "backward"] = option(
+        INPUT,
+        "HOLD",
+        "When a sample's current flows: until the next sample (forward), since the previous one "
+        "(backward), or auto (decided from the data).",
+        "auto",
+    )
+    columns: str = COLUMNS
+
+
+@group
+class Files:
+    """The files of a run, and how they are read."""
+
+    ocv: list[Path] | None = option(
+        INPUT,
+        "FILE",
+        "OCV test of the same cell: pulses and rests, a slow sweep, or a table; repeatable.",
+    )
+    validate: list[Path] | None = option(INPUT, "FILE", "Record to validate on; repeatable.")
+    ocv_capacity: float | None = option(
+        INPUT, "AH", "Capacity in the OCV test, if it does not span full to empty."
+    )
+    ocv_fit: Literal["polynomial", "interpolated"] | None = option(
+        INPUT,
+        "FIT",
+        "OCV curves: polynomial of degree 7, or interpolated (PCHIP) (default: polynomial; in a "
+        "plan, interpolated).",
+    )
+    hysteresis_fit: Literal["continuous", "independent"] = option(
+        INPUT,
+        "FIT",
+        "Hysteresis segments: continuous (they meet at the knots) or independent.",
+        "continuous",
+    )
+    ocv_current_sign: Sign = option(INPUT, "SIGN", "Sign of current in the OCV tests.", "auto")
+    validate_current_sign: Sign = option(
+        INPUT, "SIGN", "Sign of current in the validation records.", "auto"
+    )
+    read: HowRead
+
+
+def _of_a_record(metavar: str, text: str) -> Any:
+    return option(WINDOW, f"[FILE=]{metavar}", text)
+
+
+PerRecord = list[str] | None
+
+
+@group
+class RecordOptions:
+    """What is known of the records, and what of them counts; for all, or for one by its name."""
+
+    capacity: PerRecord = _of_a_record(
+        "AH", "Capacity of the cell when the record was measured (default: that of the OCV test)."
+    )
+    temperature: PerRecord = _of_a_record(
+        "DEGC", "Temperature in degC (default: the median of the record's column)."
+    )
+    start_time: PerRecord = _of_a_record(
+        "S", "Time at which the simulation starts, on the file's clock."
+    )
+    start_after_step: PerRecord = _of_a_record(
+        "N", "Start at the last sample of the last block of this step."
+    )
+    initial_soc: PerRecord = _of_a_record(
+        "0..1", "State of charge at the start (default: from the rested voltage)."
+    )
+    initial_direction: PerRecord = _of_a_record(
+        "+1|-1",
+        "Last direction before the start, if the record does not show it: +1 charge, -1 discharge "
+        "(default: both are tried).",
+    )
+    score_steps: PerRecord = _of_a_record("N,N", "Score only these steps, such as 7,8.")
+    score_from: PerRecord = _of_a_record("S", "Score from this time on.")
+    score_to: PerRecord = _of_a_record("S", "Score up to this time.")
+    score_soc: PerRecord = _of_a_record(
+        "LOW,HIGH", "Score only between these states of charge, such as 0.1,1."
+    )
+    rest_current: PerRecord = _of_a_record(
+        "A", "Current below which the cell is at rest (default: C/100)."
+    )
+
+    def chosen(self) -> dict[str, dict[str, Any]]:
+        """Fields of a `Window` by the name of the record they are for, "" for all."""
+        from ..model.window import OPTIONS
+
+        found: dict[str, dict[str, Any]] = {}
+        for asked, (name, parse, example) in OPTIONS.items():
+            for text in getattr(self, asked) or []:
+                record, _, value = text.rpartition("=")
+                try:
+                    found.setdefault(record, {})[name] = parse(value)
+                except ValueError as problem:
+                    raise InputError(
+                        f"`{asked}` {text!r}: write it like {example}, or FILE={example} for one "
+                        "of the records"
+                    ) from problem
+        return found
+
+    def windows(self) -> "Window | dict[str, Window] | None":
+        """One window for all records, or one for each that has its own; None where none is given.
+
+        A record's own start replaces the common one. Raises `InputError` where options of one
+        record contradict each other.
+        """
+        from ..model.window import Window
+
+        chosen = self.chosen()
+        if not chosen:
+            return None
+        common = chosen.get("", {})
+        windows = {}
+        for name, own in chosen.items():
+            kept = common
+            if own.keys() & {"start_time_s", "start_after_step"}:
+                kept = {key: common[key] for key in common if not key.startswith("start")}
+            try:
+                windows[name] = Window(**(kept | own))
+            except InputError as problem:
+                raise InputError(f"{name}: {problem}" if name else str(problem)) from problem
+        return windows
+
+
+FIX = option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; repeatable.')
+
+
+@group
 class SearchOptions:
     """The box, and the search in it."""
 
-    objective: Annotated[
-        Literal["auto", "scan", "compressed"],
-        option(
-            SEARCH,
-            "auto|scan|compressed",
-            "How the search computes errors: scan simulates every sample, compressed reduces the "
-            "record once. auto: compressed if the bounds allow it; in compare, scan. Reported "
-            "errors are always computed by scan.",
-        ),
-    ] = "auto"
-    coordinates: Annotated[
-        Literal["rc", "log"],
-        option(
-            SEARCH,
-            "rc|log",
-            "Search R and C themselves, as in the paper (rc), or logarithms of R and tau (log).",
-        ),
-    ] = "rc"
-    seeds: Annotated[
-        int,
-        option(
-            SEARCH, "N", "Independent runs of the optimizer; 0: only the global optimum.", min=0
-        ),
-    ] = 30
-    population: Annotated[int, option(SEARCH, "N", "Candidates per generation.", min=4)] = 30
-    iterations: Annotated[int, option(SEARCH, "N", "Generations.", min=1)] = 500
-    key: Annotated[
-        int,
-        option(
-            SEARCH, "N", "Random key; the same key gives the same result.", min=0, max=2**32 - 1
-        ),
-    ] = 0
-    bounds: Annotated[
-        Path | None,
-        option(
-            SEARCH,
-            "FILE.toml",
-            'Bounds: a file with a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
-        ),
-    ] = None
-    fix: Annotated[
-        list[str] | None,
-        option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; repeatable.'),
-    ] = None
-
-    @property
-    def fixed(self) -> dict[str, float]:
-        from ..model.search_space import parse_fixed
-
-        return parse_fixed(self.fix or [])
+    objective: Literal["auto", "scan", "compressed"] = option(
+        SEARCH,
+        "auto|scan|compressed",
+        "How the search computes errors: scan simulates every sample, compressed reduces the "
+        "record once. auto: compressed if the bounds allow it; in compare, scan. Reported errors "
+        "are always computed by scan.",
+        "auto",
+    )
+    coordinates: Literal["rc", "log"] = option(
+        SEARCH,
+        "rc|log",
+        "Search R and C themselves, as in the paper (rc), or logarithms of R and tau (log).",
+        "rc",
+    )
+    seeds: int = option(
+        SEARCH, "N", "Independent runs of the optimizer; 0: only the global optimum.", 30, min=0
+    )
+    population: int = option(SEARCH, "N", "Candidates per generation.", 30, min=4)
+    iterations: int = option(SEARCH, "N", "Generations.", 500, min=1)
+    key: int = option(
+        SEARCH, "N", "Random key; the same key gives the same result.", 0, min=0, max=2**32 - 1
+    )
+    bounds: Path | None = option(
+        SEARCH,
+        "FILE.toml",
+        'Bounds: a file with a table \\[bounds], such as "R0 \\[Ohm]" = \\[0.001, 0.1].',
+    )
+    fix: list[str] | None = FIX
 
 
-@dataclass(frozen=True)
-class Choices:
-    """Which circuit, which method, and how far the answer is looked into."""
-
-    model: Annotated[
-        str | None,
-        option(
-            SEARCH,
-            "iso-rc|so-rc|esc|...",
-            "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) "
-            "hysteresis; 1rc, 3rc and 4rc have one, three and four pairs and no hysteresis "
-            "(default: iso-rc; with tables so-rc, or esc if half the hysteresis voltage is worth "
-            "8 % SOC or more).",
-            autocompletion=complete_circuits,
-        ),
-    ] = None
-    method: Annotated[
-        str,
-        option(
-            SEARCH,
-            "NAME",
-            "Optimizer: ibmo, ibmo-centered, pso or any other that "
-            "[bold]barnax optimizers[/bold] lists.",
-            autocompletion=complete_methods,
-        ),
-    ] = "ibmo"
-    trust: Annotated[
-        Literal["none", "basic", "full"],
-        option(
-            SEARCH,
-            "none|basic|full",
-            "How closely to examine the answer: basic gives intervals, identifiability and "
-            "residuals; full also gives profile likelihoods, a block bootstrap, and what would "
-            "lower the error.",
-        ),
-    ] = "basic"
-    report: Annotated[
-        bool, flag(OUTPUT, "--report", "Also write report.html and report.md, with every figure.")
-    ] = False
-    paper: Paper = False
-
-
-@dataclass(frozen=True)
+@group
 class TableOptions:
     """Tables over SOC, and temperature: whether, and how."""
 
-    over: Annotated[
-        str | None,
-        option(
-            TABLES,
-            "soc|soc,temperature",
-            "Also fit the resistances and an OCV correction as tables over SOC; with temperature, "
-            "one set of tables per temperature, with shared time constants.",
-        ),
-    ] = None
-    ocv_correction: Annotated[
-        bool | None,
-        flag(
-            TABLES,
-            "--ocv-correction/--no-ocv-correction",
-            "Fit a table that corrects the OCV, or not (default: yes).",
-        ),
-    ] = None
-    half_hysteresis: Annotated[
-        bool | None,
-        flag(
-            TABLES,
-            "--half-hysteresis",
-            "Fit the amplitude of a dynamic hysteresis as a table, instead of using half "
-            "the hysteresis voltage; needs records in both directions.",
-        ),
-    ] = None
-    nodes: Annotated[
-        str | None,
-        option(TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17, from -0.05 to 1)."),
-    ] = None
-    roughness: Annotated[
-        float | None,
-        option(TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."),
-    ] = None
-    resistance_ridge: Annotated[
-        float | None, option(TABLES, "WEIGHT", "Weight of squared resistances (default: 1e-9).")
-    ] = None
-    voltage_ridge: Annotated[
-        float | None, option(TABLES, "WEIGHT", "Weight of squared voltages (default: 1e-7).")
-    ] = None
-    folds: Annotated[
-        int | None, option(TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5).")
-    ] = None
-    block_s: Annotated[
-        float | None, option(TABLES, "S", "Length of the held-out blocks in s (default: 400).")
-    ] = None
+    over: str | None = option(
+        TABLES,
+        "soc|soc,temperature",
+        "Also fit the resistances and an OCV correction as tables over SOC; with temperature, one "
+        "set of tables per temperature, with shared time constants.",
+    )
+    ocv_correction: bool | None = flag(
+        TABLES,
+        "--ocv-correction/--no-ocv-correction",
+        "Fit a table that corrects the OCV, or not (default: yes).",
+        None,
+    )
+    half_hysteresis: bool | None = flag(
+        TABLES,
+        "--half-hysteresis",
+        "Fit the amplitude of a dynamic hysteresis as a table, instead of using half the "
+        "hysteresis voltage; needs records in both directions.",
+        None,
+    )
+    nodes: str | None = option(
+        TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17, from -0.05 to 1)."
+    )
+    roughness: float | None = option(
+        TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."
+    )
+    resistance_ridge: float | None = option(
+        TABLES, "WEIGHT", "Weight of squared resistances (default: 1e-9)."
+    )
+    voltage_ridge: float | None = option(
+        TABLES, "WEIGHT", "Weight of squared voltages (default: 1e-7)."
+    )
+    folds: int | None = option(
+        TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."
+    )
+    block_s: float | None = option(
+        TABLES, "S", "Length of the held-out blocks in s (default: 400)."
+    )
 
     def chosen(self) -> dict[str, Any]:
         """What was chosen, by the names of `Settings` and `TableSettings`."""
@@ -219,141 +343,32 @@ class TableOptions:
         return chosen
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Which rows are compared."""
-
-    models: Annotated[
-        str | None,
-        option(
-            SEARCH,
-            "NAME,NAME",
-            "Circuits, each with every method (default: the five rows of the paper); so-rc:soc "
-            "adds so-rc with tables over SOC.",
-        ),
-    ] = None
-    methods: Annotated[
-        str | None,
-        option(
-            SEARCH,
-            "NAME,NAME",
-            "Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf, n4sid, "
-            "varpro, lm, pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.",
-        ),
-    ] = None
-
-
-@dataclass(frozen=True)
-class ExportChoices:
-    """Where an export goes, and whether it is simulated there."""
-
-    to: Annotated[
-        str,
-        option(
-            OUTPUT,
-            "pybamm|thevenin|simscape|c-header|csv|json|c-filter",
-            "The tool or format to export to.",
-            autocompletion=complete_exporters,
-        ),
-    ]
-    out: Annotated[
-        Path | None,
-        option(
-            OUTPUT,
-            "FILE",
-            "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
-            "barnax_cell.h, barnax_parameters.csv, barnax_cell.json or "
-            "barnax_filter.h).",
-        ),
-    ] = None
-    force: Force = False
-    verify: Annotated[
-        bool,
-        flag(
-            OUTPUT,
-            "--verify",
-            "Simulate the exported circuit in PyBaMM or thevenin, and print the largest "
-            "difference from barnax.",
-        ),
-    ] = False
-
-
-@dataclass(frozen=True)
-class Output:
-    """Where results go, and what is printed."""
-
-    out: Annotated[
-        Path | None,
-        option(
-            OUTPUT, "FOLDER", "Folder for the results (default: barnax-out; barnax-soc for soc)."
-        ),
-    ] = None
-    force: Annotated[bool, flag(OUTPUT, "--force", "Replace the result in the folder.")] = False
-    as_json: Annotated[
-        bool, flag(OUTPUT, "--json", "Print the result as JSON; write files only with --out.")
-    ] = False
-    verbose: Annotated[
-        bool, flag(OUTPUT, "--verbose", "Print every decision, table and warning.")
-    ] = False
-    quiet: Quiet = False
-
-    def begun(self, default: Path, inputs: Iterable[Path] = ()) -> tuple[Session, Path | None]:
-        """The session of a run, and the folder of its results, None where they are only printed.
-
-        Raises `InputError` where an input is missing, or results cannot go there.
-        """
-        for path in inputs:
-            require_there(path)
-        folder = self.out or (None if self.as_json else default)
-        if folder is not None:
-            require_free(folder, self.force)
-        return Session(is_quiet=self.quiet or self.as_json), folder
-
-
-@dataclass(frozen=True)
-class Identification:
-    """All that identifying a circuit can be told."""
-
-    files: Files
-    of_records: RecordOptions
-    search: SearchOptions
-    chosen: Choices
-    tables: TableOptions
-    output: Output
-
-
 def run_options(
     files: Files, of_records: RecordOptions, search: SearchOptions, records: list[Path]
 ) -> dict[str, Any]:
     """What a run takes of the shared options, by the names of the library's arguments."""
     from ..gather import Reading, Settings, file_names
+    from ..model.search_space import parse_fixed
 
     given = [records, files.ocv or [], files.validate or []]
+    settings = dict(vars(search))
+    bounds, fix = settings.pop("bounds"), settings.pop("fix")
     return {
         "records": given[0],
         "ocv": given[1],
         "validate": given[2],
         "window": of_records.windows(),
         "ocv_capacity": files.ocv_capacity,
-        "bounds": search.bounds,
-        "fix": search.fixed,
+        "bounds": bounds,
+        "fix": parse_fixed(fix or []),
         **({"ocv_fit": files.ocv_fit} if files.ocv_fit else {}),
         "hysteresis_fit": files.hysteresis_fit,
         "reading": Reading(
-            files.current_sign,
-            files.ocv_current_sign,
-            files.validate_current_sign,
-            files.current_hold,
-            files.columns,
+            ocv_current_sign=files.ocv_current_sign,
+            validate_current_sign=files.validate_current_sign,
+            **vars(files.read),
         ),
-        "settings": Settings(
-            objective=search.objective,
-            coordinates=search.coordinates,
-            seeds=search.seeds,
-            population=search.population,
-            iterations=search.iterations,
-            key=search.key,
-        ),
+        "settings": Settings(**settings),
         "command": command_line(file_names([path for paths in given for path in paths])),
     }
 

@@ -9,12 +9,12 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import typer
 
 from ..errors import InputError
-
-if TYPE_CHECKING:
-    from .session import Session
+from .options import OUTPUT, QUIET, flag, group, option
+from .session import Session
 
 DEFAULT_FOLDER = Path("barnax-out")
 # A folder that holds one of these was written by us.
@@ -23,6 +23,64 @@ RESULTS = ("result.json", "comparison.json", "soc.json")
 LIST = "files.json"
 OURS = {*RESULTS, "timings.json", "report.html", "report.md", LIST}
 PREFIX = ".barnax-"
+
+
+@group
+class Output:
+    """Where results go, and what is printed."""
+
+    out: Path | None = option(
+        OUTPUT, "FOLDER", "Folder for the results (default: barnax-out; barnax-soc for soc)."
+    )
+    force: bool = flag(OUTPUT, "--force", "Replace the result in the folder.")
+    as_json: bool = flag(OUTPUT, "--json", "Print the result as JSON; write files only with --out.")
+    verbose: bool = flag(OUTPUT, "--verbose", "Print every decision, table and warning.")
+    quiet: bool = QUIET
+
+    def begun(self, default: Path, inputs: Iterable[Path] = ()) -> tuple[Session, Path | None]:
+        """The session of a run, and the folder of its results, None where they are only printed.
+
+        Raises `InputError` where an input is missing, or results cannot go there.
+        """
+        for path in inputs:
+            require_there(path)
+        folder = self.out or (None if self.as_json else default)
+        if folder is not None:
+            require_free(folder, self.force)
+        return Session(is_quiet=self.quiet or self.as_json), folder
+
+    def deliver(
+        self,
+        session: Session,
+        folder: Path | None,
+        name: str,
+        document: str,
+        draw: Callable[[], Mapping[str, bytes]],
+    ) -> tuple[Path | None, set[str]]:
+        """Write a result under its name with its figures, and print it, as far as is wanted.
+
+        What fails to be drawn costs only itself. Gives the folder that it went to, and the files
+        in it.
+        """
+        written = {name: document.encode()}
+        if folder is not None:
+            with session.watch("Drawing figures"):
+                try:
+                    written |= draw()
+                except Exception as problem:
+                    session.warn(
+                        [f"the figures could not be drawn ({problem}); the result is written"]
+                    )
+            written["timings.json"] = session.timings_json()
+            place = write_folder(folder, written, self.force)
+            if place != folder:
+                session.warn(
+                    [f"{folder}: something else has appeared there; the results are in {place}"]
+                )
+            folder = place
+        if self.as_json:
+            typer.echo(document, nl=False)
+        return folder, set(written)
 
 
 def require_there(path: Path) -> None:
@@ -98,30 +156,6 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
                 os.replace(old, place)
                 raise
     return folder
-
-
-def write_results(
-    session: "Session",
-    folder: Path,
-    answer: Mapping[str, bytes],
-    draw: Callable[[], Mapping[str, bytes]],
-    is_forced: bool,
-) -> tuple[Path, set[str]]:
-    """Put a result into `folder` with its figures; what fails to be drawn costs only itself.
-
-    Gives the folder that it went to, and the files in it.
-    """
-    written = dict(answer)
-    with session.watch("Drawing figures"):
-        try:
-            written |= draw()
-        except Exception as problem:
-            session.warn([f"the figures could not be drawn ({problem}); the result is written"])
-    written["timings.json"] = session.timings_json()
-    place = write_folder(folder, written, is_forced)
-    if place != folder:
-        session.warn([f"{folder}: something else has appeared there; the results are in {place}"])
-    return place, set(written)
 
 
 def free_name(place: Path) -> Path:

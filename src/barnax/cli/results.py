@@ -1,38 +1,88 @@
-"""Commands on a stored result: show, validate, rerun and export it."""
+"""Commands on a stored result: show it, validate it, replay a record with it, run it again."""
 
 import hashlib
 import itertools
 import json
-import os
 import re
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from ..errors import InputError
-from .groups import OUTPUT, WINDOW, flag, grouped
-from .options import ExportChoices, Quiet, StoredResult
-from .output import require_free_file, write_file
-from .record_options import Columns, Hold, RecordOptions, Sign
+from .options import (
+    FILTER,
+    OUTPUT,
+    PAPER,
+    QUIET,
+    STORED,
+    WINDOW,
+    HowRead,
+    RecordOptions,
+    argument,
+    flag,
+    group,
+    option,
+)
+from .output import Output
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
-    from ..export import Verification
     from ..model.window import Window
+    from ..replay import SocReplay
     from ..results import Result
 
 # Across machines and versions the refined error agrees this closely, relative.
 SAME_RMSE = 1e-9
 FINDINGS = 1
+SOC_FOLDER = Path("barnax-soc")
 START = ("start_time_s", "start_after_step", "initial_soc", "initial_direction")
 SCORING = ("score_steps", "score_from_s", "score_to_s", "score_soc")
+
+
+@group
+class Stored:
+    """A stored result."""
+
+    result: Path = STORED
+
+
+@group
+class OnRecord:
+    """A stored result and another record; the stored window applies, unless options change it."""
+
+    result: Path = STORED
+    record: Path = argument("RECORD", "Record to simulate.")
+    of_records: RecordOptions
+    read: HowRead
+    whole_record: bool = flag(
+        WINDOW, "--whole-record", "Use the whole record, ignoring the stored window."
+    )
+
+    def window(self, stored: "Result") -> "Window":
+        """The window in which the stored circuit meets the record.
+
+        Raises `InputError` for an option that is given for another record.
+        """
+        name, chosen = self.record.name, self.of_records.chosen()
+        unknown = sorted(chosen.keys() - {"", name})
+        if unknown:
+            raise InputError(f"an option is given for {unknown[0]!r}; the record is {name}")
+        given = {**chosen.get("", {}), **chosen.get(name, {})}
+        # What was given for one record alone is not another's, and another start makes more void.
+        own = {each.name: each.window for each in stored.inputs if each.window}
+        void: tuple[str, ...] = ()
+        if self.whole_record:
+            void = START + SCORING
+        elif given.keys() & {"start_time_s", "start_after_step"}:
+            void = START
+        return replace(own.get(name) or stored.common_window, **(dict.fromkeys(void) | given))
 
 
 def load(path: Path) -> "Result":
@@ -42,116 +92,146 @@ def load(path: Path) -> "Result":
     return Result.from_json(path / "result.json" if path.is_dir() else path)
 
 
-def show(result: StoredResult) -> None:
+def show(of: Stored) -> None:
     """Print a result in full."""
-    from ..reporting import identification_document
-    from ..reporting.first_screen import first_screen
+    from ..reporting.identification import identification_document
     from ..reporting.terminal import to_terminal
+    from ..reporting.verdict import first_screen
 
-    stored = load(result)
+    stored = load(of.result)
     session = Session(is_quiet=False)
     session.show(to_terminal(identification_document(stored).spelled(as_flags)))
     session.show(first_screen(stored, as_flags))
 
 
-@grouped
-def validate(
-    result: StoredResult,
-    record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record to validate on.")],
-    of_records: RecordOptions,
-    current_sign: Sign = "auto",
-    current_hold: Hold = "auto",
-    columns: Columns = "",
-    whole_record: Annotated[
-        bool,
-        flag(
-            WINDOW,
-            "--whole-record",
-            "Simulate and score the whole record, ignoring the stored window.",
-        ),
-    ] = False,
-    as_json: Annotated[bool, flag(OUTPUT, "--json", "Print the errors as JSON.")] = False,
-    quiet: Quiet = False,
-) -> None:
+@group
+class Errors:
+    """How the errors on a record are printed."""
+
+    as_json: bool = flag(OUTPUT, "--json", "Print the errors as JSON.")
+    quiet: bool = QUIET
+
+
+def validate(on: OnRecord, output: Errors) -> None:
     """Simulate an identified circuit on another record, and print its errors.
 
     The window of the identification applies, unless options change it.
     With another start, the stored state of charge is not used.
     """
-    session = Session(is_quiet=quiet or as_json)
+    session = Session(is_quiet=output.quiet or output.as_json)
     with session.watch("Loading JAX"):
         use_compilation_cache()
         from ..pipeline import validate_stored
         from ..reporting.identification import metrics_table
-        from ..reporting.temperature import prediction_sentence
+        from ..reporting.soc_tables import prediction_sentence
         from ..reporting.terminal import terminal_table
         from ..run import metrics_part
 
-    stored = load(result)
-    window = stored_window(stored, record, of_records, whole_record)
+    stored = load(on.result)
+    window = on.window(stored)
     with session.watch("Simulating"):
-        evaluation, warnings = validate_stored(
-            stored, record, window,
-            current_sign=current_sign, current_hold=current_hold, columns=columns,
-        )  # fmt: skip
+        evaluation, warnings = validate_stored(stored, on.record, window, **vars(on.read))
     metrics = metrics_part(evaluation)
-    if as_json:
+    if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
     session.show([terminal_table(metrics_table([(metrics, "validation")]))])
     if stored.tables is not None:
         degc = evaluation.prepared.temperature_degc
-        told = prediction_sentence(stored.tables, record.name, degc)
+        told = prediction_sentence(stored.tables, on.record.name, degc)
         session.show([shown(told)] if told else [])
     session.warn(warnings)
 
 
-def stored_window(
-    stored: "Result", record: Path, of_records: RecordOptions, is_whole: bool
-) -> "Window":
-    """The window in which a stored circuit meets a record, with the options that change it.
+@group
+class FilterOptions:
+    """Which filter replays the record, and what it estimates."""
 
-    Raises `InputError` for an option that is given for another record.
+    filter: Literal["ekf", "ukf"] = option(
+        FILTER, "ekf|ukf", "Extended or unscented Kalman filter.", "ekf"
+    )
+    form: Literal["joint", "dual"] = option(
+        FILTER,
+        "joint|dual",
+        "Estimate parameters in the filter's own state (joint) or in a second filter (dual).",
+        "joint",
+    )
+    estimate: str = option(
+        FILTER,
+        "NAME,NAME",
+        "Parameters to estimate: offset (of the current), capacity, R0, R1, tau1 and so on; '' for "
+        "none.",
+        "offset,capacity",
+    )
+    tables: bool = flag(
+        FILTER,
+        "--tables/--no-tables",
+        "Use the tables over SOC if the result has them, or not.",
+        True,
+    )
+    paper: bool = PAPER
+
+
+def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
+    """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
+
+    The filter runs from a right and a wrong start, with a current offset, and
+    with a wrong capacity. The window of the identification applies, unless
+    options change it.
     """
+    session, folder = output.begun(SOC_FOLDER, (on.result, on.record))
+    with session.watch("Loading JAX"):
+        use_compilation_cache()
+        from ..replay import FilterSettings, replay_soc
+        from ..reporting.terminal import soc_screen
 
-    chosen = of_records.chosen()
-    unknown = sorted(chosen.keys() - {"", record.name})
-    if unknown:
-        raise InputError(f"an option is given for {unknown[0]!r}; the record is {record.name}")
-    given = {**chosen.get("", {}), **chosen.get(record.name, {})}
-    # What was given for one record alone is not another's.
-    own = {each.name: each.window for each in stored.inputs if each.window}
-    return _window(own.get(record.name) or stored.common_window, given, is_whole)
+    stored = load(on.result)
+    window = on.window(stored)
+    names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
+    settings = FilterSettings(chosen.filter, chosen.form, names, tables=chosen.tables)
+    with session.watch("Replaying"):
+        replay = replay_soc(stored, on.record, window, settings, **vars(on.read))
+    draw = partial(_soc_figures, replay, chosen.paper)
+    folder, _ = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
+    session.show(soc_screen(replay))
+    if folder is not None:
+        session.show(["", f"  {folder}/soc.json   figures   {session.elapsed_s:.1f} s"])
+    session.warn(as_flags(text) for text in replay.warnings)
 
 
-def _window(stored: "Window", given: dict[str, Any], is_whole: bool) -> "Window":
-    """The stored window with the given parts in place, without what they make void."""
-    void: tuple[str, ...] = ()
-    if is_whole:
-        void = START + SCORING
-    elif given.keys() & {"start_time_s", "start_after_step"}:
-        void = START
-    return replace(stored, **(dict.fromkeys(void) | given))
+def _soc_figures(replay: "SocReplay", paper: bool) -> dict[str, bytes]:
+    from ..plots import column_width, plot_soc_replay
+    from ..plots.pictures import Illustration, encode
+    from ..reporting.render import paper_files
+
+    files = {"figures/soc.png": encode(plot_soc_replay(replay), dpi=180)}
+    if paper:
+        with column_width():
+            files |= paper_files([Illustration("soc", plot_soc_replay(replay), "", "")])
+    return files
 
 
-def rerun(
-    result: StoredResult,
-    data: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder of the measured files (default: here and beside the result); repeatable.",
-        ),
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
+@group
+class Rerun:
+    """A stored result, and where its files are."""
+
+    result: Path = STORED
+    data: list[Path] | None = typer.Option(
+        None,
+        metavar="FOLDER",
+        help="Folder of the measured files (default: here and beside the result); repeatable.",
+    )
+    quiet: bool = QUIET
+
+
+def rerun(of: Rerun) -> None:
     """Run the stored command of a result again, and say whether the result is the same.
 
     Exit status: 0 if it is, bit for bit or to 1e-9 of the RMSE; 1 if not.
     """
-    session = Session(is_quiet=quiet)
+    session, result = Session(is_quiet=of.quiet), of.result
     stored = load(result)
     place = result if result.is_dir() else result.parent
-    command = _with_files(result, stored, [*(data or []), Path(), place, place.parent])
+    command = _with_files(result, stored, [*(of.data or []), Path(), place, place.parent])
     with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
         repeated = _run(command, Path(folder, "repeated"))
     if repeated.to_json() == stored.to_json():
@@ -242,57 +322,3 @@ def _entries(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
             yield from _entries(part, path)
         else:
             yield path, repr(part)
-
-
-@grouped
-def export(result: StoredResult, chosen: ExportChoices, quiet: Quiet = False) -> None:
-    """Export an identified circuit to another tool.
-
-    What the tool cannot represent is named on stderr and, if the format has
-    comments, in the file.
-    """
-    session = Session(is_quiet=quiet)
-    # PyBaMM would ask, and then report, what it is used for.
-    os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
-    with session.watch("Loading JAX"):
-        use_compilation_cache()
-        from ..export import get_exporter, require_package
-        from ..export import verify as simulate_both
-
-    exporter = get_exporter(chosen.to)
-    if chosen.verify:
-        require_package(exporter)
-    path = chosen.out or Path(exporter.file_name)
-    # Names that are no files are refused elsewhere, with the reason.
-    with suppress(OSError):
-        if path.samefile(result / "result.json" if result.is_dir() else result):
-            raise InputError(f"{path}: this is the result itself; choose another file with `out`")
-    require_free_file(path, chosen.force)
-    stored = load(result)
-    content, caveats = exporter.write(stored)
-    found = None
-    if chosen.verify:
-        with session.watch(f"Simulating in {exporter.package}"):
-            found = simulate_both(stored, exporter, content)
-    write_file(path, content)
-    session.warn(caveats)
-    session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])
-    if found is not None:
-        session.show([_verification(found)])
-
-
-def _verification(found: "Verification") -> str:
-    degc = ", ".join(f"{each:.3g}" for each in found.temperatures_degc)
-    at = f" at each of {degc} degC" if degc else ""
-    text = (
-        f"Largest difference from barnax in {found.package} {found.version}, over {found.samples} "
-        f"samples of a pulse test{at}: {found.largest_v:.3g} V (RMS {found.rms_v:.3g} V)"
-    )
-    remainders = {
-        "without the hysteresis voltage": found.without_hysteresis_v,
-        "without the samples at which the current changes sign": found.without_turns_v,
-    }
-    reason, remainder_v = min(remainders.items(), key=lambda item: item[1])
-    if remainder_v < found.largest_v / 2:
-        text += f"; {reason} {remainder_v:.3g} V"
-    return text + "."

@@ -74,10 +74,6 @@ class Row:
         return ranked[(len(ranked) - 1) // 2]
 
     @property
-    def best(self) -> Answer:
-        return min(self.answers, key=lambda answer: answer.rmse_v)
-
-    @property
     def errors_v(self) -> Float[np.ndarray, "seeds"]:
         """RMSE of every seed, in V, in the order of the seeds."""
         return np.array([answer.rmse_v for answer in self.answers])
@@ -164,22 +160,29 @@ def compare(
             raise InputError(f"no method is called {method!r}; there are {', '.join(METHODS)}")
     budget, window = budget or Budget(), window or Window()
     windows = [window] * len(validation) if validation_windows is None else validation_windows
-    problems = make_problems(
-        record,
-        cell,
-        list(dict.fromkeys(model for model, _ in rows)),
-        window=window,
-        bounds=bounds or {},
-        fixed=fixed or {},
-        coordinates=coordinates,
-        objective=objective,
-        source=source,
-    )
-    problems = {model: with_better_directions(problem) for model, problem in problems.items()}
+    models = tuple(dict.fromkeys(model for model, _ in rows))
+    problems = {
+        model: with_better_directions(
+            make_problem(
+                record,
+                cell,
+                model,
+                window=window,
+                bounds=known_to(model, bounds, models),
+                fixed=known_to(model, fixed, models),
+                coordinates=coordinates,
+                objective=objective,
+                source=source,
+            )
+        )
+        for model in models
+    }
     prepared_records = {model: [problem.prepared] for model, problem in problems.items()}
     for model, prepared in prepared_records.items():
-        for other, its in zip(validation, windows, strict=True):
-            prepared.append(prepare_record(other, cell, model, its))
+        prepared += [
+            prepare_record(other, cell, model, its)
+            for other, its in zip(validation, windows, strict=True)
+        ]
     answered = [
         _run(problems[model], prepared_records[model], method, budget, watch)
         for model, method in rows
@@ -197,41 +200,14 @@ def compare(
     return Comparison(tuple(refined), budget, differences, optima)
 
 
-def make_problems(
-    record: Record,
-    cell: CellModel,
-    models: Sequence[str],
-    *,
-    bounds: Mapping[str, Range],
-    fixed: Mapping[str, float],
-    **settings: Any,
-) -> dict[str, Problem]:
-    """One problem a model; a bound or fixed value goes to the models that know its name."""
-    known = {model: names_of(model) for model in models}
-    everywhere = set().union(*known.values())
-
-    def known_to(model: str, values: Mapping) -> dict:
-        # A name that no model knows is left for the first to complain of.
-        return {
-            name: value
-            for name, value in values.items()
-            if name in known[model] or name not in everywhere
-        }
-
-    return {
-        model: make_problem(
-            record,
-            cell,
-            model,
-            bounds=known_to(model, bounds),
-            fixed=known_to(model, fixed),
-            **settings,
-        )
-        for model in models
-    }
+def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]) -> dict[str, Any]:
+    """The bounds or fixed values that are not of another model alone; one that none of them knows
+    is left for the first to complain of."""
+    others = set().union(*map(_names_of, models)) - _names_of(model)
+    return {name: value for name, value in (values or {}).items() if name not in others}
 
 
-def names_of(model: str) -> set[str]:
+def _names_of(model: str) -> set[str]:
     """Every name under which a parameter of a model can be bounded or fixed."""
     circuit = get_circuit(model)
     return set(Bounds.default(1.0, 1.0, 1.0, pairs=circuit.pairs, has_rate=circuit.has_rate).names)
@@ -262,7 +238,7 @@ def _run(
     bands = [
         errors_by_soc(each.error_v, each.prepared.soc, each.prepared.scored) for each in evaluations
     ]
-    box = problem.objective_in("log").coordinates
+    box = problem.log_coordinates
     return replace(
         row,
         notes=row.median.notes,

@@ -12,7 +12,7 @@ from ..over_soc.by_method import SEARCHES, capped, search_by
 from ..over_soc.fit import reduced_objective
 from ..search.evaluate import Evaluation, evaluate
 from ..table_run import TableRun, table_warnings
-from .run import Comparison, names_of
+from .run import Comparison, known_to
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ def tabulate(
             raise InputError(
                 f"`models` '{model}:soc': no row of {model} has an answer to compare with"
             )
-        known = names_of(model)
+        all_models = [row.model for row in comparison.rows]
         wanted = replace(
             settings,
-            bounds={name: each for name, each in (bounds or {}).items() if name in known},
-            fixed={name: each for name, each in (fixed or {}).items() if name in known},
+            bounds=known_to(model, bounds, all_models),
+            fixed=known_to(model, fixed, all_models),
         )
         best = min(rows, key=lambda row: row.evaluations[0].metrics.rmse_v)
         fit = fit_tables(best.problem.prepared_records, wanted)

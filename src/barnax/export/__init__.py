@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ..errors import InputError
+from . import files, python_modules
 from .exporter import Export, Exporter, Profile
-from .files import C_FILTER, C_HEADER, CSV, JSON, SIMSCAPE
-from .python_modules import PYBAMM, THEVENIN
 from .verification import Verification, pulse_profile, require_package, verify
 
 __all__ = [
@@ -25,13 +24,45 @@ __all__ = [
     "verify",
 ]
 
-# A new target is one file and one name here.
+# A new target is a function and one entry here.
 EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
     {
         exporter.name: exporter
-        for exporter in (PYBAMM, THEVENIN, SIMSCAPE, C_HEADER, CSV, JSON, C_FILTER)
+        for exporter in (
+            Exporter(
+                "pybamm", "Python module: parameter values of PyBaMM's Thevenin model",
+                "barnax_pybamm.py", python_modules.write_pybamm,
+                "pybamm", python_modules.simulate_pybamm,
+            ),
+            Exporter(
+                "thevenin", "Python module: parameter dictionary of NREL's thevenin",
+                "barnax_thevenin.py", python_modules.write_thevenin,
+                "thevenin", python_modules.simulate_thevenin,
+            ),
+            Exporter(
+                "simscape",
+                "MATLAB file: Simscape's Battery (Table-Based) and Battery Equivalent Circuit",
+                "barnax_simscape.mat", files.write_simscape,
+            ),
+            Exporter(
+                "c-header", "C header: constants and tables, hysteresis included",
+                "barnax_cell.h", files.write_c_header,
+            ),
+            Exporter(
+                "csv", "flat table: name, value, unit, hysteresis included",
+                "barnax_parameters.csv", files.write_csv,
+            ),
+            Exporter(
+                "json", "JSON: constants and tables, hysteresis included",
+                "barnax_cell.json", files.write_json,
+            ),
+            Exporter(
+                "c-filter", "C99 header: the circuit with its extended Kalman filter",
+                "barnax_filter.h", files.write_c_filter,
+            ),
+        )
     }
-)
+)  # fmt: skip
 
 
 def get_exporter(name: str) -> Exporter:

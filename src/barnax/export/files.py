@@ -16,7 +16,7 @@ from ..cell.circuits import TURN_WIDTH, get_circuit
 from ..execution import in_float64
 from ..filters.model import CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S, model_of
 from ..results import Result
-from .exporter import Export, Exporter, from_template, hysteresis_is_left_out, note_lines
+from .exporter import Export, from_template, hysteresis_is_left_out, note_lines
 from .tables import Table, Tables, tables_of
 
 # How C programs know a hysteresis.
@@ -33,14 +33,6 @@ def write_c_header(result: Result) -> Export:
     return from_template(
         "barnax_cell.h.jinja", tables, tables.caveats, kind=HYSTERESIS[tables.kind]
     )
-
-
-C_HEADER = Exporter(
-    name="c-header",
-    description="C header: constants and tables, hysteresis included",
-    file_name="barnax_cell.h",
-    write=write_c_header,
-)
 
 
 @in_float64
@@ -69,14 +61,6 @@ def write_c_filter(result: Result) -> Export:
         constant=np.where(varies, 0.0, table[0]),
         rows=table[:, varies].tolist(),
     )  # fmt: skip
-
-
-C_FILTER = Exporter(
-    name="c-filter",
-    description="C99 header: the circuit with its extended Kalman filter",
-    file_name="barnax_filter.h",
-    write=write_c_filter,
-)
 
 
 def write_csv(result: Result) -> Export:
@@ -128,14 +112,6 @@ def _points(
             yield f"{name}({at!r}{where})", value, unit
 
 
-CSV = Exporter(
-    name="csv",
-    description="flat table: name, value, unit, hysteresis included",
-    file_name="barnax_parameters.csv",
-    write=write_csv,
-)
-
-
 def write_json(result: Result) -> Export:
     """One object of plain numbers and lists: what is a list stands over its SOC, and a list of
     lists over temperature and SOC."""
@@ -162,14 +138,6 @@ def write_json(result: Result) -> Export:
 
 def _listed(table: Table) -> dict[str, list]:
     return {"SOC": table.soc.tolist(), "voltage [V]": table.voltage_v.tolist()}
-
-
-JSON = Exporter(
-    name="json",
-    description="JSON: constants and tables, hysteresis included",
-    file_name="barnax_cell.json",
-    write=write_json,
-)
 
 
 HEADER_BYTES = 116
@@ -245,11 +213,3 @@ def write_simscape(result: Result) -> Export:
     file.seek(0)
     file.write(HEADER.ljust(HEADER_BYTES))
     return Export(file.getvalue(), caveats)
-
-
-SIMSCAPE = Exporter(
-    name="simscape",
-    description="MATLAB file: Simscape's Battery (Table-Based) and Battery Equivalent Circuit",
-    file_name="barnax_simscape.mat",
-    write=write_simscape,
-)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from ..cell.model import REFERENCE_DEGC
 from ..results import Result
-from .exporter import Export, Exporter, Profile, from_template, hysteresis_is_left_out
+from .exporter import Export, Profile, from_template, hysteresis_is_left_out
 from .tables import Tables, tables_of
 
 # A result has no cut-off voltages; these stop no simulation of the cell.
@@ -34,19 +34,18 @@ LEAST_OHM = 1e-9
 
 
 def _module(
-    exporter: Exporter, getter: str, tables: Tables, caveats: tuple[str, ...], **values: Any
+    package: str, getter: str, tables: Tables, caveats: tuple[str, ...], **values: Any
 ) -> Export:
-    """The module of an exporter, whose function `getter` gives the parameters."""
+    """The module for a package, whose function `getter` gives the parameters."""
     is_over_temperature = tables.degc is not None
     if is_over_temperature:
-        package = {"pybamm": "PyBaMM"}.get(exporter.name, exporter.name)
         caveats += (
             f"{package}'s open-circuit voltage does not depend on temperature: it is that at the "
             f"temperature given to {getter}, which is also the cell's; get another set if it "
             "changes.",
         )
     return from_template(
-        f"{exporter.file_name}.jinja",
+        f"barnax_{package.lower()}.py.jinja",
         tables,
         (*tables.caveats, *caveats),
         argument=f"temperature_degc={REFERENCE_DEGC}" if is_over_temperature else "",
@@ -56,12 +55,12 @@ def _module(
     )
 
 
-def _loaded(exporter: Exporter, content: bytes, getter: str, profile: Profile):
-    """The package, an exported module, and its parameters at the profile's temperature."""
+def _loaded(content: bytes, getter: str, profile: Profile) -> tuple[dict, dict]:
+    """An exported module, and its parameters at the profile's temperature."""
     module: dict = {}
-    exec(compile(content, exporter.file_name, "exec"), module)
+    exec(compile(content, "the exported module", "exec"), module)
     degc = [profile.temperature_degc] if "DEGC" in module else []
-    return importlib.import_module(exporter.name), module, module[getter](*degc)
+    return module, module[getter](*degc)
 
 
 def write_pybamm(result: Result) -> Export:
@@ -78,7 +77,7 @@ def write_pybamm(result: Result) -> Export:
         f"cell at {where}.",
     )
     return _module(
-        PYBAMM, "get_parameter_values", tables, caveats,
+        "PyBaMM", "get_parameter_values", tables, caveats,
         initial_soc=min(max(tables.initial_soc, NEAREST_TO_LIMIT), 1 - NEAREST_TO_LIMIT),
         cutoff_margin_v=CUTOFF_MARGIN_V,
     )  # fmt: skip
@@ -86,7 +85,8 @@ def write_pybamm(result: Result) -> Export:
 
 def simulate_pybamm(content: bytes, profile: Profile) -> Float[np.ndarray, "samples"]:
     """PyBaMM's terminal voltage in V, from an exported module."""
-    pybamm, module, values = _loaded(PYBAMM, content, "get_parameter_values", profile)
+    pybamm = importlib.import_module("pybamm")
+    module, values = _loaded(content, "get_parameter_values", profile)
     # PyBaMM interpolates a current linearly; two points at every jump make it hold instead, and
     # its solver restarts at each of them.
     before_s = profile.time_s[1:] - JUMP_S
@@ -102,16 +102,6 @@ def simulate_pybamm(content: bytes, profile: Profile) -> Float[np.ndarray, "samp
     return np.asarray(solution["Voltage [V]"](profile.time_s))
 
 
-PYBAMM = Exporter(
-    name="pybamm",
-    description="Python module: parameter values of PyBaMM's Thevenin model",
-    file_name="barnax_pybamm.py",
-    write=write_pybamm,
-    package="pybamm",
-    simulate=simulate_pybamm,
-)
-
-
 def write_thevenin(result: Result) -> Export:
     """The source of a module for thevenin."""
     tables = tables_of(result)
@@ -122,7 +112,7 @@ def write_thevenin(result: Result) -> Export:
     )
     none = np.zeros(2)
     return _module(
-        THEVENIN, "get_params", tables, caveats,
+        "thevenin", "get_params", tables, caveats,
         gamma=INSTANT_RATE if tables.kind == "instant" else tables.gamma or 0.0,
         hysteresis_soc=tables.hysteresis.soc if tables.hysteresis else np.array([0.0, 1.0]),
         half_hysteresis_v=tables.hysteresis.voltage_v / 2 if tables.hysteresis else none,
@@ -151,7 +141,8 @@ def _hysteresis_caveats(tables: Tables) -> tuple[str, ...]:
 
 def simulate_thevenin(content: bytes, profile: Profile) -> Float[np.ndarray, "samples"]:
     """thevenin's terminal voltage in V, from an exported module, stepped with its Prediction."""
-    thevenin, module, params = _loaded(THEVENIN, content, "get_params", profile)
+    thevenin = importlib.import_module("thevenin")
+    module, params = _loaded(content, "get_params", profile)
     model = thevenin.Prediction(params)
     model.set_options(rtol=1e-8, atol=1e-10)
     state = thevenin.TransientState(
@@ -172,13 +163,3 @@ def simulate_thevenin(content: bytes, profile: Profile) -> Float[np.ndarray, "sa
         # A step's own voltage is that before the current jumps.
         found.append(voltage_v(current_a[sample + 1]))
     return np.array(found)
-
-
-THEVENIN = Exporter(
-    name="thevenin",
-    description="Python module: parameter dictionary of NREL's thevenin",
-    file_name="barnax_thevenin.py",
-    write=write_thevenin,
-    package="thevenin",
-    simulate=simulate_thevenin,
-)

@@ -158,23 +158,15 @@ def _run(
     again: deque[Batch] = deque()
     suspects: list[Batch] = []
     while True:
-        lost: list[Batch] = []
-        is_broken = False
-        try:
-            while len(waiting) < most_out:
-                batch = again.popleft() if again else next(batches, None)
-                if batch is None:
-                    break
-                again.appendleft(batch)
-                waiting[submit(executor, batch)] = batch
-                again.popleft()
-        except BrokenExecutor:
-            is_broken = True
-            done = wait(waiting).done
-        else:
-            if not waiting:
+        while len(waiting) < most_out:
+            batch = again.popleft() if again else next(batches, None)
+            if batch is None:
                 break
-            done = wait(waiting, return_when=FIRST_COMPLETED).done
+            waiting[_attempt(submit, executor, batch)] = batch
+        if not waiting:
+            break
+        lost: list[Batch] = []
+        done = wait(waiting, return_when=FIRST_COMPLETED).done
         if any(isinstance(each.exception(), BrokenExecutor) for each in done):
             # The others fail as well, but not at once.
             done = wait(waiting).done
@@ -185,7 +177,7 @@ def _run(
             else:
                 breaks = 0
                 yield future.result()
-        if lost or is_broken:
+        if lost:
             executor = reopen()
             at = [marked_place(folder, batch_name([print_ for print_, _ in each])) for each in lost]
             breaks = breaks + 1 if all(place is None for place in at) else 0
@@ -212,6 +204,18 @@ def _run(
         row = {"id": cell.id, "error": DIED, **cell.carried, "fingerprint": print_}
         write_rows(folder / f"{batch_name([print_])}.parquet", [row])
         yield 1, 1
+
+
+def _attempt(
+    submit: Callable[[Executor, Batch], "Future[Counts]"], executor: Executor, batch: Batch
+) -> "Future[Counts]":
+    """A batch submitted; to an executor that is broken already, it fails like those that it had."""
+    try:
+        return submit(executor, batch)
+    except BrokenExecutor as problem:
+        failed: Future[Counts] = Future()
+        failed.set_exception(problem)
+        return failed
 
 
 def _has_died(future: "Future[Counts]") -> bool:

@@ -119,7 +119,7 @@ def _in_order(cells: Cells, reduced: Reduced) -> Int[np.ndarray, "ordered axes e
     """Those cells that hold a circuit whose pairs, if of one box, are in order."""
     if not reduced.is_ordered:
         return cells
-    taus = cells[:, : reduced.box.bounds.pairs]
+    taus = cells[:, : reduced.bounds.pairs]
     return cells[np.all(taus[:, :-1, 0] < taus[:, 1:, 1], axis=1)]
 
 

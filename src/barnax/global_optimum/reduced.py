@@ -14,7 +14,7 @@ from ..model.compressed import BLOCK, TOLERANCE
 from ..model.exponentials import Lagrange, span_of
 from ..model.inputs import PreparedRecord
 from ..model.problem import Problem
-from ..model.search_space import ResistanceBounds
+from ..model.search_space import Bounds
 
 # A column this dependent on those before it, relative to its own square, moves nothing.
 RIDGE = 1e-13
@@ -142,37 +142,38 @@ class Axis:
 class Reduced:
     """The columns of one problem, scaled so that sums of squares are mean squares.
 
-    The first `box.bounds.pairs` axes are the pairs', then gamma's where there is one. `is_ordered`
-    says that all pairs have one box, so that only circuits with tau1 <= tau2 and so on count.
+    The first `bounds.pairs` axes are the pairs', then gamma's where there is one.
     """
 
     base: Float[np.ndarray, "rows"]
     current: Float[np.ndarray, "rows"]
     axes: tuple[Axis, ...]
-    box: ResistanceBounds
-    is_ordered: bool
+    bounds: Bounds
+
+    @property
+    def is_ordered(self) -> bool:
+        """Whether all pairs have one box, so that only circuits with tau1 <= tau2 and so on are."""
+        return self.bounds.pairs_are_alike
 
     @classmethod
     def of(cls, problem: Problem) -> "Reduced":
         """The columns. Raises `InputError` where the box is too wide to compress."""
-        short, box = problem.compressed, ResistanceBounds(problem.bounds)
+        short, bounds = problem.compressed, problem.bounds
         # In NumPy: JAX would compile a program for every slice of every shape.
         factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
         count = len(short.in_tau.nodes)
-        limits = problem.coordinates
         largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
         responses = _Interpolated(factor[:, :count], short.in_tau, 1)
-        prepared_records = problem.prepared_records
-        held_a = earlier_rms(prepared_records, lambda part: part.held_a[:, None])
+        held_a = earlier_rms(problem.prepared_records, lambda part: part.held_a[:, None])
         current_a = min(largest_a, float(held_a[0]))
+        limits = problem.coordinates
         error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
         axes = []
-        for pair in range(problem.bounds.pairs):
-            low, high = box.tau_range_s(pair)
-            ends = math.log(low), math.log(high)
-            axes.append(Axis(*ends, responses, current_a, error * largest_a))
-        if short.in_rate is not None and box.gamma_range is not None:
-            low, high = box.gamma_range
+        for pair in range(bounds.pairs):
+            low, high = map(math.log, bounds.tau_range_s(pair))
+            axes.append(Axis(low, high, responses, current_a, error * largest_a))
+        if short.in_rate is not None and bounds.gamma_range is not None:
+            low, high = bounds.gamma_range
             hysteresis = _Interpolated(factor[:, count:-2], short.in_rate, -1)
             largest_v = max(
                 float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.hysteresis_input)))
@@ -180,15 +181,9 @@ class Reduced:
                 if moved is not None
             )
             error = span_of(1 / high, 1 / low, TOLERANCE).error
-            ends = math.log(low), math.log(high)
-            axes.append(Axis(*ends, hysteresis, largest_v, error * largest_v))
-        return cls(
-            base=factor[:, -1],
-            current=factor[:, -2],
-            axes=tuple(axes),
-            box=box,
-            is_ordered=problem.bounds.pairs_are_alike,
-        )
+            low, high = map(math.log, bounds.gamma_range)
+            axes.append(Axis(low, high, hysteresis, largest_v, error * largest_v))
+        return cls(factor[:, -1], factor[:, -2], tuple(axes), bounds)
 
     def coefficient_box(
         self, places: Float[np.ndarray, "axes points"]
@@ -197,23 +192,20 @@ class Reduced:
 
         Gamma's column counts once.
         """
-        pairs = self.box.bounds.pairs
-        ends = self.box.resistance_box(np.exp(places[:pairs]))
+        pairs = self.bounds.pairs
+        ends = self.bounds.resistance_box(np.exp(places[:pairs]))
         once = np.ones((len(places) - pairs, places.shape[1]))
         low, high = (np.concatenate([end, once]) for end in ends)
         return low, high
 
     def circuit(
-        self,
-        place: Float[np.ndarray, "axes"],
-        coefficients: Float[np.ndarray, "unknowns"],
+        self, place: Float[np.ndarray, "axes"], coefficients: Float[np.ndarray, "unknowns"]
     ) -> CircuitParameters:
         """The circuit of a place on all axes and what multiplies the columns there."""
-        pairs = self.box.bounds.pairs
+        pairs = self.bounds.pairs
         tau_s, gamma = np.exp(place[:pairs]).tolist(), np.exp(place[pairs:]).tolist()
         r0, *r = coefficients[: pairs + 1].tolist()
-        c = tuple(tau / each for tau, each in zip(tau_s, r, strict=True))
-        return CircuitParameters(r0, tuple(r), c, gamma[0] if gamma else None)
+        return CircuitParameters.of_tau(r0, r, tau_s, gamma[0] if gamma else None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ from scipy.ndimage import label, minimum_filter
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, in_float64, one_blas_thread
-from ..model.inputs import PreparedRecord, other_direction, prepare_record, settle_direction
-from ..model.problem import BOX, Problem
+from ..model.inputs import PreparedRecord, both_directions, prepare_record
+from ..model.problem import Problem
 from ..records import Decision
 from ..records.record import Hold
 from ..search.refine import (
@@ -65,8 +65,7 @@ class Landscape:
         taus = [float(axis[index]) for axis, index in zip(self.tau_s, point, strict=False)]
         r0, *r = self.resistances_ohm[:, *point].tolist()
         gamma = None if self.gamma is None else float(self.gamma[point[-1]])
-        c = tuple(tau / each for tau, each in zip(taus, r, strict=True))
-        return CircuitParameters(r0, tuple(r), c, gamma)
+        return CircuitParameters.of_tau(r0, r, taus, gamma)
 
     def minima(self, factor: float) -> list[tuple[int, ...]]:
         """The points no neighbor of which is lower, best first; level ground counts once.
@@ -83,22 +82,13 @@ class Landscape:
         return sorted(map(tuple, points), key=lambda point: self.rmse_v[point])
 
 
-@in_float64
-def make_landscape(problem: Problem) -> Landscape:
-    """The landscape of a problem, whichever its objective, from the compressed form.
-
-    Raises `InputError` where the box is too wide to compress.
-    """
-    return landscape_of(Reduced.of(problem))
-
-
 def landscape_of(reduced: Reduced) -> Landscape:
-    """The landscape of the same, already reduced."""
+    """The landscape of a problem, whichever its objective, from the compressed form."""
     places = _grid(reduced)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         tables = [axis.columns(place) for axis, place in zip(reduced.axes, places, strict=True)]
-    shape, pairs = tuple(len(place) for place in places), reduced.box.bounds.pairs
+    shape, pairs = tuple(len(place) for place in places), reduced.bounds.pairs
     points = np.indices(shape).reshape(len(shape), -1)
     if reduced.is_ordered:
         points = points[:, np.all(np.diff(points[:pairs], axis=0) >= 0, axis=0)]
@@ -125,7 +115,7 @@ def landscape_of(reduced: Reduced) -> Landscape:
 
 def _grid(reduced: Reduced) -> list[Float[np.ndarray, "places"]]:
     """Evenly spaced places on every axis; one where there is nothing to choose."""
-    pairs = reduced.box.bounds.pairs
+    pairs = reduced.bounds.pairs
     has_gamma = len(reduced.axes) > pairs
     sizes = [(TAUS_BESIDE_GAMMA if has_gamma else TAUS)[pairs]] * pairs + [GAMMAS] * has_gamma
     return [
@@ -242,15 +232,14 @@ SAME_FIT = 1e-6
 def with_better_directions(problem: Problem) -> Problem:
     """The problem with each open direction before the start as fits better, record by record."""
     for place, prepared in enumerate(problem.prepared_records):
-        other = other_direction(prepared, problem.cell)
         records = list(problem.prepared_records)
+        own, other = both_directions(prepared, problem.cell)
         if other is None:
-            records[place] = settle_direction(prepared, problem.cell)
-            if records[place] is not prepared:
-                problem = problem.keeping_computed(prepared_records=tuple(records))
+            records[place] = own
+            problem = problem.keeping_computed(prepared_records=tuple(records))
             continue
-        turned = (*records[:place], other, *records[place + 1 :])
-        tried = problem.keeping_computed(BOX, prepared_records=turned)
+        records[place] = other
+        tried = replace(problem, prepared_records=tuple(records))
         try:
             own_v, other_v = (
                 find_global_optimum(each, prove=False).rmse_v for each in (problem, tried)
@@ -258,9 +247,7 @@ def with_better_directions(problem: Problem) -> Problem:
         except InputError:
             continue
         best, rest_v = (tried, own_v) if other_v < own_v * (1 - SAME_FIT) else (problem, other_v)
-        chosen = best.prepared_records[place]
-        start = replace(chosen.start, direction_source="better fit", other_rmse_v=rest_v)
-        records[place] = replace(chosen, start=start)
+        records[place] = best.prepared_records[place].fitting_better(rest_v)
         problem = best.keeping_computed(prepared_records=tuple(records))
     return problem
 

@@ -170,45 +170,25 @@ def _blocks(
     inputs: SimulationInput, in_tau: Span, in_rate: Span | None
 ) -> Iterator[Float[np.ndarray, "scored columns"]]:
     """The columns of the problem at the scored samples, block after block."""
-    pairs = Answers(inputs.held_a, inputs.intervals, in_tau)
-    moved, turns, amplitude_v = inputs.hysteresis, None, np.empty(0)
-    if in_rate is not None and moved is not None:
-        turns = Answers(moved.hysteresis_input, moved.intervals, in_rate)
-        amplitude_v = np.asarray(moved.amplitude_v)
-    current_a, base_v = np.asarray(inputs.current_a), np.asarray(inputs.base_error_v)
-    weight = None if inputs.weight is None else np.asarray(inputs.weight)
-    for first in range(0, len(current_a), BLOCK):
+    # In few sizes, so that records with other clocks share one program.
+    inputs = inputs.map_clocks(
+        lambda clock: clock.with_nodes(1 << (len(clock.node_s) - 1).bit_length())
+    )
+    tau, turn_tau = padded_tau(in_tau), np.empty(0) if in_rate is None else padded_tau(in_rate)
+    state, turned = np.zeros(tau.shape), np.zeros(turn_tau.shape)
+    for first in range(0, len(inputs.current_a), BLOCK):
         here = slice(first, first + BLOCK)
-        columns = [pairs.next_block(here)]
-        if turns is not None:
-            columns.append(-amplitude_v[here, None] * turns.next_block(here))
-        columns += [current_a[here, None], base_v[here, None]]
-        block = np.concatenate(columns, axis=1)
-        yield block if weight is None else block[weight[here] > 0]
-
-
-class Answers:
-    """The skeleton's answers to a current, block after block."""
-
-    def __init__(self, held: Float[Array, "samples"], intervals: Intervals, span: Span):
-        self._held = np.asarray(held)
-        self._node, self._offset_s = np.asarray(intervals.node), np.asarray(intervals.offset_s)
-        # Padded, so that records with other clocks share one program.
-        spare = 2 ** (len(intervals.node_s) - 1).bit_length() - len(intervals.node_s)
-        node_s = np.pad(intervals.node_s, (0, spare), mode="edge")
-        self._intervals = replace(intervals, node_s=as_input(node_s))
-        self._count = len(span.skeleton_tau)
-        self._tau = padded_tau(span)
-        self._state = np.zeros(self._tau.shape)
-
-    def next_block(self, here: slice) -> Float[np.ndarray, "samples skeleton"]:
-        intervals = eqx.tree_at(
-            lambda each: (each.node, each.offset_s),
-            self._intervals,
-            (self._node[here], self._offset_s[here]),
-        )
-        self._state, answers = answer_block(self._tau, self._state, self._held[here], intervals)
-        return answers[:, : self._count]
+        # Of NumPy's arrays, where JAX's are declared.
+        block: Any = inputs.map_samples(lambda array, here=here: np.asarray(array)[here])
+        state, answers = answer_block(tau, state, block.held_a, block.intervals)
+        columns, moved = [answers[:, : len(in_tau.skeleton)]], block.hysteresis
+        if in_rate is not None and moved is not None:
+            turning = moved.hysteresis_input
+            turned, turns = answer_block(turn_tau, turned, turning, moved.intervals)
+            columns.append(-moved.amplitude_v[:, None] * turns[:, : len(in_rate.skeleton)])
+        columns += [block.current_a[:, None], block.base_error_v[:, None]]
+        rows = np.concatenate(columns, axis=1)
+        yield rows if block.weight is None else rows[block.weight > 0]
 
 
 def padded_tau(span: Span) -> Float[np.ndarray, "skeleton"]:

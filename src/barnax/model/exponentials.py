@@ -145,13 +145,7 @@ class Lagrange(eqx.Module):
 
     @classmethod
     def of(cls, span: Span) -> "Lagrange":
-        return cls(
-            center=as_input(span.center),
-            half_width=as_input(span.half_width),
-            nodes=as_input(span.nodes),
-            weights=as_input(span.weights),
-            slope=as_input(span.slope),
-        )
+        return cls(*map(as_input, (span.center, span.half_width, *span[2:5])))
 
     def padded_to_multiple(self, step: int) -> "Lagrange":
         """The same with a multiple of `step` nodes: those added lie outside and weigh nothing."""

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..execution import as_input
 from ..records import Record, current_direction, rest_current_a
 from .simulate import HysteresisInput, Intervals, SimulationInput
-from .start import Start, find_start, start_warnings
+from .start import Start, find_start
 from .window import Window, first_sample, scored_samples
 
 # Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
@@ -55,6 +55,11 @@ class PreparedRecord:
         if self.start.direction_source != "better fit":
             return self.window
         return replace(self.window, initial_direction=self.start.direction)
+
+    def fitting_better(self, other_rmse_v: float) -> "PreparedRecord":
+        """The same, said to come from the direction that fits better than the other does."""
+        start = replace(self.start, direction_source="better fit", other_rmse_v=other_rmse_v)
+        return replace(self, start=start)
 
     def part(self, here: slice) -> "PreparedRecord":
         """Some neighboring ones of the simulated samples; the last one's current leads nowhere."""
@@ -148,10 +153,9 @@ def prepare_record(
     capacity_ah = window.capacity_ah or cell.capacity_ah
     rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
     first = first_sample(record, window)
-    start = find_start(record, cell, window, capacity_ah, first, rest_a)
+    start, warnings = find_start(record, cell, window, capacity_ah, first, rest_a)
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)
-    warnings = start_warnings(record, cell, window, first, start, rest_a)
     warnings += _check_soc(record, cell, capacity_ah, soc, scored)
     _require_positive_voltage(record, scored)
     if not np.any(record.current_a[scored]):
@@ -228,34 +232,25 @@ def group_tests(
     return found
 
 
-def other_direction(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord | None:
-    """The same record coming from the other direction, where that is open and changes anything."""
-    other = _turned(prepared, cell)
-    return None if other is None or _is_alike(prepared, other) else other
+def both_directions(
+    prepared: PreparedRecord, cell: CellModel
+) -> tuple[PreparedRecord, PreparedRecord | None]:
+    """The record, and the same coming from the other direction, where that is open.
 
-
-def settle_direction(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord:
-    """The record, said to be without effect of the direction before it where it has none."""
-    other = _turned(prepared, cell)
-    if other is None or not _is_alike(prepared, other):
-        return prepared
-    return replace(prepared, start=replace(prepared.start, direction_source="without effect"))
-
-
-def _turned(prepared: PreparedRecord, cell: CellModel) -> PreparedRecord | None:
+    Where the other changes nothing there is none, and the record says so.
+    """
     if prepared.start.direction_source != "assumed":
-        return None
+        return prepared, None
     window = replace(prepared.window, initial_direction=-prepared.start.direction)
     try:
         other = prepare_record(prepared.record, cell, prepared.circuit, window)
     except InputError:
-        return None
+        return prepared, None
+    if np.array_equal(prepared.source_v, other.source_v) and prepared.start.soc == other.start.soc:
+        start = replace(prepared.start, direction_source="without effect")
+        return replace(prepared, start=start), None
     start = replace(other.start, direction_source="assumed")
-    return replace(other, window=prepared.window, start=start)
-
-
-def _is_alike(one: PreparedRecord, other: PreparedRecord) -> bool:
-    return np.array_equal(one.source_v, other.source_v) and one.start.soc == other.start.soc
+    return prepared, replace(other, window=prepared.window, start=start)
 
 
 def soc_along(

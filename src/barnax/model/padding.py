@@ -4,15 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Self
 
-import numpy as np
-
-from ..execution import as_input
-from .compressed import Compressed
-from .simulate import AbstractEvaluator, Intervals, Joint, SimulationInput
-
-# Rows and nodes of a compressed record are filled up to a multiple of this where it is refined: a
-# program for another size takes five seconds to compile, the zeros a few percent of its time.
-FACTOR_STEP = 64
+from .simulate import AbstractEvaluator, Joint, SimulationInput, next_nodes
 
 
 @dataclass(frozen=True)
@@ -41,10 +33,8 @@ class PaddedSize:
         """The next of few sizes: one an octave of samples, two of very many, where they cost more
         than programs; one every two octaves of nodes."""
         size = cls.of([inputs])
-        return cls(
-            _next_samples(size.samples), False, _next_nodes(size.nodes),
-            _next_nodes(size.turning_nodes),
-        )  # fmt: skip
+        nodes, turning_nodes = map(next_nodes, (size.nodes, size.turning_nodes))
+        return cls(_next_samples(size.samples), False, nodes, turning_nodes)
 
     def fill(self, inputs: SimulationInput) -> SimulationInput:
         """The record, made as large as this; its errors keep their bits."""
@@ -52,36 +42,20 @@ class PaddedSize:
             inputs = inputs.padded_to(self.samples)
         moved = inputs.hysteresis
         if moved is not None:
-            turning = _with_nodes(moved.intervals, self.turning_nodes)
-            moved = replace(moved, intervals=turning)
-        return replace(
-            inputs, intervals=_with_nodes(inputs.intervals, self.nodes), hysteresis=moved
-        )
+            moved = replace(moved, intervals=moved.intervals.with_nodes(self.turning_nodes))
+        intervals = inputs.intervals.with_nodes(self.nodes)
+        return replace(inputs, intervals=intervals, hysteresis=moved)
 
 
-def to_common_size(evaluator: AbstractEvaluator) -> AbstractEvaluator:
-    """The same objective in one of few shapes, so that a new record seldom compiles anything.
-
-    Errors by simulation keep their bits.
-    """
-    if isinstance(evaluator, Joint):
-        return Joint.of(tuple(to_common_size(part) for part in evaluator.parts))
-    if isinstance(evaluator, Compressed):
-        return evaluator.padded_to_multiple(FACTOR_STEP)
-    if isinstance(evaluator, SimulationInput):
-        return PaddedSize.common(evaluator).fill(evaluator)
-    return evaluator
+def to_common_size(inputs: SimulationInput) -> SimulationInput:
+    """The record in one of few shapes, so that a new one seldom compiles anything."""
+    return PaddedSize.common(inputs).fill(inputs)
 
 
 def _next_samples(count: int) -> int:
     """The next of 64, 128 and so on to 65,536, then 98,304, 131,072 and so on."""
     power = max(6, (count - 1).bit_length())
     return 3 << (power - 2) if power > 16 and count <= 3 << (power - 2) else 1 << power
-
-
-def _next_nodes(count: int) -> int:
-    """The next of 16, 64, 256 and so on."""
-    return 1 << max(4, -(-(count - 1).bit_length() // 2) * 2)
 
 
 def padding_for(
@@ -109,8 +83,3 @@ def records_in(evaluator: AbstractEvaluator) -> tuple[SimulationInput, ...]:
     parts = evaluator.parts if isinstance(evaluator, Joint) else (evaluator,)
     all_inputs = tuple(part for part in parts if isinstance(part, SimulationInput))
     return all_inputs if len(all_inputs) == len(parts) else ()
-
-
-def _with_nodes(intervals: Intervals, count: int) -> Intervals:
-    missing = count - len(intervals.node_s)
-    return replace(intervals, node_s=as_input(np.pad(intervals.node_s, (0, missing), mode="edge")))

@@ -44,11 +44,9 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
 
 Kind = Literal["scan", "compressed"]
 KINDS: tuple[Kind, ...] = ("scan", "compressed")
-# What a problem keeps of its arrays, and of the search for its global optimum.
-BOX = ("coordinates", "log_coordinates")
-COMPUTED = (
-    *BOX, "all_inputs", "scan", "compressed", "padded_scan", "padded_compressed", "minima",
-)  # fmt: skip
+# Rows and nodes of a compressed record are filled up to a multiple of this where it is refined: a
+# program for another size takes five seconds to compile, the zeros a few percent of its time.
+FACTOR_STEP = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +91,10 @@ class Problem:
         """How many samples count."""
         return sum(int(np.count_nonzero(prepared.scored)) for prepared in self.prepared_records)
 
-    def keeping_computed(self, names: Sequence[str] = COMPUTED, **changes: Any) -> "Problem":
+    def keeping_computed(self, **changes: Any) -> "Problem":
         """The problem with other fields that leave what is computed already as it is."""
         other = replace(self, **changes)
-        for name in names:
-            if name in vars(self):
-                vars(other)[name] = vars(self)[name]
+        vars(other).update(vars(self) | vars(other))
         return other
 
     @property
@@ -108,22 +104,18 @@ class Problem:
         return (*texts, *(text for prepared in self.prepared_records for text in prepared.warnings))
 
     @cached_property
-    @in_float64
     def coordinates(self) -> Coordinates:
         """The coordinates that are searched."""
-        return self._coordinates_in(self.scale)
+        return (
+            self.log_coordinates if self.scale == "log" else Coordinates.of(self.bounds, self.scale)
+        )
 
     @cached_property
-    @in_float64
     def log_coordinates(self) -> Coordinates:
         """The coordinates of every descent."""
         return Coordinates.of(self.bounds, "log")
 
-    def _coordinates_in(self, scale: Scale) -> Coordinates:
-        return self.log_coordinates if scale == "log" else Coordinates.of(self.bounds, scale)
-
     @cached_property
-    @in_float64
     def all_inputs(self) -> tuple[SimulationInput, ...]:
         """Every course as the scan takes it, exact in the whole box."""
         box = self.coordinates
@@ -132,8 +124,7 @@ class Problem:
             for prepared in self.prepared_records
         )
 
-    @cached_property
-    @in_float64
+    @property
     def scan(self) -> AbstractEvaluator:
         """The objective by simulating every sample: the reference."""
         return Joint.of(self.all_inputs)
@@ -145,34 +136,25 @@ class Problem:
         return compress(self.all_inputs, self.coordinates)
 
     @cached_property
-    @in_float64
-    def objective(self) -> Objective:
-        """What the search minimises."""
-        return self.objective_in(self.scale)
-
-    @cached_property
-    @in_float64
     def padded_scan(self) -> AbstractEvaluator:
         """The reference in one of few shapes, with the same bits."""
-        return to_common_size(self.scan)
+        return Joint.of(tuple(map(to_common_size, self.all_inputs)))
 
     @cached_property
-    @in_float64
-    def padded_compressed(self) -> AbstractEvaluator:
+    def padded_compressed(self) -> Compressed:
         """The compressed objective in one of few shapes, for what takes seconds to compile."""
-        return to_common_size(self.compressed)
+        return self.compressed.padded_to_multiple(FACTOR_STEP)
 
-    @in_float64
+    @property
+    def objective(self) -> Objective:
+        """What the search minimises."""
+        evaluator = self.compressed if self.kind == "compressed" else self.scan
+        return Objective(evaluator, self.coordinates)
+
     def padded_objective(self, kind: Kind = "scan") -> Objective:
         """The objective in log coordinates, in one of few shapes."""
         evaluator = self.padded_compressed if kind == "compressed" else self.padded_scan
         return Objective(evaluator, self.log_coordinates)
-
-    @in_float64
-    def objective_in(self, scale: Scale, kind: Kind | None = None) -> Objective:
-        """The same objective in other coordinates, or computed the other way."""
-        evaluator = self.compressed if (kind or self.kind) == "compressed" else self.scan
-        return Objective(evaluator, self._coordinates_in(scale))
 
     def parameters_at(
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
@@ -182,8 +164,7 @@ class Problem:
         found = []
         for index in range(len(points)):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
-            c = tuple(tau / r for r, tau in zip(one.r, one.tau, strict=True))
-            found.append(CircuitParameters(one.r0, one.r, c, one.gamma))
+            found.append(CircuitParameters.of_tau(one.r0, one.r, one.tau, one.gamma))
         return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
 
 
@@ -193,7 +174,7 @@ def rmse_by_scan(problem: Problem, circuits: Sequence[CircuitParameters]) -> lis
     objective = problem.padded_objective()
     errors_v = []
     for points in point_blocks(circuits, objective.coordinates):
-        errors_v += compile_for(_rmse_of_all, points, objective)(points, objective).tolist()
+        errors_v += compile_for(rmse_of_all, points, objective)(points, objective).tolist()
     return errors_v[: len(circuits)]
 
 
@@ -214,7 +195,7 @@ def point_blocks(
     return [_encode(as_input(block), coordinates) for block in blocks]
 
 
-def _rmse_of_all(points: Float[Array, "points free"], objective: Objective):
+def rmse_of_all(points: Float[Array, "points free"], objective: Objective):
     return jax.vmap(rmse, in_axes=(0, None))(points, objective)
 
 

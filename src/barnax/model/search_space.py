@@ -3,7 +3,7 @@
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -85,7 +85,6 @@ class Bounds:
         Raises `InputError` for an unknown name, a range that is reversed or not positive, and
         for both tau and C of one pair; `source` says where the change came from.
         """
-        changed = dict(self.ranges)
         for name, (low, high) in ranges.items():
             self._require_known(name, source)
             if not (0 < low < high < math.inf):
@@ -101,37 +100,31 @@ class Bounds:
                 )
             if name in ranges:
                 raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
+        chosen = ranges.keys() | fixed.keys()
+        changed = dict(self.ranges)
         for tau, capacitance in PAIRS[: self.pairs]:
-            chosen = [name for name in (tau, capacitance) if name in ranges or name in fixed]
-            if len(chosen) == 2:
+            if {tau, capacitance} <= chosen:
                 raise InputError(
                     f"{source}: give {tau!r} or {capacitance!r}, not both; one follows from the "
                     "other and the resistance"
                 )
-            for name in chosen:
+            if {tau, capacitance} & chosen:
                 changed.pop(tau, None)
                 changed.pop(capacitance, None)
-                if name in ranges:
-                    changed[name] = ranges[name]
-        for name in (*RESISTANCES[: self.pairs + 1], RATE):
-            if name in ranges:
-                changed[name] = ranges[name]
-            elif name in fixed:
-                changed.pop(name)
+        changed = {name: each for name, each in changed.items() if name not in fixed}
+        changed |= {name: ranges[name] for name in self.names if name in ranges}
+        box = replace(self, ranges=changed, fixed=dict(fixed))
         for pair, (_, capacitance) in enumerate(PAIRS[: self.pairs]):
-            if capacitance in ranges or capacitance in fixed:
-                self._narrow_resistance(changed, fixed, pair, source)
-        return Bounds(changed, self.tau_limits_s, dict(fixed), self.pairs)
+            if capacitance in chosen:
+                low, high = box._visible_resistances(pair, source)
+                if RESISTANCES[pair + 1] in changed:
+                    changed[RESISTANCES[pair + 1]] = low, high
+        return box
 
-    def _narrow_resistance(
-        self, ranges: dict[str, Range], fixed: Mapping[str, float], pair: int, source: str
-    ) -> None:
-        """Leave only resistances with which some allowed C gives a tau that can be seen."""
-        resistance, capacitance = RESISTANCES[pair + 1], PAIRS[pair][1]
-        value = fixed.get(capacitance)
-        low_f, high_f = (value, value) if value is not None else ranges[capacitance]
-        held = fixed.get(resistance)
-        low, high = (held, held) if held is not None else ranges[resistance]
+    def _visible_resistances(self, pair: int, source: str) -> Range:
+        """The resistances with which some allowed C gives a tau that can be seen."""
+        resistance, (_, capacitance) = RESISTANCES[pair + 1], PAIRS[pair]
+        (low, high), (low_f, high_f) = self.range_of(resistance), self.range_of(capacitance)
         low, high = max(low, self.tau_limits_s[0] / high_f), min(high, self.tau_limits_s[1] / low_f)
         if low > high:
             raise InputError(
@@ -139,15 +132,19 @@ class Bounds:
                 f"outside {self.tau_limits_s[0]:.4g} to {self.tau_limits_s[1]:.4g} s, the range "
                 "that the record can show; widen one of them"
             )
-        if held is None:
-            ranges[resistance] = (low, high)
+        return low, high
 
     @property
     def pairs_are_alike(self) -> bool:
         """Whether all RC pairs have the same box, so that swapping them stays inside."""
         if self.fixed.keys() - {RESISTANCES[0], RATE}:
             return False
-        return len({self._pair(index) for index in range(self.pairs)}) == 1
+        seconds = [self.second_name(pair) for pair in range(self.pairs)]
+        boxes = {
+            (self.ranges[resistance], name.startswith("tau"), self.ranges[name])
+            for resistance, name in zip(RESISTANCES[1:], seconds, strict=False)
+        }
+        return len(boxes) == 1
 
     def second_name(self, index: int) -> str:
         """The name that bounds or fixes pair `index` beside its resistance."""
@@ -160,10 +157,38 @@ class Bounds:
                 f"are {', '.join(self.names)}"
             )
 
-    def _pair(self, index: int) -> tuple[Range, str, Range]:
-        name = self.second_name(index)
-        kind = "tau" if name.startswith("tau") else "C"
-        return self.ranges[RESISTANCES[index + 1]], kind, self.ranges[name]
+    def range_of(self, name: str) -> Range:
+        """Least and greatest value of a parameter that is bounded or fixed."""
+        value = self.fixed.get(name)
+        return self.ranges[name] if value is None else (value, value)
+
+    def tau_range_s(self, pair: int) -> Range:
+        """Time constants of a pair that some allowed R and C have."""
+        tau, capacitance = PAIRS[pair]
+        if self.second_name(pair) == tau:
+            return self.range_of(tau)
+        r_low, r_high = self.range_of(RESISTANCES[pair + 1])
+        c_low, c_high = self.range_of(capacitance)
+        low, high = self.tau_limits_s
+        return max(low, r_low * c_low), min(high, r_high * c_high)
+
+    @property
+    def gamma_range(self) -> Range | None:
+        return self.range_of(RATE) if self.has_rate else None
+
+    def resistance_box(
+        self, tau_s: Float[np.ndarray, "pairs *points"]
+    ) -> tuple[Float[np.ndarray, "resistances *points"], Float[np.ndarray, "resistances *points"]]:
+        """Least and greatest R0, R1, ... at these time constants: a bounded C bounds R too."""
+        ends = np.array([self.range_of(name) for name in RESISTANCES[: self.pairs + 1]])
+        low, high = (np.stack([np.full(tau_s.shape[1:], each) for each in side]) for side in ends.T)
+        for pair, (_, capacitance) in enumerate(PAIRS[: self.pairs]):
+            if self.second_name(pair) == capacitance:
+                c_low, c_high = self.range_of(capacitance)
+                low[pair + 1] = np.maximum(low[pair + 1], tau_s[pair] / c_high)
+                high[pair + 1] = np.minimum(high[pair + 1], tau_s[pair] / c_low)
+        # A fixed C leaves one value, which rounding may turn around.
+        return low, np.maximum(low, high)
 
 
 def read_bounds(path: Path) -> dict[str, Range]:
@@ -174,19 +199,17 @@ def read_bounds(path: Path) -> dict[str, Range]:
     try:
         with path.open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError(f"{path}: is larger than any file of bounds ({LARGEST_FILE} bytes)")
-        document = tomllib.loads(content.decode("utf-8"))
     except OSError as problem:
         raise InputError(
             f"{path}: cannot be read ({problem.strerror or problem}); give `bounds` a TOML file"
         ) from problem
-    except InputError:
-        raise
+    if len(content) > LARGEST_FILE:
+        raise InputError(f"{path}: is larger than any file of bounds ({LARGEST_FILE} bytes)")
+    try:
+        document = tomllib.loads(content.decode("utf-8"))
     except (ValueError, RecursionError) as problem:
         # No TOML, no text, or an integer of more digits than Python turns into one.
-        reason = toml_reason(problem)
-        raise InputError(f"{path}: is not a TOML file ({reason})") from problem
+        raise InputError(f"{path}: is not a TOML file ({toml_reason(problem)})") from problem
     table = document.get("bounds")
     if not isinstance(table, dict) or len(document) != 1:
         raise InputError(
@@ -258,20 +281,22 @@ class Coordinates(eqx.Module):
         if scale not in SCALES:
             raise InputError(f"coordinates {scale!r} are not known; there are {', '.join(SCALES)}")
         is_log = scale == "log"
-        slots = [_resistance(bounds, 0)]
+        slots = [(RESISTANCES[0], *bounds.range_of(RESISTANCES[0]))]
         tau_limits, holds_tau = [], []
         for pair in range(bounds.pairs):
-            resistance = _resistance(bounds, pair + 1)
-            name, low, high = _range(bounds, bounds.second_name(pair))
+            resistance = RESISTANCES[pair + 1]
+            r_low, r_high = bounds.range_of(resistance)
+            name = bounds.second_name(pair)
+            low, high = bounds.range_of(name)
             is_tau = name.startswith("tau")
             is_searched_as_tau = is_tau and (is_log or low == high)
             tau_limits.append((low, high) if is_tau else bounds.tau_limits_s)
             holds_tau.append(is_searched_as_tau)
             if is_tau and not is_searched_as_tau:
-                name, low, high = f"C{pair + 1} [F]", low / resistance[2], high / resistance[1]
-            slots += [resistance, (name, low, high)]
-        if bounds.has_rate:
-            slots.append(_range(bounds, RATE))
+                name, low, high = PAIRS[pair][1], low / r_high, high / r_low
+            slots += [(resistance, r_low, r_high), (name, low, high)]
+        if bounds.gamma_range is not None:
+            slots.append((RATE, *bounds.gamma_range))
         free = tuple(index for index, (_, low, high) in enumerate(slots) if low < high)
         if not free:
             raise InputError("every parameter is fixed; leave at least one free")
@@ -286,7 +311,7 @@ class Coordinates(eqx.Module):
             names=tuple(slots[index][0] for index in free),
             holds_tau=tuple(holds_tau),
             is_log=is_log,
-            gamma_limits=slots[-1][1:] if bounds.has_rate else None,
+            gamma_limits=bounds.gamma_range,
         )
 
     @property
@@ -329,60 +354,3 @@ class Coordinates(eqx.Module):
         point = jnp.stack(values)[jnp.array(self.free)]
         point = jnp.log(point) if self.is_log else point
         return jnp.clip(point, self.lower, self.upper)
-
-
-def _resistance(bounds: Bounds, index: int) -> tuple[str, float, float]:
-    return _range(bounds, RESISTANCES[index])
-
-
-def _range(bounds: Bounds, name: str) -> tuple[str, float, float]:
-    low, high = bounds.ranges.get(name) or (bounds.fixed[name], bounds.fixed[name])
-    return name, low, high
-
-
-@dataclass(frozen=True)
-class ResistanceBounds:
-    """The ranges of tau and gamma, and which resistances are allowed at given time constants."""
-
-    bounds: Bounds
-
-    def tau_range_s(self, pair: int) -> tuple[float, float]:
-        """Time constants of a pair that some allowed R and C have."""
-        low, high = self.bounds.tau_limits_s
-        tau, capacitance = PAIRS[pair]
-        if self.bounds.second_name(pair) == tau:
-            return self._range(tau)
-        r_low, r_high = self._range(RESISTANCES[pair + 1])
-        c_low, c_high = self._range(capacitance)
-        return max(low, r_low * c_low), min(high, r_high * c_high)
-
-    @property
-    def gamma_range(self) -> tuple[float, float] | None:
-        return self._range(RATE) if self.bounds.has_rate else None
-
-    def resistance_box(
-        self, tau_s: Float[np.ndarray, "pairs *points"]
-    ) -> tuple[Float[np.ndarray, "resistances *points"], Float[np.ndarray, "resistances *points"]]:
-        """Least and greatest R0, R1, ... at these time constants: a bounded C bounds R too."""
-        low, high = (
-            np.stack(
-                [np.full(tau_s.shape[1:], self._range(name)[end]) for name in self._resistances]
-            )
-            for end in (0, 1)
-        )
-        for pair in range(self.bounds.pairs):
-            name = self.bounds.second_name(pair)
-            if name == PAIRS[pair][1]:
-                c_low, c_high = self._range(name)
-                low[pair + 1] = np.maximum(low[pair + 1], tau_s[pair] / c_high)
-                high[pair + 1] = np.minimum(high[pair + 1], tau_s[pair] / c_low)
-        # A fixed C leaves one value, which rounding may turn around.
-        return low, np.maximum(low, high)
-
-    @property
-    def _resistances(self) -> tuple[str, ...]:
-        return RESISTANCES[: self.bounds.pairs + 1]
-
-    def _range(self, name: str) -> tuple[float, float]:
-        value = self.bounds.fixed.get(name)
-        return self.bounds.ranges[name] if value is None else (value, value)

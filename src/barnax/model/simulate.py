@@ -6,9 +6,9 @@ ohmic drop. Functions are written for one candidate; callers vmap them.
 """
 
 import abc
-import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -68,16 +68,21 @@ class Intervals(eqx.Module):
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
 
-    def map_samples(self, change: Callable[[Array], Array]) -> "Intervals":
-        """The same with every array that has one entry a sample changed."""
-        return replace(self, node=change(self.node), offset_s=change(self.offset_s))
+    def with_nodes(self, count: int) -> "Intervals":
+        """The same with so many nodes: no sample has one of those that are added."""
+        missing = count - len(self.node_s)
+        return replace(self, node_s=as_input(np.pad(self.node_s, (0, missing), "edge")))
 
     def in_one_form(self) -> "Intervals":
         """The same in a form that the blocks of most clocks share, and so one program."""
-        nodes = 4 ** max(2, math.ceil(math.log(len(self.node_s), 4)))
         offset_s = self.offset_s if self.has_offsets else np.zeros(len(self.offset_s))
-        node_s = np.pad(self.node_s, (0, nodes - len(self.node_s)), "edge")
-        return Intervals(as_input(node_s), self.node, as_input(offset_s), False, True)
+        node_s = self.with_nodes(next_nodes(len(self.node_s))).node_s
+        return Intervals(node_s, self.node, as_input(offset_s), False, True)
+
+
+def next_nodes(count: int) -> int:
+    """The next of 16, 64, 256 and so on."""
+    return 1 << max(4, -(-(count - 1).bit_length() // 2) * 2)
 
 
 class RCParameters(eqx.Module):
@@ -167,24 +172,13 @@ class SimulationInput(AbstractEvaluator):
     intervals: Intervals
     hysteresis: HysteresisInput | None = None
 
-    def map_samples(self, change: Callable[[Array], Array]) -> "SimulationInput":
+    def map_clocks(self, change: Callable[[Intervals], Intervals]) -> "SimulationInput":
+        """The same with every clock changed."""
+        return eqx.tree_at(_clocks, self, [change(each) for each in _clocks(self)])
+
+    def map_samples(self, change: Callable[[Array], Any]) -> "SimulationInput":
         """The same with every array that has one entry a sample changed."""
-        moved = self.hysteresis
-        return SimulationInput(
-            current_a=change(self.current_a),
-            held_a=change(self.held_a),
-            source_v=change(self.source_v),
-            base_error_v=change(self.base_error_v),
-            weight=None if self.weight is None else change(self.weight),
-            scored=self.scored,
-            intervals=self.intervals.map_samples(change),
-            hysteresis=moved
-            and HysteresisInput(
-                change(moved.amplitude_v),
-                change(moved.hysteresis_input),
-                moved.intervals.map_samples(change),
-            ),
-        )
+        return eqx.tree_at(_sampled, self, replace_fn=change)
 
     def padded_to(self, samples: int) -> "SimulationInput":
         """The same in `samples` samples: those added at the end repeat the last and count nothing.
@@ -200,12 +194,42 @@ class SimulationInput(AbstractEvaluator):
 
     def first(self, samples: int) -> "SimulationInput":
         """Its first samples, filled up where there are fewer, in a form that blocks share."""
-        short = eqx.tree_at(_clocks, self, [each.in_one_form() for each in _clocks(self)])
+        short = self.map_clocks(Intervals.in_one_form)
         cut = short.map_samples(lambda array: as_input(np.asarray(array)[:samples]))
         return cut.padded_to(samples)
 
     def squared_error(self, rc: RCParameters) -> Scalar:
-        return squared_error(rc, self)
+        """Sum of squared errors over the scored samples, in V^2.
+
+        The error is summed in the scan's carry: stacking the voltages first costs 4 to 40 times
+        more.
+        """
+        circuit = _Circuit(rc, self)
+        samples = circuit.moving, circuit.counting
+        blocks, left = divmod(len(self.current_a), BLOCK)
+        moving, counting = jax.tree.map(
+            lambda array: array[: blocks * BLOCK].reshape(blocks, BLOCK), samples
+        )
+        # A turn moves the states over the block before its own, then sums its own errors, so that
+        # the sum only reads what has already moved and nothing is copied. Before the first is none.
+        before = jax.tree.map(
+            lambda array: jnp.concatenate([jnp.zeros_like(array[:1]), array[:-1]]), moving
+        )
+
+        def turn(carry, block):
+            state, total = carry
+            before, moving, counting = block
+            # Without this the compiler would move them once more where the errors are summed.
+            state = lax.optimization_barrier(circuit.advance(state, before, BLOCK))
+            return (state, circuit.add_errors(total, state, moving, counting, BLOCK)), None
+
+        total = jnp.zeros_like(rc.r0)
+        state = (total,) * len(rc.r), total
+        if blocks:
+            (state, total), _ = lax.scan(turn, (state, total), (before, moving, counting))
+            state = circuit.advance(state, jax.tree.map(lambda array: array[-1], moving), BLOCK)
+        moving, counting = jax.tree.map(lambda array: array[blocks * BLOCK :], samples)
+        return circuit.add_errors(total, state, moving, counting, left)
 
     def errors(self, rc: RCParameters) -> Float[Array, "samples"]:
         error_v = self.base_error_v + overpotential(rc, self)
@@ -215,6 +239,17 @@ class SimulationInput(AbstractEvaluator):
 def _clocks(inputs: SimulationInput) -> list[Intervals]:
     moved = inputs.hysteresis
     return [inputs.intervals] if moved is None else [inputs.intervals, moved.intervals]
+
+
+def _sampled(inputs: SimulationInput) -> list[Array]:
+    arrays = [inputs.current_a, inputs.held_a, inputs.source_v, inputs.base_error_v]
+    if inputs.weight is not None:
+        arrays.append(inputs.weight)
+    if inputs.hysteresis is not None:
+        arrays += [inputs.hysteresis.amplitude_v, inputs.hysteresis.hysteresis_input]
+    for clock in _clocks(inputs):
+        arrays += [clock.node, clock.offset_s]
+    return arrays
 
 
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
@@ -274,56 +309,6 @@ def _unit_response_jvp(primals, tangents):
 def terminal_voltage(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
     """Simulated terminal voltage at every sample, in V (Li et al., 2023, Eq. 1 and 5)."""
     return inputs.source_v - overpotential(rc, inputs)
-
-
-def squared_error(rc: RCParameters, inputs: SimulationInput, start: State | None = None) -> Scalar:
-    """Sum of squared errors over the scored samples, in V^2.
-
-    `start` is the state at the first sample; without it all is at rest. The error is summed in
-    the scan's carry: stacking the voltages first costs 4 to 40 times more.
-    """
-    circuit = _Circuit(rc, inputs)
-    samples = circuit.moving, circuit.counting
-    blocks, left = divmod(len(inputs.current_a), BLOCK)
-    moving, counting = jax.tree.map(
-        lambda array: array[: blocks * BLOCK].reshape(blocks, BLOCK), samples
-    )
-    # A turn moves the states over the block before its own, then sums its own errors, so that
-    # the sum only reads what has already moved and nothing is copied. Before the first is none.
-    before = jax.tree.map(
-        lambda array: jnp.concatenate([jnp.zeros_like(array[:1]), array[:-1]]), moving
-    )
-
-    def turn(carry, block):
-        state, total = carry
-        is_first, before, moving, counting = block
-        moved = circuit.advance(state, before, BLOCK)
-        if start is not None:
-            moved = jax.tree.map(lambda new, old: jnp.where(is_first, old, new), moved, state)
-        # Without it the compiler would move them once more where the errors are summed.
-        state = lax.optimization_barrier(moved)
-        return (state, circuit.add_errors(total, state, moving, counting, BLOCK)), None
-
-    total = jnp.zeros_like(rc.r0)
-    state = ((total,) * len(rc.r), total) if start is None else start
-    if blocks:
-        is_first = jnp.arange(blocks) == 0
-        turns = is_first, before, moving, counting
-        (state, total), _ = lax.scan(turn, (state, total), turns)
-        state = circuit.advance(state, jax.tree.map(lambda array: array[-1], moving), BLOCK)
-    moving, counting = jax.tree.map(lambda array: array[blocks * BLOCK :], samples)
-    return circuit.add_errors(total, state, moving, counting, left)
-
-
-def last_state(tau: Scalar, held: Float[Array, "samples"], intervals: Intervals) -> Scalar:
-    """Where an RC pair of 1 ohm that starts at rest is after the last interval."""
-    pair = Pair(jnp.ones_like(tau), tau, intervals)
-
-    def step(state, sample):
-        return pair.advance(state, *sample), None
-
-    state, _ = lax.scan(step, jnp.zeros_like(tau), _clocked(held, intervals), unroll=BLOCK)
-    return state
 
 
 def _clocked(held: Float[Array, "samples *channels"], intervals: Intervals):

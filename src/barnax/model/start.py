@@ -1,7 +1,7 @@
 """The state in which a simulation starts: its SOC, the direction before it, and their sources."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -57,7 +57,7 @@ def known_soc(
 
     def carried(known: KnownSoc) -> KnownSoc:
         passed_ah = discharged_ah[known.known_at] - discharged_ah[at]
-        return KnownSoc(float(known.soc + passed_ah / capacity_ah), known.source, known.known_at)
+        return replace(known, soc=float(known.soc + passed_ah / capacity_ah))
 
     def is_likely(known: KnownSoc) -> bool:
         apart_v = _COUNTED_APART_V if known.source == "counters" else _APART_V
@@ -79,8 +79,7 @@ def known_soc(
         likely = [known for known in map(carried, found) if is_likely(known)]
         if likely:
             nearest = min(likely, key=lambda known: abs(known.known_at - at))
-            soc = min(max(nearest.soc, 0.0), 1.0)
-            return KnownSoc(soc, nearest.source, nearest.known_at)
+            return replace(nearest, soc=min(max(nearest.soc, 0.0), 1.0))
     return None
 
 
@@ -172,9 +171,10 @@ class Start:
 
 def find_start(
     record: Record, cell: CellModel, window: Window, capacity_ah: float, first: int, rest_a: float
-) -> Start:
-    """The state at the start. Raises `InputError` where the SOC is neither given nor shown.
+) -> tuple[Start, list[str]]:
+    """The state at the start, and what a rested voltage there has against its SOC.
 
+    Raises `InputError` where the SOC is neither given nor shown.
     A rested cell is on the OCV branch of the direction it comes from. Where it has not rested, the
     SOC is carried to the start from where the record shows it.
     """
@@ -202,7 +202,8 @@ def find_start(
         direction, source = (1 if soc > 0.5 else -1), "full or empty"
         if soc_source == "rested voltage":
             soc = _soc_from_rest(record, cell, first, direction)
-    return Start(soc, soc_source, direction, source, row, voltage_v)
+    start = Start(soc, soc_source, direction, source, row, voltage_v)
+    return start, [] if unrested else _doubts(record, cell, window, start)
 
 
 def _direction_before(
@@ -259,12 +260,8 @@ def _denies(cell: CellModel, voltage_v: float, soc: float) -> bool:
     return is_far and not min(ends) - DOUBTFUL_SOC <= soc <= max(ends) + DOUBTFUL_SOC
 
 
-def start_warnings(
-    record: Record, cell: CellModel, window: Window, first: int, start: Start, rest_a: float
-) -> list[str]:
+def _doubts(record: Record, cell: CellModel, window: Window, start: Start) -> list[str]:
     """What a rested voltage at the start has against the SOC that is taken for it."""
-    if _unrested(record, first, rest_a):
-        return []
     branch = cell.charge if start.direction > 0 else cell.discharge
     low_v, high_v = (float(branch(np.array([end]))[0]) for end in cell.soc_range)
     beyond_v = max(start.voltage_v - high_v, low_v - start.voltage_v)
@@ -274,9 +271,7 @@ def start_warnings(
             f"{place}, {1e3 * beyond_v:.0f} mV beyond its OCV of {low_v:.4f} to {high_v:.4f} V; "
             "check that the OCV test is of this cell and temperature"
         ]
-    if window.initial_soc is None:
-        return []
-    if not _denies(cell, start.voltage_v, start.soc):
+    if window.initial_soc is None or not _denies(cell, start.voltage_v, start.soc):
         return []
     soc = cell.soc_from_rest_voltage(start.voltage_v, start.direction)
     return [

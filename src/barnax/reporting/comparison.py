@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..plots.pictures import Illustration, record_roles
-from . import comparison_sentences as say
-from .comparison_sentences import answered, errors_on, leaders, records, rmse_on
+from .comparison_verdict import NARROW, OnRecord, answered, on_records, verdict_sentences
 from .decisions import (
     box_sentences,
     decision_sentences,
@@ -13,15 +12,31 @@ from .decisions import (
     reproduction_section,
     warnings_section,
 )
-from .document import Bullets, Document, Paragraph, Pictures, Section, Table, make_table
-from .soc_tables import compared_tables
-from .tables import METRICS, Cells, circuits_table, millivolts_cell, pairs_table
-from .words import NOTHING, counted, fixed, joined, millivolt, significant
+from .document import (
+    METRICS,
+    Bullets,
+    Cells,
+    Document,
+    Pictures,
+    Section,
+    Table,
+    circuits_table,
+    make_table,
+    pairs_table,
+)
+from .soc_tables import best_tables, errors_words, pay_sentence, together
+from .words import NOTHING, counted, fixed, joined, millivolts_cell, sentence, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..comparison.result import DifferencePart, RowPart
-    from ..results import MetricsPart
+    from ..comparison.tabulated import TableSearch, Tabulated
+
+# With more pairs than these only those are shown that a reader asks for first.
+ALL_PAIRS = 15
+NARROW_MARK = "†"
+# A gap so small, relative, is none.
+ROUNDING = 1e-7
 
 
 def comparison_document(
@@ -34,77 +49,44 @@ def comparison_document(
     `illustrations` come from `comparison_illustrations`; `seconds` are the times of the rows by
     their names, which a stored comparison does not hold. Every sentence is made from the numbers.
     """
-    pictures = Pictures(illustrations)
-    parameters, *results = _results(result, pictures, seconds) if answered(result) else [None]
+    pictures, records = Pictures(illustrations), on_records(result)
+    parameters, *results = _results(result, pictures, seconds) if records else [None]
+    roles = record_roles(1, len(records) - 1)
+    conditions = [f"{role}-condition" for role in roles]
+    decisions = (
+        *decision_sentences(result),
+        *box_sentences({name: (m.bounds, m.fixed) for name, m in result.models.items()}),
+        budget_sentence(result),
+    )
+    sources = {row.method: row.source for row in result.rows}
     sections = [
-        Section("Verdict", (Bullets(tuple(_verdict(result))),)),
+        Section("Verdict", (Bullets(tuple(verdict_sentences(result))),)),
         *warnings_section(result.warnings),
         *([parameters] if parameters else []),
-        _measured(result, pictures),
-        Section("What was decided", (Bullets(tuple(_decisions(result))), methods_table(result))),
+        Section(
+            "What was measured",
+            (files_table(result), *pictures.of(*conditions, "ocv", "hysteresis")),
+        ),
+        Section(
+            "What was decided",
+            (Bullets(decisions), pairs_table("The methods.", "method", "source", sources)),
+        ),
         *results,
+        *compared_tables(result.tabulated, [each.name for each in records]),
+        reproduction_section(result),
     ]
-    sections += compared_tables(result.tabulated, records(result))
-    if any(row.failure for row in result.rows):
-        sections.append(Section("Without an answer", (failures_table(result),)))
-    sections.append(reproduction_section(result))
-    return Document(_title(result), _summary(result), tuple(sections))
-
-
-def _title(result: "ComparisonResult") -> str:
     names = [each.name for each in result.inputs if each.role == "identification"]
-    return f"{counted(len(result.rows), 'row')} compared on {joined(names)}"
-
-
-def _summary(result: "ComparisonResult") -> str:
-    """The one or two sentences for a reader in a hurry."""
-    rows = answered(result)
-    if not rows:
-        return "No row has an answer; the reasons are below."
-    found: dict[str, list[str]] = {}
-    for record, name in enumerate(records(result)):
-        best = leaders(rows, record)
-        place = f"{name} ({millivolt(rmse_on(best[0], record))})"
-        found.setdefault(joined([row.name for row in best]), []).append(place)
-    lowest = "; ".join(f"{names} on {joined(places)}" for names, places in found.items())
-    return " ".join([f"Lowest error: {lowest}.", *list(say.model_sentences(result))[:1]])
-
-
-def _verdict(result: "ComparisonResult") -> Iterator[str]:
-    yield from say.ranking_sentences(result)
-    yield from say.model_sentences(result)
-    yield from say.gap_sentences(result)
-    yield from say.bound_sentences(result)
-    yield from say.failure_sentences(result)
-
-
-def _measured(result: "ComparisonResult", pictures: Pictures) -> Section:
-    conditions = [f"{role}-condition" for role in record_roles(1, len(records(result)) - 1)]
-    return Section(
-        "What was measured",
-        (files_table(result), *pictures.of(*conditions, "ocv", "hysteresis")),
-    )
-
-
-def _decisions(result: "ComparisonResult") -> Iterator[str]:
-    yield from decision_sentences(result)
-    yield from box_sentences({name: (m.bounds, m.fixed) for name, m in result.models.items()})
-    yield say.budget_sentence(result)
+    title = f"{counted(len(result.rows), 'row')} compared on {joined(names)}"
+    return Document(title, "", tuple(sections))
 
 
 def _results(
     result: "ComparisonResult", pictures: Pictures, seconds: Mapping[str, float] | None
 ) -> Iterator[Section]:
-    refined = any(row.refined_parameters is not None for row in answered(result))
-    yield Section(
-        "Parameters",
-        (
-            parameters_table(result),
-            *([refined_table(result)] if refined else []),
-            *pictures.of("parameters"),
-        ),
-    )
-    notes = (*say.optimum_sentences(result), *say.note_sentences(result))
+    records = on_records(result)
+    tables = (parameters_table(result), *refined_tables(result))
+    yield Section("Parameters", (*tables, *pictures.of("parameters")))
+    notes = tuple(sentence(f"{row.name}: {note}") for row in answered(result) for note in row.notes)
     yield Section(
         "Search",
         (
@@ -114,133 +96,136 @@ def _results(
             *pictures.starting("landscape"),
         ),
     )
-    roles = record_roles(1, len(records(result)) - 1)
-    for record, (name, role) in enumerate(zip(records(result), roles, strict=True)):
+    for on, role in zip(records, record_roles(1, len(records) - 1), strict=True):
+        differences = [differences_table(result, on)] if on.differences else []
         yield Section(
-            f"{'Identification' if record == 0 else 'Validation'}: {name}",
+            f"{'Validation' if on.is_validation else 'Identification'}: {on.name}",
             (
-                errors_table(result, record),
-                Paragraph(say.soc_sentence(result, record)),
-                bands_table(result, record),
-                *_differences(result, record),
+                errors_table(on),
+                bands_table(on),
+                *differences,
                 *pictures.of(f"{role}-voltages", f"{role}-errors"),
             ),
         )
 
 
-def _differences(result: "ComparisonResult", record: int) -> Iterator[Table]:
-    table = differences_table(result, record)
-    if table.rows:
-        yield table
-
-
-# With more pairs than these only those are shown that a reader asks for first.
-ALL_PAIRS = 15
-NARROW_MARK = "†"
+def budget_sentence(result: "ComparisonResult") -> str:
+    """What every method could spend, and what a row is."""
+    budget = result.budget
+    return (
+        f"The budget of every method was {budget.evaluations} evaluations per seed "
+        f"({budget.population} candidates, {budget.iterations} generations after the first), with "
+        f"{counted(budget.seeds, 'seed')} from the key {budget.key}, in {budget.coordinates} "
+        f"coordinates, with the {budget.objective} objective. Methods without random numbers ran "
+        "once. A row shows the method's own answer before refinement: that of its median seed."
+    )
 
 
 def parameters_table(result: "ComparisonResult") -> Table:
     """Every row's own parameters and time constants (Li et al., 2023, Table 3)."""
-    rows = answered(result)
-    caption = "Parameters and time constants of each row's median seed, not refined."
-    bounds = [f"{place}." for place in say.bound_places(result)]
     return circuits_table(
-        " ".join([caption, *bounds]),
-        {row.name: row.parameters or {} for row in rows},
+        "Parameters and time constants of each row's median seed, not refined.",
+        {row.name: row.parameters or {} for row in answered(result)},
         {},
     )
 
 
-def refined_table(result: "ComparisonResult") -> Table:
-    """Every row's median seed after Levenberg-Marquardt."""
+def refined_tables(result: "ComparisonResult") -> list[Table]:
+    """Every row's median seed after Levenberg-Marquardt, where any was refined."""
     rows = {row.name: row for row in answered(result) if row.refined_parameters is not None}
-    return circuits_table(
-        "The same after Levenberg-Marquardt has refined the median seed in the same box.",
+    if not rows:
+        return []
+
+    def gap(name: str) -> float | None:
+        refined_v, optimum_v = rows[name].refined_rmse_v, optima_v[rows[name].model]
+        return None if refined_v is None or not optimum_v else refined_v / optimum_v - 1
+
+    optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
+    table = circuits_table(
+        "The same after Levenberg-Marquardt has refined the median seed in the same box, with its "
+        "optimality gap.",
         {name: row.refined_parameters or {} for name, row in rows.items()},
-        {"RMSE [mV]": lambda name: millivolts_cell(rows[name].refined_rmse_v)},
+        {
+            "RMSE [mV]": lambda name: millivolts_cell(rows[name].refined_rmse_v),
+            "gap [%]": lambda name: _percents(gap(name)),
+        },
     )
+    return [table]
 
 
-def errors_table(result: "ComparisonResult", record: int) -> Table:
+def errors_table(on: OnRecord) -> Table:
     """Errors of every row's own answer on one record (Li et al., 2023, Tables 4 and 5)."""
-    rows = answered(result)
-    best = leaders(rows, record)
-    what = "identification record" if record == 0 else "validation record"
+    what = "validation record" if on.is_validation else "identification record"
 
-    def of_row(cell: "Callable[[MetricsPart], str]") -> "Callable[[RowPart], str]":
-        return lambda row: cell(errors_on(row, record).metrics)
+    def of_row(cell: Callable) -> Callable[[str], str]:
+        return lambda row: cell(on.errors[row].metrics)
 
-    cells = {head: of_row(cell) for head, cell in METRICS.items()}
     return make_table(
-        f"Errors on {records(result)[record]}, {what}. Bold: the lowest RMSE.",
-        rows,
-        {"row": lambda row: row.name, **cells},
+        f"Errors on {on.name}, {what}. Bold: the lowest RMSE.",
+        on.errors,
+        {"row": str, **{head: of_row(cell) for head, cell in METRICS.items()}},
         ["row"],
-        [(place, 1) for place, row in enumerate(rows) if row in best],
+        [(place, 1) for place, row in enumerate(on.errors) if row in on.leaders],
     )
 
 
 def search_table(result: "ComparisonResult", seconds: Mapping[str, float] | None = None) -> Table:
     """What every row's search gave and cost on the identification record."""
-    rows = answered(result)
-    has_gap = any(row.optimality_gap is not None for row in rows)
-    gap: Cells[RowPart] = {"gap [%]": lambda row: _percents(row.optimality_gap)}
+    own = on_records(result)[0]
     time: Cells[RowPart] = {"time [s]": lambda row: fixed((seconds or {}).get(row.name), 2)}
     cells: Cells[RowPart] = {
         "row": lambda row: row.name,
-        "median [mV]": lambda row: millivolts_cell(rmse_on(row, 0)),
+        "median [mV]": lambda row: millivolts_cell(own.rmse_v(row.name)),
         "best [mV]": lambda row: millivolts_cell(row.spread and row.spread.best_rmse_v),
         "worst [mV]": lambda row: millivolts_cell(row.spread and row.spread.worst_rmse_v),
         "SD [mV]": lambda row: millivolts_cell(row.spread and row.spread.deviation_v),
-        **(gap if has_gap else {}),
-        "refined [mV]": lambda row: millivolts_cell(row.refined_rmse_v),
+        "gap [%]": lambda row: _percents(row.optimality_gap),
         "seeds": lambda row: str(len(row.seeds)),
         "evaluations": lambda row: NOTHING if row.evaluations is None else str(row.evaluations),
         **(time if seconds else {}),
     }
     caption = (
         "RMSE of the median, best and worst seed on the identification record, with the standard "
-        "deviation (SD) over the seeds"
-        + ("; optimality gap of the median seed" if has_gap else "")
-        + "; the median seed after refinement; evaluations of the median seed"
-        + (", and the time of all seeds, compilation included." if seconds else ".")
+        "deviation (SD) over the seeds; optimality gap and evaluations of the median seed"
+        + ("; time of all seeds, compilation included." if seconds else ".")
     )
-    return make_table(caption, rows, cells, ["row"])
+    return make_table(caption, answered(result), cells, ["row"])
 
 
-def bands_table(result: "ComparisonResult", record: int) -> Table:
+def bands_table(on: OnRecord) -> Table:
     """Errors by state of charge on one record, for the bands that hold any sample."""
-    rows = answered(result)
-    cells: Cells[RowPart] = {"row": lambda row: row.name}
+    cells: Cells[str] = {"row": str}
     samples = []
 
-    def of_band(place: int, name: str) -> "Callable[[RowPart], str]":
-        return lambda row: millivolts_cell(getattr(errors_on(row, record).bands[place], name))
+    def of_band(place: int, name: str) -> Callable[[str], str]:
+        return lambda row: millivolts_cell(getattr(on.errors[row].bands[place], name))
 
-    for place, band in enumerate(errors_on(rows[0], record).bands):
+    for place, band in enumerate(next(iter(on.errors.values())).bands):
         if band.samples:
             head = f"{100 * band.low_soc:g}–{100 * band.high_soc:g} %"
             samples.append(f"{band.samples} in {head}")
             cells[f"{head} RMSE [mV]"] = of_band(place, "rmse_v")
             cells[f"{head} mean [mV]"] = of_band(place, "mean_v")
     caption = (
-        f"Errors on {records(result)[record]} by state of charge: RMSE and mean of measured minus "
-        f"simulated voltage. Samples: {joined(samples)}."
+        f"Errors on {on.name} by state of charge: RMSE and mean of measured minus simulated "
+        f"voltage. Samples: {joined(samples)}."
     )
-    return make_table(caption, rows, cells, ["row"])
+    return make_table(caption, on.errors, cells, ["row"])
 
 
-def differences_table(result: "ComparisonResult", record: int) -> Table:
+def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:
     """The differences between rows on one record, and whether each is more than chance."""
-    rows = answered(result)
-    found = say.differences_on(result, record)
-    note = ""
+    found, note = on.differences, ""
     if len(found) > ALL_PAIRS:
-        leader = say.ranked(rows, record)[0].name
-        found = [each for each in found if _is_asked_for(each, leader, rows)]
+        methods, leader = {row.name: row.method for row in result.rows}, on.ranked[0]
+        found = [
+            each
+            for each in found
+            if leader in (each.first, each.second) or methods[each.first] == methods[each.second]
+        ]
         note = " Shown are the pairs with the leader and those of one method."
     if any(each.over_time.is_block_capped for each in found):
-        note += f" {NARROW_MARK}: {say.NARROW}."
+        note += f" {NARROW_MARK}: {NARROW}."
     has_seeds = any(each.over_seeds is not None for each in found)
     cells: Cells[DifferencePart] = {
         "first": lambda each: each.first,
@@ -259,32 +244,74 @@ def differences_table(result: "ComparisonResult", record: int) -> Table:
         )
         cells["p"] = lambda each: significant(each.over_seeds and each.over_seeds.p_value, 2)
     caption = (
-        f"Differences of RMSE on {records(result)[record]}, first row minus second, with the 95 % "
-        "interval of a moving-block bootstrap over time"
+        f"Differences of RMSE on {on.name}, first row minus second, with the 95 % interval of a "
+        "moving-block bootstrap over time"
         + ("; seeds won and lost by the first row, and Wilcoxon's p." if has_seeds else ".")
         + note
     )
     return make_table(caption, found, cells, ["first", "second", "significant"])
 
 
-def methods_table(result: "ComparisonResult") -> Table:
-    """Where every method comes from."""
-    sources = {row.method: row.source for row in result.rows}
-    return pairs_table("The methods.", "method", "source", sources)
+def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[Section]:
+    """Constant circuits and the same with tables over SOC, side by side."""
+    if not found:
+        return []
+    rows = []
+    for each in found:
+        held = each.fit.cross_validation
+        rows.append(
+            (each.model, each.constant_parameters, held and held.constant, each.constant_errors)
+        )
+        rows.append((f"{each.model}:soc", each.fit.parameters, held and held.tables, each.errors))
+    cells = {
+        "circuit": lambda row: row[0],
+        "values": lambda row: str(row[1]),
+        "held out [mV]": lambda row: errors_words(row[2]),
+    }
+    for place, name in enumerate(names):
+        role = "identification" if place == 0 else "validation"
+        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: errors_words(row[3][place])
+    table = make_table(
+        "RMSE in mV, in brackets that above 10 % SOC: on blocks held out of the fit, and on each "
+        "record. The constant circuit is the best one known, refitted for the held-out blocks.",
+        rows,
+        cells,
+        cells,
+    )
+    told = []
+    for each in found:
+        if pays := pay_sentence(each.fit, together(each.constant_errors[1:], each.errors[1:])):
+            told.append(f"{each.model}: {pays}")
+    told += [f"{each.model}: {best_tables(each.fit)}" for each in found]
+    searches = [_searches_table(found, names)] if any(each.searches for each in found) else []
+    return [Section("Tables over SOC", (Bullets(tuple(told)), table, *searches))]
 
 
-def failures_table(result: "ComparisonResult") -> Table:
-    """The rows without an answer."""
-    failures = {row.name: row.failure for row in result.rows if row.failure is not None}
-    return pairs_table("Rows without an answer.", "row", "why", failures)
-
-
-def _is_asked_for(each: "DifferencePart", leader: str, rows: "Sequence[RowPart]") -> bool:
-    methods = {row.name: row.method for row in rows}
-    return leader in (each.first, each.second) or methods[each.first] == methods[each.second]
+def _searches_table(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table:
+    """What each method makes of the time constants, with the tables solved inside."""
+    cells: Cells[tuple[str, TableSearch]] = {
+        "row": lambda row: f"{row[1].method} {row[0]}:soc",
+        "sqrt(J) [mV]": lambda row: fixed(1e3 * row[1].objective_v, 4),
+        "best [mV]": lambda row: fixed(1e3 * row[1].best_objective_v, 4),
+        "worst [mV]": lambda row: fixed(1e3 * row[1].worst_objective_v, 4),
+        "gap [%]": lambda row: fixed(100 * row[1].gap, 3),
+        "seeds": lambda row: str(row[1].seeds),
+        "evaluations": lambda row: str(row[1].evaluations),
+    }
+    for place in range(len(names)):
+        role = "identification" if place == 0 else f"validation {place if len(names) > 2 else ''}"
+        cells[f"{role.strip()} [mV]"] = lambda row, place=place: errors_words(row[1].errors[place])
+    return make_table(
+        "Each method searches the time constants; for each candidate the best tables are solved "
+        "exactly. The median seed, beside the best and the worst. The gap is relative to the "
+        "optimum that the grid and its descents find.",
+        [(each.model, search) for each in found for search in each.searches],
+        cells,
+        ["row", *list(cells)[7:]],
+    )
 
 
 def _percents(ratio: float | None) -> str:
-    """A ratio in percent, two digits or all before the point."""
-    value = None if ratio is None else 100 * ratio
+    """A ratio in percent, two digits or all before the point; zero where it is rounding's."""
+    value = None if ratio is None else 100 * ratio * (abs(ratio) > ROUNDING)
     return fixed(value, 0) if value and abs(value) >= 10 else significant(value, 2)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
 from ..uncertainty.covariance import named_values
-from .document import Bullets, Listing, Paragraph, Section, Table, make_table
-from .tables import pairs_table
+from .document import Bullets, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .words import NOTHING, joined, millivolt, percent, significant, symbol, with_unit
 
 if TYPE_CHECKING:

@@ -1,15 +1,21 @@
-"""What a report says, before it is HTML or Markdown."""
+"""What a report says, before it is HTML or Markdown, and the tables that several reports have."""
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from .words import figures, fixed, millivolts_cell
 
 if TYPE_CHECKING:
     from ..plots.pictures import Illustration
+    from ..results import MetricsPart
 
 Role = Literal["text", "number"]
 MediaType = Literal["image/png", "image/svg+xml"]
 Item = TypeVar("Item")
+# What stands under each head of a table, from what its row is about.
+Cells = dict[str, Callable[[Item], str]]
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,7 @@ class Table:
 def make_table(
     caption: str,
     items: Iterable[Item],
-    cells: dict[str, Callable[[Item], str]],
+    cells: Cells[Item],
     text: Collection[str] = (),
     best: Iterable[tuple[int, int]] = (),
 ) -> Table:
@@ -92,6 +98,54 @@ def column_of(head: str, role: Role = "number") -> Column:
     """A column by its name and, in brackets, its unit."""
     name, _, unit = head.partition(" [")
     return Column(name, unit.removesuffix("]"), role)
+
+
+METRICS: "Cells[MetricsPart]" = {
+    "RMSE [mV]": lambda each: millivolts_cell(each.rmse_v),
+    "R2": lambda each: fixed(each.r2, 4),
+    "R2 (paper)": lambda each: fixed(each.r2_paper, 4),
+    "MAPE [%]": lambda each: fixed(each.mape_percent, 3),
+    "CE [V]": lambda each: fixed(each.ce_v, 2),
+    "max [mV]": lambda each: fixed(1e3 * each.max_v, 1),
+    "samples": lambda each: str(each.samples),
+}
+
+
+def circuits_table(
+    caption: str,
+    circuits: Mapping[str, Mapping[str, float]],
+    further: Cells[str],
+    first: str = "row",
+) -> Table:
+    """Circuits by their names under `first`, a dash where one has not got a parameter.
+
+    `further` columns follow, filled by what they give for a name.
+    """
+    # The styles of figures load matplotlib, which a check of files does without.
+    from ..plots.parameters import readable
+
+    values = {name: readable(parameters) for name, parameters in circuits.items()}
+
+    def of_circuit(head: str) -> Callable[[str], str]:
+        return lambda name: figures(values[name].get(head), 4)
+
+    heads = sorted(dict.fromkeys(chain.from_iterable(values.values())), key=_order)
+    cells = {first: str, **{head: of_circuit(head) for head in heads}, **further}
+    return make_table(caption, circuits, cells, [first])
+
+
+def _order(head: str) -> tuple[str, int]:
+    """R0, R1, C1, tau1, R2, ...: pair by pair, what has no pair last."""
+    symbol = head.split()[0]
+    kinds = ("R", "C", "tau")
+    kind = symbol.rstrip("0123456789")
+    number = symbol[len(kind) :]
+    return (number or "9", kinds.index(kind) if kind in kinds else len(kinds))
+
+
+def pairs_table(caption: str, name: str, value: str, pairs: Mapping[str, str]) -> Table:
+    """Names and what is said of each, both in words."""
+    return make_table(caption, pairs, {name: str, value: lambda each: pairs[each]}, [name, value])
 
 
 @dataclass(frozen=True)
@@ -130,7 +184,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """A whole report: `summary` is what a reader in a hurry must know."""
+    """A whole report; `summary` stands above its sections where none of them is a verdict."""
 
     title: str
     summary: str

@@ -16,7 +16,17 @@ from .decisions import (
     reproduction_section,
     warnings_section,
 )
-from .document import Bullets, Document, Pictures, Section, Table, make_table
+from .document import (
+    METRICS,
+    Bullets,
+    Cells,
+    Document,
+    Pictures,
+    Section,
+    Table,
+    circuits_table,
+    make_table,
+)
 from .pulses import pulses_section
 from .sentences import (
     BandQuantity,
@@ -24,13 +34,10 @@ from .sentences import (
     diagnostics_sentences,
     held_words,
     identifiability_sentences,
-    profile_sentence,
     suggestion_sentences,
     uncertainty_sentence,
 )
-from .soc_tables import tables_blocks
-from .tables import METRICS, Cells, circuits_table
-from .temperature import prediction_sentences, temperature_blocks
+from .soc_tables import prediction_sentences, tables_section
 from .verdict import best_possible, circuit_words, seeds_sentences, weakest_point
 from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
 
@@ -70,12 +77,12 @@ def identification_document(
     verdict = Section("Verdict", (Bullets(tuple(verdict_sentences(result))),))
     title = f"{result.model} identified on {result.name}"
     if summary_only:
-        return Document(title, _summary(result), (verdict, answer, errors))
+        return Document(title, "", (verdict, answer, errors))
     sections = (
         verdict,
         *warnings_section(result.warnings),
         answer,
-        *_tables_section(result, pictures),
+        *tables_section(result, pictures),
         *pulses_section(
             result,
             pictures.of(
@@ -95,15 +102,11 @@ def identification_document(
         Section("What was decided", (Bullets(tuple(_decisions(result))),)),
         Section(
             "Search",
-            (
-                *_search_blocks(result),
-                *pictures.of("convergence"),
-                *pictures.starting("landscape"),
-            ),
+            (*_search_blocks(result), *pictures.of("convergence"), *pictures.starting("landscape")),
         ),
         reproduction_section(result),
     )
-    return Document(title, _summary(result), sections)
+    return Document(title, "", sections)
 
 
 def verdict_sentences(result: "Result") -> Iterator[str]:
@@ -236,19 +239,6 @@ def optima_table(refined: "RefinedPart") -> Table:
     )
 
 
-def _tables_section(result: "Result", pictures: Pictures) -> list[Section]:
-    """Tables over SOC, and over temperature, where there are any."""
-    part = result.tables
-    if part is None:
-        return []
-    over, constant_v = part.over_temperature, result.metrics.identification.rmse_v
-    drawn = pictures.starting("tables")
-    if over is None:
-        return [Section("Tables over SOC", (*tables_blocks(part, result), *drawn))]
-    blocks = temperature_blocks(part, over, constant_v)
-    return [Section("Tables over SOC and temperature", (*blocks, *drawn))]
-
-
 def _uncertainty_section(result: "Result") -> list[Section]:
     """What the data determine, and where the errors are, where that was assessed."""
     found = result.assessment
@@ -262,7 +252,6 @@ def _uncertainty_section(result: "Result") -> list[Section]:
         sentences += suggestion_sentences(
             found.examination.suggestions, result.metrics.identification.rmse_v
         )
-        sentences += [profile_sentence(each) for each in found.examination.profiles]
         blocks.append(_examination_table(found.examination))
     told = Bullets(tuple(each for each in sentences if each))
     return [Section("What the data determine", (told, *blocks, _bands_table(found)))]
@@ -311,13 +300,6 @@ def _bands_table(found: "AssessmentPart") -> Table:
         },
         ["by", "band"],
     )
-
-
-def _summary(result: "Result") -> str:
-    own, others = result.answer_metrics.identification, result.answer_metrics.validation
-    parts = [f"{millivolt(own.rmse_v)} on {own.record}"]
-    parts += [f"{millivolt(each.rmse_v)} on {each.record}" for each in others]
-    return f"RMSE {joined(parts)}. Best possible: {best_possible(result)}"
 
 
 def _decisions(result: "Result") -> Iterator[str]:

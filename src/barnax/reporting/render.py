@@ -134,10 +134,7 @@ def to_fragment(document: Document) -> str:
 
 def report_files(document: Document, drawn: Iterable[Illustration]) -> dict[str, bytes]:
     """A report in both forms and its figures, by their path below the results folder."""
-    files = {
-        "report.html": to_html(document).encode(),
-        "report.md": to_markdown(document).encode(),
-    }
+    files = {"report.html": to_html(document).encode(), "report.md": to_markdown(document).encode()}
     for each in drawn:
         files |= {f"figures/{each.name}.png": each.png, f"figures/{each.name}.svg": each.svg}
     return files

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Literal
 from ..global_optimum.search import FACTOR, optimality_gap
 from ..search.refine import AtBound
 from ..uncertainty.assessment import Band, Diagnostics
-from ..uncertainty.covariance import CONFIDENCE, WIDEST_FACTOR, Estimate, Held, Uncertainty
+from ..uncertainty.covariance import WIDEST_FACTOR, Estimate, Held, Uncertainty
 from ..uncertainty.identifiability import Finding, Identifiability
-from ..uncertainty.refitted import Profile
 from ..uncertainty.suggestions import Suggestion
-from .words import between, counted, figures, joined, percent, symbol, with_unit
+from .words import between, capitalized, counted, figures, joined, percent, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
@@ -261,25 +260,12 @@ def _notable(quantity: BandQuantity, bands: Sequence[Band]) -> Iterator[str]:
             )
 
 
-def profile_sentence(profile: Profile) -> str:
-    """A parameter's interval by its profile."""
-    name = symbol(profile.name)
-    level = f"{100 * CONFIDENCE:.0f} %"
-    if profile.low is None and profile.high is None:
-        return f"{name} is not determined: its profile excludes no value in the bounds ({level})."
-    if profile.low is None or profile.high is None:
-        side, end = ("above", profile.low) if profile.high is None else ("below", profile.high)
-        return f"{name} is {side} {with_unit(profile.name, end or 0.0)} by its profile ({level})."
-    ends = between(profile.name, profile.low, profile.high)
-    return f"{name} = {with_unit(profile.name, profile.value)}, {ends} by its profile ({level})."
-
-
 def suggestion_sentences(found: Sequence[Suggestion], rmse_v: float) -> tuple[str, ...]:
     """What would lower the RMSE, the largest gain first; what gains nothing comes last."""
     gains = [each for each in found if each.rmse_v < (1 - WORTH_TELLING) * rmse_v]
     others = [_change(each) for each in found if each not in gains]
     sentences = [
-        f"{_capitalized(_change(each))}: RMSE {_mv(each.rmse_v)} instead of {_mv(rmse_v)}"
+        f"{capitalized(_change(each))}: RMSE {_mv(each.rmse_v)} instead of {_mv(rmse_v)}"
         f"{''.join(f', with `{name}={value}`' for name, value in option(each).items())}."
         for each in gains
     ]
@@ -345,7 +331,3 @@ def _seconds(time_s: float) -> str:
 
 def _mv(voltage_v: float) -> str:
     return f"{figures(1e3 * voltage_v)} mV"
-
-
-def _capitalized(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -1,16 +1,18 @@
-"""Tables over SOC in words and tables: how good they are, whether they pay, and every node."""
+"""Tables over SOC, and over temperature, in words and tables: how good they are, every node."""
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from ..uncertainty.covariance import WIDEST_FACTOR
-from .document import Block, Bullets, Section, Table, make_table
+from .document import Bullets, Cells, Pictures, Section, Table, make_table
+from .sentences import better_than
 from .words import (
     NOTHING,
     between,
+    capitalized,
+    degrees,
     duration,
     figures,
     fixed,
@@ -22,9 +24,11 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..comparison.tabulated import Tabulated
-    from ..over_soc import NodeInterval, SocErrors, TableFit
-    from ..results import MetricsPart, Result, TablesPart
+    from ..over_soc import LeftOut, NodeInterval, OverTemperature, SocErrors, TableFit
+    from ..results import InputPart, Result, TablesPart
+
+    # The errors of a constant circuit, and of the tables beside it.
+    Both = tuple[SocErrors, SocErrors]
 
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
@@ -32,111 +36,64 @@ MIDDLE_SOC = 0.5
 ALIKE = 0.02
 NOT_DETERMINED = "not determined"
 SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "hysteresis"}
+GRID = "verified on a grid of time constants"
 
 
-def best_tables(fit: "TableFit") -> str:
-    """How close the tables are to the best possible ones."""
-    ranges = [duration(end) for end in (fit.tau_ranges_s[0][0], fit.tau_ranges_s[-1][1])]
-    where = f"no tables with time constants from {joined(ranges, 'to')} are more than"
-    gap = f"{where} {percent(fit.proved_gap)} better"
-    if fit.status == "certified":
-        return f"proved, {gap}."
-    grid = "verified on a grid of time constants"
-    if fit.lower_bound_v <= 0:
-        return f"{grid}, not proved."
-    return f"{grid}; the proof stopped after {fit.cells:,} cells: {gap}."
-
-
-def pay_sentence(fit: "TableFit", unseen: "Sequence[tuple[SocErrors, SocErrors]]" = ()) -> str:
-    """Whether tables pay; empty where nothing was held out and no other record is there.
-
-    `unseen` are the constant circuit's errors and the tables' on each validation record, which
-    decide where there are any; else blocks held out of the fit do.
-    """
-    told, pays = [], tables_pay(fit, unseen)
-    if unseen:
-        told.append(f"{_change(*_of_all(unseen))} on the validation records")
-    held = fit.cross_validation
-    if held is not None:
-        is_alike = (held.tables.rmse_v < held.constant.rmse_v) == pays
-        joint = "" if not told else ", and from " if is_alike else ", but from "
-        told.append(f"{joint}{_change(held.constant, held.tables)} on held-out blocks")
-    if not told:
-        return ""
-    if pays and unseen and _of_all(unseen)[1].rmse_v >= _of_all(unseen)[0].rmse_v:
-        return f"tables help above 10 % SOC: RMSE from {''.join(told)}."
-    if pays:
-        return f"tables lower the RMSE from {''.join(told)}."
-    return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
-
-
-def tables_pay(fit: "TableFit", unseen: "Sequence[tuple[SocErrors, SocErrors]]" = ()) -> bool:
-    """Whether tables are better where they were not fitted, as `pay_sentence` says it."""
-    if not unseen:
-        held = fit.cross_validation
-        return held is not None and held.tables.is_worth(held.constant)
-    constant, tables = _of_all(unseen)
-    if constant.above_v is None or tables.above_v is None:
-        return tables.rmse_v < constant.rmse_v
-    if abs(tables.rmse_v / constant.rmse_v - 1) > ALIKE:
-        return tables.rmse_v < constant.rmse_v
-    # Nearly empty both may fail alike; what is above it decides.
-    return tables.above_v < constant.above_v
-
-
-def _of_all(unseen: "Sequence[tuple[SocErrors, SocErrors]]") -> "tuple[SocErrors, SocErrors]":
-    """The errors of both over all records."""
-    constant, tables = zip(*unseen, strict=True)
-    return _together(constant), _together(tables)
-
-
-def unseen_errors(result: "Result") -> "list[tuple[SocErrors, SocErrors]]":
-    """The constant circuit's errors and the tables' on each validation record of a result."""
-    from ..over_soc import SocErrors
-
-    def errors(part: "MetricsPart") -> "SocErrors":
-        return SocErrors(part.rmse_v, part.rmse_above_10_soc_v)
-
-    if result.tables is None:
+def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
+    """Tables over SOC, and over temperature, as the report has them; none without tables."""
+    part = result.tables
+    if part is None:
         return []
-    both = zip(result.metrics.validation, result.tables.metrics.validation, strict=True)
-    return [(errors(constant), errors(tables)) for constant, tables in both]
-
-
-def _together(errors: "Sequence[SocErrors]") -> "SocErrors":
-    """The root mean square over records, each counting alike."""
-
-    def of(values: list[float]) -> float:
-        return math.sqrt(sum(each**2 for each in values) / len(values))
-
-    above = [each.above_v for each in errors if each.above_v is not None]
-    return replace(
-        errors[0],
-        rmse_v=of([each.rmse_v for each in errors]),
-        above_v=of(above) if len(above) == len(errors) else None,
+    told, over = Bullets(tuple(_sentences(part, result))), part.over_temperature
+    drawn = pictures.starting("tables")
+    if over is None:
+        tables = constants_table(part.fit), nodes_table(part.fit)
+        return [Section("Tables over SOC", (told, *tables, *drawn))]
+    degc = [degrees(each) for each in over.temperatures_degc]
+    alone = degc[part.fits.index(part.fit)]
+    tables = (
+        _temperature_table(part, over),
+        constants_table(
+            part.fit, f" and at every temperature; intervals are those of {alone} alone"
+        ),
+        *(nodes_table(fit, f" at {at}") for at, fit in zip(degc, part.fits, strict=True)),
     )
+    return [Section("Tables over SOC and temperature", (told, *tables, *drawn))]
 
 
-def _change(constant: "SocErrors", tables: "SocErrors") -> str:
-    """From the constant circuit's error to the tables'."""
-    change = f"{fixed(1e3 * constant.rmse_v, 1)} to {fixed(1e3 * tables.rmse_v, 1)} mV"
-    if tables.above_v is not None and constant.above_v is not None:
-        above = (fixed(1e3 * each, 1) for each in (constant.above_v, tables.above_v))
-        change += f" ({' to '.join(above)} above 10 % SOC)"
-    return change
-
-
-def tables_sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
+def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     """What the tables give, how sure that is, and what to beware of."""
-    fit, own_v = part.fit, part.metrics.identification.rmse_v
-    constant_v, unseen = result.metrics.identification.rmse_v, unseen_errors(result)
+    fit, over = part.fit, part.over_temperature
+    own = millivolt(part.metrics.identification.rmse_v)
+    constant = millivolt(result.metrics.identification.rmse_v)
+    if over is not None:
+        degc = [degrees(each) for each in over.temperatures_degc]
+        yield (
+            f"With tables over SOC at {joined(degc)} the RMSE is {own}; one constant circuit for "
+            f"all temperatures leaves {constant}."
+        )
+        yield f"Best possible: {best_of(part)}"
+        costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
+        yield (
+            "The time constants are the same at every temperature; separate ones would lower the "
+            f"error by {percent(max(costs, 0.0))}."
+        )
+        for at, each in zip(degc, part.fits, strict=True):
+            if pays := pay_sentence(each):
+                yield f"At {at}, {pays}"
+        yield (
+            "Between measured temperatures the logarithm of every resistance is linear in 1/T, and "
+            "the OCV correction in T; beyond them the tables of the nearest temperature apply. How "
+            f"far off this may be: {expectation(over)}"
+        )
+        return
     yield (
-        f"With tables over SOC the RMSE is {millivolt(own_v)}; the constant circuit leaves "
-        f"{millivolt(constant_v)}. The samples determine {fit.parameters} values."
+        f"With tables over SOC the RMSE is {own}; the constant circuit leaves {constant}. "
+        f"The samples determine {fit.parameters} values."
     )
-    yield f"Best possible: {best_tables(fit)}"
-    if pays := pay_sentence(fit, unseen):
-        yield pays[0].upper() + pays[1:]
+    yield f"Best possible: {best_of(part)}"
+    if pays := pay_sentence(fit, unseen_errors(result)):
+        yield capitalized(pays)
     if part.settings.ocv_correction:
         yield (
             "The OCV correction absorbs errors of the OCV test, and with them any error of the SOC."
@@ -150,81 +107,170 @@ def tables_sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
 
 
-def tables_blocks(part: "TablesPart", result: "Result") -> tuple[Block, ...]:
-    """Tables over SOC as the report has them."""
-    told = tuple(tables_sentences(part, result))
-    return Bullets(told), constants_table(part.fit), nodes_table(part.fit)
+def best_of(part: "TablesPart") -> str:
+    """How close the tables, of all temperatures together, are to the best possible ones."""
+    over, aim = part.over_temperature, part.settings.proved_share
+    if over is None:
+        return best_tables(part.fit)
+    if over.lower_bound_v <= 0:
+        return f"{GRID}, not proved."
+    short = "" if over.proved_gap <= aim else f"but not to the {percent(aim)} aimed at: "
+    shared = f"{_searched(part.fit)}, the same at each temperature,"
+    return f"proved, {short}{shared} are {better_than(over.proved_gap)}."
 
 
-def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[Section]:
-    """Constant circuits and the same with tables over SOC, side by side."""
-    if not found:
-        return []
-    rows = []
-    for each in found:
-        held = each.fit.cross_validation
-        rows.append(
-            (each.model, each.constant_parameters, held and held.constant, each.constant_errors)
-        )
-        rows.append((f"{each.model}:soc", each.fit.parameters, held and held.tables, each.errors))
-    cells = {
-        "circuit": lambda row: row[0],
-        "values": lambda row: str(row[1]),
-        "held out [mV]": lambda row: NOTHING if row[2] is None else errors_words(row[2]),
-    }
-    for place, name in enumerate(names):
-        role = "identification" if place == 0 else "validation"
-        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: errors_words(row[3][place])
-    table = make_table(
-        "RMSE in mV, in brackets that above 10 % SOC: on blocks held out of the fit, and on each "
-        "record. The constant circuit is the best one known, refitted for the held-out blocks.",
-        rows,
-        cells,
-        list(cells),
+def best_tables(fit: "TableFit") -> str:
+    """How close the tables of one temperature are to the best possible ones."""
+    gap = f"{_searched(fit)} are more than {percent(fit.proved_gap)} better."
+    if fit.status == "certified":
+        return f"proved, {gap}"
+    if fit.lower_bound_v <= 0:
+        return f"{GRID}, not proved."
+    return f"{GRID}; the proof stopped after {fit.cells:,} cells: {gap}"
+
+
+def _searched(fit: "TableFit") -> str:
+    ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
+    return f"no tables with time constants from {joined(ends, 'to')}"
+
+
+def pay_sentence(fit: "TableFit", unseen: "Both | None" = None) -> str:
+    """Whether tables pay; empty where nothing was held out and no other record is there.
+
+    `unseen` are the errors on the validation records, which decide where there are any; else
+    blocks held out of the fit do.
+    """
+    told, pays = [], tables_pay(fit, unseen)
+    if unseen is not None:
+        told.append(f"{_change(*unseen)} on the validation records")
+    held = fit.cross_validation
+    if held is not None:
+        is_alike = (held.tables.rmse_v < held.constant.rmse_v) == pays
+        joint = "" if not told else ", and from " if is_alike else ", but from "
+        told.append(f"{joint}{_change(held.constant, held.tables)} on held-out blocks")
+    if not told:
+        return ""
+    if pays and unseen is not None and unseen[1].rmse_v >= unseen[0].rmse_v:
+        return f"tables help above 10 % SOC: RMSE from {''.join(told)}."
+    if pays:
+        return f"tables lower the RMSE from {''.join(told)}."
+    return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
+
+
+def tables_pay(fit: "TableFit", unseen: "Both | None" = None) -> bool:
+    """Whether tables are better where they were not fitted, as `pay_sentence` says it."""
+    if unseen is None:
+        held = fit.cross_validation
+        return held is not None and held.tables.is_worth(held.constant)
+    constant, tables = unseen
+    if constant.above_v is None or tables.above_v is None:
+        return tables.rmse_v < constant.rmse_v
+    if abs(tables.rmse_v / constant.rmse_v - 1) > ALIKE:
+        return tables.rmse_v < constant.rmse_v
+    # Nearly empty both may fail alike; what is above it decides.
+    return tables.above_v < constant.above_v
+
+
+def unseen_errors(result: "Result") -> "Both | None":
+    """The constant circuit's errors and the tables' over all validation records, if any."""
+    from ..over_soc import SocErrors
+
+    if result.tables is None:
+        return None
+    constant, tables = (
+        [SocErrors(each.rmse_v, each.rmse_above_10_soc_v) for each in metrics.validation]
+        for metrics in (result.metrics, result.tables.metrics)
     )
-    told = []
-    for each in found:
-        unseen = list(zip(each.constant_errors, each.errors, strict=True))[1:]
-        if pays := pay_sentence(each.fit, unseen):
-            told.append(f"{each.model}: {pays}")
-    told += [f"{each.model}: {best_tables(each.fit)}" for each in found]
-    searched = [_searched(found, names)] if any(each.searches for each in found) else []
-    return [Section("Tables over SOC", (Bullets(tuple(told)), table, *searched))]
+    return together(constant, tables)
 
 
-def _searched(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table:
-    """What each method makes of the time constants, with the tables solved inside."""
-    rows = [(each.model, search) for each in found for search in each.searches]
-    cells = {
-        "row": lambda row: f"{row[1].method} {row[0]}:soc",
-        "sqrt(J) [mV]": lambda row: fixed(1e3 * row[1].objective_v, 4),
-        "best [mV]": lambda row: fixed(1e3 * row[1].best_objective_v, 4),
-        "worst [mV]": lambda row: fixed(1e3 * row[1].worst_objective_v, 4),
-        "gap [%]": lambda row: fixed(100 * row[1].gap, 3),
-        "seeds": lambda row: str(row[1].seeds),
-        "evaluations": lambda row: str(row[1].evaluations),
-    }
-    for place in range(len(names)):
-        role = "identification" if place == 0 else f"validation {place if len(names) > 2 else ''}"
-        cells[f"{role.strip()} [mV]"] = lambda row, place=place: errors_words(row[1].errors[place])
-    return make_table(
-        "Each method searches the time constants; for each candidate the best tables are solved "
-        "exactly. The median seed, beside the best and the worst. The gap is relative to the "
-        "optimum that the grid and its descents find.",
-        rows,
-        cells,
-        ["row", *list(cells)[7:]],
+def together(constant: "Sequence[SocErrors]", tables: "Sequence[SocErrors]") -> "Both | None":
+    """The root mean squares over records, each counting alike; None without any."""
+    return (_over_all(constant), _over_all(tables)) if constant else None
+
+
+def _over_all(errors: "Sequence[SocErrors]") -> "SocErrors":
+    from ..over_soc import SocErrors
+
+    def of(values: list[float]) -> float:
+        return math.sqrt(sum(each**2 for each in values) / len(values))
+
+    above = [each.above_v for each in errors if each.above_v is not None]
+    all_v = of([each.rmse_v for each in errors])
+    return SocErrors(all_v, of(above) if len(above) == len(errors) else None)
+
+
+def _change(constant: "SocErrors", tables: "SocErrors") -> str:
+    """From the constant circuit's error to the tables'."""
+    change = f"{fixed(1e3 * constant.rmse_v, 1)} to {fixed(1e3 * tables.rmse_v, 1)} mV"
+    if tables.above_v is not None and constant.above_v is not None:
+        above = (fixed(1e3 * each, 1) for each in (constant.above_v, tables.above_v))
+        change += f" ({' to '.join(above)} above 10 % SOC)"
+    return change
+
+
+def expectation(over: "OverTemperature") -> str:
+    """What is to be expected of temperatures that were not measured."""
+    worst: dict[bool, float] = {}
+    for each in over.left_out:
+        worst[each.is_between] = max(each.errors.rmse_v, worst.get(each.is_between, 0.0))
+    told = [f"{millivolt(worst[True])} between the measured ones"] if True in worst else []
+    told.append(f"{millivolt(worst[False])} beyond")
+    text = f"expect up to {joined(told)}, by leaving out each temperature in turn."
+    if len(over.left_out) == 2:
+        text += " Between them it may be less; a third temperature would show it."
+    return text
+
+
+def prediction_sentences(result: "Result") -> Iterator[str]:
+    """One sentence for each record of a result at a temperature without tables of its own."""
+    if result.tables is None:
+        return
+    for each in result.of_role("validation"):
+        if told := prediction_sentence(result.tables, each.name, each.temperature_degc):
+            yield told
+
+
+def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float | None) -> str:
+    """What a prediction at a temperature rests on; empty where it has tables of its own."""
+    over = part.over_temperature
+    if over is None or temperature_degc is None or over.measured_near(temperature_degc) is not None:
+        return ""
+    known = over.temperatures_degc
+    if known[0] < temperature_degc < known[-1]:
+        above = next(place for place, each in enumerate(known) if each > temperature_degc)
+        ends = known[above - 1 : above + 1]
+        how = f"lie between those of {joined([degrees(end) for end in ends])}"
+    else:
+        nearest = known[0] if temperature_degc <= known[0] else known[-1]
+        how = f"are those of {degrees(nearest)}"
+    told = [
+        f"{degrees(each.temperature_degc)} was predicted to {millivolt(each.errors.rmse_v)} (with "
+        f"its own tables {millivolt(each.own.rmse_v)})"
+        for each in over.like(temperature_degc)
+    ]
+    return (
+        f"{name} is at {degrees(temperature_degc)}, which was not measured: its tables "
+        f"{how}. Left out of the fit, {joined(told)}."
     )
+
+
+def left_out_v(part: "TablesPart", record: "InputPart | None") -> float | None:
+    """The largest error of the temperatures left out that were predicted as a record's is; None
+    where it has tables of its own."""
+    over, degc = part.over_temperature, None if record is None else record.temperature_degc
+    if over is None or degc is None or over.measured_near(degc) is not None:
+        return None
+    return max(each.errors.rmse_v for each in over.like(degc))
 
 
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
-    rows = _visited(fit)
-    cells = {"SOC [%]": lambda place: f"{100 * fit.tables.nodes[place]:g}"}
+    cells: Cells[int] = {"SOC [%]": lambda place: f"{100 * fit.tables.nodes[place]:g}"}
     for name, values in fit.tables.tables.items():
         known = {each.soc: each for each in fit.of_table(name)}
 
-        def value(place: int, name: str = name, values: tuple = values) -> str:
+        def value(place: int, values: tuple = values) -> str:
             return figures(1e3 * values[place])
 
         def interval(place: int, known: dict = known) -> str:
@@ -235,7 +281,7 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     heads = [head for head in cells if head.endswith(", 95 %")]
     return make_table(
         f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them.",
-        rows,
+        _visited(fit),
         cells,
         heads,
     )
@@ -244,68 +290,91 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 def constants_table(fit: "TableFit", where: str = "") -> Table:
     """What is the same at every SOC: time constants and, if any, gamma."""
     known = {each.name: each for each in fit.intervals if each.soc is None}
+    cells: Cells[str] = {
+        "parameter": str,
+        "value": lambda name: with_unit(name, fit.tables.constants[name]),
+        "95 % interval": lambda name: _interval(known.get(name), fit),
+    }
+    caption = f"The parameters with one value at every SOC{where}."
+    return make_table(caption, fit.tables.constants, cells, cells)
+
+
+def _temperature_table(part: "TablesPart", over: "OverTemperature") -> Table:
+    cells: Cells[tuple[LeftOut, TableFit]] = {
+        "temperature": lambda row: degrees(row[0].temperature_degc),
+        "own tables [mV]": lambda row: errors_words(row[0].own),
+        "held-out blocks [mV]": lambda row: errors_words(_held_out(row[1])),
+        "left out [mV]": lambda row: errors_words(row[0].errors),
+        "predicted from": lambda row: "both sides" if row[0].is_between else "one side",
+    }
     return make_table(
-        f"The parameters with one value at every SOC{where and ' and '}{where}.",
-        list(fit.tables.constants),
-        {
-            "parameter": str,
-            "value": lambda name: with_unit(name, fit.tables.constants[name]),
-            "95 % interval": lambda name: _interval(known.get(name), fit),
-        },
-        ["parameter", "value", "95 % interval"],
+        "RMSE in mV, in brackets that above 10 % SOC: with the tables of that temperature, on "
+        "blocks held out of the fit, and as predicted by the tables of the other temperatures.",
+        zip(over.left_out, part.fits, strict=True),
+        cells,
+        cells,
     )
 
 
-def middle_rows(fit: "TableFit") -> Iterator[tuple[str, str, str, str]]:
-    """For the first screen: each table at 50 % SOC with its interval, and its range over SOC."""
-    tables = fit.tables
-    nodes = _visited(fit)
-    middle = _middle(nodes, tables.nodes)
-    for name, values in tables.tables.items():
-        unit = name if "Ohm" in name else "mV"
-        scale = 1.0 if "Ohm" in name else 1e3
-        seen = [scale * values[place] for place in nodes]
-        here = {each.soc: each for each in fit.of_table(name)}.get(tables.nodes[middle])
-        value = scale * values[middle]
-        yield (
-            _name(name),
-            with_unit(name, value) if "Ohm" in name else f"{figures(value, 2)} mV",
-            "" if here is None else _between(unit, here, scale, fit),
-            _range(unit, min(seen), max(seen)),
-        )
-    for name, value in tables.constants.items():
-        here = next((e for e in fit.intervals if e.name == name and e.soc is None), None)
-        interval = "" if here is None else _between(name, here, 1.0, fit)
-        yield symbol(name), with_unit(name, value), interval, ""
+def middle_of_tables(part: "TablesPart") -> tuple[list[str], list[tuple[str, ...]]]:
+    """Heads and rows: each table at 50 % SOC with its interval and its range, or the resistances
+    and errors of each temperature; then what is the same at every SOC."""
+    if part.over_temperature is not None:
+        return _middle_by_temperature(part, part.over_temperature)
+    fit, nodes = part.fit, part.fit.tables.nodes
+    visited = _visited(fit)
+    middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
+    heads = ["", f"at {100 * nodes[middle]:g} % SOC", "95 % interval", "over SOC"]
+    known = {(each.name, each.soc): _between(each, fit) for each in fit.intervals}
+    rows = []
+    for name, values in fit.tables.tables.items():
+        seen = [values[place] for place in visited]
+        here = known.get((name, nodes[middle]), "")
+        value = with_unit(name, values[middle])
+        rows.append((_name(name), value, here, between(name, min(seen), max(seen))))
+    for name, value in fit.tables.constants.items():
+        rows.append((symbol(name), with_unit(name, value), known.get((name, None), ""), ""))
+    return heads, rows
 
 
-def middle_heads(fit: "TableFit") -> tuple[str, str, str, str]:
-    """The heads of `middle_rows`."""
-    middle = fit.tables.nodes[_middle(_visited(fit), fit.tables.nodes)]
-    return "", f"at {100 * middle:g} % SOC", "95 % interval", "over SOC"
+def _middle_by_temperature(
+    part: "TablesPart", over: "OverTemperature"
+) -> tuple[list[str], list[tuple[str, ...]]]:
+    nodes = part.fits[0].tables.nodes
+    # The node that samples of every temperature visit, else of any.
+    everywhere = set.intersection(*(set(_visited(fit)) for fit in part.fits))
+    places = sorted(everywhere) or range(len(nodes))
+    middle = min(places, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
+    names = [name for name in part.fits[0].tables.tables if name.endswith("[Ohm]")]
+    heads = [f"at {100 * nodes[middle]:g} % SOC", *map(symbol, names), "RMSE", "unseen", "left out"]
+    rows = []
+    for fit, left in zip(part.fits, over.left_out, strict=True):
+        values = [with_unit(name, fit.tables.tables[name][middle]) for name in names]
+        errors = [
+            "" if each is None else f"{1e3 * each.rmse_v:#.3g} mV"
+            for each in (left.own, _held_out(fit), left.errors)
+        ]
+        rows.append((degrees(left.temperature_degc), *values, *errors))
+    for name, value in part.fits[0].tables.constants.items():
+        rows.append((symbol(name), with_unit(name, value), *[""] * (len(names) + 2)))
+    return heads, rows
 
 
 def _visited(fit: "TableFit") -> list[int]:
     return [place for place, is_visited in enumerate(fit.tables.visited) if is_visited]
 
 
-def _middle(places: list[int], nodes: Sequence[float]) -> int:
-    return min(places, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
+def _held_out(fit: "TableFit") -> "SocErrors | None":
+    return None if fit.cross_validation is None else fit.cross_validation.tables
 
 
 def _name(name: str) -> str:
     return SHORT.get(name, symbol(name))
 
 
-def _range(unit: str, low: float, high: float) -> str:
-    return (
-        between(unit, low, high) if unit != "mV" else f"{figures(low, 2)} to {figures(high, 2)} mV"
-    )
-
-
-def _between(unit: str, each: "NodeInterval", scale: float, fit: "TableFit") -> str:
+def _between(each: "NodeInterval", fit: "TableFit") -> str:
     known = _determined(each, fit)
-    return NOT_DETERMINED if known is None else _range(unit, scale * known[0], scale * known[1])
+    return NOT_DETERMINED if known is None else between(each.name, *known)
 
 
 def _interval(each: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) -> str:
@@ -331,7 +400,9 @@ def _determined(each: "NodeInterval", fit: "TableFit") -> tuple[float, float] | 
     return None if is_wide else (each.low, each.high)
 
 
-def errors_words(errors: "SocErrors") -> str:
-    """An RMSE in mV, in brackets that above 10 % SOC."""
+def errors_words(errors: "SocErrors | None") -> str:
+    """An RMSE in mV, in brackets that above 10 % SOC; a dash where there is none."""
+    if errors is None:
+        return NOTHING
     above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
     return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"

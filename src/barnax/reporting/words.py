@@ -10,8 +10,8 @@ NOTHING = "–"
 def joined(items: Sequence[str], last: str = "and") -> str:
     """Items in a row, the last after `last`.
 
-    >>> joined(["a", "b", "c"])
-    'a, b and c'
+    >>> joined([]), joined(["a"]), joined(["a", "b"]), joined(["a", "b", "c"])
+    ('', 'a', 'a and b', 'a, b and c')
     """
     return (
         f" {last} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
@@ -30,19 +30,24 @@ def sentence(text: str) -> str:
 def millivolt(value_v: float) -> str:
     """Two decimals, more where two would show nothing.
 
-    >>> millivolt(0.0232118), millivolt(0.0000034)
-    ('23.21 mV', '0.0034 mV')
+    >>> millivolt(0.0232118), millivolt(0.0000034), millivolt(0.0)
+    ('23.21 mV', '0.0034 mV', '0.00 mV')
     """
     value_mv = 1e3 * value_v
     shown = f"{value_mv:.2f}" if abs(value_mv) >= 0.01 or value_mv == 0 else f"{value_mv:.2g}"
     return f"{shown} mV"
 
 
+def millivolts_cell(value_v: float | None) -> str:
+    """A voltage under a head in mV, a dash where there is none."""
+    return fixed(None if value_v is None else 1e3 * value_v, 3)
+
+
 def percent(ratio: float) -> str:
     """A ratio in percent, two digits or all before the point.
 
-    >>> percent(0.0213), percent(2.5), percent(1e-9)
-    ('2.1 %', '250 %', '1e-07 %')
+    >>> percent(0.0), percent(0.00123), percent(0.0213), percent(0.996), percent(1e-9)
+    ('0 %', '0.12 %', '2.1 %', '100 %', '1e-07 %')
     """
     value = 100 * ratio
     return f"{value:.0f} %" if abs(value) >= 10 else f"{value:.2g} %"
@@ -73,6 +78,16 @@ def duration(value_s: float) -> str:
     return f"{value_s / 60:.3g} min" if value_s < 7200 else f"{value_s / 3600:.3g} h"
 
 
+def degrees(temperature_degc: float) -> str:
+    """A temperature as it is said."""
+    return f"{temperature_degc + 0.0:.3g} degC"
+
+
+def capitalized(text: str) -> str:
+    """The text as a sentence begins."""
+    return text[:1].upper() + text[1:]
+
+
 def symbol(name: str) -> str:
     """A parameter's name without its unit.
 
@@ -98,12 +113,14 @@ def figures(value: float | None, digits: int = 3) -> str:
 
 def shown(name: str, value: float) -> tuple[str, str]:
     """A parameter's value to three figures and its unit: resistances in mOhm, hours where seconds
-    are many.
+    are many, voltages in mV to two figures.
 
     >>> shown("R1 [Ohm]", 0.0149), shown("tau2 [s]", 61.2), shown("tau2 [s]", 19680.0)
     (('14.9', 'mOhm'), ('61.2', 's'), ('5.47', 'h'))
     """
     unit = name.partition(" [")[2].rstrip("]")
+    if unit == "V":
+        return figures(1e3 * value, 2), "mV"
     if unit == "Ohm":
         value, unit = 1e3 * value, "mOhm"
     if unit == "s" and value >= 10_000:

@@ -12,12 +12,11 @@ from ..execution import in_float64
 from ..metrics import Metrics, measure
 from ..model.inputs import (
     PreparedRecord,
-    other_direction,
+    both_directions,
     prepare_record,
     require_changing_voltage,
-    settle_direction,
 )
-from ..model.padding import PaddedSize
+from ..model.padding import to_common_size
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..model.window import Window
@@ -49,7 +48,7 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
     """
     require_changing_voltage(prepared)
     inputs = prepared.simulation_input(min(parameters.tau_s), parameters.gamma)
-    padded_v = _simulate(rc_parameters(parameters), PaddedSize.common(inputs).fill(inputs))
+    padded_v = _simulate(rc_parameters(parameters), to_common_size(inputs))
     simulated_v = np.asarray(padded_v)[: len(prepared.soc)]
     metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])
     return Evaluation(prepared, simulated_v, metrics)
@@ -59,16 +58,13 @@ def evaluate_from_either(
     prepared: PreparedRecord, cell: CellModel, parameters: CircuitParameters
 ) -> Evaluation:
     """A circuit on a record it was not fitted to, from the direction that fits better if open."""
-    own = evaluate(settle_direction(prepared, cell), parameters)
-    other = other_direction(prepared, cell)
+    prepared, other = both_directions(prepared, cell)
+    own = evaluate(prepared, parameters)
     if other is None:
         return own
     tried = evaluate(other, parameters)
     best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
-    start = replace(
-        best.prepared.start, direction_source="better fit", other_rmse_v=rest.metrics.rmse_v
-    )
-    return replace(best, prepared=replace(best.prepared, start=start))
+    return replace(best, prepared=best.prepared.fitting_better(rest.metrics.rmse_v))
 
 
 _simulate = eqx.filter_jit(terminal_voltage)

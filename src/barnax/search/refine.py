@@ -1,6 +1,5 @@
 """Levenberg-Marquardt from every seed's answer, in the same box."""
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -67,7 +66,7 @@ class Descent:
             self.objective = problem.padded_objective("scan")
         template = [np.asarray(self.objective.coordinates.lower)] * CIRCUITS_PER_BLOCK
         self._compiled = compile_for(
-            _descend, self.objective, as_input(template), _setting(0.0), _setting(False)
+            _descend, self.objective, as_input(template), as_input(0.0), as_input(False)
         )
 
     @in_float64
@@ -85,7 +84,7 @@ class Descent:
 
         @in_float64  # the setting belongs to a thread
         def run(points):
-            settings = _setting(tolerance), _setting(holds_bounds)
+            settings = as_input(tolerance), as_input(holds_bounds)
             return jax.tree.map(np.asarray, self._compiled(self.objective, points, *settings))
 
         wanted = wanted_rows(len(circuits), CIRCUITS_PER_BLOCK)
@@ -115,11 +114,6 @@ class _Undifferentiated(optx.AbstractAdjoint):
             return jax.lax.while_loop(goes_on_so_far, step, start)
 
         return primal_fn((*inputs, loop))
-
-
-@functools.lru_cache(typed=True)
-def _setting(value: float | bool) -> Array:
-    return as_input(value)
 
 
 def _descend(

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from barnax.baselines import METHODS, Budget
-from barnax.baselines.separable import Separable, bounded_least_squares
+from barnax.baselines.separable import OuterSearch, bounded_least_squares
 from reference import drop_v, filtered_response, fit_circuit
 
 NOISY = (0.05, (0.02, 0.03), (8.0, 90.0))
@@ -79,9 +79,8 @@ def test_bounds_and_fixed_values_hold_exactly(bounds, fixed, known_problem):
 
 
 def test_resistances_are_the_exact_bounded_optimum(known_problem):
-    separable = Separable.of(known_problem(NOISY, noise_v=2e-3))
-    columns = np.column_stack([separable.current, separable.responses(np.array([3.0, 40.0]))])
-    base = separable.bases(None)[:, 0]
+    search = OuterSearch(known_problem(NOISY, noise_v=2e-3))
+    columns, base = search.columns(np.array([3.0, 40.0])), search.bases(np.array([]))[:, 0]
     for low, high in ((0.0, 1.0), (0.03, 0.04), (0.0, 0.02)):
         found = bounded_least_squares(columns, base, np.full(3, low), np.full(3, high))
         expected = lsq_linear(columns, -base, (low, high), method="trf", tol=1e-14).x

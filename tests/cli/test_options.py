@@ -1,4 +1,4 @@
-"""Options stand in messages by their Python names, and the command line has every one of them."""
+"""Options: what messages call them, that there are all of them, and those of one record."""
 
 import inspect
 import re
@@ -9,7 +9,10 @@ from typer.main import get_command
 
 import barnax
 from barnax.cli.app import app
+from barnax.cli.options import RecordOptions
 from barnax.cli.session import as_flags
+from barnax.errors import InputError
+from barnax.model.window import Window
 
 SOURCES = [path for path in Path(barnax.__file__).parent.rglob("*.py") if "plots" not in path.parts]
 # An option in a message, with its value if it has one.
@@ -55,3 +58,19 @@ def test_what_the_command_names_python_takes_too():
 )
 def test_a_message_is_spelled_for_who_reads_it(text, spelled):
     assert as_flags(text) == spelled
+
+
+def test_a_record_s_own_start_replaces_the_common_one():
+    options = RecordOptions(
+        start_time=["60"], initial_soc=["0.9"], start_after_step=["b.csv=3"], score_to=["900"]
+    )
+    assert options.windows() == {
+        "": Window(start_time_s=60.0, initial_soc=0.9, score_to_s=900.0),
+        "b.csv": Window(start_after_step=3, initial_soc=0.9, score_to_s=900.0),
+    }
+
+
+def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
+    options = RecordOptions(start_time=["b.csv=60"], start_after_step=["b.csv=3"])
+    with pytest.raises(InputError, match=r"^b\.csv: give `start_time` or `start_after_step`"):
+        options.windows()

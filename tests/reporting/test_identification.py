@@ -1,4 +1,7 @@
-"""The report of an identification: golden files of one stored result, and what changes in it."""
+"""The report of an identification: golden files of one stored result, and what changes in it.
+
+What was decided before the search, each with its reason, is in `golden/decisions.txt`.
+"""
 
 import io
 from dataclasses import replace
@@ -8,29 +11,49 @@ from report_reader import ReportReader
 from rich.console import Console
 
 import barnax
+from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
 from barnax.plots.pictures import record_roles
-from barnax.reporting import (
-    identification_document,
-    identification_illustrations,
-    to_html,
-    to_markdown,
+from barnax.records import Decision
+from barnax.reporting.decisions import (
+    box_sentences,
+    carried_sentences,
+    decision_sentences,
+    files_table,
+    guess_sentences,
+    known_words,
+    ocv_sentences,
+    start_sentence,
+    window_sentences,
 )
 from barnax.reporting.document import Bullets, Picture
-from barnax.reporting.first_screen import first_screen
-from barnax.reporting.identification import validation_sentences
-from barnax.reporting.verdict import best_possible, next_step, seeds_sentences, weakest_point
+from barnax.reporting.identification import identification_document, validation_sentences
+from barnax.reporting.illustrations import identification_illustrations
+from barnax.reporting.render import to_html, to_markdown
+from barnax.reporting.verdict import (
+    best_possible,
+    first_screen,
+    next_step,
+    seeds_sentences,
+    weakest_point,
+)
 from barnax.results import Result
 from barnax.search.refine import AtBound
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 
 LARGEST_REPORT = 4_000_000
-
-
-@pytest.fixture(scope="module")
-def stored() -> Result:
-    return Result.from_json(RESULT)
+STORED = Result.from_json(RESULT)
+WINDOWS = [
+    Window(),
+    Window(start_time_s=60.0, capacity_ah=1.9),
+    Window(start_after_step=3, score_steps=(7, 8), score_to_s=9.0),
+    Window(score_from_s=5.0, score_steps=(7,), rest_current_a=0.02),
+    Window(score_soc=(0.1, 1.0)),
+]
+DIRECTION_SOURCES = (
+    *("given", "load before", "full or empty", "better fit", "without effect", "assumed"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -61,47 +84,47 @@ def changed(result: Result, **inputs) -> Result:
     return result.model_copy(update={"inputs": (first.model_copy(update=inputs), *rest)})
 
 
-def test_a_stored_result_s_report_is_the_golden_one(stored):
-    text = to_markdown(identification_document(stored).spelled(as_flags))
+def test_a_stored_result_s_report_is_the_golden_one():
+    text = to_markdown(identification_document(STORED).spelled(as_flags))
     require_golden(GOLDEN / "report.md", text)
 
 
-def test_a_stored_result_s_first_screen_is_the_golden_one(stored):
-    require_golden(GOLDEN / "first_screen.txt", screen(stored))
+def test_a_stored_result_s_first_screen_is_the_golden_one():
+    require_golden(GOLDEN / "first_screen.txt", screen(STORED))
 
 
-def test_every_other_verdict_is_the_golden_one(stored):
-    found = stored.global_optimum
-    better = stored.metrics.model_copy(
+def test_every_other_verdict_is_the_golden_one():
+    found = STORED.global_optimum
+    better = STORED.metrics.model_copy(
         update={
-            "identification": stored.metrics.identification.model_copy(
+            "identification": STORED.metrics.identification.model_copy(
                 update={"rmse_v": 0.9 * found.rmse_v}
             )
         }
     )
     unproved = {"status": "grid-verified"}
     cases = {
-        "proved": stored,
+        "proved": STORED,
         "not proved": {**unproved, "proved_gap": 0.02},
         "not asked for": {**unproved, "cells": None},
         "no other optimum": {"local_optima": ()},
     }
     told = []
     for name, update in cases.items():
-        result = stored
+        result = STORED
         if isinstance(update, dict):
             optimum = found.model_copy(update=update)
-            result = stored.model_copy(update={"global_optimum": optimum})
+            result = STORED.model_copy(update={"global_optimum": optimum})
         told += [f"{name}:", best_possible(result), *seeds_sentences(result)]
-    wide = stored.model_copy(update={"global_optimum": None, "answer_source": "seeds"})
+    wide = STORED.model_copy(update={"global_optimum": None, "answer_source": "seeds"})
     told += ["too wide:", best_possible(wide), *seeds_sentences(wide)]
-    seeds = stored.model_copy(update={"answer_source": "seeds", "metrics": better})
+    seeds = STORED.model_copy(update={"answer_source": "seeds", "metrics": better})
     told += ["seeds better:", best_possible(seeds), weakest_point(seeds)]
     # The polynomial of this cell misses its points, which comes before all else.
-    met = stored.model_copy(update={"cell": replace(stored.cell, errors={})})
-    alone = stored.metrics.model_copy(update={"validation": ()})
+    met = STORED.model_copy(update={"cell": replace(STORED.cell, errors={})})
+    alone = STORED.metrics.model_copy(update={"validation": ()})
     for result in (
-        stored,
+        STORED,
         met,
         met.model_copy(update={"assessment": None}),
         met.model_copy(update={"metrics": alone}),
@@ -110,27 +133,27 @@ def test_every_other_verdict_is_the_golden_one(stored):
     require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")
 
 
-def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen(stored):
-    start = replace(stored.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
-    told = " ".join(screen(changed(stored, start=start)).split())
+def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen():
+    start = replace(STORED.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
+    told = " ".join(screen(changed(STORED, start=start)).split())
     assert (
         "Assumed: the cell was last discharged before identification.parquet. If it was charged "
         "(--initial-direction +1), the RMSE would be 31.20 mV." in told
     )
-    assert "Assumed: the cell was last" not in " ".join(screen(stored).split())
+    assert "Assumed: the cell was last" not in " ".join(screen(STORED).split())
 
 
-def test_that_the_record_is_unfit_is_on_the_first_screen(stored):
+def test_that_the_record_is_unfit_is_on_the_first_screen():
     unfit = "drive.csv: not suitable for identification: 6 current steps sampled finely enough"
-    warned = stored.model_copy(update={"warnings": (unfit,)})
+    warned = STORED.model_copy(update={"warnings": (unfit,)})
     assert f"Do not use: {unfit}" in " ".join(screen(warned).split())
 
 
-def test_what_the_bounds_decide_is_on_the_first_screen(stored):
-    longest = stored.inputs[0].duration_s
-    slow = stored.circuit_parameters
+def test_what_the_bounds_decide_is_on_the_first_screen():
+    longest = STORED.inputs[0].duration_s
+    slow = STORED.circuit_parameters
     slow = replace(slow, c=(slow.c[0], longest / slow.r[1]))
-    bounded = stored.model_copy(
+    bounded = STORED.model_copy(
         update={
             "parameters": slow.to_dict(),
             "at_bound": (AtBound("tau2 [s]", "upper"), AtBound("R1 [Ohm]", "lower")),
@@ -141,9 +164,9 @@ def test_what_the_bounds_decide_is_on_the_first_screen(stored):
     assert "at its lower bound" in text
 
 
-def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns(stored):
+def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
     name = "a [bold]long[/bold] name \x1b[2J of a file " + 60 * "x" + ".csv"
-    text = screen(changed(stored, name=name))
+    text = screen(changed(STORED, name=name))
     assert "\x1b" not in text
     assert "a [bold]long[/bold..." in text
     assert max(map(len, text.splitlines())) <= 80
@@ -202,8 +225,45 @@ def test_the_verdict_comes_first_and_what_was_made_from_python_has_no_command(jo
         (20.0, None, "so the error on other records is not known."),
     ],
 )
-def test_errors_on_other_records_are_held_against_its_own(stored, own_mv, other_mv, said):
-    own = stored.metrics.identification
+def test_errors_on_other_records_are_held_against_its_own(own_mv, other_mv, said):
+    own = STORED.metrics.identification
     others = () if other_mv is None else (own.model_copy(update={"rmse_v": other_mv / 1e3}),)
     sentences = validation_sentences(own.model_copy(update={"rmse_v": own_mv / 1e3}), others)
     assert next(iter(sentences)).endswith(said)
+
+
+def test_every_decision_is_told_as_firmly_as_it_was_made():
+    told = []
+    for strength in ("strong", "weak", "assumed", "given"):
+        sign = Decision("discharge-positive", strength, "because")
+        hold = Decision("backward", strength, "the counters say so")
+        told += list(decision_sentences(changed(STORED, sign=sign, hold=hold)))[:4]
+        told += list(guess_sentences(changed(STORED, hold=hold)))[:1]
+    for source in DIRECTION_SOURCES:
+        for soc_source in ("given", "rested voltage"):
+            start = replace(
+                STORED.start, direction_source=source, soc_source=soc_source, other_rmse_v=0.02
+            )
+            result = changed(STORED, start=start)
+            told += [
+                start_sentence(result.inputs[0].name, start),
+                *list(guess_sentences(result))[1:],
+            ]
+    for soc_source in list(known_words(STORED.start))[1:]:
+        start = replace(STORED.start, soc_source=soc_source)
+        told += carried_sentences(changed(STORED, start=start))
+    for window in WINDOWS:
+        told += window_sentences(window, ["a.csv", "b.csv"])
+    cell = STORED.cell_model
+    told += ocv_sentences(cell)
+    told += ocv_sentences(replace(cell, errors={}, hysteresis=SegmentedHysteresis.zero()))
+    box = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.1, 0.2), "tau1 [s]": (1.0, 10.0)}
+    told += box_sentences({"a": (box, {}), "b": (box, {}), "c": (box, {"C2 [F]": 500.0})})
+    require_golden(GOLDEN / "decisions.txt", "\n".join(told) + "\n")
+
+
+def test_the_files_stand_with_the_beginning_of_their_hash():
+    first = STORED.inputs[0]
+    assert files_table(STORED).rows[0] == (
+        first.name, "identification", "charge-positive", first.sha256[:16]
+    )  # fmt: skip

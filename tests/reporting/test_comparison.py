@@ -1,0 +1,310 @@
+"""The report of a comparison: its words, case by case, against `golden/comparison.txt`, and whole.
+
+Every case is made so that one thing about it is worth a sentence or a cell; its name says which.
+"""
+
+import itertools
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from report_reader import ReportReader
+
+from barnax.cell import CircuitParameters
+from barnax.comparison import ComparisonResult
+from barnax.global_optimum import GlobalOptimum, Landscape
+from barnax.reporting.comparison import (
+    bands_table,
+    budget_sentence,
+    comparison_document,
+    differences_table,
+    errors_table,
+    parameters_table,
+    refined_tables,
+    search_table,
+)
+from barnax.reporting.comparison_verdict import (
+    bound_sentences,
+    conclusion,
+    model_sentences,
+    on_records,
+    optimum_sentences,
+    ranking_sentences,
+)
+from barnax.reporting.document import Bullets, Picture, Table
+from barnax.reporting.illustrations import comparison_illustrations
+from barnax.reporting.render import table_lines, to_html, to_markdown
+from barnax.search.evaluate import Evaluation, evaluate
+from barnax.search.refine import AtBound, Optimum, Refinement
+from helpers.golden import GOLDEN, require_golden
+from sample_comparisons import (
+    CITY,
+    DRIVE,
+    make_comparison,
+    make_difference,
+    make_failure,
+    make_row,
+)
+
+LARGEST_REPORT = 4_000_000
+# Errors in mV, on the record identified on and on others, by row.
+Errors = dict[str, tuple[float, ...]]
+UPPER = AtBound("tau2 [s]", "upper")
+TWO: Errors = {"bmo so-rc": (25.0,), "pso so-rc": (23.0,)}
+LEAD = "pso so-rc", "bmo so-rc"
+BY_SEEDS = make_difference(*LEAD, (-3.0, -1.0), seeds=(28, 2, 0.001))
+PAIR: Errors = {"ibmo so-rc": (25.0, 13.0), "ibmo iso-rc": (23.7, 13.5)}
+BMO: Errors = {"bmo so-rc": (26.0,), "bmo iso-rc": (27.0,)}
+
+
+def made(errors: Errors, *differences, **changes) -> ComparisonResult:
+    return make_comparison(
+        [make_row(name, *mv) for name, mv in errors.items()], differences, **changes
+    )
+
+
+RANKED = {
+    "the lead was not tested": made(TWO),
+    "the lead is more than chance": made(TWO, BY_SEEDS),
+    "the same, stored the other way round": made(
+        TWO, make_difference(*LEAD[::-1], (1.0, 3.0), seeds=(2, 28, 0.001))
+    ),
+    "the lead is no more than chance": made(TWO, make_difference(*LEAD, (-3.0, 1.0))),
+    "the interval is too narrow": made(TWO, make_difference(*LEAD, (-3.0, -1.0), is_capped=True)),
+    "other rows are worse or cannot be told apart": made(
+        {f"{name} so-rc": (mv,) for name, mv in zip("abcd", (1, 2, 3, 4), strict=True)},
+        make_difference("a so-rc", "b so-rc", (-2.0, -0.5)),
+        make_difference("a so-rc", "c so-rc", (-5.0, 0.5)),
+        make_difference("d so-rc", "a so-rc", (2.0, 4.0)),
+    ),
+    "the lead is shared": made({"lm so-rc": (23.0,), "varpro so-rc": (23.0 * (1 + 1e-7),)}),
+    "another leads on another record": made({"a so-rc": (20.0, 30.0), "b so-rc": (21.0, 10.0)}),
+    "one leads everywhere, tested on the second record alone": made(
+        {"a so-rc": (20.0, 10.0), "b so-rc": (21.0, 30.0)},
+        make_difference("a so-rc", "b so-rc", (-3.0, -1.0), record=CITY),
+    ),
+    "a single row": made({"a so-rc": (20.0,)}),
+    "no row": made({}),
+}
+JUDGED = {
+    "it does not carry over": made(PAIR),
+    "chance explains what changes on the other record": made(
+        PAIR,
+        make_difference("ibmo so-rc", "ibmo iso-rc", (0.5, 2.0)),
+        make_difference("ibmo so-rc", "ibmo iso-rc", (-1.5, 0.5), record=CITY),
+    ),
+    "equal errors": made({"ls so-rc": (25.0, 13.0), "ls iso-rc": (25.0, 12.0)}),
+    "several records to validate on": made(
+        {"ls so-rc": (25.0, 13.0, 20.0), "ls iso-rc": (24.0, 12.0, 21.0)}
+    ),
+    "the method that fits both best is asked": made(
+        {
+            "pso so-rc": (30.0, 10.0),
+            "pso iso-rc": (20.0, 10.0),
+            "lm so-rc": (24.0, 10.0),
+            "lm iso-rc": (25.0, 10.0),
+        }
+    ),
+    "no method ran both": made({"ls so-rc": (25.0,), "ibmo iso-rc": (20.0,)}),
+    "three models": made({"lm so-rc": (3.0,), "lm iso-rc": (2.0,), "lm esc": (1.0,)}),
+    "models without a name for what they add": made({"lm 1rc": (3.0,), "lm 3rc": (2.0,)}),
+    "one model": made({"lm so-rc": (3.0,), "ls so-rc": (4.0,)}),
+    "no row": made({}),
+}
+CHANGES = [
+    ("better", []), ("worse", []), ("same", []),
+    ("better", ["better"]), ("same", ["better", "same"]), ("worse", ["better"]),
+    ("better", ["worse"]), ("same", ["worse"]), ("worse", ["worse"]), ("worse", ["same"]),
+    ("better", ["same"]), ("same", ["same"]), ("better", ["better", "worse"]),
+]  # fmt: skip
+
+
+def compared(*rows, optima_mv=None) -> ComparisonResult:
+    return make_comparison(rows, optima_mv=optima_mv)
+
+
+def with_proof(status: str) -> ComparisonResult:
+    result = compared(make_row("lm so-rc", 20.0), optima_mv={"so-rc": 20.0})
+    sure = {"optimum_status": status, "optimum_proved_gap": 0.001}
+    models = {"so-rc": result.models["so-rc"].model_copy(update=sure)}
+    return result.model_copy(update={"models": models})
+
+
+OF_TWO_MODELS = make_row("lm so-rc", 20.0), make_row("lm esc", 19.0)
+OPTIMA = {
+    "it is known of one model": compared(*OF_TWO_MODELS, optima_mv={"so-rc": 20.0}),
+    "it is known of none": compared(*OF_TWO_MODELS),
+    "it is certified": with_proof("certified"),
+    "it is the best of a grid": with_proof("grid-verified"),
+    "failures alone": compared(make_failure("ls so-rc", "No.")),
+}
+BOUNDS = {
+    "a bound in one row": compared(
+        make_row("a so-rc", 1.0, at_bound=(UPPER,)), make_row("b so-rc", 1.0)
+    ),
+    "a bound in every row": compared(
+        make_row("a so-rc", 1.0, at_bound=(UPPER,)), make_row("b so-rc", 1.0, at_bound=(UPPER,))
+    ),
+}
+
+
+def tables() -> dict[str, Table]:
+    refined = make_row("lm so-rc", 1.0, refined_rmse_v=0.0204)
+    unrefined = make_row("ls so-rc", 1.0, refined_parameters=None, refined_rmse_v=None)
+    models = compared(refined, make_row("lm esc", 1.0), unrefined, optima_mv={"so-rc": 20.0})
+    first, second = on_records(made({"a so-rc": (22.0, 9.0), "b so-rc": (21.0, 10.0)}))
+    alone = make_row("b so-rc", 20.0, seeds=1, spread=None, evaluations=None)
+    differences = made(
+        {"a so-rc": (20.0,), "b so-rc": (22.0,), "c so-rc": (22.0,)},
+        make_difference("a so-rc", "b so-rc", (-3.0, -1.0), seeds=(3, 0, 0.25)),
+        make_difference("b so-rc", "c so-rc", (-1.0, 1.0), is_capped=True),
+        make_difference("a so-rc", "c so-rc", (-3.0, -1.0), record=CITY),
+    )
+    return {
+        "parameters, with what not every model has last": parameters_table(models),
+        "refined, where something was": refined_tables(models)[0],
+        "errors on the first record": errors_table(first),
+        "errors on the second record": errors_table(second),
+        "search, with the time": search_table(
+            compared(make_row("a so-rc", 20.0, optimality_gap=0.021), alone), {"a so-rc": 1.234}
+        ),
+        "search, without": search_table(compared(alone)),
+        "bands that hold a sample": bands_table(first),
+        "differences on the first record": differences_table(
+            differences, on_records(differences)[0]
+        ),
+    }
+
+
+def test_every_case_is_told_as_in_the_golden_file():
+    lines = []
+    for cases, tell in (
+        (RANKED, ranking_sentences),
+        (JUDGED, model_sentences),
+        (OPTIMA, optimum_sentences),
+        (BOUNDS, bound_sentences),
+    ):
+        for name, result in cases.items():
+            lines += [f"# {name}", *tell(result)]
+    lines += ["# the budget", budget_sentence(made(TWO))]
+    for identified, validated in CHANGES:
+        others = ", ".join(validated) or "nothing"
+        lines.append(f"# {identified}, then {others}\n{conclusion(identified, validated)}")
+    for name, table in tables().items():
+        lines.append(f"# {name}\n{table.caption}\n{table_lines(table)}")
+    require_golden(GOLDEN / "comparison.txt", "\n".join(lines) + "\n")
+
+
+def test_it_never_pays_where_every_other_record_gets_worse():
+    for identified in ("better", "same", "worse"):
+        for validated in itertools.product(["worse"], ["worse", "same"]):
+            assert conclusion(identified, validated).endswith("does not help")
+
+
+def test_of_very_many_pairs_only_those_asked_for_are_shown():
+    names = [f"{method} {model}" for method in "abcd" for model in ("so-rc", "iso-rc")]
+    errors = {name: (20.0 + place,) for place, name in enumerate(names)}
+    differences = [
+        make_difference(*pair, (-2.0, -1.0)) for pair in itertools.combinations(names, 2)
+    ]
+    result = made(errors, *differences)
+    table = differences_table(result, on_records(result)[0])
+    with_leader = {("a so-rc", name) for name in names[1:]}
+    of_one_method = {(f"{method} so-rc", f"{method} iso-rc") for method in "abcd"}
+    assert {row[:2] for row in table.rows} == with_leader | of_one_method
+    assert "Shown are the pairs with the leader" in table.caption
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    rows = [
+        make_row("ibmo so-rc", 25.0, 13.0, optimality_gap=0.02),
+        make_row("ibmo iso-rc", 23.7, 13.5, optimality_gap=0.0, notes=("Biased.",)),
+        make_failure("rls iso-rc", "No circuit belongs to its poles."),
+    ]
+    return make_comparison(rows, optima_mv={"so-rc": 24.5})
+
+
+@pytest.fixture(scope="module")
+def identified(refinement: Refinement) -> Evaluation:
+    return evaluate(refinement.search.problem.prepared, refinement.parameters)
+
+
+def test_a_comparison_s_report_has_every_part_the_verdict_first(comparison):
+    document = comparison_document(comparison)
+    assert isinstance(document.sections[0].blocks[0], Bullets)
+    assert [section.title for section in document.sections] == [
+        *("Verdict", "Warnings", "Parameters", "What was measured", "What was decided", "Search"),
+        *(f"Identification: {DRIVE}", f"Validation: {CITY}", "How to repeat this"),
+    ]
+    text = to_markdown(document)
+    for part in (
+        *("barnax compare drive.csv", "the key 7", "| barnax", "the file is odd"),
+        *("ibmo iso-rc: Biased.", "rls iso-rc gave no answer: No circuit belongs to its poles."),
+    ):
+        assert part in text
+
+
+def test_without_warnings_there_is_no_section_for_them():
+    quiet = make_comparison([make_row("lm so-rc", 25.0)], warnings=())
+    assert "Warnings" not in str(comparison_document(quiet))
+
+
+def test_a_comparison_without_a_single_answer_is_a_report_all_the_same():
+    document = comparison_document(make_comparison([make_failure("ls so-rc", "No.")]))
+    assert document.sections[0].blocks[0].items == (
+        "No row has an answer.",
+        "ls so-rc gave no answer: No.",
+    )
+
+
+def test_the_figures_of_a_stored_comparison_find_their_places_the_same_every_time(comparison):
+    drawn = comparison_illustrations(comparison)
+    assert [each.name for each in drawn] == ["ocv", "hysteresis", "convergence", "parameters"]
+    document = comparison_document(comparison, drawn)
+    assert {each.name for each in document.pictures} == {each.name for each in drawn}
+    page = to_html(document)
+    assert ReportReader(page).count("img") == len(drawn)
+    assert len(page) < LARGEST_REPORT
+    assert page == to_html(comparison_document(comparison, comparison_illustrations(comparison)))
+
+
+def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):
+    offline = SimpleNamespace(trajectory=None)
+    rows = [
+        SimpleNamespace(name=name, evaluations=(identified, identified), median=offline)
+        for name in "ab"
+    ]
+    names = [
+        each.name
+        for each in comparison_illustrations(comparison, cast(Any, SimpleNamespace(answered=rows)))
+    ]
+    for role in ("identification", "validation-1"):
+        assert {f"{role}-{kind}" for kind in ("condition", "voltages", "errors")} <= set(names)
+    assert len(set(names)) == len(names)
+
+
+def make_optimum(*tau_s):
+    """A global optimum in the middle of a bowl over these time constants."""
+    distance = sum(np.ix_(*(np.log(each / each[len(each) // 2]) ** 2 for each in tau_s)))
+    landscape = Landscape(tau_s, None, 0.02 * (1 + distance), np.zeros((3, *distance.shape)))
+    circuit = CircuitParameters(0.05, (0.01,) * len(tau_s), (1000.0,) * len(tau_s))
+    return GlobalOptimum((Optimum(0.02, circuit, 1, False),), (), None, landscape)
+
+
+def test_the_landscape_stands_in_the_search_with_what_is_sure_about_the_optimum(comparison):
+    tau_s = np.geomspace(1.0, 100.0, 9)
+    optimum = make_optimum(tau_s, tau_s)
+    drawn = comparison_illustrations(comparison, None, {"so-rc": optimum, "iso-rc": optimum})
+    document = comparison_document(comparison, drawn)
+    (search,) = [section for section in document.sections if section.title == "Search"]
+    shown = {block.name: block for block in search.blocks if isinstance(block, Picture)}
+    assert {"landscape-so-rc", "landscape-iso-rc"} <= shown.keys()
+    assert "so-rc" in shown["landscape-so-rc"].caption
+
+
+def test_what_has_not_two_time_constants_has_no_landscape(comparison):
+    optima = {"so-rc": make_optimum(np.geomspace(1.0, 100.0, 9))}
+    names = [each.name for each in comparison_illustrations(comparison, None, optima)]
+    assert not any(name.startswith("landscape") for name in names)

@@ -1,0 +1,286 @@
+"""One document, two forms: whole, self-contained, and safe whatever the names of files are."""
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from html import unescape
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from markdown_it import MarkdownIt
+from report_reader import ReportReader
+
+import barnax
+from barnax.plots import column_width, plot_ocv
+from barnax.plots.pictures import Illustration
+from barnax.reporting.document import (
+    Bullets,
+    Column,
+    Document,
+    Listing,
+    Live,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+)
+from barnax.reporting.identification import identification_document
+from barnax.reporting.illustrations import identification_illustrations
+from barnax.reporting.render import (
+    escape_markdown,
+    paper_files,
+    table_lines,
+    to_html,
+    to_markdown,
+)
+
+HOSTILE = (
+    "<script>alert(1)</script>.csv",
+    '"><img src=x onerror=alert(1)>.csv',
+    "{{ 7 * 7 }}{% for x in y %}.csv",
+    "a|b*c*_d_`e`[f](http://g)$h$~i~&lt;.csv",
+    "# 1. - > +.csv",
+    "\u202efdp.exe\x00\x1b[31m\udcff.csv",
+    "line\nbreak\r\n\r\nand more.csv",
+)
+PICTURE = Picture("figure", "a caption", "an alt", "image/png", b"\x89PNG")
+
+
+def make_document(text="plain", pictures=(PICTURE,)):
+    table = Table(
+        f"caption {text}",
+        (Column("row", role="text"), Column("RMSE", "mV")),
+        ((text, "1.0"), ("other", "-22.5")),
+        frozenset({(0, 1)}),
+    )
+    blocks = (Paragraph(text), Bullets((text, text)), Bullets((text,), True), Listing(text), table)
+    return Document(text, text, (Section(text, (*blocks, *pictures)), Section("last", ())))
+
+
+def rendered(markdown):
+    return MarkdownIt("commonmark").enable(["table", "strikethrough"]).render(markdown)
+
+
+def test_a_page_is_well_formed_and_needs_nothing_but_itself():
+    html = to_html(make_document())
+    page = ReportReader(html)
+    assert page.open == []
+    assert [page.count(tag) for tag in ("html", "h1", "h2", "table", "img", "pre")] == [
+        *(1, 1, 2, 1, 1, 1)
+    ]
+    assert all(each.startswith(("data:", "#")) for each in page.references)
+    foreign = {"script", "iframe", "object", "embed", "base", "form"}
+    assert foreign.isdisjoint(tag for tag, _ in page.tags)
+    assert not re.search(r"@import|url\(", html)
+    policy = next(each["content"] for _, each in page.tags if each.get("http-equiv"))
+    assert policy == "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    places = {attributes.get("id") for _, attributes in page.tags}
+    assert {each.removeprefix("#") for each in page.references if each[0] == "#"} <= places
+
+
+def test_pictures_have_words_and_heads_say_what_they_head():
+    page = ReportReader(to_html(make_document()))
+    (image,) = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert image["alt"] == "an alt"
+    content = (image["src"] or "").removeprefix("data:image/png;base64,")
+    assert base64.b64decode(content) == PICTURE.content
+    scopes = [attributes.get("scope") for tag, attributes in page.tags if tag == "th"]
+    assert scopes == ["col", "col", "row", "row"]
+
+
+@pytest.mark.parametrize("name", HOSTILE, ids=range(len(HOSTILE)))
+def test_a_hostile_name_is_shown_and_does_nothing(name):
+    plain, hostile = (ReportReader(to_html(make_document(text))) for text in ("plain", name))
+    assert [tag for tag, _ in hostile.tags] == [tag for tag, _ in plain.tags]
+    assert all(not key.startswith("on") for _, attributes in hostile.tags for key in attributes)
+    seen = re.sub(r"[\x00\r\x1b\u202e\udcff]", "\N{REPLACEMENT CHARACTER}", name)
+    assert "".join(seen.split()) in "".join(hostile.text.split())
+    for form in (to_html, to_markdown):
+        text = form(make_document(name))
+        text.encode("utf-8")
+        assert all(letter in "\n\t" or letter.isprintable() for letter in text)
+    plain, hostile = (
+        ReportReader(rendered(to_markdown(make_document(text)))) for text in ("plain", name)
+    )
+    assert [tag for tag, _ in hostile.tags] == [tag for tag, _ in plain.tags]
+    assert set(hostile.references) == {"figures/figure.png"}
+
+
+@given(st.text(alphabet=st.characters(codec="utf-8"), min_size=1))
+def test_escaped_text_is_one_line_that_renders_as_itself(text):
+    words = " ".join(text.split())
+    if not words or not words.isprintable():
+        return
+    page = ReportReader(rendered(escape_markdown(text)))
+    assert [tag for tag, _ in page.tags] == ["p"]
+    assert page.text.strip() == words
+
+
+def test_units_and_names_of_files_are_not_cluttered_with_escapes():
+    text = "dst_25degC_80soc.csv: R0 [mOhm] 1.5, -3 % (a-b)"
+    assert escape_markdown(text) == text
+
+
+def test_columns_of_a_table_are_aligned_in_the_source():
+    columns = (Column("a row", role="text"), Column("RMSE", "mV"))
+    rows = (("电池", "1.0"), ("a|b", "-22.25"))
+    assert table_lines(Table("", columns, rows, frozenset({(0, 1)}))).splitlines() == [
+        "| a row | RMSE [mV] |",
+        "| ----- | --------: |",
+        "| 电池  |   **1.0** |",
+        r"| a\|b  |    -22.25 |",
+    ]
+
+
+def test_both_forms_say_the_same():
+    document = make_document("On a.csv it errs by 1.5 mV.")
+    page, markdown = ReportReader(to_html(document)), ReportReader(rendered(to_markdown(document)))
+
+    def words(text):
+        return [word for word in re.split(r"[\s\[\]]+", text) if word]
+
+    # The page names its sections once more, in its contents.
+    contents = words(" ".join(section.title for section in document.sections))
+    title = words(document.title)
+    assert sorted(words(page.text)) == sorted([*words(markdown.text), *contents, *title])
+
+
+def test_markdown_numbers_its_figures_and_looks_for_them_in_the_folder_it_is_told():
+    svg = Picture("drawn", "", "", "image/svg+xml", b"<svg/>")
+    document = make_document(pictures=(PICTURE, svg))
+    markdown = to_markdown(document, figures="pictures")
+    assert re.findall(r"\]\((.*?)\)", markdown) == ["pictures/figure.png", "pictures/drawn.svg"]
+    assert "\n\n\n" not in markdown
+    for text in (ReportReader(to_html(document)).text, markdown.replace("*", "")):
+        assert [f"Figure {n}." in text for n in (1, 2, 3)] == [True, True, False]
+        assert [f"Table {n}." in text for n in (1, 2)] == [True, False]
+
+
+def test_a_table_whose_rows_do_not_fit_its_columns_is_refused():
+    with pytest.raises(ValueError, match="a row of 2 cells under 1 columns"):
+        Table("", (Column("one"),), (("1", "2"),))
+
+
+def test_figures_for_a_paper_are_pdf_and_svg_as_wide_as_a_column():
+    cell = barnax.characterize([barnax.read_record(barnax.bundled_file("ocv_discharge"))])
+    with column_width():
+        figure = plot_ocv(cell)
+    files = paper_files([Illustration("ocv", figure, "", "")])
+    assert set(files) == {"figures/paper/ocv.pdf", "figures/paper/ocv.svg"}
+    assert re.search(rb"/MediaBox \[ 0 0 252 ", files["figures/paper/ocv.pdf"])
+    assert b'width="252pt"' in files["figures/paper/ocv.svg"]
+
+
+# Interactive figures: the page is whole without them, and lets no other script run.
+
+TEMPLATES = Path(barnax.__file__).parent / "reporting" / "templates"
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")
+SCRIPT = "</script><script>alert(1)</script>"
+DATA = {"kind": "soc", "label": SCRIPT, "columns": [[0.0, 1.0], [1.0, None]], "panels": []}
+LIVE = Picture("f", "a still", "an alt", "image/png", b"\x89PNG", Live(DATA, "a moving one"))
+LARGEST_REPORT = 6_000_000
+MOST_PAGES = 8
+
+
+@pytest.fixture(scope="module")
+def page():
+    return to_html(Document("t", "s", (Section("one", (LIVE,)),)))
+
+
+def scripts_of(page):
+    return re.findall(r"<script( [^>]*)?>(.*?)</script>", page, re.DOTALL)
+
+
+def test_the_policy_allows_the_page_s_one_script_by_its_hash_and_no_other(page):
+    (script,) = [text for kind, text in scripts_of(page) if not kind]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = next(
+        attributes["content"]
+        for _, attributes in ReportReader(page).tags
+        if attributes.get("http-equiv")
+    )
+    assert policy == (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src 'sha256-{digest}'"
+    )
+
+
+def test_the_data_come_through_whatever_letters_are_in_them(page):
+    (data,) = [text for kind, text in scripts_of(page) if "json" in kind]
+    assert json.loads(data) == DATA
+    assert ReportReader(page).open == []
+
+
+def test_without_the_script_the_picture_stands_with_its_own_caption(page):
+    assert ReportReader(page).count("img") == 1
+    assert "a still" in ReportReader(page).text
+    style = (TEMPLATES / "report.css").read_text()
+    assert ".plots, .tools, .moving { display: none; }" in style
+
+
+def test_uplot_comes_whole_with_its_licence(page):
+    assert (TEMPLATES / "uPlot.LICENSE").read_text().strip() in unescape(page)
+    library = (TEMPLATES / "uPlot.iife.min.js").read_text()
+    assert library in page
+    assert len(library) < 60_000
+
+
+def luminance(color):
+    """Relative luminance (WCAG 2.2)."""
+    digits = color[1:] if len(color) == 7 else "".join(2 * digit for digit in color[1:])
+    parts = [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_letters_stand_out_from_what_is_behind_them():
+    letters = ("#1b1f24", "#57606a", "#0b4f7d", "#32383f")
+    behind = ("#fff", "#f6f8fa", "#fff8e5")
+    style = (TEMPLATES / "report.css").read_text()
+    assert set(re.findall(r"#[0-9a-f]{3,6}", style)) == {*letters, *behind, "#d0d7de", "#b7791f"}
+    for dark, light in ((dark, light) for dark in letters for light in behind):
+        assert (luminance(light) + 0.05) / (luminance(dark) + 0.05) >= 4.5
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """The bundled cell's report with every kind of figure, as a file."""
+    result = barnax.identify(over="soc", seeds=4, iterations=60)
+    document = identification_document(result, identification_illustrations(result.run))
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    path.write_text(to_html(document), encoding="utf-8")
+    return path
+
+
+def browse(*options):
+    """What a headless browser prints and says on its console."""
+    if BROWSER is None:
+        pytest.skip("there is no Chromium here")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+    done = subprocess.run([*command, *options], capture_output=True, timeout=120, check=True)
+    said = [line for line in done.stderr.decode().splitlines() if "CONSOLE" in line]
+    return done.stdout.decode(), said
+
+
+@pytest.mark.slow
+def test_in_a_browser_every_interactive_figure_is_drawn_and_the_console_is_empty(report):
+    page, said = browse("--virtual-time-budget=5000", "--dump-dom", report.as_uri())
+    assert said == []
+    figures = re.findall(r'<figure class="([^"]*)"', page)
+    assert len(figures) == 4
+    assert all(set(each.split()) == {"has-live", "scripted", "live"} for each in figures)
+    assert page.count("<canvas") == 4 + 3 + 3 + 1
+    assert report.stat().st_size < LARGEST_REPORT
+
+
+@pytest.mark.slow
+def test_it_prints_on_eight_pages(report):
+    printed = report.with_suffix(".pdf")
+    browse("--virtual-time-budget=5000", f"--print-to-pdf={printed}", report.as_uri())
+    pages = len(re.findall(rb"/Type\s*/Page\b", printed.read_bytes()))
+    assert 1 < pages <= MOST_PAGES

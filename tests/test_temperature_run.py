@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,6 +32,10 @@ def arrhenius(degc):
 
 def at(degc):
     return made_record(2.0, factor=arrhenius(degc), degc=degc, lift_v=1e-3 * (degc - 25))
+
+
+def in_kelvin(record):
+    return replace(record, temperature_degc=record.temperature_degc + 273.15)
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +127,14 @@ def test_pulses_stand_by_temperature(result):
 
 @pytest.mark.parametrize(
     ("records", "told"),
-    [((at(25.0), at(27.0)), "at least two temperatures"), ((made_record(2.0),), "`temperature`")],
+    [
+        ((at(25.0), at(27.0)), "at least two temperatures"),
+        ((made_record(2.0),), "`temperature`"),
+        (
+            (at(5.0), replace(at(25.0), temperature_degc=np.full(at(25.0).samples, 298.15))),
+            "no cell is measured at 298.* degC; .* 'Temperature / K'",
+        ),
+    ],
 )
 def test_records_without_two_temperatures_are_refused(records, told):
     with pytest.raises(InputError, match=told):

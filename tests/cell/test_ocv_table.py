@@ -40,6 +40,17 @@ def test_two_branches_give_average_and_hysteresis_back(tmp_path, suffix):
     assert [point.row for point in cell.charge_points] == list(range(2, 43))
 
 
+def test_exchanged_branches_are_told():
+    exchanged = TWO.rename(
+        {"charge OCV [V]": "OCV of discharge", "discharge OCV [V]": "charge OCV"}
+    )
+    exchanged = exchanged.rename({"OCV of discharge": "discharge OCV"})
+    table = read_ocv_table(source_from_frame(exchanged, "ocv"))
+    told = " ".join(characterize([table], capacity_ah=2.0, ocv_fit="interpolated").warnings)
+    gap_mv = 1e3 * np.mean(branch_v(SOC, 1) - branch_v(SOC, -1))
+    assert f"lies below that of the discharge, by {gap_mv:.3g} mV" in told
+
+
 @pytest.mark.parametrize(
     "names",
     [

@@ -108,6 +108,14 @@ def doubled_stamp():
     return changed(DRIVE, TIME, DRIVE[TIME][jump], [jump + 1])
 
 
+def paused_under_load():
+    """A quarter of an hour without samples in the middle of a steady load."""
+    current = DRIVE[CURRENT].to_numpy()
+    spread = np.ptp(np.lib.stride_tricks.sliding_window_view(current, 8), axis=1)
+    place = int(np.flatnonzero((spread < 0.02) & (np.abs(current[:-7]) > 0.5))[0])
+    return DRIVE.with_columns(pl.col(TIME) + 900.0 * (pl.int_range(pl.len()) > place + 3))
+
+
 def stamps_of_three(starts):
     """The record with three different values under one stamp, in some places."""
     table = DRIVE
@@ -208,6 +216,8 @@ FAULTS = {
         DRIVE.with_columns(pl.lit(-273.15).alias(TEMPERATURE)),
         {"temperature": "warning"},
     ),
+    "kelvin": (DRIVE.with_columns(pl.lit(298.15).alias(TEMPERATURE)), {"temperature": "warning"}),
+    "a pause under load": (paused_under_load(), {"gaps": "warning"}),
     "coarse readings": (DRIVE.with_columns(pl.col(VOLTAGE).round(2), pl.col(CURRENT).round(2)), {}),
     "counters that agree": (with_counters(DRIVE), {}),
     "counters that disagree": (with_counters(DRIVE, 1.06), {"counters": "warning"}),

@@ -107,3 +107,30 @@ def test_a_zip_archive_of_anything_else_is_to_be_unpacked(tmp_path, files):
 def test_markup_is_no_table(tmp_path, start):
     with pytest.raises(InputError, match=r"HTML, XML or JSON, .* save it as CSV"):
         read(tmp_path, (start + "Time,Current,Voltage\n0,0,3.7\n").encode(), "cell.xls")
+
+
+PAUSED = {"%d.%m.%Y": "%H:%M:%S", "%Y-%m-%d": "%I:%M:%S %p", "%m/%d/%Y": "%H:%M:%S.000"}
+
+
+@pytest.mark.parametrize("day", PAUSED)
+def test_a_date_and_a_time_of_day_in_two_columns_are_one_clock(tmp_path, day):
+    """Over midnight, and over a pause of 31 hours, in which the time of day rises."""
+    time_s = np.cumsum(np.where(np.arange(300) == 200, 31 * 3600, 60.0)) + 79_000
+    rows = "".join(
+        f"{date(day)(s)},{date(PAUSED[day])(s)},{k % 2},3.{7 + k % 2}\n"
+        for k, s in enumerate(time_s.tolist())
+    )
+    for header in ("Date,Time", "Date,Time of Day"):
+        record = read(tmp_path, (f"{header},Current (A),Voltage (V)\n" + rows).encode())
+        np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))
+        assert any("together, a date and a time of day" in each for each in record.warnings)
+
+
+def test_a_clock_of_the_test_beside_dates_runs_on(tmp_path):
+    seconds = clock("{h:02d}:{m:02d}:{s:02d}")
+    rows = "".join(
+        f"{date('%Y-%m-%d')(60 * k + 80_000)},{seconds(60 * k)},{k % 2},3.{7 + k % 2}\n"
+        for k in range(300)
+    )
+    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows).encode())
+    np.testing.assert_array_equal(record.time_s, 60.0 * np.arange(300))

@@ -45,6 +45,8 @@ _DIRECTIONS = {"discharge OCV": DISCHARGE, "charge OCV": CHARGE, "OCV": EITHER}
 # SOC may pass full and empty a little; what is far beyond is in percent, or no SOC.
 _SOC_RANGE, _PERCENT_FROM = (-0.1, 1.1), 1.5
 _CELL_RANGE_V = (0.5, 6.0)
+# Two branches of a cell without hysteresis may cross by what their fits and tests are off.
+_LEAST_GAP_V = -2e-3
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,15 @@ def characterize(
     hysteresis = SegmentedHysteresis.zero()
     if len(measured) == 2:
         soc = _shared_soc(charge, discharge)
-        hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
+        gap_v = charge(soc) - discharge(soc)
+        hysteresis = SegmentedHysteresis.fit(soc, gap_v, hysteresis_fit)
+        if (mean_v := float(np.mean(gap_v))) < _LEAST_GAP_V:
+            both = _sources([*points[CHARGE], *points[DISCHARGE]])
+            warnings.append(
+                f"{both}: the OCV of the charge lies below that of the discharge, by "
+                f"{-1e3 * mean_v:.3g} mV on average, which no cell's does: exchange the two if "
+                "they are exchanged, or check the capacity and both tests"
+            )
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,

@@ -18,6 +18,8 @@ _ALIKE, _FEW_ALIKE = 0.02, 0.05
 _MANY = 0.1
 # What a gap hides is of no account below this share of the capacity, and this jump of voltage.
 _HIDDEN_SHARE, _HIDDEN_V = 1e-3, 0.02
+# A steady load through a gap may have been interrupted; this share of the capacity is of account.
+_HELD_SHARE = 0.01
 # Intervals this long under load, beside others a tenth as long, hide what the load did.
 _COARSE_S, _FINE_SHARE = 30.0, 0.1
 
@@ -53,7 +55,11 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     if len(gaps) > 1:
         row = int(record.row[worst + 1])
         where = f"{len(gaps)} gaps, the longest {interval_s[worst]:.4g} s before row {row}"
+    remedy = "score up to it only (`score_to`), or start behind it (`start_time`)"
+    if len(gaps) > 1:
+        remedy = "score a part between them only (`score_from`, `score_to`)"
     first = int(gaps[0]) + 1
+    held_ah = float(np.abs(given.moved_ah[gaps]).sum())
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
         lost = f"up to {doubt_ah:.2g} Ah are in doubt"
         if is_counted:
@@ -61,10 +67,10 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         elif is_lost or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
             lost = "what passed meanwhile was not logged"
         what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
-        remedy = "score up to it only (`score_to`), or start behind it (`start_time`)"
-        if len(gaps) > 1:
-            remedy = "score a part between them only (`score_from`, `score_to`)"
         yield given.at(first, "warning", what, remedy)
+    elif not is_counted and held_ah > _HELD_SHARE * given.scale_ah:
+        what = f"{where}; {held_ah:.3g} Ah are taken to pass meanwhile, as before and after it"
+        yield given.at(first, "warning", what, f"if the test was paused there, {remedy}")
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")
 
@@ -75,10 +81,12 @@ def find_skipped(given: CheckInput) -> Iterator[Finding]:
     if skipped_ah is None:
         return
     places = np.flatnonzero(skipped_ah)
-    total_ah = float(np.abs(skipped_ah).sum())
+    counted_ah, more_ah = given.moved_ah[places], skipped_ah[places]
+    shown_ah = float(np.abs(counted_ah - more_ah).sum())
     what = (
-        f"the tester counted {total_ah:.4g} Ah in {counted(len(places), 'interval')} of which the "
-        "samples show nothing: its counters tell the charge there, and the circuit rests"
+        f"in {counted(len(places), 'interval')} the tester counted "
+        f"{np.abs(counted_ah).sum():.4g} Ah where the samples show {shown_ah:.4g} Ah: its counters "
+        "tell the charge there"
     )
     yield given.at(int(places[0]) + 1, "warning", what, "give the file with every sample, if any")
 
@@ -203,6 +211,10 @@ def find_resolution(given: CheckInput) -> Iterator[Finding]:
     yield Finding("note", what, "no fit can be better than its readings")
 
 
+# Above it a number without its unit is likelier in kelvin.
+_KELVIN = 200.0
+
+
 def find_temperature(given: CheckInput) -> Iterator[Finding]:
     """Temperatures that no cell has."""
     temperature = given.record.temperature_degc
@@ -215,4 +227,7 @@ def find_temperature(given: CheckInput) -> Iterator[Finding]:
             f"a temperature of {temperature[np.argmax(outside)]:.4g} degC "
             f"({int(outside.sum())} samples outside {low:g} to {high:g} degC)"
         )
-        yield given.at(outside, "warning", what, "check the sensor, or delete the column")
+        remedy = "check the sensor, or delete the column"
+        if outside.all() and temperature.min() > _KELVIN:
+            remedy = "write its unit into the name of the column, as in 'Temperature / K'"
+        yield given.at(outside, "warning", what, remedy)

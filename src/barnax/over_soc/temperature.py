@@ -24,6 +24,9 @@ from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
 from .objective import Axis, Objective, Solution, TableSettings
 from .search import Place, Solved, find_best, polish
 
+# What lies outside is another unit, or a sensor that is not there.
+COLDEST_DEGC, WARMEST_DEGC = -100.0, 200.0
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -229,13 +232,18 @@ def require_temperatures(by_degc: Mapping[float, Sequence[PreparedRecord]]) -> N
 
 
 def require_temperature(prepared: PreparedRecord) -> float:
-    """A record's temperature in degC. Raises `InputError` where it is not known."""
-    if prepared.temperature_degc is None:
+    """A record's temperature in degC. Raises `InputError` where it is not known, or no cell's."""
+    degc, name = prepared.temperature_degc, prepared.record.name
+    if degc is None:
         raise InputError(
-            f"{prepared.record.name}: no temperature column, and no temperature given; give it "
-            "with `temperature`"
+            f"{name}: no temperature column, and no temperature given; give it with `temperature`"
         )
-    return prepared.temperature_degc
+    if not COLDEST_DEGC < degc < WARMEST_DEGC:
+        raise InputError(
+            f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or the "
+            "unit in the name of the column, as in 'Temperature / K'"
+        )
+    return degc
 
 
 def _prove_together(

@@ -35,7 +35,7 @@ def numbers(cells: pl.Series, column: Column) -> Numbers:
         seconds = _seconds(cells)
         if np.isfinite(seconds).any():
             if quantity == "time":
-                seconds = _past_the_end(seconds, _DAY_S)
+                seconds = _past_the_end(seconds, DAY_S)
             return seconds if quantity == "date" else _from_zero(seconds)
     if cells.dtype == pl.String:
         cells = _plain(cells)
@@ -121,7 +121,7 @@ def _has_points(column: pl.Series) -> bool:
 # Days, hours and minutes, or minutes alone.
 _MINUTE_AND_SECOND = r"^[0-5]\d:[0-5]\d$"
 _MINUTES = re.compile(r"\s*(?:(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):)?(\d+)")
-_HALF_DAY_S, _DAY_S, _HOUR_S = 43_200.0, 86_400.0, 3600.0
+_HALF_DAY_S, DAY_S, _HOUR_S = 43_200.0, 86_400.0, 3600.0
 # A clock that begins anew does so from so near to its end.
 _NEAR_END = 0.01
 
@@ -227,16 +227,16 @@ _DAYS = (
     "%d-%b-%y",
     "%d-%b-%Y",
 )
-_TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p")
+_TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p", "")
 
 
 def _dates(text: pl.Series) -> pl.Series:
     """The dates that a column of text spells: day or month first as the shorter time tells."""
-    plain = text.str.strip_chars().str.replace(r"(?:Z|[+-]\d\d:?\d\d)$", "")
+    plain = text.str.strip_chars().str.replace(r"(:.*?)(?:Z|[+-]\d\d:?\d\d)$", "$1")
     plain = plain.str.replace("T", " ", literal=True).str.replace(r"(:\d\d:\d\d)[,:]", "$1.")
     first = plain.drop_nulls().head(1)
     read = []
-    for form in (f"{day} {time}" for day in _DAYS for time in _TIMES):
+    for form in (f"{day} {time}".strip() for day in _DAYS for time in _TIMES):
         if first.str.to_datetime(form, strict=False).null_count():
             continue
         dates = plain.str.to_datetime(form, time_unit="us", strict=False)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError, counted, listed, printable
-from .cells import CLOCKS, is_clock, numbers
+from .cells import CLOCKS, DAY_S, is_clock, numbers
 from .columns import (
     NOTHING,
     Column,
@@ -33,6 +33,8 @@ NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of th
 _COARSE_DATES = 0.05
 # So many dates are compared with the clock, over intervals that whole seconds resolve.
 _DATES, _LEAST_DATED_S = 50, 100.0
+# An interval so many times the usual one is a pause.
+_PAUSE = 10
 
 
 def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
@@ -91,13 +93,20 @@ def examine_columns(
             seconds = QUANTITY_OF[name].base_unit
             found[name] = replace(found[name], unit=seconds, is_unit_assumed=False)
     findings.extend(_other_clock(table, found))
-    findings.extend(_by_the_dates(table, found))
+    is_time_of_day = _is_time_of_day(table, found)
+    if is_time_of_day:
+        day, time = found["date"].header, found["time"].header
+        what = f"the time is by '{day}' and '{time}' together, a date and a time of day"
+        findings.append(Finding("note", what, is_told=True))
+    else:
+        findings.extend(_by_the_dates(table, found))
     if "current" not in found and "charge of the interval" in found:
         found["current"] = found["charge of the interval"]
         what = f"the current is that of the charge in '{found['current'].header}' over its interval"
         findings.append(Finding("note", what, is_told=True))
     for unused in ("step time", "date", "charge of the interval"):
-        found.pop(unused, None)
+        if unused != "date" or not is_time_of_day:
+            found.pop(unused, None)
     findings.extend(_repeated_names(table, found))
     findings.extend(_units(found))
     for quantity in REQUIRED:
@@ -148,6 +157,23 @@ def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
     which = "date" if clock == "date" else "clock of the steps, joined"
     what = f"no clock of the test; the time is by the {which}, '{found[clock].header}'"
     yield Finding("note", what, is_told=True)
+
+
+def _is_time_of_day(table: Table, found: Columns) -> bool:
+    """Whether the dates are whole days, and the clock is the time on them.
+
+    Then it falls at a change of date alone, and where it does not fall there, the test paused for
+    more than a day; a clock of the test runs on.
+    """
+    time, date = found.get("time"), found.get("date")
+    if time is None or date is None or not is_clock(table.columns[time.index]):
+        return False
+    days_s, clock_s = (numbers(table.columns[each.index], each) for each in (date, time))
+    if time.quantity.name != "time" or np.any(days_s % DAY_S != 0):
+        return False
+    interval_s, is_new = np.diff(clock_s % DAY_S), np.diff(days_s) != 0
+    is_pause = (interval_s < 0) | (interval_s > _PAUSE * np.median(interval_s))
+    return bool(is_new.any() and np.all(is_pause[is_new]) and np.all(interval_s[~is_new] >= 0))
 
 
 def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:

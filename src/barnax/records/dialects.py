@@ -299,7 +299,7 @@ DIALECTS: tuple[Dialect, ...] = (
         "German",
         marks=("zeit & strom & spannung", "datum & strom & spannung"),
         names={
-            "time": "zeit",
+            "time": "zeit|uhrzeit",
             "date": "datum",
             "current": "strom",
             "voltage": "spannung",

@@ -90,7 +90,8 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         "time",
         _SECONDS,
-        "test time|testtime|total time|tottime|cumulative time|elapsed time|time|seconds|t",
+        "test time|testtime|total time|tottime|cumulative time|elapsed time|time|seconds|t|"
+        "time of day|clock time",
         ("Test Time / s", "test_time_second"),
         ("zeit", "temps", "tiempo", "tempo", "时间"),
     ),

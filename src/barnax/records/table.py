@@ -11,7 +11,7 @@ import polars as pl
 from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, counted, cut
-from .cells import numbers
+from .cells import DAY_S, numbers
 from .columns import Column
 from .counters import inner
 from .findings import Finding, found_at
@@ -121,8 +121,15 @@ class Lines:
 
 
 def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
-    """The lines of a table under the given columns, blank ones left out."""
+    """The lines of a table under the given columns, blank ones left out.
+
+    A date that is given beside the time is the day of a time of day.
+    """
     values = {name: numbers(table.columns[found.index], found) for name, found in columns.items()}
+    if "date" in values and "time" in values:
+        days_s = values.pop("date")
+        values["time"] = values["time"] % DAY_S + (days_s - days_s[:1])
+        columns = {name: column for name, column in columns.items() if name != "date"}
     lines = Lines(table, columns, values, np.arange(len(table.row)))
     if not table.columns or not all(column.null_count() for column in table.columns):
         return lines

@@ -50,7 +50,7 @@ def bundled_objective() -> Objective:
 def loss_of_all(objective: Objective) -> tuple[Errors, np.ndarray, np.ndarray]:
     """What J is the squares of, over [time constants, every node of every table], and the box."""
     reduced, layout, pairs = objective.reduced, objective.reduced.layout, objective.pairs
-    parts, lagrange = jnp.asarray(reduced.part(0)), Lagrange.of(layout.in_tau)
+    parts, lagrange = jnp.asarray(reduced.part("pairs")), Lagrange.of(layout.in_tau)
     from_skeleton = jnp.asarray(layout.in_tau.from_skeleton)
     own = [jnp.asarray(objective.fixed_columns[table]) for table in (0, 1 + pairs)]
     base, penalty = jnp.asarray(objective.base), jnp.asarray(objective.penalty)

@@ -46,19 +46,13 @@ TRIALS = {
     trial.module: trial
     for trial in (
         Trial("metrics", ("tests/test_metrics.py",)),
-        Trial("intervals", OF_SIMULATE),
-        Trial("simulate", OF_SIMULATE),
+        Trial("model.simulate", OF_SIMULATE),
         of_cell("curves", "curves", "model"),
-        of_cell("hysteresis", "hysteresis", "model"),
-        of_cell("rest_points", "rest_points", "characterize"),
-        of_cell("slow_sweep", "slow_sweep"),
-        of_cell("soc_axis", "soc_axis", "characterize"),
-        of_cell("sweep", "sweep", "characterize", "slow_sweep"),
-        of_cell("record_sweeps", "record_sweeps"),
+        of_cell("ocv_points", "ocv_points", "slow_sweep", "characterize"),
+        of_cell("soc_axis", "characterize", "ocv_points"),
         of_cell("characterize", "characterize"),
         of_cell("model", "model"),
-        of_cell("stored", "stored", "model"),
-        of_cell("circuit", "circuit_parameters"),
+        of_cell("circuits", "circuit_parameters", "model"),
     )
 }
 

@@ -145,7 +145,7 @@ def read_inputs(
     """Every record once, with what the checks say of it, and the cell that the OCV tests show,
     unless that is known already; `over_temperature` those of each temperature by themselves."""
     given, tests, others = (listed(each) for each in (records, ocv, validate))
-    common = (window if isinstance(window, Window) else (window or {}).get("")) or Window()
+    common = window_of(window, "")
     capacity = common.capacity_ah if capacity is None else capacity
     is_bundled = not given
     if is_bundled:
@@ -296,27 +296,29 @@ def input_warnings(
     return texts
 
 
+def windows_by_name(window: Window | Mapping[str, Window] | None) -> dict[str, Window]:
+    """The windows by the names of records, the common one under none."""
+    return dict(window) if isinstance(window, Mapping) else {"": window or Window()}
+
+
 def window_of(window: Window | Mapping[str, Window] | None, name: str) -> Window:
     """What was said of a record: its own window, else the common one."""
-    if isinstance(window, Mapping):
-        window = window.get(name, window.get(""))
-    return window or Window()
+    known = windows_by_name(window)
+    return known.get(name, known.get("")) or Window()
 
 
 def windows_of(
     inputs: Inputs, window: Window | Mapping[str, Window] | None, capacity: float | None
 ) -> dict[str, Window]:
     """The window of every record. Raises `InputError` where one is for a record there is not."""
-    if isinstance(window, Window | None):
-        window = {"": window or Window()}
-    unknown = sorted(window.keys() - inputs.names - {each.name for each in inputs.ocv} - {""})
+    known = windows_by_name(window)
+    unknown = sorted(known.keys() - inputs.names - {each.name for each in inputs.ocv} - {""})
     if unknown:
         raise InputError(
             f"no record is called {unknown[0]!r}, for which options are given; there are "
             f"{', '.join(sorted(inputs.names))}"
         )
-    common = window.get("", Window())
-    chosen = {name: window.get(name, common) for name in inputs.names}
+    chosen = {name: window_of(known, name) for name in inputs.names}
     return {
         name: each if each.capacity_ah is not None else replace(each, capacity_ah=capacity)
         for name, each in chosen.items()

@@ -87,21 +87,18 @@ def find_pulses(
     [2.0, -1.5, 4.0, -3.0]
     """
     found: list[Pulse] = []
-    before: _Load | None = None
+    rest: _Load | None = None
     is_settled = False
     for load in _loads(record, threshold_a):
-        is_pulse = (
-            load.way != 0
-            and is_settled
-            and before is not None
-            and before.way == 0
-            and load.duration_s <= LONGEST_S
-            and load.last - load.first + 1 >= FEWEST_SAMPLES
-        )
-        if is_pulse and before is not None:
-            found.append(_pulse(record, soc, load, before))
-        is_settled = load.duration_s >= SETTLED_S or is_settled if load.way == 0 else is_pulse
-        before = load
+        if load.way == 0:
+            rest, is_settled = load, is_settled or load.duration_s >= SETTLED_S
+            continue
+        is_brief = load.duration_s <= LONGEST_S and load.last - load.first + 1 >= FEWEST_SAMPLES
+        if rest is not None and is_settled and is_brief:
+            found.append(_pulse(record, soc, load, rest))
+        else:
+            is_settled = False
+        rest = None
     return tuple(found)
 
 

@@ -5,6 +5,8 @@ import polars as pl
 import pytest
 
 from barnax.bundled import BUNDLED_NAMES
+from barnax.checks import check_file
+from barnax.records import source_from_frame
 from helpers.records import (
     CAPACITY_AH,
     CURRENT,
@@ -15,6 +17,7 @@ from helpers.records import (
     counting,
     found,
     frame,
+    pulse_frame,
     with_counters,
 )
 
@@ -114,3 +117,13 @@ def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
     found_checks = {each.check for each in checked(tmp_path, table, capacity_ah=0.05).findings}
     assert "current unit" not in found_checks
     assert "capacity" in found_checks
+
+
+def test_a_charge_of_the_interval_too_small_for_the_cell_is_told_by_its_own_name():
+    table = pulse_frame().select(
+        pl.col(TIME).alias("time/s"),
+        (pl.col(CURRENT) * 1e-6).alias("dq/mA.h"),
+        (pl.col(VOLTAGE) - pl.col(TIME) / 200).alias("Ewe/V"),
+    )
+    outcome = check_file(source_from_frame(table, "cell"), capacity_ah=CAPACITY_AH)
+    assert found(outcome, "current unit").remedy == "correct the unit of 'dq/mA.h'"

@@ -19,9 +19,11 @@ def cycler_file(tmp_path, monkeypatch):
     return path
 
 
-def test_a_file_is_written_as_parquet_with_its_provenance(run, cycler_file, tmp_path):
-    assert run("convert", cycler_file, "--to", "bdf").status == 0
+def test_a_file_is_written_as_parquet_with_its_provenance(run, refuse, cycler_file, tmp_path):
     written = tmp_path / "cell.bdf.parquet"
+    written.write_text("mine")
+    assert "--force" in refuse("convert", cycler_file)
+    assert run("convert", cycler_file, "--to", "bdf", "--force").status == 0
     before, after = read_record(cycler_file), read_record(written)
     for name in ("time_s", "current_a", "voltage_v", "step", "cycle"):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
@@ -49,12 +51,6 @@ def test_csv_has_its_provenance_beside_it(run, cycler_file, tmp_path):
     before, after = read_record(cycler_file), read_record(tmp_path / "out.csv")
     np.testing.assert_array_equal(after.current_a, before.current_a)
     assert json.loads((tmp_path / "out.json").read_text())["source"] == "cell.062"
-
-
-def test_what_is_there_is_not_overwritten(run, refuse, cycler_file, tmp_path):
-    (tmp_path / "cell.bdf.parquet").write_text("mine")
-    assert "--force" in refuse("convert", cycler_file)
-    assert run("convert", cycler_file, "--force").status == 0
 
 
 def test_columns_reach_check_and_convert(run, tmp_path):

@@ -58,7 +58,9 @@ def test_what_cannot_be_exported_is_refused(refuse, stored, words, message):
     Result.from_json(stored)
 
 
-@pytest.mark.parametrize("content", [None, b"", b"{}"], ids=["absent", "empty", "other"])
+@pytest.mark.parametrize(
+    "content", [None, b"", b"{}", b"\x89PNG\r\n\xff"], ids=["absent", "empty", "other", "binary"]
+)
 def test_a_result_that_is_none_is_refused(refuse, tmp_path, content):
     if content is not None:
         (tmp_path / "result.json").write_bytes(content)

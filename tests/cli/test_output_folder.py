@@ -42,9 +42,11 @@ def written(folder: Path) -> dict[str, bytes]:
     return files
 
 
-def test_a_fresh_folder_is_made_with_its_parents(tmp_path):
-    write_folder(tmp_path / "a" / "b", NEW, False)
-    assert written(tmp_path / "a" / "b") == NEW
+def test_a_fresh_or_an_empty_folder_is_made_with_its_parents(tmp_path):
+    for place in (tmp_path / "a" / "b", tmp_path / "empty"):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        assert write_folder(place, NEW, False) == place
+        assert written(place) == NEW
 
 
 def test_a_new_result_leaves_nothing_of_the_old_one_and_all_of_the_users(old):
@@ -80,23 +82,32 @@ def stop(monkeypatch, name, cause, nth=0):
     monkeypatch.setattr(os, name, stopped)
 
 
-@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+CAUSES = pytest.mark.parametrize(
+    "cause", [OSError(28, "No space left on device"), KeyboardInterrupt()]
+)
+
+
+def stopped_by(cause):
+    return pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt)
+
+
+@CAUSES
 @pytest.mark.parametrize(("name", "nth"), [("fsync", 1), ("replace", 0), ("replace", 1)])
 def test_a_stop_while_a_folder_is_written_leaves_the_old_one(old, monkeypatch, cause, name, nth):
     before = contents(old.parent)
     stop(monkeypatch, name, cause, nth)
-    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
+    with stopped_by(cause):
         write_folder(old, NEW, True)
     assert contents(old.parent) == before
 
 
-@pytest.mark.parametrize("cause", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@CAUSES
 @pytest.mark.parametrize("step", ["fsync", "replace"])
 def test_a_stop_while_a_file_is_written_leaves_the_old_one(tmp_path, monkeypatch, cause, step):
     path = tmp_path / "cell.h"
     path.write_text("old")
     stop(monkeypatch, step, cause)
-    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
+    with stopped_by(cause):
         write_file(path, b"new")
     assert path.read_text() == "old"
     assert list(contents(tmp_path)) == ["cell.h"]
@@ -180,9 +191,3 @@ def test_what_appears_during_a_run_stays_and_the_results_go_beside_it(tmp_path, 
     assert write_folder(tmp_path / "out", NEW, is_forced) == tmp_path / "out-4"
     assert written(tmp_path / "out") == files
     assert written(tmp_path / "out-4") == NEW
-
-
-def test_an_empty_folder_is_used(tmp_path):
-    (tmp_path / "out").mkdir()
-    assert write_folder(tmp_path / "out", NEW, False) == tmp_path / "out"
-    assert written(tmp_path / "out") == NEW

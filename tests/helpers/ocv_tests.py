@@ -1,10 +1,12 @@
 """Records of cells whose open-circuit voltage is known exactly."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from barnax.records.record import Decision, Hold, Record
+from reference import make_record
 
 CAPACITY_AH = 2.0
 RESISTANCE_OHM = 0.05
@@ -48,19 +50,9 @@ def record_of(
     last_moved = np.maximum.accumulate(np.where(signs != 0, np.arange(len(signs)), 0))
     sampled_a = np.append(current_a, 0.0) if hold == "forward" else np.append(0.0, current_a)
     ocv_v = voltage(start_soc - passed_ah / capacity_ah, signs[last_moved])
-    samples = len(time_s)
-    return Record(
-        name=name,
-        time_s=time_s,
-        current_a=sampled_a,
-        voltage_v=ocv_v - RESISTANCE_OHM * sampled_a,
-        temperature_degc=None,
-        step=None,
-        row=np.arange(2, samples + 2),
-        sign=Decision("charge-positive", "strong", "made so"),
-        hold=Decision(hold, "strong", "made so"),
-        sha256="",
-    )
+    record = make_record(time_s, sampled_a, ocv_v - RESISTANCE_OHM * sampled_a, name=name)
+    sign, decided = (Decision(each, "strong", "made so") for each in ("charge-positive", hold))
+    return replace(record, sign=sign, hold=decided)
 
 
 def pulses(direction: int, count: int = 20, *, share: float = 1.0, rest: int = 60) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Measured cells are read as they are, with the sign and hold their own README states."""
 
-import time
-
 import numpy as np
 import polars as pl
 import pytest
@@ -74,12 +72,6 @@ def test_a_piece_of_a_slow_sweep_is_never_strongly_wrong(real_data, tmp_path, sw
     piece.write_csv(tmp_path / "piece.csv")
     sign = read_record(tmp_path / "piece.csv").sign
     assert sign.value == "charge-positive"
-
-
-def test_the_longest_measured_file_is_read_within_two_seconds(real_data):
-    start = time.perf_counter()
-    read_record(real_data / f"{CALCE}/ocv-low-current_25degC_SP20-1.parquet")
-    assert time.perf_counter() - start < 2
 
 
 @pytest.mark.parametrize("samples", [60, 300])

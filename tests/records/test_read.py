@@ -225,14 +225,6 @@ def test_a_plain_workbook_is_read_from_its_only_fitting_sheet(tmp_path):
     assert read_record(tmp_path / "cell.xlsx").samples == 30
 
 
-def test_exact_repeats_are_merged(tmp_path):
-    frame = pulse_frame(30)
-    pl.concat([frame[:5], frame[4:10], frame[9:]]).write_csv(tmp_path / "cell.csv")
-    record = read_record(tmp_path / "cell.csv")
-    np.testing.assert_array_equal(record.time_s, np.arange(30))
-    assert list(record.row[3:7]) == [5, 6, 8, 9]
-
-
 def test_the_hash_is_of_the_file_as_it_stands(tmp_path):
     path = tmp_path / "cell.csv"
     pulse_frame().write_csv(path)

@@ -1,20 +1,7 @@
 """What is wrong with a file, what mends it, and what it can serve as."""
 
-from ..records.findings import Finding, Severity
-from .check_file import CHECKS, Facts, FileCheck, check_file
-from .check_input import Check, CheckInput
+from ..records.findings import Finding
+from .check_file import CHECKS, FileCheck, check_file
 from .roles import Role
-from .windows import SuggestedWindow
 
-__all__ = [
-    "CHECKS",
-    "Check",
-    "CheckInput",
-    "Facts",
-    "FileCheck",
-    "Finding",
-    "Role",
-    "Severity",
-    "SuggestedWindow",
-    "check_file",
-]
+__all__ = ["CHECKS", "FileCheck", "Finding", "Role", "check_file"]

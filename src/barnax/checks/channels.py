@@ -75,11 +75,6 @@ def _most_contrary(votes: Votes) -> tuple[int, int]:
     return first, last
 
 
-def find_sign(given: CheckInput) -> Iterator[Finding]:
-    """A current of doubtful sign, or of another than its column's name means."""
-    yield from given.sign_doubts
-
-
 _WIDTHS = (1, 2, 3)
 # A spike's height, in volts and in noise; how steady the three samples on either side must be, and
 # how much of it the other channel may explain, as shares of the height.

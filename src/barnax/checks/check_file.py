@@ -21,7 +21,6 @@ from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_o
 
 # The registry of checks on a record, in the order in which they are told.
 CHECKS: Mapping[str, Check] = {
-    "sign": channels.find_sign,
     "gaps": sampling.find_gaps,
     "skipped": sampling.find_skipped,
     "breaks": sampling.find_breaks,
@@ -150,36 +149,29 @@ def check_file(
         return _check_table(read_ocv_table(source))
     examined = examine(source, capacity_ah)
     findings = [*source.findings, *examined.findings]
-    given = None
+    facts, roles, traits = None, (), None
     # Absurd values overflow on their way to being found absurd.
     with np.errstate(all="ignore"):
         if examined.mended is not None:
             samples, found = channels.find_turn(examined.mended)
-            findings += named("sign", found)
             sign, doubts = decide_sign(samples, current_sign, source.name)
+            # Of a current without any sign that is told already.
+            is_told = any(each.check == "sign" for each in examined.findings)
+            findings += named("sign", found if is_told else [*found, *doubts])
             record = make_record(source, samples, sign, decide_hold(samples, current_hold))
-            own = source.cut(samples)
-            given = CheckInput(own, record, tuple(doubts), capacity_ah, rest_current_a)
-            if any(finding.check == "sign" for finding in examined.findings):
-                # A current without any sign has been told of.
-                given = replace(given, sign_doubts=())
+            given = CheckInput(source.cut(samples), record, capacity_ah, rest_current_a)
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
             findings += named("twin columns", channels.find_twins(source, given))
-        if source.name.lower().endswith(_TESTERS_OWN):
-            findings = [
-                replace(each, remedy=each.remedy.replace(_EDITED, _FIRST + _EDITED))
-                for each in findings
-            ]
-        findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
-        traits = traits_of(given) if given else None
-        return FileCheck(
-            file=source.name,
-            findings=tuple(findings),
-            facts=_facts(given) if given else None,
-            roles=find_roles(given, traits) if given and traits else (),
-            traits=traits,
-        )
+            traits = traits_of(given)
+            facts, roles = _facts(given), find_roles(given, traits)
+    if source.name.lower().endswith(_TESTERS_OWN):
+        findings = [
+            replace(each, remedy=each.remedy.replace(_EDITED, _FIRST + _EDITED))
+            for each in findings
+        ]
+    findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
+    return FileCheck(source.name, tuple(findings), facts, roles, traits)
 
 
 def _check_table(table: OcvTable) -> FileCheck:

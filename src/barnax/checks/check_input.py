@@ -21,13 +21,12 @@ _FEWEST_READINGS = 20
 class CheckInput:
     """A file's samples, in its own sign of current, and the record made of them.
 
-    Both have the same samples. `sign_doubts` is what was found when the sign was decided;
-    `capacity_ah` and `given_rest_a`, the current below which the cell rests, are the user's.
+    Both have the same samples. `capacity_ah` and `given_rest_a`, the current below which the cell
+    rests, are the user's.
     """
 
     samples: Samples
     record: Record
-    sign_doubts: tuple[Finding, ...]
     capacity_ah: float | None
     given_rest_a: float | None = None
 

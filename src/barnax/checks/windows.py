@@ -11,6 +11,8 @@ from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
 from ..records.record import runs
 from .check_input import CheckInput
 
+# A rest so long settles the cell.
+_LONG_REST_S = MINIMUM_REST_S - CLOCK_SLACK_S
 # Current steps inside a step of the tester that make it a profile.
 _FEWEST_STEPS = 10
 # A record that is profile to this share needs no window.
@@ -69,7 +71,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     outside = np.concatenate([record.step[:first], record.step[last + 1 :]])
     own = tuple(np.setdiff1d(record.step[first : last + 1], outside).tolist())
     at, rest_s = _rest_before(given, first)
-    is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
+    is_settled = rest_s >= _LONG_REST_S
     rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
     if not rest_s:
         rest = "without a rest before it"
@@ -102,8 +104,7 @@ def _after_charge(given: CheckInput) -> SuggestedWindow | None:
         if before >= _FEWEST_STEPS or after < _FEWEST_STEPS:
             return None
         at, rest_s = _rest_before(given, end + 1)
-        is_settled = rest_s >= MINIMUM_REST_S - CLOCK_SLACK_S
-        if is_settled and record.time_s[end] - record.time_s[start] >= _TAPER_S:
+        if rest_s >= _LONG_REST_S and record.time_s[end] - record.time_s[start] >= _TAPER_S:
             charge = f"the charge that ends in row {record.row[end]}"
             reason = f"the profile follows {charge}, after {_duration(rest_s)} of rest"
             return SuggestedWindow(reason, _clock_before(given, at))
@@ -128,7 +129,7 @@ def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
     if abs(last_v - first_v) <= SETTLED_V:
         return SuggestedWindow(f"it starts at rest at {first_v:.4f} V")
     moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
-    if record.time_s[at] - record.time_s[0] >= MINIMUM_REST_S - CLOCK_SLACK_S:
+    if record.time_s[at] - record.time_s[0] >= _LONG_REST_S:
         return SuggestedWindow(moves, start_time_s=_clock_before(given, at))
     return SuggestedWindow(moves, needs_initial_soc=True, is_settled=False)
 

@@ -188,15 +188,21 @@ class _Side:
     ) -> tuple[Float[np.ndarray, "cells"], Float[np.ndarray, "cells"]]:
         """What y.phi is never below in a cell, and how far that is below its middle."""
         below, middle, above = (dot(direction, responses) for responses in self.responses)
-        slope, bend = (above - below) / 2, (above + below) / 2 - middle
-        # Lowest where the slope vanishes, or at an end.
-        lowest = np.where(
-            bend > np.abs(slope) / 2,
-            middle - slope**2 / np.maximum(4 * bend, np.finfo(float).tiny),
-            np.minimum(below, above),
-        )
-        least = lowest - self.remainder
+        least = lowest_of_parabola(below, middle, above) - self.remainder
         return least, middle - least
+
+
+def lowest_of_parabola(
+    below: Float[np.ndarray, "_"], middle: Float[np.ndarray, "_"], above: Float[np.ndarray, "_"]
+) -> Float[np.ndarray, "_"]:
+    """The least value of the parabolas through the lower end, the middle and the upper end."""
+    slope, bend = (above - below) / 2, (above + below) / 2 - middle
+    # Lowest where the slope vanishes, or at an end.
+    return np.where(
+        bend > np.abs(slope) / 2,
+        middle - slope**2 / np.maximum(4 * bend, np.finfo(float).tiny),
+        np.minimum(below, above),
+    )
 
 
 def _dual(errors_v: Columns, base: Columns, current: Columns, sides, allowed):

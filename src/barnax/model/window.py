@@ -87,8 +87,7 @@ class Window:
                 f"`initial_direction` {self.initial_direction} is neither +1 (the cell was last "
                 "charged) nor -1 (discharged)"
             )
-        for name in ("rest_current", "capacity"):
-            value = getattr(self, f"{name}_a" if name == "rest_current" else f"{name}_ah")
+        for name, value in (("rest_current", self.rest_current_a), ("capacity", self.capacity_ah)):
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"`{name}` {value} must be positive")
         if not is_temperature(self.temperature_degc or 0.0):

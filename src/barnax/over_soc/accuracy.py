@@ -194,7 +194,7 @@ def _linearized(objective: Objective, found: Solution):
             if not np.any(scored):
                 continue
             rows = replace(part, scored=1, factor=block.few[scored] @ block.mixing)
-            taus, turns, standing, current, correction, base = (rows.part(n) for n in range(6))
+            taus, turns, standing, current, correction, base = map(rows.part, layout.sizes)
             amplitude = list(standing)
             base = base[0][:, 0]
             if rate and layout.has_amplitude:

@@ -34,6 +34,7 @@ from ..global_optimum.certificate import (
     RELATIVE,
     SMALLEST_RMSE_V,
     THIRD_DERIVATIVE,
+    lowest_of_parabola,
 )
 from ..global_optimum.reduced import earlier_rms
 from ..model.compressed import BLOCK
@@ -253,12 +254,7 @@ class _Side:
     ) -> Float[np.ndarray, "width"]:
         """What 2 y.columns(u) + tax (u - middle) / half width is never below in the cell."""
         below, middle, above = 2 * (error @ self.three) + np.array([[-1.0], [0.0], [1.0]]) * tax
-        slope, bend = (above - below) / 2, (above + below) / 2 - middle
-        lowest = np.where(
-            bend > np.abs(slope) / 2,
-            middle - slope**2 / np.maximum(4 * bend, np.finfo(float).tiny),
-            np.minimum(below, above),
-        )
+        lowest = lowest_of_parabola(below, middle, above)
         return lowest - 2 * float(np.linalg.norm(error)) * self.remainder
 
 

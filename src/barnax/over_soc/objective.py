@@ -20,7 +20,7 @@ from ..model.exponentials import Span
 from ..model.inputs import PreparedRecord
 from ..model.search_space import PAIRS, RESISTANCES, Range
 from .reduced import Columns, Reduced
-from .search import Place, Sides, least_in_box, least_squares_in_box
+from .search import Place, Sides, Solved, least_in_box, least_squares_in_box
 
 # What was computed for so many places of an axis is kept.
 KEPT = 4096
@@ -148,14 +148,11 @@ def _cardinal(span: Span, place: float):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Solved):
     """The best tables at a place: rows of R0, every pair's R, then what else is tabulated."""
 
-    place: Place
     values: Float[np.ndarray, "tables nodes"]
-    sides: Sides
     error: Float[np.ndarray, "rows"]
-    squared: float
 
     @property
     def root(self) -> float:
@@ -204,7 +201,8 @@ class Objective:
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates."""
-        layout, taus, turns = self.reduced.layout, self.reduced.part(0), self.reduced.part(1)
+        layout = self.reduced.layout
+        taus, turns = self.reduced.part("pairs"), self.reduced.part("turns")
 
         def axis(name: str, table: int | None, part: np.ndarray, span: Span, direction: int):
             low, high = np.log(self.ranges[name]).tolist()
@@ -230,16 +228,16 @@ class Objective:
     def fixed_columns(self) -> dict[int, Columns]:
         """The columns of tables that no axis changes, and what an axis adds to."""
         layout = self.reduced.layout
-        own = {0: self.reduced.part(3)[0]}
+        own = {0: self.reduced.part("current")[0]}
         if layout.has_correction:
-            own[1 + self.pairs] = self.reduced.part(4)[0]
+            own[1 + self.pairs] = self.reduced.part("correction")[0]
         if layout.has_amplitude:
-            own[self.tables - 1] = self.reduced.part(2)[0]
+            own[self.tables - 1] = self.reduced.part("standing")[0]
         return own
 
     @cached_property
     def base(self) -> Float[np.ndarray, "rows"]:
-        return self.reduced.part(5)[0][:, 0]
+        return self.reduced.part("base")[0][:, 0]
 
     @cached_property
     def weights(self) -> list[tuple[float, float]]:
@@ -300,7 +298,7 @@ class Objective:
         error = base + columns @ x
         bent = self.penalty @ x
         squared = float(error @ error + bent @ bent)
-        return Solution(place, x.reshape(self.tables, -1), sides, error, squared)
+        return Solution(place, sides, squared, x.reshape(self.tables, -1), error)
 
     def moved(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
         """The derivatives of the error by every axis's place, at fixed tables."""

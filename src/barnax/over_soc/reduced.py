@@ -56,55 +56,52 @@ class Layout:
     has_amplitude: bool
 
     @cached_property
-    def places(self) -> tuple[Int[np.ndarray, "count width"], ...]:
+    def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
         """Where the columns of each part stand."""
-        ends = np.cumsum([count * width for count, width in self.sizes])
-        parts = np.split(np.arange(ends[-1]), ends[:-1])
-        return tuple(part.reshape(size) for part, size in zip(parts, self.sizes, strict=True))
+        ends = np.cumsum([count * width for count, width in self.sizes.values()])
+        parts = zip(self.sizes.items(), np.split(np.arange(ends[-1]), ends[:-1]), strict=True)
+        return {name: part.reshape(size) for (name, size), part in parts}
 
     @property
     def width(self) -> int:
-        return sum(count * width for count, width in self.sizes)
+        return sum(count * width for count, width in self.sizes.values())
 
     @property
-    def sizes(self) -> tuple[tuple[int, int], ...]:
-        """Of pairs, turns, standing hysteresis, current, correction, base: how many of how wide."""
+    def sizes(self) -> dict[str, tuple[int, int]]:
+        """How many columns of each part there are, of how wide; those of `pairs` and `turns` are of
+        the skeletons, `standing` is the hysteresis before it has turned."""
         nodes = len(self.nodes)
         turned = nodes if self.has_amplitude else 1
-        return (
-            (len(self.in_tau.skeleton), nodes),
-            (0 if self.in_rate is None else len(self.in_rate.skeleton), turned),
-            (int(self.has_amplitude), nodes),
-            (1, nodes),
-            (int(self.has_correction), nodes),
-            (1, 1),
-        )
+        return {
+            "pairs": (len(self.in_tau.skeleton), nodes),
+            "turns": (0 if self.in_rate is None else len(self.in_rate.skeleton), turned),
+            "standing": (int(self.has_amplitude), nodes),
+            "current": (1, nodes),
+            "correction": (int(self.has_correction), nodes),
+            "base": (1, 1),
+        }
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """e = base + (columns) x, up to a rotation, so that |e|^2 is the mean squared error.
-
-    `pairs` and `turns` are those of the skeletons; the others are the columns themselves.
-    """
+    """e = base + (columns) x, up to a rotation, so that |e|^2 is the mean squared error."""
 
     layout: Layout
     scored: int
     factor: Columns
 
-    def part(self, number: int) -> Float[np.ndarray, "few rows width"]:
-        """The columns of the layout's part of that number."""
-        block = self.factor[:, self.layout.places[number]] / math.sqrt(max(self.scored, 1))
+    def part(self, name: str) -> Float[np.ndarray, "few rows width"]:
+        """The columns of that part of the layout."""
+        block = self.factor[:, self.layout.places[name]] / math.sqrt(max(self.scored, 1))
         # Contiguous for the products of a search, which are over the first axis.
         return np.ascontiguousarray(block.transpose(1, 0, 2))
 
     def constant(self) -> "Reduced":
         """The same for a circuit that does not change with SOC: hats add up to one everywhere."""
-        parts = [self.part(number) for number in range(6)]
-        summed = [part.sum(axis=2) for part in parts]
         layout = replace(self.layout, nodes=(0.5,), has_correction=False)
-        kept = [summed[number] for number in (0, 1, 2, 3, 5)]
-        factor = np.concatenate(kept).T * math.sqrt(self.scored)
+        kept = [name for name in self.layout.sizes if name != "correction"]
+        summed = [self.part(name).sum(axis=2) for name in kept]
+        factor = np.concatenate(summed).T * math.sqrt(self.scored)
         return Reduced(layout, self.scored, factor)
 
 
@@ -226,30 +223,30 @@ def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
         left, decays, answers = pairs.next_block(inputs, near, spread)
         base = np.asarray(inputs.base_error_v)[:size, None]
 
-        into, columns = [layout.places[0][:, near]], [answers]
+        into, columns = [layout.places["pairs"][:, near]], [answers]
         if rate is not None and moved is not None:
             turning = np.asarray(moved.hysteresis_input)
             turned, turns = answer_block(turn_tau, turned, turning, moved.intervals)
             turns = turns[:size, : len(rate.skeleton)]
             if layout.has_amplitude:
-                into += [layout.places[1][:, near], layout.places[2][:, near]]
+                into += [layout.places[name][:, near] for name in ("turns", "standing")]
                 columns += [-turns[:, :, None] * spread[:, None], -start * spread]
             else:
                 amplitude_v = np.asarray(moved.amplitude_v)[:size, None]
-                into.append(layout.places[1])
+                into.append(layout.places["turns"])
                 columns.append(-turns * amplitude_v)
                 base = base - start * amplitude_v
-        into.append(layout.places[3][:, near])
+        into.append(layout.places["current"][:, near])
         columns.append(np.asarray(inputs.current_a)[:size, None] * spread)
         if layout.has_correction:
-            into.append(layout.places[4][:, near])
+            into.append(layout.places["correction"][:, near])
             columns.append(-spread)
-        into.append(layout.places[5])
+        into.append(layout.places["base"])
         columns.append(base)
         own = np.eye(layout.width)[np.concatenate([each.ravel() for each in into])]
         if np.any(left):
             mixed = np.zeros((len(left), layout.width))
-            np.put_along_axis(mixed, layout.places[0], left, axis=1)
+            np.put_along_axis(mixed, layout.places["pairs"], left, axis=1)
             columns, own = [decays, *columns], np.concatenate([mixed, own])
         few = np.concatenate([each.reshape(size, -1) for each in columns], axis=1)
         yield Block(here, few, own)

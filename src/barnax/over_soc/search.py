@@ -3,6 +3,7 @@ exactly, for a hundred unknowns.
 """
 
 import itertools
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -116,15 +117,14 @@ def _solved(normal: Square, target: Unknowns) -> Unknowns:
     return solution
 
 
-class Solved(Protocol):
-    """The best tables at a place, and the bounds that they are at, where another solve starts."""
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What J the best tables at a place have, and the bounds that they are at, where another solve
+    starts."""
 
-    @property
-    def place(self) -> Place: ...
-    @property
-    def sides(self) -> Any: ...
-    @property
-    def squared(self) -> float: ...
+    place: Place
+    sides: Any
+    squared: float
 
 
 Found = TypeVar("Found", bound=Solved)

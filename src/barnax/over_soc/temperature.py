@@ -23,7 +23,7 @@ from .accuracy import SocErrors
 from .certificate import Proof, certify, certify_together
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
 from .objective import Axis, Objective, Solution, TableSettings
-from .search import Place, find_best, polish
+from .search import Place, Solved, find_best, polish
 
 
 @dataclass(frozen=True)
@@ -137,16 +137,10 @@ class TableFits:
 
 
 @dataclass(frozen=True, eq=False)
-class _JointSolution:
+class _JointSolution(Solved):
     """The best tables of every temperature at a place."""
 
-    place: Place
     parts: tuple[Solution, ...]
-    squared: float
-
-    @property
-    def sides(self) -> tuple:
-        return tuple(each.sides for each in self.parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +163,8 @@ class _Joint:
         parts = tuple(
             each.solve(place, own, exact) for each, own in zip(self.objectives, sides, strict=True)
         )
-        return _JointSolution(place, parts, float(self.weights @ [each.squared for each in parts]))
+        squared = float(self.weights @ [each.squared for each in parts])
+        return _JointSolution(place, tuple(each.sides for each in parts), squared, parts)
 
     def slope(self, found: _JointSolution) -> Float[np.ndarray, "axes"]:
         pairs = zip(self.objectives, found.parts, strict=True)

@@ -14,7 +14,7 @@ from tomlkit.items import Table
 from ..cell.circuits import CIRCUITS
 from ..cell.curves import HysteresisFit, OcvFit
 from ..errors import InputError, as_keys, printable, toml_reason
-from ..gather import OVER_TEMPERATURE, file_names
+from ..gather import OVER_TEMPERATURE, file_names, window_of, windows_by_name
 from ..model.window import OPTIONS, Window
 from ..optimizers import OPTIMIZERS
 from ..records import Source
@@ -89,15 +89,15 @@ class Plan:
 
         A window for a record that is not simulated is left to be refused where the plan is run.
         """
-        windows = {"": window} if isinstance(window, Window | None) else dict(window)
+        windows = windows_by_name(window)
         common = windows.get("")
         if common is not None and common.capacity_ah is not None:
             # One for all records is an option of the whole run.
             options = {"capacity": common.capacity_ah, **options}
             windows[""] = replace(common, capacity_ah=None)
         parts = [
-            replace(part, window=_merged(part.window, chosen))
-            if (chosen := windows.get(part.name, windows.get(""))) is not None and part.is_simulated
+            replace(part, window=_merged(part.window, window_of(windows, part.name)))
+            if part.is_simulated
             else part
             for part in self.parts
         ]

@@ -25,6 +25,7 @@ from ..gather import (
     source_of,
     unwatched,
     window_of,
+    windows_by_name,
 )
 from ..model.inputs import OCV_MARGIN, soc_along, temperature_of
 from ..model.window import Window
@@ -92,14 +93,13 @@ def arguments(
         # Of an OCV test its temperature counts.
         if each.is_simulated or each.window.temperature_degc is not None
     }
-    # Windows for names that are not simulated are refused further on.
-    others = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
     given = {
         **found.options,
         **options,
         "records": _sources(found, "identification"),
         "ocv": _sources(found, "OCV test"),
-        "window": {**others, **windows},
+        # Windows for names that are not simulated are refused further on.
+        "window": {**windows_by_name(window), **windows},
     }
     validate = _sources(found, "validation")
     if found.command == "hppc":
@@ -145,7 +145,7 @@ def prepare_pulse_tests(
     reading = replace(reading, **own)
     with watch("Finding pulses", 0):
         tests = _read(listed(records), reading)
-        chosen = {"": window or Window()} if isinstance(window, Window | None) else dict(window)
+        chosen = windows_by_name(window)
         ocv_tests, cell = listed(ocv), None
         if not ocv_tests:
             given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity

@@ -1,12 +1,10 @@
 """Measured data in, checked records out."""
 
-from .findings import Finding, Severity
 from .read import Source, read_record, read_source, record_from_frame, source_from_frame
 from .record import (
     Decision,
     Hold,
     Record,
-    Strength,
     current_direction,
     is_rested,
     rest_blocks,
@@ -15,12 +13,9 @@ from .record import (
 
 __all__ = [
     "Decision",
-    "Finding",
     "Hold",
     "Record",
-    "Severity",
     "Source",
-    "Strength",
     "current_direction",
     "is_rested",
     "read_record",

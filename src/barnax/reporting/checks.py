@@ -1,9 +1,9 @@
 """What the checks found in a file, as a document."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .document import Document, Paragraph, Section, Table, make_table
+from .document import Cells, Document, Paragraph, Section, Table, make_table
 from .words import NOTHING, counted, duration
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def _place(finding: "Finding") -> str:
 
 
 def _findings_table(findings: Sequence["Finding"]) -> Table:
-    cells: dict[str, Callable[[Finding], str]] = {
+    cells: Cells[Finding] = {
         "kind": lambda each: each.severity,
         "row": lambda each: NOTHING if each.row is None else str(each.row),
         "found": lambda each: each.what,
@@ -78,7 +78,7 @@ def _reason(role: "Role", has_errors: bool) -> str:
 
 def _roles_table(found: "FileCheck") -> Table:
     has_errors = any(each.severity == "error" for each in found.findings)
-    cells: dict[str, Callable[[Role], str]] = {
+    cells: Cells[Role] = {
         "usable for": lambda each: each.name,
         "": lambda each: "yes" if each.is_usable else "no",
         "because": lambda each: _reason(each, has_errors),

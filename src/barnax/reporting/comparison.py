@@ -313,5 +313,7 @@ def _searches_table(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table
 
 def _percents(ratio: float | None) -> str:
     """A ratio in percent, two digits or all before the point; zero where it is rounding's."""
-    value = None if ratio is None else 100 * ratio * (abs(ratio) > ROUNDING)
-    return fixed(value, 0) if value and abs(value) >= 10 else significant(value, 2)
+    if ratio is None:
+        return NOTHING
+    value = 0.0 if abs(ratio) < ROUNDING else 100 * ratio
+    return fixed(value, 0) if abs(value) >= 10 else significant(value, 2)

@@ -1,12 +1,12 @@
 """What was measured, what was decided about it with the reasons, and how to repeat it."""
 
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
 from ..uncertainty.covariance import named_values
-from .document import Bullets, Listing, Paragraph, Section, Table, make_table, pairs_table
+from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
 from .words import NOTHING, joined, millivolt, percent, significant, symbol, with_unit
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ THROUGH_V = 1e-6
 
 def files_table(stored: "Stored") -> Table:
     """Every file that was read."""
-    cells: dict[str, Callable[[InputPart], str]] = {
+    cells: Cells[InputPart] = {
         "file": lambda each: each.name,
         "used for": lambda each: "OCV test" if each.role == "ocv" else each.role,
         "sign of current": lambda each: each.sign.value if each.sign else "a table",
@@ -49,7 +49,7 @@ def files_table(stored: "Stored") -> Table:
 
 def plan_blocks(stored: "Result") -> tuple[Table, ...]:
     """Every file of a folder, and why it serves or not; nothing where roles were given."""
-    cells: dict[str, Callable[[PlannedFile], str]] = {
+    cells: Cells[PlannedFile] = {
         "file": lambda each: each.name,
         "serves for": lambda each: each.role,
         "it is": lambda each: each.kind or NOTHING,

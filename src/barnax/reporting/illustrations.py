@@ -147,8 +147,7 @@ ALWAYS = ("voltage", "error", "tables", "map", "pulses", "resistances", "tempera
 class Figures:
     """How to draw each figure of a report, by its name; `add` says what the words are about."""
 
-    drawings: "dict[str, tuple[str, str, Callable[[], Figure]]]" = field(default_factory=dict)
-    live: "dict[str, Callable[[], dict[str, Any]]]" = field(default_factory=dict)
+    drawings: dict[str, Callable[[], Illustration]] = field(default_factory=dict)
 
     def add(
         self,
@@ -156,30 +155,16 @@ class Figures:
         name: str,
         subject: str,
         draw: "Callable[[], Figure]",
-        live: "Callable[[], dict[str, Any]] | None" = None,
+        live: Callable[[], dict[str, Any]] | None = None,
     ) -> None:
-        self.drawings[name] = (kind, subject, draw)
-        if live is not None:
-            self.live[name] = live
-
-    def draw(self, name: str) -> Illustration:
-        """The figure with its caption, and words for who cannot see it."""
-        kind, subject, draw = self.drawings[name]
         caption, alt = WORDS[kind]
-        live = partial(self._live, name) if name in self.live else None
-        return Illustration(name, draw(), caption.format(subject), alt, kind not in SPARSE, live)
+        moving = None if live is None else partial(_live, live, LIVE_WORDS[kind], subject)
 
-    def _live(self, name: str) -> tuple[dict[str, Any], str]:
-        kind, subject, _ = self.drawings[name]
-        data = self.live[name]()
-        samples, held = data.get("samples", 0), data.get("held", 0)
-        if not samples:
-            drawn = ""
-        elif held == samples:
-            drawn = f"All {samples:,} samples are drawn."
-        else:
-            drawn = f"{held:,} of {samples:,} samples are drawn, including every peak."
-        return data, LIVE_WORDS[kind].format(subject, drawn)
+        def drawn() -> Illustration:
+            is_dense = kind not in SPARSE
+            return Illustration(name, draw(), caption.format(subject), alt, is_dense, moving)
+
+        self.drawings[name] = drawn
 
     def add_cell(self, cell: "CellModel") -> None:
         self.add("ocv", "ocv", "", partial(plots.plot_ocv, cell))
@@ -247,12 +232,27 @@ class Figures:
             self.add("landscape", f"landscape-{model}", model, draw, live)
 
 
+def _live(
+    numbers: Callable[[], dict[str, Any]], words: str, subject: str
+) -> tuple[dict[str, Any], str]:
+    """What an interactive figure is drawn from, and its caption."""
+    data = numbers()
+    samples, held = data.get("samples", 0), data.get("held", 0)
+    if not samples:
+        drawn = ""
+    elif held == samples:
+        drawn = f"All {samples:,} samples are drawn."
+    else:
+        drawn = f"{held:,} of {samples:,} samples are drawn, including every peak."
+    return data, words.format(subject, drawn)
+
+
 def identification_illustrations(
     run: "Run", wanted: Callable[[str], bool] = lambda name: True
 ) -> list[Illustration]:
     """The figures of an identification whose names are wanted; each is drawn only then."""
-    figures = _identification_figures(run)
-    return [figures.draw(name) for name in figures.drawings if wanted(name)]
+    drawings = _identification_figures(run).drawings
+    return [drawn() for name, drawn in drawings.items() if wanted(name)]
 
 
 def is_always(name: str) -> bool:
@@ -265,13 +265,12 @@ def figure_of(result: "Result", name: str) -> "Figure":
 
     Raises `InputError` where there is none of that name.
     """
-    figures = _identification_figures(result.run)
-    names = figures.drawings
-    found = [each for each in names if each == name or each.rpartition("-")[2] == name]
-    found += [each for each in names if each.startswith(name)]
+    drawings = _identification_figures(result.run).drawings
+    found = [each for each in drawings if each == name or each.rpartition("-")[2] == name]
+    found += [each for each in drawings if each.startswith(name)]
     if not found:
-        raise InputError(f"there is no figure {name!r}; there are {', '.join(names)}")
-    return figures.draw(found[0]).figure
+        raise InputError(f"there is no figure {name!r}; there are {', '.join(drawings)}")
+    return drawings[found[0]]().figure
 
 
 def _identification_figures(run: "Run") -> Figures:
@@ -314,9 +313,8 @@ def comparison_illustrations(
     if comparison is not None and comparison.answered:
         first = comparison.answered[0].evaluations
         roles = record_roles(1, len(first) - 1)
-        for role, each in zip(roles, first, strict=True):
-            figures.add_condition(role, each)
         for place, (role, each) in enumerate(zip(roles, first, strict=True)):
+            figures.add_condition(role, each)
             rows = {row.name: row.evaluations[place] for row in comparison.answered}
             record = each.prepared.record.name
             draw = partial(plots.plot_compared_voltages, rows)
@@ -351,4 +349,4 @@ def comparison_illustrations(
             if row.model == model and row.refined_parameters is not None
         ]
         figures.add_landscape(model, found, answers, refined)
-    return [figures.draw(name) for name in figures.drawings]
+    return [drawn() for drawn in figures.drawings.values()]

@@ -25,7 +25,7 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..over_soc import LeftOut, NodeInterval, OverTemperature, SocErrors, TableFit
-    from ..results import InputPart, Result, TablesPart
+    from ..results import Result, TablesPart
 
     # The errors of a constant circuit, and of the tables beside it.
     Both = tuple[SocErrors, SocErrors]
@@ -253,15 +253,6 @@ def prediction_sentence(part: "TablesPart", name: str, temperature_degc: float |
         f"{name} is at {degrees(temperature_degc)}, which was not measured: its tables "
         f"{how}. Left out of the fit, {joined(told)}."
     )
-
-
-def left_out_v(part: "TablesPart", record: "InputPart | None") -> float | None:
-    """The largest error of the temperatures left out that were predicted as a record's is; None
-    where it has tables of its own."""
-    over, degc = part.over_temperature, None if record is None else record.temperature_degc
-    if over is None or degc is None or over.measured_near(degc) is not None:
-        return None
-    return max(each.errors.rmse_v for each in over.like(degc))
 
 
 def nodes_table(fit: "TableFit", where: str = "") -> Table:

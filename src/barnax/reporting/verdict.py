@@ -26,7 +26,6 @@ from .sentences import (
 from .soc_tables import (
     best_of,
     expectation,
-    left_out_v,
     middle_of_tables,
     pay_sentence,
     prediction_sentences,
@@ -49,7 +48,7 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..cell import CellModel
-    from ..results import InputPart, MetricsPart, Result
+    from ..results import InputPart, MetricsPart, Result, TablesPart
     from ..uncertainty import Estimate
 
 # Most of the squared error of most cells is where they are nearly empty.
@@ -285,7 +284,7 @@ def _errors_table(result: "Result") -> Shown:
         before = (*constant.jointly, constant.identification, *constant.validation)
         columns["constant circuit"] = [each.rmse_v for each in before]
         parts = {each.name: each for each in result.of_role("validation")}
-        left = [left_out_v(result.tables, parts.get(each.record)) for _, each in rows]
+        left = [_left_out_v(result.tables, parts.get(each.record)) for _, each in rows]
         if any(value is not None for value in left):
             columns["left out"] = left
     cells = zip(*columns.values(), strict=True)
@@ -293,6 +292,15 @@ def _errors_table(result: "Result") -> Shown:
     return bare_table(
         [result.model, *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
     )
+
+
+def _left_out_v(part: "TablesPart", record: "InputPart | None") -> float | None:
+    """The largest error of the temperatures left out that were predicted as a record's is; None
+    where it has tables of its own."""
+    over, degc = part.over_temperature, None if record is None else record.temperature_degc
+    if over is None or degc is None or over.measured_near(degc) is not None:
+        return None
+    return max(each.errors.rmse_v for each in over.like(degc))
 
 
 def _numbered(role: str, count: int) -> list[str]:

@@ -190,10 +190,11 @@ def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         covariance = Covariance.of(linearization)
+        uncertainty = covariance.summary(parameters)
         return Assessment(
             covariance=covariance,
-            uncertainty=covariance.summary(parameters),
-            identifiability=identifiability(problem, parameters, covariance),
+            uncertainty=uncertainty,
+            identifiability=identifiability(problem, covariance, uncertainty),
             diagnostics=diagnostics(problem, covariance),
         )
 

@@ -303,16 +303,12 @@ class Covariance:
             high=None if is_open else float(value * np.exp(half_width)),
         )
 
-    def estimates(self, parameters: CircuitParameters) -> tuple[Estimate, ...]:
-        """Those of all parameters of the circuit and its time constants."""
-
-        def one(name: str, value: float) -> Estimate:
-            direction, held = self.linearization.direction_of(name)
-            if held is not None and not np.any(direction):
-                return Estimate(name, value, held)
-            return self.estimate(name, value, direction)
-
-        return tuple(one(name, value) for name, value in named_values(parameters).items())
+    def estimate_of(self, name: str, value: float) -> Estimate:
+        """The estimate of a parameter or time constant, without errors if it is held."""
+        direction, held = self.linearization.direction_of(name)
+        if held is not None and not np.any(direction):
+            return Estimate(name, value, held)
+        return self.estimate(name, value, direction)
 
     def summary(self, parameters: CircuitParameters) -> Uncertainty:
         """All of it that is stored."""
@@ -321,7 +317,9 @@ class Covariance:
         return Uncertainty(
             confidence=CONFIDENCE,
             samples=self.linearization.samples,
-            estimates=self.estimates(parameters),
+            estimates=tuple(
+                self.estimate_of(name, value) for name, value in named_values(parameters).items()
+            ),
             free=self.linearization.names,
             correlation=tuple(tuple(row) for row in correlation.tolist()),
             noise=NoiseParts(

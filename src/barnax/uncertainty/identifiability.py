@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..cell import CircuitParameters
 from ..model.problem import Problem
-from .covariance import Covariance, Estimate
+from .covariance import Covariance, Estimate, Uncertainty
 
 # Brun, Reichert, Kuensch, Water Resources Research 37 (2001) 1015: above 10 to 15 parameters can
 # hardly be told apart.
@@ -84,13 +83,13 @@ class Identifiability:
 
 
 def identifiability(
-    problem: Problem, parameters: CircuitParameters, covariance: Covariance
+    problem: Problem, covariance: Covariance, uncertainty: Uncertainty
 ) -> Identifiability:
     """What the records of a problem determine of an optimum and what they leave open."""
     linearization = covariance.linearization
     findings = _Findings(
         covariance,
-        {each.name: each for each in covariance.estimates(parameters)},
+        {each.name: each for each in uncertainty.estimates},
         min(prepared.median_interval_s for prepared in problem.prepared_records),
         max(prepared.scored_duration_s for prepared in problem.prepared_records),
     )
@@ -104,7 +103,7 @@ def identifiability(
             for i, j in combinations(range(len(linearization.names)), 2)
             if (index := collinearity(scaled[:, [i, j]])) > COLLINEAR
         ),
-        findings=findings.all(parameters.pairs),
+        findings=findings.all(problem.bounds.pairs),
     )
 
 

@@ -1,9 +1,11 @@
 """A record replayed through a filter: what is scored, and what is an answer where nothing is."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from barnax.bundled import BUNDLED
 from barnax.cell import InterpolatedCurve
@@ -55,6 +57,17 @@ def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
     part = replay.scenarios[0].model_copy(update={"in_band": 0.131})
     told = dict(soc_lines(replay.model_copy(update={"scenarios": (part,)})))
     assert "contains the reference SOC 13 % of the time" in told["Overconfident"]
+
+
+def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
+    assert "Lost" not in dict(soc_lines(replay))
+    part = replay.scenarios[0].model_copy(update={"rms": 0.525, "max": 0.929})
+    lost = replay.model_copy(update={"scenarios": (part,)})
+    assert "goes wrong by up to 92.9 %" in dict(soc_lines(lost))["Lost"]
+    console = Console(width=100, record=True, file=io.StringIO())
+    for block in soc_screen(lost):
+        console.print(block)
+    assert "not for long" in console.export_text()
 
 
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):

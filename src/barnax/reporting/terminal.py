@@ -175,6 +175,14 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             "Diverged",
             f"{each.name}: after {duration(each.diverged_s or 0.0)} the filter returns no numbers",
         )
+    right = replay.scenarios[0]
+    if right.is_lost:
+        advice = "" if replay.with_tables else "; identify the circuit with tables over SOC"
+        yield (
+            "Lost",
+            f"even from the right start, the estimate of SOC goes wrong by up to "
+            f"{_in_percent(right.max)} %: the circuit's voltage does not tell it{advice}",
+        )
     held = [each.in_band for each in replay.scenarios if each.in_band is not None]
     if held and min(held) < TRUSTED_BAND:
         low, high = (f"{100 * share:.0f}" for share in (min(held), max(held)))
@@ -184,7 +192,6 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
             f"the filter's 95 % band contains the reference SOC {shares} of the time: its errors "
             "of SOC are larger than it assumes",
         )
-    right = replay.scenarios[0]
     found = [_estimate(name, *right.estimates[name]) for name in right.estimates]
     if found:
         yield "Estimated", f"from the right start, {joined(found)}"
@@ -218,6 +225,8 @@ def _scenario_row(each: "ScenarioPart") -> list[str]:
 def _converged(part: "ScenarioPart") -> str:
     if part.diverged_s is not None:
         return "diverged"
+    if part.is_lost:
+        return "not for long"
     if part.converged_s is None:
         return "never"
     return duration(part.converged_s) if part.converged_s else "at once"

@@ -43,6 +43,7 @@ from .words import (
     joined,
     millivolt,
     percent,
+    symbol,
     with_unit,
 )
 
@@ -54,6 +55,8 @@ if TYPE_CHECKING:
 # Most of the squared error of most cells is where they are nearly empty.
 LOW_SOC = 0.1
 MUCH = 0.5
+# Tables over SOC that would save so much of the error come before any other step.
+HALF = 0.5
 LONGEST_NAME = 40
 UNFIT = f": {NOT_SUITABLE} identification: "
 
@@ -124,20 +127,32 @@ def weakest_point(result: "Result") -> str:
     return notable[0] if notable else ""
 
 
-def tables_would_pay(result: "Result") -> bool:
-    """Whether tables over SOC, which were not asked for, would lower the error by much."""
+def tables_would_pay(result: "Result", share: float = WORTHWHILE) -> bool:
+    """Whether tables over SOC, which were not asked for, would lower the error by that share."""
     expected_v, own_v = result.expected_tables_v, result.metrics.identification.rmse_v
-    return expected_v is not None and expected_v < (1 - WORTHWHILE) * own_v
+    return expected_v is not None and expected_v < (1 - share) * own_v
+
+
+def _no_circuit(result: "Result") -> str:
+    """Why the answer cannot be the cell's, empty where it may be."""
+    at_bound = [symbol(each.name) for each in result.at_bound if each.name.endswith("[Ohm]")]
+    if len(at_bound) > 1:
+        return f"{joined(at_bound)} end at their bounds"
+    worse = result.metrics.identification.r2 < 0
+    return "a constant voltage would fit as well" if worse else ""
 
 
 def next_step(result: "Result") -> tuple[dict[str, str], str]:
     """Options to run again with, and why; no options where it takes something else."""
+    if result.tables is None and (reason := _no_circuit(result)):
+        what = "check that the OCV test is of this cell, and `capacity` and the window right"
+        return {}, f"{what}: {reason}"
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
         what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
         return {"ocv_fit": "interpolated"}, what
-    if not result.metrics.validation:
+    if not result.metrics.validation and not tables_would_pay(result, HALF):
         return {}, "validate on another record of the cell, with `validate`"
     others = _other_temperatures(result)
     if others and (result.tables is not None or tables_would_pay(result)):

@@ -144,14 +144,14 @@ def _no_circuit(result: "Result") -> str:
 
 def next_step(result: "Result") -> tuple[dict[str, str], str]:
     """Options to run again with, and why; no options where it takes something else."""
-    if result.tables is None and (reason := _no_circuit(result)):
-        what = "check that the OCV test is of this cell, and `capacity` and the window right"
-        return {}, f"{what}: {reason}"
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
         what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
         return {"ocv_fit": "interpolated"}, what
+    if result.tables is None and (reason := _no_circuit(result)):
+        what = "check that the OCV test is of this cell, and `capacity` and the window right"
+        return {}, f"{what}: {reason}"
     if not result.metrics.validation and not tables_would_pay(result, HALF):
         return {}, "validate on another record of the cell, with `validate`"
     others = _other_temperatures(result)

@@ -22,7 +22,7 @@ from barnax.gather import (
 )
 from barnax.model.window import Window
 from barnax.records import source_from_frame
-from reference import make_record
+from helpers.reference import make_record
 
 
 def read(records, ocv=BUNDLED.ocv, validate=(), window=None, **options):

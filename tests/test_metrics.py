@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from barnax.metrics import measure
-from shape_checks import unchecked
+from helpers.shape_checks import unchecked
 
 MEASURED = np.array([3.0, 3.5, 4.0])
 SIMULATED = np.array([3.1, 3.5, 3.8])

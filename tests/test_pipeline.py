@@ -14,7 +14,7 @@ from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.results import Result
-from reference import filtered_response, make_record
+from helpers.reference import filtered_response, make_record
 
 SHORT = Window(score_to_s=1500.0)
 SMALL = {"seeds": 1, "population": 8, "iterations": 1, "trust": "none"}

@@ -16,7 +16,7 @@ from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate
 from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
-from reference import banded_response, drop_v, fit_circuit
+from helpers.reference import banded_response, drop_v, fit_circuit
 
 SAMSUNG = "calce-inr18650-20r"
 PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))

@@ -8,7 +8,7 @@ import pytest
 from barnax.model.inputs import prepare_record
 from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
-from reference import drop_v, filtered_response, make_record
+from helpers.reference import drop_v, filtered_response, make_record
 
 SAMPLES = 4000
 WINDOW = Window(initial_soc=1.0)

@@ -11,7 +11,7 @@ from barnax.baselines.separable import state_matrix
 from barnax.model.inputs import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
-from reference import banded_response, drop_v, make_record
+from helpers.reference import banded_response, drop_v, make_record
 
 TWO_PAIRS = (0.05, (0.02, 0.03), (8.0, 90.0))
 CIRCUITS = {

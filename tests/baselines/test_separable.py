@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 
 from barnax.baselines import METHODS, Budget
 from barnax.baselines.separable import OuterSearch, bounded_least_squares
-from reference import drop_v, filtered_response, fit_circuit
+from helpers.reference import drop_v, filtered_response, fit_circuit
 
 NOISY = (0.05, (0.02, 0.03), (8.0, 90.0))
 

@@ -6,7 +6,7 @@ from benchmarks.real_cells.conditions import condition_of
 
 from barnax.model.inputs import prepare_record
 from barnax.model.window import Window
-from reference import make_record
+from helpers.reference import make_record
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from barnax.cell import CellModel, CircuitParameters, characterize
 from barnax.errors import InputError
 from barnax.schema import Document
-from fuzz.hostile import EXAMPLES, damaged, repeated
+from helpers.hostile import EXAMPLES, damaged, repeated
 from helpers.ocv_tests import both_ways, discharge_only
 
 

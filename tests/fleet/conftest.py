@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 from helpers.problems import drive_a
-from reference import drop_v, looped_response
+from helpers.reference import drop_v, looped_response
 
 COLUMNS = ("Test Time / s", "Current / A", "Voltage / V")
 SAMPLES = (300, 337, 350, 361)

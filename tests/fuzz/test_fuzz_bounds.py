@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from barnax.errors import InputError
 from barnax.model.search_space import Bounds, read_bounds
-
-from .hostile import EXAMPLES, NUMBER_TEXTS, STRINGS, damaged, repeated
+from helpers.hostile import EXAMPLES, NUMBER_TEXTS, STRINGS, damaged, repeated
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
 GOOD = b'[bounds]\n"R0 [Ohm]" = [0.001, 0.1]\n"tau1 [s]" = [1, 20]\n"C2 [F]" = [100.0, 2e4]\n'

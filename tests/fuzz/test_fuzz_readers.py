@@ -9,9 +9,8 @@ from barnax.cell import OcvTable, read_ocv_test
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import Record, read_record, record_from_frame
+from helpers.hostile import EXAMPLES, damaged, repeated
 from helpers.records import CURRENT, TIME, VOLTAGE, good_files, parquet, pulse_frame, sheet
-
-from .hostile import EXAMPLES, damaged, repeated
 
 FRAME = pulse_frame(40).with_columns(
     pl.lit(25.0).alias("Temperature / degC"),

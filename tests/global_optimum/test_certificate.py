@@ -15,7 +15,7 @@ from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.search_space import Bounds
 from barnax.model.window import Window
-from reference import banded_response, make_record
+from helpers.reference import banded_response, make_record
 
 KNOWN_SOC = Window(initial_soc=0.6)
 MANY = 20_000

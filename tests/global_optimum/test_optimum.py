@@ -15,7 +15,7 @@ from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.refine import AtBound, refine
 from barnax.search.seeds import search_seeds
-from reference import drop_v, filtered_response, fit_circuit
+from helpers.reference import drop_v, filtered_response, fit_circuit
 
 SAME = 1e-8
 

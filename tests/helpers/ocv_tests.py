@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from barnax.records.record import Decision, Hold, Record
-from reference import make_record
+from helpers.reference import make_record
 
 CAPACITY_AH = 2.0
 RESISTANCE_OHM = 0.05

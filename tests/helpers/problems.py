@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from reference import drop_v, looped_response, make_record
+from helpers.reference import drop_v, looped_response, make_record
 
 CLOCKS = ("even", "uneven", "gaps")
 R0_OHM, R_OHM, TAU_S = 0.05, (0.01, 0.02), (5.0, 80.0)

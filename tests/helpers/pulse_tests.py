@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from barnax.records import Record
-from reference import banded_response, drop_v, make_record
+from helpers.reference import banded_response, drop_v, make_record
 
 CAPACITY_AH = 2.0
 TAU_S = (4.0, 60.0)

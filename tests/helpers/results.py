@@ -28,7 +28,7 @@ from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
 from barnax.uncertainty import Band, Diagnostics, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
-from reference import make_record as record_of
+from helpers.reference import make_record as record_of
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0))
 CAPACITY_AH = 2.0

@@ -29,7 +29,7 @@ from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
 from barnax.search.seeds import search_many, search_seeds
 from helpers.problems import CLOCKS, drive_record
-from reference import banded_response, drop_v
+from helpers.reference import banded_response, drop_v
 
 # What is promised: the larger of these, over the whole box.
 RELATIVE, ABSOLUTE_V = 1e-9, 1e-12

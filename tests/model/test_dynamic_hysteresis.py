@@ -14,7 +14,7 @@ from barnax.model.inputs import prepare_record
 from barnax.model.problem import make_problem, rc_parameters, residuals, rmse_by_scan
 from barnax.model.simulate import terminal_voltage
 from barnax.model.window import Window
-from reference import drop_v, looped_response, make_record
+from helpers.reference import drop_v, looped_response, make_record
 
 CIRCUIT = CircuitParameters(0.05, (0.01, 0.02), (500.0, 4000.0), gamma=300.0)
 # Beside rests without any current, one with a tester's offset and noise.

@@ -14,7 +14,7 @@ from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate
 from helpers.problems import R0_OHM, R_OHM, TAU_S, simulated_record
-from reference import make_record
+from helpers.reference import make_record
 
 # Four blocks with steps of their own: rest, discharge, rest, charge.
 TIME_S = 50.0 + np.arange(100) * 10.0

@@ -23,7 +23,7 @@ from barnax.search.seeds import search_many, search_seeds
 from barnax.uncertainty.covariance import linearize
 from helpers.compiling import USERS_KERNELS
 from helpers.problems import drive_a
-from reference import make_record
+from helpers.reference import make_record
 
 # One that compiles quickly.
 OPTIMIZER = make_optimizer("pso", 8, 20)

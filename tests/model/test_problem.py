@@ -14,7 +14,7 @@ from barnax.model.problem import make_problem, rc_parameters, residuals, rmse, r
 from barnax.model.search_space import Coordinates
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
-from reference import drop_v, looped_response
+from helpers.reference import drop_v, looped_response
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 LOGARITHMS = np.log([0.05, 0.01, 5.0, 0.02, 80.0])

@@ -17,7 +17,7 @@ from barnax.model.simulate import (
     terminal_voltage,
     unit_response,
 )
-from reference import drop_v, filtered_response, looped_response
+from helpers.reference import drop_v, filtered_response, looped_response
 
 CIRCUIT = (0.05, (0.01, 0.02), (3.0, 80.0))
 SHORTEST_TAU_S = 0.5

@@ -9,7 +9,7 @@ from barnax.errors import InputError
 from barnax.model.inputs import prepare_record
 from barnax.model.window import Window
 from helpers.problems import simulated_record
-from reference import make_record
+from helpers.reference import make_record
 
 INTERVAL_S = 10.0
 

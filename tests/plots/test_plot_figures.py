@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from barnax import bundled_file, characterize, plots, read_record
 from barnax.global_optimum import Landscape
 from barnax.plots.pictures import encode
+from helpers.comparisons import make_comparison, make_failure, make_row
 from helpers.results import (
     make_evaluation,
     make_record,
@@ -24,7 +25,6 @@ from helpers.results import (
     make_search,
     result_of,
 )
-from sample_comparisons import make_comparison, make_failure, make_row
 
 
 def make_all_figures() -> dict[str, Figure]:

@@ -10,8 +10,8 @@ from barnax.baselines import Answer, Trajectory
 from barnax.cell import CircuitParameters
 from barnax.plots import plot_compared_parameters, plot_trajectories
 from barnax.plots.parameters import readable
+from helpers.comparisons import BOX, PARAMETERS, make_comparison, make_row
 from helpers.results import line, make_evaluation, make_record
-from sample_comparisons import BOX, PARAMETERS, make_comparison, make_row
 
 
 def test_a_trajectory_is_its_median_in_each_percent_and_breaks_where_there_is_none():

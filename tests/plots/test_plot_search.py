@@ -14,8 +14,8 @@ from barnax.plots import (
     plot_convergence,
     plot_landscape,
 )
+from helpers.comparisons import PARAMETERS, make_comparison, make_failure, make_row
 from helpers.results import labels, line, make_refinement, make_search, result_of
-from sample_comparisons import PARAMETERS, make_comparison, make_failure, make_row
 
 HISTORIES_V = [[0.03, 0.02, 0.011], [0.04, 0.012, 0.012], [0.05, 0.05, 0.02]]
 

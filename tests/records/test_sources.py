@@ -18,7 +18,7 @@ from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
 from barnax.records.readers import READERS
 from helpers.records import CURRENT, TIME, VOLTAGE, good_files, pulse_frame
-from reference import make_record
+from helpers.reference import make_record
 
 FRAME = pulse_frame().with_columns(pl.Series("Step Index / 1", np.arange(200) // 50))
 

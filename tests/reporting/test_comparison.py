@@ -9,7 +9,6 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from report_reader import ReportReader
 
 from barnax.cell import CircuitParameters
 from barnax.comparison import ComparisonResult
@@ -37,8 +36,7 @@ from barnax.reporting.illustrations import comparison_illustrations
 from barnax.reporting.render import table_lines, to_html, to_markdown
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import AtBound, Optimum, Refinement
-from helpers.golden import GOLDEN, require_golden
-from sample_comparisons import (
+from helpers.comparisons import (
     CITY,
     DRIVE,
     make_comparison,
@@ -46,6 +44,8 @@ from sample_comparisons import (
     make_failure,
     make_row,
 )
+from helpers.golden import GOLDEN, require_golden
+from helpers.report_reader import ReportReader
 
 LARGEST_REPORT = 4_000_000
 # Errors in mV, on the record identified on and on others, by row.

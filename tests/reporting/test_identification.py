@@ -7,7 +7,6 @@ import io
 from dataclasses import replace
 
 import pytest
-from report_reader import ReportReader
 from rich.console import Console
 
 import barnax
@@ -41,6 +40,7 @@ from barnax.reporting.verdict import (
 from barnax.results import Result
 from barnax.search.refine import AtBound
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
+from helpers.report_reader import ReportReader
 
 LARGEST_REPORT = 4_000_000
 STORED = Result.from_json(RESULT)

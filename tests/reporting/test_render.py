@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
-from report_reader import ReportReader
 
 import barnax
 from barnax.plots import column_width, plot_ocv
@@ -38,6 +37,7 @@ from barnax.reporting.render import (
     to_html,
     to_markdown,
 )
+from helpers.report_reader import ReportReader
 
 HOSTILE = (
     "<script>alert(1)</script>.csv",

@@ -10,7 +10,7 @@ from barnax.model.inputs import prepare_record
 from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate
-from reference import drop_v, filtered_response
+from helpers.reference import drop_v, filtered_response
 
 CIRCUIT = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 WINDOW = Window(score_from_s=99.5, score_to_s=1500.5)

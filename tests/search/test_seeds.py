@@ -15,7 +15,7 @@ from barnax.model.window import Window
 from barnax.optimizers import OPTIMIZERS, make_optimizer
 from barnax.search.refine import AtBound, refine
 from barnax.search.seeds import key_integer, search_seeds
-from reference import banded_response, drop_v, filtered_response
+from helpers.reference import banded_response, drop_v, filtered_response
 
 # Li et al. (2023), Table 3: R, Rpa, Rpb in ohm, Cpa, Cpb in farad, and the circuit it was for.
 TABLE_3 = {

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from barnax.uncertainty import Examination, examine
-
-from .made import SAMPLES, Fit, colored_noise, fit, made_problem, white_noise
+from helpers.noisy_fits import SAMPLES, Fit, colored_noise, fit, made_problem, white_noise
 
 
 @pytest.fixture(scope="session")

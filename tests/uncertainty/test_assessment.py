@@ -10,8 +10,7 @@ from barnax.errors import InputError
 from barnax.schema import Part
 from barnax.uncertainty import Examination, assess
 from barnax.uncertainty.assessment import diagnostics
-
-from .made import SAMPLES, fit, made_problem, white_noise
+from helpers.noisy_fits import SAMPLES, fit, made_problem, white_noise
 
 
 class Stored(Part):

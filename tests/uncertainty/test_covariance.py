@@ -8,9 +8,8 @@ from scipy.optimize import curve_fit
 
 from barnax.model.problem import make_problem
 from barnax.uncertainty import assess
-from reference import drop_v, filtered_response
-
-from .made import SAMPLES, TRUTH, fit, made_problem, white_noise
+from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise
+from helpers.reference import drop_v, filtered_response
 
 LOGARITHMS = np.log([TRUTH.r0, TRUTH.r[0], TRUTH.tau_s[0], TRUTH.r[1], TRUTH.tau_s[1]])
 

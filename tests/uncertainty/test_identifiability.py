@@ -5,9 +5,8 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.uncertainty.identifiability import collinearity
-from reference import filtered_response
-
-from .made import SAMPLES, TRUTH, colored_noise, fit, made_problem, white_noise
+from helpers.noisy_fits import SAMPLES, TRUTH, colored_noise, fit, made_problem, white_noise
+from helpers.reference import filtered_response
 
 # Li et al. (2023), Table 3, BMO-SO: its first pair has 0.0996 s.
 BMO_SO = CircuitParameters(0.0334, (0.0023, 0.0503), (43.31, 488.57))

@@ -5,8 +5,7 @@ import pytest
 from scipy.special import stdtrit
 
 from barnax.uncertainty.noise import Slots, fit_gathered, fit_noise
-
-from .made import colored_noise
+from helpers.noisy_fits import colored_noise
 
 
 def orthonormal(columns):

@@ -7,8 +7,7 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.model.problem import make_problem
 from barnax.uncertainty import suggestions
-
-from .made import TRUTH, fit, made_problem, white_noise
+from helpers.noisy_fits import TRUTH, fit, made_problem, white_noise
 
 NOISE_V = 0.5e-3
 

@@ -11,12 +11,12 @@ from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
 from ..records.columns import Column, find_columns, likely_column
-from ..records.conventions import step_votes
 from ..records.dialects import CHARGE, DISCHARGE
 from ..records.findings import Finding, Severity, found_at
 from ..records.quantities import QUANTITIES
 from ..records.read import Source
 from ..records.samples import Samples
+from ..records.sign import step_votes
 from ..records.table import Table, take_lines
 from .check_input import CheckInput
 

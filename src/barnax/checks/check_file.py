@@ -11,10 +11,11 @@ from ..cell import OcvTable, read_ocv_table
 from ..errors import InputError
 from ..records import Hold
 from ..records.columns import is_ocv_table
-from ..records.conventions import decide_hold, decide_sign
 from ..records.dialects import Sign
 from ..records.findings import Finding, named
+from ..records.hold import decide_hold
 from ..records.read import Source, examine, make_record, read_source
+from ..records.sign import decide_sign
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput
 from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of

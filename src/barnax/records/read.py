@@ -20,14 +20,15 @@ from ..errors import LONGEST_NAME, InputError, cut, printable
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import examine_columns, read_columns
 from .columns import NOTHING
-from .conventions import decide_hold, decide_sign, examine_direction
 from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
 from .findings import Finding, named, raise_first_error, warnings_of
+from .hold import decide_hold
 from .quantities import NEEDED
 from .readers import read_table
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
+from .sign import decide_sign, examine_direction
 from .table import LARGEST_FILE, Table, examine_cells, table_sha256, take_lines
 from .units import (
     examine_current_unit,

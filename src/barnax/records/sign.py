@@ -1,26 +1,19 @@
-"""The conventions of a file's current, decided from its data: its sign, and its hold.
+"""The sign of a file's current, decided from its data.
 
 Column names promise a sign and break the promise (A123 files with Battery Data Format names are
 discharge-positive), so they count only where the data say nothing.
-
-The hold says whether a sample's current flowed in the interval after it or before it. Testers that
-log a sample at the end of its interval (Arbin) prove it by their own ampere-hour counters: the
-increments follow the current of the interval's last sample. A column that holds the mean current
-of the interval before the row says so by its name.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..errors import InputError, counted
-from .columns import Column
-from .counters import inner
 from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
 from .findings import Finding, found_at
-from .record import Decision, Hold, runs
+from .record import Decision, runs
 from .samples import Samples, some, voltage_noise_v
 
 
@@ -260,156 +253,3 @@ def _of_states(samples: Samples) -> Evidence | None:
     how = "is positive where" if mean > 0 else "is negative where"
     words = f"the current {how} '{samples.header('state')}' says that the cell is charged"
     return Evidence(1 if mean > 0 else -1, True, words)
-
-
-Increments = Float[np.ndarray, "intervals"]
-
-# Inside a drive cycle that beats against the log, some dozens of intervals in a row can look like
-# either hold, so the intervals at large must agree far better than the changes of step.
-_AT_CHANGES = {"fewest": 2, "margin": 0.5}
-_ANYWHERE = {"fewest": 20, "margin": 0.05}
-# One change of step proves nothing, but is better evidence than whose file it is.
-_AT_ONE = {"fewest": 1, "margin": 0.2}
-_AGREEING = 0.8
-# So many intervals may hold a fall of a counter that was not seen as one.
-_FALLS = 0.05
-
-
-@dataclass(frozen=True)
-class _Ledger:
-    """Ah an interval: as counted, and by its last and its first sample's current."""
-
-    counted_ah: Increments
-    backward_ah: Increments
-    forward_ah: Increments
-
-    def at(self, chosen: Bool[np.ndarray, "intervals"] | Int[np.ndarray, "chosen"]) -> "_Ledger":
-        return _Ledger(self.counted_ah[chosen], self.backward_ah[chosen], self.forward_ah[chosen])
-
-    def fractions(self) -> Increments:
-        """The share of each interval for which its last sample's current flowed."""
-        return (self.counted_ah - self.forward_ah) / (self.backward_ah - self.forward_ah)
-
-
-def decide_hold(samples: Samples, given: Hold | Literal["auto"]) -> Decision:
-    """The record's hold: given, else by the counters, else by what the column or the make is."""
-    found = _from_counters(samples)
-    column = samples.columns["current"]
-    if _is_mean(column) and (found is None or found.strength != "strong"):
-        words = f"'{column.header}' is the mean current since the row before"
-        found = Decision("backward", "weak", words)
-    if given != "auto":
-        reason = "given by the user"
-        if found is not None and found.value != given:
-            reason += f", although {found.reason}"
-        return Decision(given, "given", reason)
-    if found is not None:
-        return found
-    if samples.dialect.logs_at_end:
-        words = f"{samples.dialect.name} testers log a sample at its interval's end"
-        return Decision("backward", "weak", words)
-    reason = (
-        "no counters prove otherwise; `current_hold='backward'` is for testers that log a sample "
-        "at the end of its interval"
-    )
-    return Decision("forward", "assumed", reason)
-
-
-def _is_mean(column: Column) -> bool:
-    """Whether a column of currents holds means over intervals: "<I>/mA", or the charge of each."""
-    return column.header.startswith("<") or column.quantity.name == "charge of the interval"
-
-
-def _from_counters(samples: Samples) -> Decision | None:
-    """The hold under which the current integrates to the tester's counters, with clear margin.
-
-    Where the tester's step number changes, the current switches in time with the log, so these
-    intervals decide. Inside a step that plays a drive cycle, the current switches on a clock of
-    its own and anywhere between two samples, which proves neither hold; such intervals are asked
-    only where the file has no step changes that tell. Where these prove nothing either, a lone
-    change of step decides, unless the other intervals are against it.
-    """
-    telling, places = _ledger(samples)
-    if not len(places):
-        return None
-    weight = (telling.backward_ah - telling.forward_ah) ** 2
-    fraction = float(np.average(telling.fractions(), weights=weight))
-    step = np.zeros(len(samples)) if samples.step is None else samples.step
-    at_changes = telling.at(step[places + 1] != step[places])
-    decision = _verdict(at_changes, "change", **_AT_CHANGES)
-    decision = decision or _verdict(telling, "interval", **_ANYWHERE)
-    if decision is None:
-        lone = _verdict(at_changes, "change", **_AT_ONE)
-        is_alike = lone is not None and (fraction > 0.5) == (lone.value == "backward")
-        return replace(lone, strength="weak") if lone is not None and is_alike else None
-    if not 0.25 < fraction < 0.75:
-        return decision
-    reason = (
-        f"{decision.reason}; over all intervals the last sample's current flowed for "
-        f"{fraction:.0%} of the time, so that inside its steps the record fits neither hold well"
-    )
-    return replace(decision, reason=reason)
-
-
-def _verdict(ledger: _Ledger, word: str, *, fewest: int, margin: float) -> Decision | None:
-    """The hold that these intervals prove, if they do.
-
-    Its residual must be below `margin` times the other's, and most intervals must agree, one by
-    one: a large one alone proves nothing.
-    """
-    count = len(ledger.counted_ah)
-    if count < fewest:
-        return None
-    backward = _spread(ledger.counted_ah - ledger.backward_ah)
-    forward = _spread(ledger.counted_ah - ledger.forward_ah)
-    hold, which = ("backward", "last") if backward < forward else ("forward", "first")
-    better, worse = sorted((backward, forward))
-    agreeing = float(np.mean((ledger.fractions() > 0.5) == (hold == "backward")))
-    if better > margin * worse or agreeing < _AGREEING:
-        return None
-    places = counted(count, word) + (" of step" if word == "change" else "")
-    reason = (
-        f"at {places} the tester's Ah counters follow the current of the interval's {which} "
-        f"sample (off by {1e3 * better:.2g} mAh, by {1e3 * worse:.2g} mAh with the other)"
-    )
-    return Decision(hold, "strong", reason)
-
-
-def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
-    """The ampere-hours of the intervals that tell, and their places.
-
-    An interval tells where its two currents differ by far more than the counters resolve, and
-    where no counter was reset.
-    """
-    counters, quantum_ah = samples.counters, samples.counters.quantum_ah
-    counted_ah = counters.magnitudes_ah()
-    is_unsigned = counted_ah is not None
-    if counted_ah is None:
-        counted_ah = counters.increments_ah(with_net=True)
-    if counted_ah is None or not counted_ah.any():
-        return _Ledger(*np.zeros((3, 0))), np.zeros(0, int)
-    moved_ah = samples.ended_ah, samples.begun_ah
-    if is_unsigned:
-        moved_ah = tuple(map(np.abs, moved_ah))
-    backward_ah, forward_ah = moved_ah
-    # The counters' own sign may be opposite to the file's.
-    if inner(counted_ah, backward_ah) + inner(counted_ah, forward_ah) < 0:
-        counted_ah = -counted_ah
-    largest_ah = max(max(own_ah.max(), -own_ah.min()) for own_ah in moved_ah)
-    # A hundredth of the record's largest step of charge keeps the noise of the current out.
-    floor_ah = max(5 * quantum_ah, 0.01 * float(largest_ah))
-    apart_ah = backward_ah - forward_ah
-    places = np.flatnonzero((apart_ah > floor_ah) | (apart_ah < -floor_ah))
-    ledger = _Ledger(counted_ah, backward_ah, forward_ah).at(places)
-    ends_ah = np.maximum(np.abs(ledger.backward_ah), np.abs(ledger.forward_ah))
-    is_reset = np.abs(ledger.counted_ah) > 2 * ends_ah + quantum_ah
-    for counter_ah in (counters.charged_ah, counters.discharged_ah):
-        if counter_ah is not None:
-            is_reset |= counter_ah[places + 1] < counter_ah[places]
-    return ledger.at(~is_reset), places[~is_reset]
-
-
-def _spread(values: Increments) -> float:
-    """The RMS without the largest few: a net counter that begins anew near zero hides the fall."""
-    smallest = np.sort(np.abs(values))[: len(values) - int(_FALLS * len(values))]
-    return float(np.sqrt(np.mean(smallest**2)))

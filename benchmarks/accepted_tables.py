@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import barnax
-from barnax.model.inputs import PreparedRecord, Window, prepare_record
+from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableFit, errors_on
 from barnax.over_soc.objective import FOLDS
 from benchmarks.pages import as_markdown, provenance, save_page

@@ -20,7 +20,7 @@ import numpy as np
 import barnax
 from barnax.execution import in_float64
 from barnax.filters import Drive, model_of, run_filter
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.replay import SCENARIOS
 from barnax.search.evaluate import evaluate
 from benchmarks.pages import provenance, save_page

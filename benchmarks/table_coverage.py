@@ -17,7 +17,7 @@ import numpy as np
 
 from barnax.bundled import BUNDLED
 from barnax.cell import SocTables, characterize
-from barnax.model.inputs import PreparedRecord, Window, prepare_record
+from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, simulate_tables
 from barnax.records import read_record
 from benchmarks.coverage.simulated import Noise

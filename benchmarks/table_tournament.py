@@ -17,7 +17,7 @@ from scipy.optimize import differential_evolution, least_squares
 import barnax
 from barnax.baselines import Budget
 from barnax.model.exponentials import Lagrange
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.optimizers import evaluations_per_iteration
 from barnax.over_soc.by_method import SEARCHES, capped, search_by
 from barnax.over_soc.fit import reduced_objective

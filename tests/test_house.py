@@ -19,7 +19,7 @@ LAYERS = (
     ("schema", "bundled", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),
-    ("search", "gather", "pulses", "filters"),
+    ("search", "inputs", "pulses", "filters"),
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
     ("results", "table_run"),

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from barnax import Result, identify
 from barnax.errors import InputError
-from barnax.model.inputs import group_tests
+from barnax.model.prepared import group_tests
 from barnax.model.window import Window
 from barnax.pipeline import validate_stored
 from barnax.pulse_test import hppc

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import barnax
 from barnax.comparison import PAPER_ROWS, Comparison, Row
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.search.evaluate import Evaluation
 from benchmarks.hysteresis import Cell, bundled, measured
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barnax.cell import CellModel
-from barnax.model.inputs import PreparedRecord
+from barnax.model.prepared import PreparedRecord
 
 
 @dataclass(frozen=True)

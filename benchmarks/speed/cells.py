@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 import barnax
-from barnax.model.inputs import PreparedRecord
+from barnax.model.prepared import PreparedRecord
 from barnax.search.seeds import search_many
 
 from .case import bundled_cell, bundled_problem, bundled_record

@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.cell.tables import hats
-from barnax.model.inputs import PreparedRecord, Window, prepare_record
+from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc.fit import reduced_objective
 from barnax.over_soc.objective import Objective, TableSettings
 from barnax.over_soc.search import find_best

@@ -23,11 +23,11 @@ from .errors import InputError as InputError
 from .fleet import FleetCell as FleetCell
 from .fleet import identify_fleet as identify_fleet
 from .fleet import read_manifest as read_manifest
-from .gather import Reading as Reading
-from .gather import Settings as Settings
 from .global_optimum import GlobalOptimum as GlobalOptimum
 from .global_optimum import find_global_optimum as find_global_optimum
 from .global_optimum import optimality_gap as optimality_gap
+from .inputs import Reading as Reading
+from .inputs import Settings as Settings
 from .model.problem import Problem as Problem
 from .model.problem import make_problem as make_problem
 from .model.window import Window as Window

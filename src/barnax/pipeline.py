@@ -16,7 +16,13 @@ from .cell import CellModel
 from .cell.curves import HysteresisFit, OcvFit
 from .errors import InputError
 from .execution import threads
-from .gather import (
+from .global_optimum import (
+    GlobalOptimum,
+    find_global_optimum,
+    try_other_hold,
+    with_better_directions,
+)
+from .inputs import (
     OVER_TEMPERATURE,
     Given,
     Inputs,
@@ -30,13 +36,7 @@ from .gather import (
     unwatched,
     windows_of,
 )
-from .global_optimum import (
-    GlobalOptimum,
-    find_global_optimum,
-    try_other_hold,
-    with_better_directions,
-)
-from .model.inputs import PreparedRecord, prepare_record
+from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, make_problem
 from .model.search_space import Range
 from .model.window import Window

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .bundled import BUNDLED
-from .gather import Given, Reading, Watch, listed, unwatched
+from .inputs import Given, Reading, Watch, listed, unwatched
 from .model.window import Window
 from .pipeline import identify
 from .plan.running import prepare_pulse_tests

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from .records import Record, is_rested, rest_current_a
 
 if TYPE_CHECKING:
-    from .model.inputs import PreparedRecord
+    from .model.prepared import PreparedRecord
 
 # After how many seconds of a pulse its resistance is usually told: at once, and as in USABC (1996),
 # the FreedomCAR manuals and ISO 12405-4 (2018).
@@ -194,7 +194,7 @@ def pulses_of(prepared: "PreparedRecord") -> tuple[Pulse, ...]:
     A pulse test has pulses after at least three of its long rests.
     """
     # What prepares records loads JAX, which pulses do without.
-    from .model.inputs import soc_along
+    from .model.prepared import soc_along
 
     record, start = prepared.record, prepared.start.soc
     soc = soc_along(record, prepared.capacity_ah, prepared.first, start)

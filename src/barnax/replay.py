@@ -29,8 +29,8 @@ from .filters import (
     run_filter,
 )
 from .filters.model import CAPACITY, OFFSET
-from .gather import Given, Reading, read_validation
-from .model.inputs import PreparedRecord, prepare_record
+from .inputs import Given, Reading, read_validation
+from .model.prepared import PreparedRecord, prepare_record
 from .model.window import Window
 from .over_soc import require_temperature
 from .results import Result

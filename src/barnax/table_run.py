@@ -9,7 +9,7 @@ import numpy as np
 from .cell.circuits import RATE
 from .errors import InputError
 from .global_optimum import GlobalOptimum
-from .model.inputs import PreparedRecord, prepare_record
+from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem
 from .over_soc import (
     HELD_GAMMA,

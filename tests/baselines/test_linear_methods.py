@@ -8,7 +8,7 @@ import pytest
 from barnax.baselines import METHODS, Budget, MethodFailure
 from barnax.baselines.regression import circuit_values, even_samples, regression
 from barnax.baselines.separable import state_matrix
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from helpers.reference import banded_response, drop_v, make_record

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.real_cells.conditions import condition_of
 
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from helpers.reference import make_record
 

@@ -7,7 +7,7 @@ import pytest
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.cell import characterize
 from barnax.checks import check_file
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.records import read_record
 from helpers.records import CURRENT, TIME, VOLTAGE, checked, frame

@@ -11,7 +11,7 @@ import pytest
 from barnax.execution import in_float64
 from barnax.export import EXPORTERS
 from barnax.filters import Drive, model_of, run_filter
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from helpers.results import PAIRS_OF, make_record, make_result, make_table_result
 

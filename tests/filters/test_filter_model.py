@@ -9,7 +9,7 @@ from barnax.cell import CircuitParameters, SocTables
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.filters import Drive, ErrorModel, make_model, model_of
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import simulate_tables
 from barnax.search.evaluate import evaluate

@@ -14,7 +14,7 @@ from barnax.cell import (
     SocTables,
 )
 from barnax.metrics import measure
-from barnax.model.inputs import PreparedRecord
+from barnax.model.prepared import PreparedRecord
 from barnax.model.start import Start
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer

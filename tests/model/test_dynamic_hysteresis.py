@@ -10,7 +10,7 @@ import pytest
 
 from barnax.cell import CircuitParameters, get_circuit
 from barnax.execution import in_float64
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem, rc_parameters, residuals, rmse_by_scan
 from barnax.model.simulate import terminal_voltage
 from barnax.model.window import Window

@@ -9,7 +9,7 @@ import pytest
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.cell.circuits import loops
 from barnax.errors import InputError
-from barnax.model.inputs import both_directions, prepare_record, soc_along
+from barnax.model.prepared import both_directions, prepare_record, soc_along
 from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import evaluate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from helpers.problems import simulated_record
 from helpers.reference import make_record

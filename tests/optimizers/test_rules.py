@@ -24,6 +24,7 @@ from barnax.optimizers import (
     Swarm,
     WhaleSearch,
 )
+from barnax.optimizers.candidates import best_of, better_leader
 from barnax.optimizers.leaders import (
     learn_from_neighbors,
     random_subset,
@@ -31,7 +32,6 @@ from barnax.optimizers.leaders import (
     three_best,
 )
 from barnax.optimizers.pso import badness
-from barnax.optimizers.swarm import best_of, better_leader
 
 BOX = Box(jnp.array([-4.0, 0.0, 10.0]), jnp.array([4.0, 1.0, 90.0]))
 CANDIDATES = 30

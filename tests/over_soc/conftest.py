@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from barnax.cell import characterize
-from barnax.model.inputs import Window, prepare_record
+from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc import TableSettings
 from barnax.records import read_record
 

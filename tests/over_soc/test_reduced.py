@@ -11,7 +11,7 @@ from barnax.cell.tables import hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.model import compressed
-from barnax.model.inputs import Window, prepare_record
+from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc import TableSettings, fit_tables, reduced, simulate, simulate_tables
 from barnax.over_soc.accuracy import _linearized, sag_of
 from barnax.over_soc.fit import box_of, reduced_objective

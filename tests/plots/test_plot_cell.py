@@ -9,7 +9,7 @@ import pytest
 from barnax import CircuitParameters, bundled_file, characterize, read_record
 from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
 from barnax.cell.curves import KNOTS
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.plots import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
 from barnax.pulses import levels, pulses_of

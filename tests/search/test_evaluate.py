@@ -6,7 +6,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters
-from barnax.model.inputs import prepare_record
+from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate

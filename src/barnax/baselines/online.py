@@ -10,7 +10,7 @@ from ..cell import CellModel, CircuitParameters
 from ..execution import in_float64
 from ..filters import Drive, ErrorModel, make_model, run_filter
 from ..filters.model import GRID, NOISES_PER_REST
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from .method import Answer, MethodFailure, Trajectory, deterministic
 from .regression import (

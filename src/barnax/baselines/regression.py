@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from ..cell import CircuitParameters
 from ..execution import in_float64
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..search.evaluate import evaluate
 from .method import Answer, MethodFailure, Trajectory, deterministic

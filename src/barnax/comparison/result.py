@@ -13,7 +13,8 @@ from ..baselines import METHODS, Budget
 from ..cell import CellModel, OcvTable
 from ..cell.curves import HysteresisFit, OcvFit
 from ..errors import InputError
-from ..gather import (
+from ..global_optimum import GlobalOptimum
+from ..inputs import (
     Given,
     Reading,
     Settings,
@@ -23,7 +24,6 @@ from ..gather import (
     unwatched,
     windows_of,
 )
-from ..global_optimum import GlobalOptimum
 from ..model.problem import Problem
 from ..model.search_space import Range
 from ..model.window import Window

@@ -14,14 +14,14 @@ from ..baselines.regression import outside_box
 from ..cell import CellModel, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
-from ..gather import Watch, unwatched
 from ..global_optimum import (
     GlobalOptimum,
     find_global_optimum,
     optimality_gap,
     with_better_directions,
 )
-from ..model.inputs import PreparedRecord, prepare_record
+from ..inputs import Watch, unwatched
+from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Kind, Problem, make_problem
 from ..model.search_space import Bounds, Range, Scale
 from ..model.window import Window

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from ..baselines import Budget
 from ..errors import InputError
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from ..over_soc import SocErrors, TableFit, TableFits, TableSettings, errors_on, fit_tables
 from ..over_soc.by_method import SEARCHES, capped, search_by

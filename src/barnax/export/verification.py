@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ..cell.curves import SegmentedHysteresis
 from ..errors import InputError
-from ..model.inputs import prepare_record
+from ..model.prepared import prepare_record
 from ..model.window import Window
 from ..over_soc import simulate_tables
 from ..records import Decision, Record

@@ -24,7 +24,7 @@ from jaxtyping import Array, Float, Scalar
 from scipy.special import chdtrc
 from scipy.stats import chi2
 
-from .cells import filter_in_scalars
+from .many_cells import filter_in_scalars
 from .model import Drive, Estimate, FilterModel
 
 Kind = Literal["ekf", "ukf"]

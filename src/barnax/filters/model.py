@@ -22,7 +22,7 @@ from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
 from ..cell.circuits import RATE
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from ..errors import InputError
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 
 if TYPE_CHECKING:
     from ..results import Result

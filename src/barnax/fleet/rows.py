@@ -14,7 +14,7 @@ from ..cell import CellModel, OcvTable, characterize, read_ocv_test
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
-from ..gather import Reading, Settings, file_names, input_warnings, source_of
+from ..inputs import Reading, Settings, file_names, input_warnings, source_of
 from ..model.window import Window
 from ..pipeline import identify, identify_problem
 from ..plan.document import require_choices

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from ..cell import CircuitParameters
 from ..model.compressed import BLOCK, TOLERANCE
 from ..model.exponentials import Lagrange, span_of
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..model.search_space import Bounds
 

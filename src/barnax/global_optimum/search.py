@@ -10,7 +10,7 @@ from scipy.ndimage import label, minimum_filter
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, in_float64, one_blas_thread
-from ..model.inputs import PreparedRecord, both_directions, prepare_record
+from ..model.prepared import PreparedRecord, both_directions, prepare_record
 from ..model.problem import Problem
 from ..records import Decision
 from ..records.record import Hold

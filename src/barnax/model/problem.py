@@ -16,8 +16,8 @@ from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
-from .inputs import PreparedRecord, prepare_record, require_changing_voltage
 from .padding import to_common_size
+from .prepared import PreparedRecord, prepare_record, require_changing_voltage
 from .search_space import Bounds, Coordinates, Range, Scale
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 from .window import Window

@@ -14,6 +14,10 @@ from .barnacle import bmo as bmo
 from .barnacle import ibmo as ibmo
 from .barnacle import ibmo_centered as ibmo_centered
 from .barnacle import ibmo_printed as ibmo_printed
+from .candidates import Box as Box
+from .candidates import Swarm as Swarm
+from .candidates import keep_best as keep_best
+from .candidates import sort_by_loss as sort_by_loss
 from .greedy import AdaptiveGenetic as AdaptiveGenetic
 from .greedy import Ecosystem as Ecosystem
 from .greedy import SunflowerSearch as SunflowerSearch
@@ -27,10 +31,6 @@ from .pso import CoevolvingSwarm as CoevolvingSwarm
 from .pso import MixedSwarm as MixedSwarm
 from .pso import ParticleSwarm as ParticleSwarm
 from .pso import apso as apso
-from .swarm import Box as Box
-from .swarm import Swarm as Swarm
-from .swarm import keep_best as keep_best
-from .swarm import sort_by_loss as sort_by_loss
 
 # A new optimizer is one file and one line here.
 OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingProxyType(

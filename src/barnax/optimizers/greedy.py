@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, Key
 
+from .candidates import Box, Swarm, better_of_each, keep_best, sort_by_loss
 from .draws import normal
 from .population import AbstractUniformStart, Generation, Proposal
 from .pso import badness
-from .swarm import Box, Swarm, better_of_each, keep_best, sort_by_loss
 
 
 class AbstractSortedSearch(AbstractUniformStart):

@@ -8,8 +8,7 @@ import jax.random as jr
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, Scalar
 
-from .population import AbstractUniformStart, Generation, Proposal
-from .swarm import (
+from .candidates import (
     Box,
     Swarm,
     best_first,
@@ -20,6 +19,7 @@ from .swarm import (
     replaced,
     sort_by_loss,
 )
+from .population import AbstractUniformStart, Generation, Proposal
 
 
 class AbstractLedSearch(AbstractUniformStart):

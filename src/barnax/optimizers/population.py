@@ -23,8 +23,8 @@ from jax import lax
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int, Key, PyTree, Scalar
 
+from .candidates import Box, Swarm
 from .draws import written_out
-from .swarm import Box, Swarm
 
 # Random numbers are drawn for several generations at once, up to so many in all: large loops over
 # numbers run faster than small ones, until they leave the processor's cache.

@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 
 from ..execution import in_float64
 from ..model.exponentials import Span
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .objective import Objective, Solution, TableSettings

@@ -38,7 +38,7 @@ from ..global_optimum.certificate import (
 )
 from ..global_optimum.reduced import earlier_rms
 from ..model.compressed import BLOCK
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from .objective import Axis, Objective, Solution, TableSettings
 from .search import Found, Searchable, alike_pairs, least_in_box, polish

@@ -13,7 +13,7 @@ from ..cell.circuits import RATE
 from ..cell.tables import HALF_HYSTERESIS
 from ..errors import InputError
 from ..execution import in_float64, one_blas_thread
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
 from .accuracy import (

@@ -17,7 +17,7 @@ from ..cell.tables import Table, hats, require_nodes
 from ..errors import InputError
 from ..model.compressed import BLOCK
 from ..model.exponentials import Span
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.search_space import PAIRS, RESISTANCES, Range
 from .reduced import Columns, Reduced
 from .search import Place, Sides, Solved, least_in_box, least_squares_in_box

@@ -28,7 +28,7 @@ from ..model.compressed import (
     shorten,
 )
 from ..model.exponentials import Span, span_of
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from ..model.simulate import SimulationInput
 from .simulate import TableInput

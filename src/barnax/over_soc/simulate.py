@@ -18,7 +18,7 @@ from ..cell import SocTables
 from ..execution import as_input, compile_for, in_float64
 from ..metrics import measure
 from ..model.compressed import BLOCK
-from ..model.inputs import PreparedRecord, require_changing_voltage
+from ..model.prepared import PreparedRecord, require_changing_voltage
 from ..model.simulate import Pair, SimulationInput
 from ..search.evaluate import Evaluation
 

@@ -17,7 +17,7 @@ from ..cell import SocTables, TemperatureTables
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..execution import one_blas_thread
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.window import is_temperature
 from .accuracy import SocErrors
 from .certificate import Proof, certify, certify_together

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cell.model import SAME_DEGC
 from ..errors import InputError
-from ..gather import OVER_TEMPERATURE, Reading, Watch, listed, unwatched
+from ..inputs import OVER_TEMPERATURE, Reading, Watch, listed, unwatched
 from ..model.window import Window
 from .document import ROLES, Part, Plan, Use
 from .looking import Seen, files_of, look, split

@@ -14,7 +14,7 @@ from tomlkit.items import Table
 from ..cell.circuits import CIRCUITS
 from ..cell.curves import HysteresisFit, OcvFit
 from ..errors import InputError, as_keys, printable, toml_reason
-from ..gather import OVER_TEMPERATURE, file_names, window_of, windows_by_name
+from ..inputs import OVER_TEMPERATURE, file_names, window_of, windows_by_name
 from ..model.window import OPTIONS, Window
 from ..optimizers import OPTIMIZERS
 from ..records import Source

@@ -17,7 +17,7 @@ from ..cell import OcvTable, read_ocv_test
 from ..checks import FileCheck, Role, check_file
 from ..checks.roles import STEPS, Traits
 from ..errors import InputError, printable
-from ..gather import Reading, Watch, file_names, source_of
+from ..inputs import Reading, Watch, file_names, source_of
 from ..model.window import Window
 from ..records import Record, Source, read_record, rest_current_a
 from ..records.columns import is_ocv_table

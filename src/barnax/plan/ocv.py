@@ -8,7 +8,7 @@ import numpy as np
 from ..cell import CellModel, characterize
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
-from ..model.inputs import prepare_record
+from ..model.prepared import prepare_record
 from ..model.window import Window
 from .looking import Seen
 

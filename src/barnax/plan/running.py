@@ -15,7 +15,7 @@ import numpy as np
 from ..cell import CellModel, OcvPoint, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..gather import (
+from ..inputs import (
     OVER_TEMPERATURE,
     Given,
     Reading,
@@ -27,7 +27,7 @@ from ..gather import (
     window_of,
     windows_by_name,
 )
-from ..model.inputs import OCV_MARGIN, soc_along, temperature_of
+from ..model.prepared import OCV_MARGIN, soc_along, temperature_of
 from ..model.window import Window
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source

@@ -27,7 +27,7 @@ from .style import (
 )
 
 if TYPE_CHECKING:
-    from ..model.inputs import PreparedRecord
+    from ..model.prepared import PreparedRecord
     from ..search.evaluate import Evaluation
 
 
@@ -118,7 +118,7 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
     hours; discharge current is positive. Samples that do not count are shaded.
 
     >>> from barnax import Window, bundled_file, characterize, read_record
-    >>> from barnax.model.inputs import prepare_record
+    >>> from barnax.model.prepared import prepare_record
     >>> cell = characterize([read_record(bundled_file("ocv_discharge"))])
     >>> record = read_record(bundled_file("identification"))
     >>> figure = plot_condition(prepare_record(record, cell, "so-rc", Window()))

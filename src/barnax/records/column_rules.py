@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError, counted, listed, printable
-from .cells import CLOCKS, DAY_S, is_clock, numbers
+from .cell_values import CLOCKS, DAY_S, is_clock, numbers
 from .columns import (
     NOTHING,
     Column,

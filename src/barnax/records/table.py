@@ -11,7 +11,7 @@ import polars as pl
 from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, counted, cut
-from .cells import DAY_S, numbers
+from .cell_values import DAY_S, numbers
 from .columns import Column
 from .counters import inner
 from .findings import Finding, found_at

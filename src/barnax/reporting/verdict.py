@@ -9,7 +9,7 @@ from rich.table import Table as Shown
 from rich.text import Text
 
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
-from ..gather import NOT_SUITABLE, OVER_TEMPERATURE
+from ..inputs import NOT_SUITABLE, OVER_TEMPERATURE
 from ..over_soc.accuracy import WORTHWHILE
 from ..over_soc.temperature import SAME_DEGC
 from ..pipeline import FITTING_AGAIN

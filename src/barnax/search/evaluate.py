@@ -10,13 +10,13 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters
 from ..execution import in_float64
 from ..metrics import Metrics, measure
-from ..model.inputs import (
+from ..model.padding import to_common_size
+from ..model.prepared import (
     PreparedRecord,
     both_directions,
     prepare_record,
     require_changing_voltage,
 )
-from ..model.padding import to_common_size
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..model.window import Window

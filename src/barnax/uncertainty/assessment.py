@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Key
 
 from ..cell import CircuitParameters
 from ..execution import one_blas_thread
-from ..model.inputs import PreparedRecord
+from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
 from .covariance import Covariance, Uncertainty, linearize
 from .identifiability import Identifiability, identifiability

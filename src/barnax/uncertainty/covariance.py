@@ -20,8 +20,8 @@ from scipy.special import stdtrit
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
-from ..model.inputs import PreparedRecord
 from ..model.padding import records_in
+from ..model.prepared import PreparedRecord
 from ..model.problem import Objective, Problem, point_blocks, residuals
 from ..search.refine import at_bound
 from .noise import Noise, fit_noise

@@ -16,7 +16,7 @@ from ..cell import CircuitParameters
 from ..cell.circuits import CIRCUITS, MOST_PAIRS, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.inputs import prepare_record
+from ..model.prepared import prepare_record
 from ..model.problem import Problem, rc_parameters, rmse_by_scan
 from ..model.search_space import PAIRS, RATE, RATE_RANGE, RESISTANCES, Bounds
 from ..model.simulate import SimulationInput, unit_response

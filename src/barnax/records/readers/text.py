@@ -17,7 +17,7 @@ import polars as pl
 from jaxtyping import Bool
 
 from ...errors import InputError, counted
-from ..cells import numbers, without_groups
+from ..cell_values import numbers, without_groups
 from ..columns import columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table

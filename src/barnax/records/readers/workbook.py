@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, cut, listed
-from ..cells import numbers
+from ..cell_values import numbers
 from ..columns import columns_of, is_ocv_table, names_record, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table

@@ -20,7 +20,7 @@ from .cell.curves import HysteresisFit, OcvFit
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .errors import InputError, printable
-from .model.inputs import group_tests, temperature_of
+from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame

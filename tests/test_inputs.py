@@ -11,7 +11,7 @@ from barnax.cell import characterize, read_ocv_table
 from barnax.checks import check_file
 from barnax.cli.session import command_line
 from barnax.errors import InputError
-from barnax.gather import (
+from barnax.inputs import (
     Reading,
     Settings,
     file_names,

@@ -15,7 +15,7 @@ import barnax
 PACKAGE = Path(barnax.__file__).parent
 # A module imports only from those left of its own: the order in which a record becomes a report.
 LAYERS = (
-    ("errors", "metrics", "execution"),
+    ("errors", "metrics", "execution", "blas"),
     ("schema", "bundled", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),
@@ -26,13 +26,19 @@ LAYERS = (
     ("run",),
     ("comparison", "export", "plan"),
     ("pipeline", "plots"),
-    ("pulse_test", "replay", "fleet"),
+    ("replay", "fleet"),
     ("reporting",),
     ("cli",),
 )
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
 # What knows nothing of batteries, and what of the rest it may import.
-GENERAL = {"optimizers": {"errors"}, "metrics": set(), "errors": set(), "execution": set()}
+GENERAL = {
+    "optimizers": {"errors"},
+    "metrics": set(),
+    "errors": set(),
+    "execution": set(),
+    "blas": set(),
+}
 # In a notebook a result shows itself: the one import to the right, made when it is asked to.
 SHOWN = {("results", "reporting")}
 # Where what users give is read, beside the command line.

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from barnax import Result
 from barnax.cli.app import app
 from barnax.export import EXPORTERS
-from barnax.pulse_test import hppc
+from barnax.pipeline import hppc
 from helpers.pulse_tests import CAPACITY_AH, R1_OHM, R2_OHM, TAU_S, made_record, r0_ohm
 
 FEW = {"seeds": 2, "iterations": 5, "population": 8}

@@ -12,13 +12,12 @@ from barnax import Result, identify
 from barnax.errors import InputError
 from barnax.model.prepared import group_tests
 from barnax.model.window import Window
-from barnax.pipeline import validate_stored
-from barnax.pulse_test import hppc
+from barnax.pipeline import hppc, validate_stored
+from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
 from barnax.reporting.render import to_markdown
 from barnax.reporting.soc_tables import prediction_sentence
-from barnax.reporting.verdict import first_screen
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
 
 FEW = {"seeds": 2, "iterations": 5, "population": 8}

@@ -10,7 +10,7 @@ import jax.random as jr
 import numpy as np
 import optimistix as optx
 
-from barnax.execution import one_blas_thread
+from barnax.blas import one_blas_thread
 from barnax.model.compressed import CHAINS, TOLERANCE, _blocks, extend
 from barnax.model.exponentials import span_of
 from barnax.model.simulate import BLOCK as TURN

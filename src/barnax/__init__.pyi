@@ -38,13 +38,13 @@ from .over_soc import TableSettings as TableSettings
 from .over_soc import evaluate_tables as evaluate_tables
 from .over_soc import fit_tables as fit_tables
 from .over_soc import simulate_tables as simulate_tables
+from .pipeline import hppc as hppc
 from .pipeline import identify as identify
 from .pipeline import identify_problem as identify_problem
 from .pipeline import validate_stored as validate_stored
 from .plan import Plan as Plan
 from .plan import plan_from_toml as plan_from_toml
 from .plan import plan_to_toml as plan_to_toml
-from .pulse_test import hppc as hppc
 from .records import Record as Record
 from .records import read_record as read_record
 from .records import record_from_frame as record_from_frame

@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar
 import jax
 import numpy as np
 
+from .bundled import BUNDLED
 from .cell import CellModel
 from .cell.curves import HysteresisFit, OcvFit
 from .errors import InputError
@@ -29,6 +30,7 @@ from .inputs import (
     Reading,
     Settings,
     Watch,
+    listed,
     ranges_of,
     read_inputs,
     read_validation,
@@ -49,6 +51,7 @@ from .over_soc import (
     require_temperatures,
 )
 from .plan import plans_first
+from .plan.running import prepare_pulse_tests
 from .results import Result
 from .run import Run, best_answer, make_result
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -145,6 +148,36 @@ def identify(
     run = _search_and_assess(problem, optimizer, settings, validation, trust, wanted, watch, advise)
     run = replace(run, ocv=inputs.ocv)
     return make_result(replace(run, warnings=_all_warnings(inputs.warnings, run)), command)
+
+
+def hppc(
+    records: Given | Sequence[Given] = (),
+    *,
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
+    window: Window | Mapping[str, Window] | None = None,
+    capacity: float | None = None,
+    reading: Reading | None = None,
+    watch: Watch = unwatched,
+    **options: Any,
+) -> Result:
+    """Tables over SOC from one or several pulse tests, and the resistances of every pulse.
+
+    Options are those of `identify`. Tests at several temperatures give tables for each
+    temperature. Pulses and rests are found in the records. Without `ocv` the
+    rests of the test are the OCV, interpolated; of several tests at one temperature, those of
+    the first. The charge between its ends is the capacity, if none is given. A simulation starts
+    at the end of the rest before the first pulse, unless `window` says otherwise.
+    Without a record, the bundled cell's test at 25 degC is used, validated on its drive cycles.
+
+    Raises `InputError` if a record has no pulses, and where `identify` does.
+    """
+    if not listed(records):
+        records, validate = BUNDLED.hppc[1], validate or BUNDLED.validation
+    prepared = prepare_pulse_tests(
+        records, ocv=ocv, window=window, capacity=capacity, reading=reading, watch=watch, **options
+    )
+    return identify(validate=validate, **prepared)
 
 
 def identify_problem(

@@ -27,12 +27,12 @@ from barnax.reporting.decisions import (
     window_sentences,
 )
 from barnax.reporting.document import Bullets, Picture
+from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document, validation_sentences
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.reporting.render import to_html, to_markdown
 from barnax.reporting.verdict import (
     best_possible,
-    first_screen,
     next_step,
     seeds_sentences,
     weakest_point,

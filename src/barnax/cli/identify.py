@@ -167,7 +167,7 @@ def _run(
         from ..reporting.terminal import plan_lines
 
         if command == "hppc":
-            from ..pulse_test import hppc as run
+            from ..pipeline import hppc as run
         else:
             from ..pipeline import identify as run
 
@@ -220,9 +220,9 @@ def result_files(result: "Result", report: bool, paper: bool = False) -> dict[st
 def _show(
     session: Session, result: "Result", folder: Path | None, written: set[str], verbose: bool
 ) -> None:
+    from ..reporting.first_screen import first_screen
     from ..reporting.identification import identification_document
     from ..reporting.terminal import next_lines, parts_line, to_terminal
-    from ..reporting.verdict import first_screen
 
     if verbose:
         session.show(to_terminal(identification_document(result).spelled(as_flags)))

@@ -94,9 +94,9 @@ def load(path: Path) -> "Result":
 
 def show(of: Stored) -> None:
     """Print a result in full."""
+    from ..reporting.first_screen import first_screen
     from ..reporting.identification import identification_document
     from ..reporting.terminal import to_terminal
-    from ..reporting.verdict import first_screen
 
     stored = load(of.result)
     session = Session(is_quiet=False)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..blas import one_blas_thread
 from ..cell import CircuitParameters
-from ..execution import one_blas_thread
 from .reduced import Axis, Columns, Reduced, dot, errors_of, least_in_box, normal_equations
 
 # In x = log(s / tau) a pair's kernel is exp(x - exp(x)); this is the integral of the absolute

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import label, minimum_filter
 
+from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..execution import SEEDS_PER_BLOCK, in_float64, one_blas_thread
+from ..execution import SEEDS_PER_BLOCK, in_float64
 from ..model.prepared import PreparedRecord, both_directions, prepare_record
 from ..model.problem import Problem
 from ..records import Decision

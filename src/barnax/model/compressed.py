@@ -19,7 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 from scipy.linalg import get_lapack_funcs, qr
 
-from ..execution import as_input, one_blas_thread, threads
+from ..blas import one_blas_thread
+from ..execution import as_input, threads
 from .exponentials import Lagrange, Span, span_of
 from .search_space import Coordinates
 from .simulate import AbstractEvaluator, Intervals, RCParameters, SimulationInput, respond

@@ -17,8 +17,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Scalar
 from scipy.linalg import qr, solve_triangular
 
+from ..blas import one_blas_thread
 from ..errors import InputError
-from ..execution import as_input, one_blas_thread
+from ..execution import as_input
 
 # Spans are rounded up to quarter decades, so that most records share one table and one program.
 _SPAN_STEP = math.log(10) / 4

@@ -1,14 +1,14 @@
 """Circuits with tables over SOC: identified, proved, and checked on held-out blocks."""
 
-from .accuracy import CrossValidation as CrossValidation
-from .accuracy import NodeInterval as NodeInterval
-from .accuracy import SocErrors as SocErrors
+from .cross_validation import CrossValidation as CrossValidation
+from .cross_validation import SocErrors as SocErrors
 from .fit import HELD_GAMMA as HELD_GAMMA
 from .fit import FitWarning as FitWarning
 from .fit import TableFit as TableFit
 from .fit import errors_on as errors_on
 from .fit import expected_rmse_v as expected_rmse_v
 from .fit import fit_tables as fit_tables
+from .intervals import NodeInterval as NodeInterval
 from .objective import TableSettings as TableSettings
 from .simulate import evaluate_tables as evaluate_tables
 from .simulate import simulate_tables as simulate_tables

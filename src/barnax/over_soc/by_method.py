@@ -16,7 +16,8 @@ from scipy.optimize import least_squares
 
 from ..baselines.method import Budget, generator_of, latin_hypercube
 from ..baselines.searches import DE, FEWEST, LM, PSO_LM, STARTS, evolve_in_box
-from ..execution import in_float64, one_blas_thread
+from ..blas import one_blas_thread
+from ..execution import in_float64
 from ..optimizers import OPTIMIZERS, evaluations_per_iteration, make_optimizer
 from .objective import Objective, Solution
 from .search import Place, in_order

@@ -8,23 +8,18 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from ..blas import one_blas_thread
 from ..cell import SocTables, get_circuit
 from ..cell.circuits import RATE
 from ..cell.tables import HALF_HYSTERESIS
 from ..errors import InputError
-from ..execution import in_float64, one_blas_thread
+from ..execution import in_float64
 from ..model.prepared import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
-from .accuracy import (
-    CrossValidation,
-    NodeInterval,
-    SocErrors,
-    blocks_of,
-    cross_validate,
-    intervals_of,
-)
 from .certificate import Proof, certify
+from .cross_validation import CrossValidation, SocErrors, blocks_of, cross_validate
+from .intervals import NodeInterval, intervals_of
 from .objective import (
     FASTEST_TAU_S,
     SLOWEST_SHARE,

@@ -15,9 +15,10 @@ from functools import cached_property, reduce
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..blas import one_blas_thread
 from ..cell.circuits import RATE
 from ..cell.tables import hats
-from ..execution import in_float64, one_blas_thread, threads
+from ..execution import in_float64, threads
 from ..model.compressed import (
     BLOCK,
     NEGLIGIBLE_V,

@@ -13,14 +13,14 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from ..blas import one_blas_thread
 from ..cell import SocTables, TemperatureTables
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
-from ..execution import one_blas_thread
 from ..model.prepared import PreparedRecord
 from ..model.window import is_temperature
-from .accuracy import SocErrors
 from .certificate import Proof, certify, certify_together
+from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
 from .objective import Axis, Objective, Solution, TableSettings
 from .search import Place, Solved, find_best, polish

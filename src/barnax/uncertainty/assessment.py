@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+from ..blas import one_blas_thread
 from ..cell import CircuitParameters
-from ..execution import one_blas_thread
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
 from .covariance import Covariance, Uncertainty, linearize

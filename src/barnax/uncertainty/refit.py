@@ -11,12 +11,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
+from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..execution import (
     SEEDS_PER_BLOCK,
     compile_for,
     in_float64,
-    one_blas_thread,
     run_blocks,
     seed_blocks,
     wanted_rows,

@@ -3,9 +3,9 @@
 import polars as pl
 import pytest
 
-from barnax import Window, bundled_file, pulse_test, read_record
+from barnax import Window, bundled_file, pipeline, read_record
 from barnax.errors import InputError
-from barnax.pulse_test import hppc
+from barnax.pipeline import hppc
 
 HPPC = bundled_file("hppc_25degC")
 OCV = bundled_file("ocv_discharge")
@@ -19,7 +19,7 @@ def asked(monkeypatch):
     def identify(records, **options):
         given.update(options, records=records)
 
-    monkeypatch.setattr(pulse_test, "identify", identify)
+    monkeypatch.setattr(pipeline, "identify", identify)
     return given
 
 

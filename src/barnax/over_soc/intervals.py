@@ -1,16 +1,16 @@
-"""How good fitted tables are: the interval of every node, and errors on blocks held out of the fit.
+"""The interval of every node of fitted tables.
 
-A fit with the weights of the objective is smooth where the data say little, so its own standard
-errors are too small. They are taken of a fit with a hundredth of the weights, as the sandwich
+They are not those of a constant circuit (`uncertainty.covariance`), for tables are smoothed: a fit
+with the weights of the objective is smooth where the data say little, so its own standard errors
+are too small. They are taken of a fit with a hundredth of the weights, as the sandwich
 H^-1 J' G J H^-1 with G the covariance of the noise that `uncertainty.noise` fits to the residuals,
 time constants included. That fit is where the interval lies; it reaches on to the value where the
 weights have moved it further, and to the curve of which the lines between nodes are chords.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,12 +18,10 @@ from scipy.special import stdtrit
 
 from ..execution import in_float64
 from ..model.exponentials import Span
-from ..model.prepared import PreparedRecord
 from ..uncertainty.covariance import CONFIDENCE, one_clock
 from ..uncertainty.noise import Noise, Slots, fit_gathered
-from .objective import Objective, Solution, TableSettings
-from .reduced import Groups, Reduced, blocks
-from .search import find_best, least_in_box
+from .objective import Objective, Solution
+from .reduced import blocks
 
 # Of the smoothing weights, those of the fit that standard errors are of.
 LIGHT = 0.01
@@ -33,11 +31,6 @@ MOST_SLOTS = 4096
 STEP = 1e-4
 # Directions that move the errors by less than this share of what the largest do are unseen.
 UNSEEN = 1e-9
-# What a table's error is stated above, beside that over the whole window: below, resistances rise
-# so steeply that an error in the capacity decides.
-ABOVE_SOC = 0.1
-# An extra is worth its parameters where it lowers both held-out errors by more than this share.
-WORTHWHILE = 0.1
 
 
 @dataclass(frozen=True)
@@ -217,117 +210,3 @@ def _around(places: Sequence[float], direction: int) -> Span:
     nodes = np.array([direction * (place + step) for place in places for step in (-STEP, 0, STEP)])
     eye = np.eye(len(nodes))
     return Span(0.0, 1.0, nodes, eye[0], eye, np.arange(len(nodes)), eye, 0.0)
-
-
-@dataclass(frozen=True)
-class SocErrors:
-    """RMSE over all samples that count, and over those above `ABOVE_SOC`; None without such."""
-
-    rmse_v: float
-    above_v: float | None
-
-    @classmethod
-    def of(cls, parts: Iterable[tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]]):
-        """Those of errors at states of charge, part after part."""
-        squares_v2, counts = np.zeros(2), np.zeros(2, int)
-        for error_v, soc in parts:
-            is_above = (soc > ABOVE_SOC).astype(int)
-            squares_v2 += np.bincount(is_above, error_v**2, minlength=2)
-            counts += np.bincount(is_above, minlength=2)
-        return cls.of_squares(squares_v2, counts)
-
-    @classmethod
-    def of_squares(cls, squares_v2: Float[np.ndarray, "2"], counts: Int[np.ndarray, "2"]):
-        """Those of the sums of squares up to `ABOVE_SOC` and above, of so many samples."""
-        above_v = float(np.sqrt(squares_v2[1] / counts[1])) if counts[1] else None
-        return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
-
-    def is_worth(self, simpler: "SocErrors") -> bool:
-        """Whether it is lower than a simpler circuit's by more than `WORTHWHILE` in both."""
-
-        def falls(own_v: float | None, other_v: float | None) -> bool:
-            return own_v is None or other_v is None or own_v < (1 - WORTHWHILE) * other_v
-
-        return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
-
-
-@dataclass(frozen=True)
-class CrossValidation:
-    """Errors on blocks that were held out of the fit, of the tables and of the constant circuit.
-
-    Each of the `folds` holds every `folds`-th block of `block_s` seconds of every record. Time
-    constants are those of all samples; what is linear is fitted in each fold anew. The constant
-    circuit is the same one with one value for every SOC and no OCV correction.
-    """
-
-    folds: int
-    block_s: float
-    tables: SocErrors
-    constant: SocErrors
-
-
-def blocks_of(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> tuple[list[Groups], int]:
-    """For each record what gives the groups of some samples, -1 where one is not scored, and how
-    many groups there are.
-
-    Two groups a fold: the samples up to and above `ABOVE_SOC`.
-    """
-
-    def group(here: slice, each: PreparedRecord, start_s: float) -> Int[np.ndarray, "samples"]:
-        if not settings.folds:
-            return np.where(each.scored[here], 0, -1)
-        fold = np.floor((each.time_s[here] - start_s) / settings.block_s).astype(int)
-        groups = 2 * (fold % settings.folds) + (each.soc[here] > ABOVE_SOC)
-        return np.where(each.scored[here], groups, -1)
-
-    groups: list[Groups] = [
-        partial(group, each=each, start_s=float(each.time_s[np.argmax(each.scored)]))
-        for each in prepared_records
-    ]
-    return groups, 2 * settings.folds or 1
-
-
-def cross_validate(objective: Objective, best: Solution) -> CrossValidation | None:
-    """The held-out errors of a circuit.
-
-    None where nothing is held out, or where all samples lie in one fold.
-    """
-    settings, parts = objective.settings, objective.parts
-    if not settings.folds:
-        return None
-    scored_in_folds = np.reshape([part.scored for part in parts], (-1, 2)).sum(axis=1)
-    if np.count_nonzero(scored_in_folds) < 2:
-        return None
-    plain = replace(settings, nodes=(0.5,), ocv_correction=False)
-    whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
-    flat = [part.constant() for part in parts]
-    return CrossValidation(
-        settings.folds,
-        settings.block_s,
-        _held_out(objective, best, parts),
-        _held_out(whole, find_best(whole), flat),
-    )
-
-
-def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> SocErrors:
-    folds = objective.settings.folds
-    # Of every group's factor only the columns at one place are wanted.
-    columns, bases = zip(
-        *(replace(objective, reduced=part).columns(best.place) for part in parts), strict=True
-    )
-    scored = np.array([part.scored for part in parts])
-    squares = np.zeros(len(parts))
-    for fold in range(folds):
-        is_rest = np.arange(len(parts)) // 2 != fold
-        rest = np.flatnonzero(is_rest & (scored > 0))
-        share = scored[rest] / scored[rest].sum()
-        normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
-        for each, at in zip(share, rest, strict=True):
-            normal += each * columns[at].T @ columns[at]
-            gradient += each * columns[at].T @ bases[at]
-        x, _ = least_in_box(normal, gradient, *objective.box, best.sides)
-        for at in np.flatnonzero(~is_rest):
-            squares[at] = scored[at] * np.sum((bases[at] + columns[at] @ x) ** 2)
-    return SocErrors.of_squares(*(each.reshape(-1, 2).sum(axis=0) for each in (squares, scored)))

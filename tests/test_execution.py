@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
+from barnax.blas import one_blas_thread
 from barnax.execution import (
     compile_for,
     in_float64,
-    one_blas_thread,
     run_blocks,
     seed_blocks,
     wanted_rows,

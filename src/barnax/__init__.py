@@ -1,7 +1,7 @@
 """Identify lithium-ion equivalent-circuit parameters, and know how good the answer is.
 
 Names are imported on first use: importing barnax loads no JAX, sets nothing and touches no
-device. What there is stands in `__init__.pyi`.
+device. The public names are listed in `__init__.pyi`.
 """
 
 import lazy_loader

@@ -27,7 +27,7 @@ def in_float64(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def as_input(values: Any) -> Any:
-    """Values as a program takes them, which inside it are JAX's: NumPy's own.
+    """Values as a NumPy array, the form in which a compiled program takes its arguments.
 
     A call takes all its arguments at once. Putting them on the device one by one took a tenth of a
     small problem's time, and `jnp.asarray` compiles a program for every shape it meets.

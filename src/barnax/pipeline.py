@@ -246,16 +246,16 @@ def _search_and_assess(
 ) -> Run:
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
     with threads(3) as beside:
-        compiling = beside.submit(Descent, problem) if settings.seeds else None
-        looking = beside.submit(_optimum_or_none, problem)
+        descent = beside.submit(Descent, problem) if settings.seeds else None
+        optimum_future = beside.submit(_optimum_or_none, problem)
         tabulated = settings.circuit(problem.cell, "soc")
-        fitting = beside.submit(
-            fit_beside, problem, settings.over, tables, tabulated, looking, advise
+        tables_future = beside.submit(
+            fit_beside, problem, settings.over, tables, tabulated, optimum_future, advise
         )
-        linearizing = beside.submit(compile_linearization, problem) if trust != "none" else None
-        turning = beside.submit(try_other_hold, problem) if advise else None
+        linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
+        other_hold_future = beside.submit(try_other_hold, problem) if advise else None
         search = refinement = None
-        if compiling is not None:
+        if descent is not None:
             with watch("Searching", settings.seeds) as advance:
                 search = search_seeds(
                     problem,
@@ -265,14 +265,14 @@ def _search_and_assess(
                     progress=advance,
                 )
             with watch("Refining", settings.seeds) as advance:
-                refinement = refine(search, descent=compiling.result(), progress=advance)
+                refinement = refine(search, descent=descent.result(), progress=advance)
         with watch("Waiting for the global optimum", 0):
-            optimum = looking.result()
-            if linearizing is not None:
-                linearizing.result()
+            optimum = optimum_future.result()
+            if linearization is not None:
+                linearization.result()
         with watch("Waiting for tables over SOC", 0):
-            found, expected_v = fitting.result()
-            other_hold = turning.result() if turning is not None else None
+            found, expected_v = tables_future.result()
+            other_hold = other_hold_future.result() if other_hold_future else None
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     with watch("Evaluating", 0):

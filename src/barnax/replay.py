@@ -110,14 +110,13 @@ class ScenarioPart(Part):
     in_band: float | None = None
     counter_rms: float | None = None
     counter_max: float | None = None
+    estimates: dict[str, tuple[float, float]] = Field(default_factory=dict)
+    diverged_s: float | None = None
 
     @property
     def is_lost(self) -> bool:
         """Whether the estimate that came near the reference did not stay there."""
         return self.rms is not None and self.rms > CONVERGED
-
-    estimates: dict[str, tuple[float, float]] = Field(default_factory=dict)
-    diverged_s: float | None = None
 
 
 class SocReplay(Document):

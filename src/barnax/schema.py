@@ -152,7 +152,7 @@ class Document(Part):
         del file
         return document
 
-    # What such a file is called in messages, and what to give instead of one that is none.
+    # What such a file is called in messages, and what to give instead of a file that is none.
     what: ClassVar[str] = "barnax result"
     remedy: ClassVar[str] = "give the file that barnax wrote"
 

@@ -1,4 +1,4 @@
-"""Ampere-hours: by integration, by counters, against the capacity, and in rests that are none."""
+"""Ampere-hours: by integration, by counters, against the capacity, and in rests with a current."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

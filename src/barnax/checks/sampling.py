@@ -91,9 +91,12 @@ def find_skipped(given: CheckInput) -> Iterator[Finding]:
     yield given.at(int(places[0]) + 1, "warning", what, "give the file with every sample, if any")
 
 
-# A voltage that moves so far from one sample to the next, steady on either side, stays there; and
-# what the current may explain of it.
-_BREAK_V, _BREAK_NOISE, _SIDE, _UNSTEADY, _UNEXPLAINED = 0.1, 12.0, 10, 0.25, 3.0
+# A voltage that moves so far from one sample to the next, and by so many times its noise,
+_BREAK_V, _BREAK_NOISE = 0.1, 12.0
+# steady over so many samples on either side, stays there;
+_SIDE, _UNSTEADY = 10, 0.25
+# and the current explains it if it is no more than so many times what the resistance makes.
+_UNEXPLAINED = 3.0
 
 
 def find_breaks(given: CheckInput) -> Iterator[Finding]:

@@ -50,8 +50,9 @@ class Choices:
         SEARCH,
         "iso-rc|so-rc|esc|...",
         "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) hysteresis; "
-        "1rc, 3rc and 4rc have one, three and four pairs and no hysteresis (default: iso-rc; with "
-        "tables so-rc, or esc if half the hysteresis voltage is worth 8 % SOC or more).",
+        "takacs has loops after a turn; 1rc, 3rc and 4rc have one, three and four pairs and no "
+        "hysteresis (default: iso-rc; with tables so-rc, or esc if half the hysteresis voltage is "
+        "worth 8 % SOC or more).",
         autocompletion=known_names("cell", "CIRCUITS"),
     )
     method: str = option(

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..results import Result
 
 # Across machines and versions the refined error agrees this closely, relative.
-SAME_RMSE = 1e-9
+REPRODUCED_RMSE = 1e-9
 FINDINGS = 1
 SOC_FOLDER = Path("barnax-soc")
 START = ("start_time_s", "start_after_step", "initial_soc", "initial_direction")
@@ -239,7 +239,7 @@ def rerun(of: Rerun) -> None:
         return
     old_v, new_v = (each.metrics.identification.rmse_v for each in (stored, repeated))
     session.show(_differences(stored, repeated))
-    if abs(new_v / old_v - 1) <= SAME_RMSE:
+    if abs(new_v / old_v - 1) <= REPRODUCED_RMSE:
         session.show([f"The error agrees to {abs(new_v / old_v - 1):.1e}."])
         return
     session.show([f"[bold]The error differs by {100 * (new_v / old_v - 1):+.2g} %.[/bold]"])

@@ -350,7 +350,7 @@ def model_of(result: "Result", slow: Sequence[str] = ()) -> FilterModel:
 
     `slow` are the parameters to estimate. The prior deviation of an offset is the current below
     which the cell counts as resting, of a capacity `CAPACITY_SD`, of the others that of their fit,
-    between 2 and 50 %. Raises `InputError` for one that the circuit has not, and for a result
+    between 2 and 50 %. Raises `InputError` for one that the circuit does not have, and for a result
     without an assessment.
     """
     errors = ErrorModel.of(result)

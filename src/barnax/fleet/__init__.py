@@ -1,4 +1,4 @@
-"""Many cells identified: a manifest, an engine that others wrote, one row a cell, nothing lost.
+"""Many cells identified: a manifest, a standard executor, one row a cell, nothing lost.
 
 `summary` sums a dataset up; it is imported by itself, since it loads SciPy.
 """

@@ -1,4 +1,4 @@
-"""Batches of cells on an executor that others wrote; a worker's death costs one cell at most.
+"""Batches of cells on a pool of processes or on Dask; a worker's death costs one cell at most.
 
 Workers write what they find and send counts back. Where a pool breaks, the markers of the batches
 that ran say which cell each was at; those run once more, alone, and the rest of their batches as

@@ -1,4 +1,4 @@
-"""What each file is: read once, checked, told by what was found, and cut where it holds several.
+"""What each file is: read once, checked, classified, and cut where it holds several.
 
 A file that holds a whole schedule is cut into its tests, by full charges and by OCV sweeps.
 """

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from ..search.refine import SAME_RMSE
 from .sentences import better_than
 from .words import bound_words, joined, millivolt, sentence
 
@@ -11,8 +12,6 @@ if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..comparison.result import DifferencePart, RecordErrorsPart, RowPart
 
-# Rows whose RMSE agree this closely, relative, found the same answer.
-SAME_RMSE = 1e-5
 NARROW = "the residuals stay correlated longer than a block, so the interval is too narrow"
 # The plainest model, against which others must show that they pay.
 BASE = "so-rc"

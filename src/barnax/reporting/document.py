@@ -117,7 +117,7 @@ def circuits_table(
     further: Cells[str],
     first: str = "row",
 ) -> Table:
-    """Circuits by their names under `first`, a dash where one has not got a parameter.
+    """Circuits by their names under `first`, a dash where one lacks a parameter.
 
     `further` columns follow, filled by what they give for a name.
     """

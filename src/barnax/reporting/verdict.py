@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
+from ..cell.model import SAME_DEGC
 from ..inputs import OVER_TEMPERATURE
 from ..over_soc.cross_validation import WORTHWHILE
-from ..over_soc.temperature import SAME_DEGC
 from ..pipeline import FITTING_AGAIN
 from .sentences import (
     WORTH_TELLING,

@@ -19,7 +19,7 @@ def joined(items: Sequence[str], last: str = "and") -> str:
 
 
 def sentence(text: str) -> str:
-    """The text with a full stop, where it has not got one.
+    """The text with a full stop, where it lacks one.
 
     >>> sentence("it failed"), sentence("It failed.")
     ('it failed.', 'It failed.')

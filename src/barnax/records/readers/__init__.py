@@ -62,8 +62,8 @@ def _only_file(content: bytes) -> bytes:
 def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) -> Table:
     """The table inside a file's bytes; `file` is the name that messages use.
 
-    `given` holds the user's own names of columns, by quantity. Of what is gzipped or zipped alone,
-    the content is read.
+    `given` holds the user's own names of columns, by quantity. A gzipped file, or a zip of one
+    file, is unpacked first.
 
     Raises InputError when the file is empty, when no reader knows its content, or when the
     reader that knows it finds it damaged.

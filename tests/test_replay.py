@@ -67,7 +67,7 @@ def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
     console = Console(width=100, record=True, file=io.StringIO())
     for block in soc_screen(lost):
         console.print(block)
-    assert "not for long" in console.export_text()
+    assert "lost  52.5" in console.export_text()
 
 
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):

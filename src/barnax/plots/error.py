@@ -1,5 +1,6 @@
 """Errors: of voltage over time and over SOC, of one circuit or many, and of the SOC of a filter."""
 
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
@@ -247,6 +248,7 @@ SCENARIO_COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY_BLUE)
 REPLAY_IN = 5.6
 # Errors beyond these are of a start that is still being found.
 WIDEST_PERCENT = 8.0
+TITLE_LETTERS = 80
 BAND_SD = 2.0
 
 
@@ -275,8 +277,11 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
         counted = 100 * (traces.counted[place] - traces.truth)
         errors.plot(time[::100], counted[::100], color=color, linestyle="--", linewidth=0.7)
     errors.plot([], [], color=GREY, linestyle="--", label="counting alone")
-    errors.set_ylim(-WIDEST_PERCENT, WIDEST_PERCENT)
-    errors.set_title(_beyond(replay), loc="right")
+    first = 100 * np.nan_to_num(np.asarray(traces.estimate.soc[0]) - traces.truth)
+    # A filter that loses the SOC is shown losing it.
+    widest = max(WIDEST_PERCENT, 1.1 * float(np.abs(first).max()))
+    errors.set_ylim(-widest, widest)
+    errors.set_title(textwrap.fill(_beyond(replay, widest), TITLE_LETTERS), loc="right")
     over_time.set_ylabel("State of charge [%]")
     errors.set_ylabel("Error of SOC [%]\n(filter − counter)")
     errors.set_xlabel(unit.label)
@@ -284,7 +289,7 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     return finish(figure, over_time, errors, columns=4)
 
 
-def _beyond(replay: "SocReplay") -> str:
+def _beyond(replay: "SocReplay", widest: float) -> str:
     """What leaves the scale of the errors, and how far; nothing where nothing does."""
     traces, far = replay.traces, []
     for way, soc in (("filter", traces.estimate.soc), ("counting", traces.counted)):
@@ -292,6 +297,6 @@ def _beyond(replay: "SocReplay") -> str:
         far += [
             f"{part.name} ({way}, {error:.2g} %)"
             for part, error in zip(replay.scenarios, most, strict=True)
-            if error > WIDEST_PERCENT
+            if error > widest
         ]
     return f"beyond the scale: {'; '.join(far)}" if far else ""

@@ -226,7 +226,7 @@ def _converged(part: "ScenarioPart") -> str:
     if part.diverged_s is not None:
         return "diverged"
     if part.is_lost:
-        return "not for long"
+        return "lost"
     if part.converged_s is None:
         return "never"
     return duration(part.converged_s) if part.converged_s else "at once"

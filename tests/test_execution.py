@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from barnax.blas import one_blas_thread
+from barnax.blas import _take_control, one_blas_thread
 from barnax.execution import (
     compile_for,
     in_float64,
@@ -136,6 +136,7 @@ def threads() -> set[int]:
 
 @pytest.fixture
 def three_threads():
+    _take_control()
     with ThreadpoolController().limit(limits=3, user_api="blas"):
         if threads() != {3}:
             pytest.skip("this library of linear algebra has one thread only")

@@ -137,7 +137,7 @@ def measure_alone(manifest: str) -> dict:
         rows.append(identify_cell(cell, {"seeds": 0}))
         spent.append(time.process_time() - start_s)
         programs.append(sum(name.startswith("Compiling") for name in names))
-    large = {"_descend", "_respond", "_rmse_of_all", "_errors_and_slopes", "terminal_voltage"}
+    large = {"_descend", "_respond", "rmse_of_all", "_errors_and_slopes", "terminal_voltage"}
     compiled = [name for name in names if name.startswith("Compiling")]
     count = sum(name.partition("jit(")[2].strip(")") in large for name in compiled)
     half = len(cells) // 2

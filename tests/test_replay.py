@@ -68,6 +68,9 @@ def test_an_estimate_that_does_not_stay_near_is_called_lost(replay):
     for block in soc_screen(lost):
         console.print(block)
     assert "lost  52.5" in console.export_text()
+    never = part.model_copy(update={"rms": None, "max": None, "converged_s": None})
+    told = dict(soc_lines(replay.model_copy(update={"scenarios": (never,)})))
+    assert "goes wrong: the circuit" in told["Lost"]
 
 
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):

@@ -19,7 +19,7 @@ STANDARD_S = (0.0, 2.0, 10.0, 18.0, 30.0)
 LONGEST_S, SETTLED_S = 120.0, 300.0
 # After so many long rests there must be pulses for a record to be a pulse test.
 FEWEST_LEVELS = 3
-# Pulses of less than this share of the largest current are no test's.
+# Pulses of less than this share of the largest discharge are no test's.
 SMALL_SHARE = 0.05
 FEWEST_SAMPLES = 3
 # Neighbors that differ by more than this share belong to two loads, unless the first is a ramp.
@@ -205,7 +205,7 @@ def pulses_of(prepared: "PreparedRecord") -> tuple[Pulse, ...]:
     given_degc = prepared.window.temperature_degc
     if given_degc is not None:
         pulses = tuple(replace(pulse, temperature_degc=given_degc) for pulse in pulses)
-    least_a = SMALL_SHARE * float(np.abs(record.current_a).max())
+    least_a = SMALL_SHARE * float(record.current_a[prepared.first :].max())
     settled = [p for p in pulses if p.rest_s >= SETTLED_S and abs(p.current_a) >= least_a]
     return pulses if len(settled) >= FEWEST_LEVELS else ()
 

@@ -115,8 +115,8 @@ class ScenarioPart(Part):
 
     @property
     def is_lost(self) -> bool:
-        """Whether the estimate that came near the reference did not stay there."""
-        return self.rms is not None and self.rms > CONVERGED
+        """Whether the estimate does not stay near the reference."""
+        return self.diverged_s is None and (self.rms is None or self.rms > CONVERGED)
 
 
 class SocReplay(Document):

@@ -216,6 +216,10 @@ FAULTS = {
         DRIVE.with_columns(pl.lit(-273.15).alias(TEMPERATURE)),
         {"temperature": "warning"},
     ),
+    "an open sensor": (
+        DRIVE.with_columns(pl.lit(850.0).alias(TEMPERATURE)),
+        {"temperature": "warning"},
+    ),
     "kelvin": (DRIVE.with_columns(pl.lit(298.15).alias(TEMPERATURE)), {"temperature": "warning"}),
     "a pause under load": (paused_under_load(), {"gaps": "warning"}),
     "coarse readings": (DRIVE.with_columns(pl.col(VOLTAGE).round(2), pl.col(CURRENT).round(2)), {}),

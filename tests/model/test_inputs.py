@@ -63,6 +63,7 @@ def test_a_simulation_starts_at_a_time_or_after_the_last_block_of_a_step(window,
         # Both ends of the times are inside, and steps and times must both hold.
         (Window(score_from_s=60.0, score_to_s=80.0), 0, [1, 2, 3]),
         (Window(score_steps=(2, 3), score_from_s=400.0, score_to_s=830.0), 0, range(35, 79)),
+        (Window(score_soc="-1,2", score_from_s=60.0, score_to_s=80.0), 0, [1, 2, 3]),
         # As a warning prints it.
         (Window(score_steps="2,3", score_from_s=400.0, score_to_s=830.0), 0, range(35, 79)),
     ],
@@ -102,6 +103,7 @@ def test_the_simulation_ends_with_the_last_scored_sample(bundled_cell):
         ({"rest_current_a": 0.0}, r"`rest_current` 0.0 must be positive"),
         ({"rest_current_a": float("nan")}, r"`rest_current` nan must be positive"),
         ({"capacity_ah": -2.0}, r"`capacity` -2.0 must be positive"),
+        ({"score_soc": "0.2:0.8"}, "`score_soc` '0.2:0.8' is not as in 0.1,1"),
         ({"score_soc": (0.9, 0.1)}, r"`score_soc` 0.9,0.1: the lower end comes first"),
         (
             {"score_from_s": 20.0, "score_to_s": 10.0},

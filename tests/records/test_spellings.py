@@ -126,11 +126,25 @@ def test_a_date_and_a_time_of_day_in_two_columns_are_one_clock(tmp_path, day):
         assert any("together, a date and a time of day" in each for each in record.warnings)
 
 
-def test_a_clock_of_the_test_beside_dates_runs_on(tmp_path):
+@pytest.mark.parametrize("interval_s", [60, 1])
+def test_a_clock_of_the_test_beside_dates_runs_on(tmp_path, interval_s):
+    """Also where it is logged every minute at midnight, and mostly every second."""
+    time_s = np.cumsum(np.where(np.arange(300) < 200, interval_s, 60))
     seconds = clock("{h:02d}:{m:02d}:{s:02d}")
     rows = "".join(
-        f"{date('%Y-%m-%d')(60 * k + 80_000)},{seconds(60 * k)},{k % 2},3.{7 + k % 2}\n"
-        for k in range(300)
+        f"{date('%Y-%m-%d')(s + 4_000)},{seconds(s)},{k % 2},3.{7 + k % 2}\n"
+        for k, s in enumerate(time_s.tolist())
     )
     record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows).encode())
-    np.testing.assert_array_equal(record.time_s, 60.0 * np.arange(300))
+    np.testing.assert_array_equal(record.time_s, time_s)
+
+
+def test_a_date_that_jumps_by_days_is_no_clock_of_the_test(tmp_path):
+    """The time of day rises throughout; no clock of a test takes so many days over it."""
+    time_s = np.cumsum(np.where(np.arange(300) == 200, 49 * 3600, 60)) + 10_000
+    rows = "".join(
+        f"{date('%Y-%m-%d')(s)},{date('%H:%M:%S')(s)},{k % 2},3.{7 + k % 2}\n"
+        for k, s in enumerate(time_s.tolist())
+    )
+    record = read(tmp_path, ("Date,Time,Current (A),Voltage (V)\n" + rows).encode())
+    np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))

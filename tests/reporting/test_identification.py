@@ -123,6 +123,8 @@ def test_every_other_verdict_is_the_golden_one():
     # The polynomial of this cell misses its points, which comes before all else.
     met = STORED.model_copy(update={"cell": replace(STORED.cell, errors={})})
     alone = STORED.metrics.model_copy(update={"validation": ()})
+    identification = STORED.metrics.identification.model_copy(update={"r2": -0.1})
+    worse = STORED.metrics.model_copy(update={"identification": identification})
     both = tuple(AtBound(f"R{pair} [Ohm]", "upper") for pair in (1, 2))
     for result in (
         STORED,
@@ -131,6 +133,7 @@ def test_every_other_verdict_is_the_golden_one():
         met.model_copy(update={"metrics": alone}),
         met.model_copy(update={"metrics": alone, "expected_tables_v": 0.4 * found.rmse_v}),
         met.model_copy(update={"at_bound": both}),
+        met.model_copy(update={"metrics": worse}),
     ):
         told.append(f"next: {next_step(result)}")
     require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")

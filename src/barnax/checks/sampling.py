@@ -197,7 +197,7 @@ def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
 
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
-_TEMPERATURE_DEGC = (-60.0, 120.0)
+_TEMPERATURE_DEGC, ZERO_K = (-60.0, 120.0), 273.15
 
 
 def find_resolution(given: CheckInput) -> Iterator[Finding]:
@@ -214,10 +214,6 @@ def find_resolution(given: CheckInput) -> Iterator[Finding]:
     yield Finding("note", what, "no fit can be better than its readings")
 
 
-# Above it a number without its unit is likelier in kelvin.
-_KELVIN = 200.0
-
-
 def find_temperature(given: CheckInput) -> Iterator[Finding]:
     """Temperatures that no cell has."""
     temperature = given.record.temperature_degc
@@ -231,6 +227,6 @@ def find_temperature(given: CheckInput) -> Iterator[Finding]:
             f"({int(outside.sum())} samples outside {low:g} to {high:g} degC)"
         )
         remedy = "check the sensor, or delete the column"
-        if outside.all() and temperature.min() > _KELVIN:
-            remedy = "write its unit into the name of the column, as in 'Temperature / K'"
+        if low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high:
+            remedy = "it looks like kelvin: rename the column, as 'Temperature / K'"
         yield given.at(outside, "warning", what, remedy)

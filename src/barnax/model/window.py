@@ -74,7 +74,11 @@ class Window:
         for name in ("score_steps", "score_soc"):
             # As a warning about the file prints them.
             if isinstance(text := getattr(self, name), str):
-                object.__setattr__(self, name, OPTIONS[name][1](text))
+                _, read, example = OPTIONS[name]
+                try:
+                    object.__setattr__(self, name, read(text))
+                except ValueError:
+                    raise InputError(f"`{name}` {text!r} is not as in {example}") from None
         if self.start_time_s is not None and self.start_after_step is not None:
             raise InputError("give `start_time` or `start_after_step`, not both")
         if self.initial_soc is not None and not 0 <= self.initial_soc <= 1:

@@ -238,8 +238,8 @@ def require_temperature(prepared: PreparedRecord) -> float:
         )
     if not is_temperature(degc):
         raise InputError(
-            f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or the "
-            "unit in the name of the column, as in 'Temperature / K'"
+            f"{name}: no cell is measured at {degc:.4g} degC; give it with `temperature`, or "
+            "rename a column in kelvin to 'Temperature / K'"
         )
     return degc
 

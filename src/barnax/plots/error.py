@@ -277,9 +277,9 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
         counted = 100 * (traces.counted[place] - traces.truth)
         errors.plot(time[::100], counted[::100], color=color, linestyle="--", linewidth=0.7)
     errors.plot([], [], color=GREY, linestyle="--", label="counting alone")
-    first = 100 * np.nan_to_num(np.asarray(traces.estimate.soc[0]) - traces.truth)
     # A filter that loses the SOC is shown losing it.
-    widest = max(WIDEST_PERCENT, 1.1 * float(np.abs(first).max()))
+    first = 100 * np.abs(np.asarray(traces.estimate.soc[0]) - traces.truth)
+    widest = max(WIDEST_PERCENT, min(1.1 * first.max(where=np.isfinite(first), initial=0), 100))
     errors.set_ylim(-widest, widest)
     errors.set_title(textwrap.fill(_beyond(replay, widest), TITLE_LETTERS), loc="right")
     over_time.set_ylabel("State of charge [%]")

@@ -34,8 +34,6 @@ NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of th
 _COARSE_DATES = 0.05
 # So many dates are compared with the clock, over intervals that whole seconds resolve.
 _DATES, _LEAST_DATED_S = 50, 100.0
-# An interval so many times the usual one is a pause.
-_PAUSE = 10
 
 
 def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
@@ -163,18 +161,21 @@ def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
 def _is_time_of_day(table: Table, found: Columns) -> bool:
     """Whether the dates are whole days, and the clock is the time on them.
 
-    Then it falls at a change of date alone, and where it does not fall there, the test paused for
-    more than a day; a clock of the test runs on.
+    Then it falls where the date changes and nowhere else. Where it never falls, it may be a clock
+    of the test; that runs over midnight where the dates change, whenever it began.
     """
     time, date = found.get("time"), found.get("date")
     if time is None or date is None or not is_clock(table.columns[time.index]):
         return False
     days_s, clock_s = (numbers(table.columns[each.index], each) for each in (date, time))
-    if time.quantity.name != "time" or np.any(days_s % DAY_S != 0):
+    # A day is not known where its cell is blank.
+    if time.quantity.name != "time" or len(table.row) < 2 or np.any(days_s % DAY_S != 0):
         return False
-    interval_s, is_new = np.diff(clock_s % DAY_S), np.diff(days_s) != 0
-    is_pause = (interval_s < 0) | (interval_s > _PAUSE * np.median(interval_s))
-    return bool(is_new.any() and np.all(is_pause[is_new]) and np.all(interval_s[~is_new] >= 0))
+    falls, is_new = np.diff(clock_s % DAY_S) < 0, np.diff(days_s) != 0
+    if falls.any() or not is_new.any():
+        return bool(is_new.any() and not np.any(falls & ~is_new))
+    began_s = days_s - days_s[0] - clock_s
+    return not began_s.max() < began_s.min() + DAY_S
 
 
 def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:

@@ -163,6 +163,10 @@ def read_source(path: str | Path, *, columns: Mapping[str, str] | str = NOTHING)
     Raises InputError where the file cannot be read.
     """
     given = read_columns(columns)
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(
+            f"a {type(path).__name__} is no file; barnax.record_from_frame reads data frames"
+        )
     path = Path(path)
     name = printable(path.name)
     if path == STDIN or path.parent in _PIPES:
@@ -255,12 +259,8 @@ def read_record(
     """
     _check_option("current_sign", current_sign, ("auto", CHARGE, DISCHARGE))
     _check_option("current_hold", current_hold, ("auto", "forward", "backward"))
-    if isinstance(source, str | Path):
+    if not isinstance(source, Source):
         source = read_source(source, columns=columns)
-    elif not isinstance(source, Source):
-        raise InputError(
-            f"a {type(source).__name__} is no file; barnax.record_from_frame reads data frames"
-        )
     elif columns:
         source = replace(source, columns=read_columns(columns))
     examined = examine(source)

@@ -177,11 +177,12 @@ def soc_lines(replay: "SocReplay") -> Iterator[tuple[str, str]]:
         )
     right = replay.scenarios[0]
     if right.is_lost:
-        advice = "" if replay.with_tables else "; identify the circuit with tables over SOC"
+        size = "" if right.max is None else f" by up to {_in_percent(right.max)} %"
+        advice = "" if replay.with_tables else "; tables over SOC may"
         yield (
             "Lost",
-            f"even from the right start, the estimate of SOC goes wrong by up to "
-            f"{_in_percent(right.max)} %: the circuit's voltage does not tell it{advice}",
+            f"even from the right start, the estimate of SOC goes wrong{size}: the circuit's "
+            f"voltage does not tell it{advice}",
         )
     held = [each.in_band for each in replay.scenarios if each.in_band is not None]
     if held and min(held) < TRUSTED_BAND:
@@ -225,10 +226,10 @@ def _scenario_row(each: "ScenarioPart") -> list[str]:
 def _converged(part: "ScenarioPart") -> str:
     if part.diverged_s is not None:
         return "diverged"
-    if part.is_lost:
-        return "lost"
     if part.converged_s is None:
         return "never"
+    if part.is_lost:
+        return "lost"
     return duration(part.converged_s) if part.converged_s else "at once"
 
 

@@ -114,9 +114,13 @@ def tables_would_pay(result: "Result", share: float = WORTHWHILE) -> bool:
 
 def _no_circuit(result: "Result") -> str:
     """Why the answer cannot be the cell's, empty where it may be."""
-    at_bound = [symbol(each.name) for each in result.at_bound if each.name.endswith("[Ohm]")]
+    at_bound = [
+        symbol(each.name)
+        for each in result.at_bound
+        if each.name.endswith("[Ohm]") and each.side == "upper"
+    ]
     if len(at_bound) > 1:
-        return f"{joined(at_bound)} end at their bounds"
+        return f"{joined(at_bound)} end at their upper bounds"
     worse = result.metrics.identification.r2 < 0
     return "a constant voltage would fit as well" if worse else ""
 
@@ -129,7 +133,7 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
         what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
         return {"ocv_fit": "interpolated"}, what
     if result.tables is None and (reason := _no_circuit(result)):
-        what = "check that the OCV test is of this cell, and `capacity` and the window right"
+        what = "check the OCV test, `capacity`, the window and `bounds`"
         return {}, f"{what}: {reason}"
     if not result.metrics.validation and not tables_would_pay(result, HALF):
         return {}, "validate on another record of the cell, with `validate`"

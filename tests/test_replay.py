@@ -52,6 +52,15 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     assert list(soc_screen(replay))
 
 
+@pytest.mark.parametrize("soc", [np.inf, np.nan, 1e6])
+def test_a_filter_that_leaves_all_bounds_is_drawn(replay, soc):
+    traces = replay.traces
+    estimate = traces.estimate._replace(soc=np.full_like(traces.estimate.soc, soc))
+    far = replay.model_copy()
+    far._traces = replace(traces, estimate=estimate)
+    assert plot_soc_replay(far).axes[1].get_ylim()[1] <= 100
+
+
 def test_a_band_that_is_wrong_is_said_before_anything_is_estimated(replay):
     assert "Overconfident" not in dict(soc_lines(replay))
     part = replay.scenarios[0].model_copy(update={"in_band": 0.131})

@@ -167,9 +167,15 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
     time, date = found.get("time"), found.get("date")
     if time is None or date is None or not is_clock(table.columns[time.index]):
         return False
+    if time.quantity.name != "time" or len(table.row) < 2:
+        return False
+    # Some tell most columns of dates, which take long to read.
+    some = table.columns[date.index].gather(_some_places(table))
+    if np.any(numbers(some, date) % DAY_S != 0):
+        return False
     days_s, clock_s = (numbers(table.columns[each.index], each) for each in (date, time))
     # A day is not known where its cell is blank.
-    if time.quantity.name != "time" or len(table.row) < 2 or np.any(days_s % DAY_S != 0):
+    if np.any(days_s % DAY_S != 0):
         return False
     falls, is_new = np.diff(clock_s % DAY_S) < 0, np.diff(days_s) != 0
     if falls.any() or not is_new.any():
@@ -186,7 +192,7 @@ def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
     time, date = found.get("time"), found.get("date")
     if time is None or date is None or time.quantity.name != "time" or len(table.row) < 3:
         return
-    places = np.unique(np.linspace(0, len(table.row) - 1, _DATES).astype(int))
+    places = _some_places(table)
     dates_s, times_s = (
         np.diff(numbers(table.columns[each.index].gather(places), each)) for each in (date, time)
     )
@@ -205,6 +211,11 @@ def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
         what += f", not in {time.unit.symbol}: {1 / np.median(ratios):.4g} times too long"
         remedy = f"divide it by {1 / np.median(ratios):.4g}, or name it 'Test Time / {unit.symbol}'"
         yield Finding("error", what, remedy, row=table.names_row)
+
+
+def _some_places(table: Table) -> np.ndarray:
+    """Lines all over the table, in order."""
+    return np.unique(np.linspace(0, len(table.row) - 1, _DATES).astype(int))
 
 
 def _is_off_by(ratios: np.ndarray, unit: Unit, column: Column) -> bool:

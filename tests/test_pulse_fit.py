@@ -58,7 +58,7 @@ def test_the_command_writes_tables_pulses_and_figures_and_exports_take_them(tmp_
     folder = tmp_path / "out"
     words = [f"--{name}={value}" for name, value in FEW.items()]
     runner = CliRunner()
-    ran = runner.invoke(app, ["hppc", *words, "--trust", "none", "--out", str(folder)])
+    ran = runner.invoke(app, ["hppc", *words, "--out", str(folder)])
     assert ran.exit_code == 0, ran.output
     assert "discharge at 1C (2 A)" in ran.output
     figures = {path.stem for path in (folder / "figures").iterdir()}

@@ -173,3 +173,11 @@ def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
     assert found.missing.startswith("no record can be identified on with d.parquet")
     assert "the cell of the OCV test holds 0.02 Ah" in reason(found, "a.parquet")
     assert "b.bdf.json" not in roles(found)
+
+
+def test_a_record_of_another_cell_beside_one_that_fits_is_left_out(folder):
+    path = folder / "c.parquet"
+    pl.read_parquet(path).with_columns(pl.col("Current / A") * 2).write_parquet(path)
+    found = plan(folder)
+    assert (roles(found)["c.parquet"], roles(found)["a.parquet"]) == ("not used", "identification")
+    assert "the cell of the OCV test holds 2 Ah" in reason(found, "c.parquet")

@@ -1,5 +1,6 @@
 """The plan of some files: which temperature, which OCV test, and what is identified on what."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,6 +31,8 @@ _AS_WIDE = 0.9
 _FEWEST_STEPS = 10
 # What moves so many times the charge of a cell is of another.
 _BEYOND = 1.2
+# So many times, it is another's beside records that fit, or its current is in another unit.
+_ANOTHER = 1.5
 MAKE_OCV = (
     "measure one: from full, pulses of 5 to 10 % of the capacity with rests of at least 30 min "
     "(better 2 h) down to empty, and back up; or a discharge and a charge at C/20"
@@ -255,6 +258,13 @@ def _runnable(
             draft.take(each, "not used", lacks)
         else:
             found.append((each, window))
+    # An OCV test that is cut short may hold less than a record, but not by so much.
+    most_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
+    others = [each for each, _ in found if each.traits and each.traits.span_ah > most_ah]
+    if len(others) < len(found):
+        for each in others:
+            draft.take(each, "not used", _why_useless(each, draft.capacity_ah))
+        found = [run for run in found if run[0] not in others]
     widest_ah = max((_reach_ah(each) for each, _ in found), default=0.0)
 
     def rank(run: tuple[Seen, Window]) -> tuple:

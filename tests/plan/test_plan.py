@@ -175,9 +175,13 @@ def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
     assert "b.bdf.json" not in roles(found)
 
 
-def test_a_record_of_another_cell_beside_one_that_fits_is_left_out(folder):
-    path = folder / "c.parquet"
-    pl.read_parquet(path).with_columns(pl.col("Current / A") * 2).write_parquet(path)
-    found = plan(folder)
-    assert (roles(found)["c.parquet"], roles(found)["a.parquet"]) == ("not used", "identification")
-    assert "the cell of the OCV test holds 2 Ah" in reason(found, "c.parquet")
+def test_a_record_of_another_cell_beside_one_that_fits_is_left_out(tmp_path, real_data):
+    samsung = real_data / "calce-inr18650-20r"
+    shutil.copy(samsung / "dst_25degC_80soc_SP20-2.parquet", tmp_path / "a.parquet")
+    shutil.copy(samsung / "ocv-incremental_25degC_SP20-3.parquet", tmp_path / "b.parquet")
+    other = pl.read_parquet(samsung / "us06_25degC_80soc_SP20-2.parquet")
+    doubled = [name for name in other.columns if "Current" in name or "Capacity" in name]
+    other.with_columns(pl.col(doubled) * 2).write_parquet(tmp_path / "c.parquet")
+    found = plan(tmp_path)
+    assert roles(found)["a.parquet"] == "identification"
+    assert reason(found, "c.parquet").startswith("it moves 4.11 Ah, and the cell of the OCV test")

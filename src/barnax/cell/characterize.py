@@ -218,8 +218,8 @@ def characterize(
             both = _sources([*points[CHARGE], *points[DISCHARGE]])
             warnings.append(
                 f"{both}: the OCV of the charge lies below that of the discharge, by "
-                f"{-1e3 * mean_v:.3g} mV on average, which no cell's does: exchange the two if "
-                "they are exchanged, or check the capacity and both tests"
+                f"{-1e3 * mean_v:.3g} mV on average, which no cell shows: swap the two if they "
+                "are exchanged, or check the capacity and both tests"
             )
     return CellModel(
         capacity_ah=capacity.value_ah,

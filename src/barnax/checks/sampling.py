@@ -69,7 +69,7 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
         what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
         yield given.at(first, "warning", what, remedy)
     elif not is_counted and held_ah > _HELD_SHARE * given.scale_ah:
-        what = f"{where}; {held_ah:.3g} Ah are taken to pass meanwhile, as before and after it"
+        what = f"{where} under a steady load: {held_ah:.3g} Ah are assumed to have passed"
         yield given.at(first, "warning", what, f"if the test was paused there, {remedy}")
     else:
         yield given.at(first, "note", f"{where}, in which nothing seems to happen")

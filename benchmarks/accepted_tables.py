@@ -39,6 +39,7 @@ class Accepted:
     errors_mv: dict[str, Errors]
     circuit: str = "so-rc"
     held_out_mv: Errors | None = None
+    rising: bool = False
 
 
 DST, DST_50, US06, US06_50 = (
@@ -67,6 +68,10 @@ ROWS = (
              held_out_mv=(13.819, 1.583)),
     Accepted(SAMSUNG, (DST, US06), True, GIVEN_S, 9.3685,
              _four((8.994, 2.656), (9.542, 2.734), (8.598, 2.813), (13.536, 1.328))),
+    Accepted(SAMSUNG, (DST,), True, GIVEN_S, 6.939,
+             {DST: (6.46, 1.34), US06: (24.47, 5.17)}, rising=True),
+    Accepted(SAMSUNG, (DST, US06), True, GIVEN_S, 10.263,
+             {DST: (10.35, 2.71), US06: (9.60, 2.84)}, rising=True),
     Accepted(SAMSUNG, (DST, US06), True, (2.000, 27.28), 9.1463,
              _four((8.920, 2.695), (10.386, 3.207), (8.158, 2.890), (13.378, 1.607)),
              held_out_mv=(27.923, 2.938)),
@@ -121,6 +126,7 @@ def _lines(folder: Path) -> Iterator[str]:
             fixed = {f"tau{pair} [s]": tau_s for pair, tau_s in enumerate(GIVEN_S, 1)}
         settings = barnax.TableSettings(
             ocv_correction=row.ocv_correction,
+            rising_ocv=row.rising,
             fixed=fixed,
             folds=FOLDS if row.held_out_mv else 0,
             most_cells=0,
@@ -131,7 +137,7 @@ def _lines(folder: Path) -> Iterator[str]:
             row.cell,
             row.circuit,
             " + ".join(row.fitted),
-            "yes" if row.ocv_correction else "no",
+            ("rising" if row.rising else "free") if row.ocv_correction else "no",
             _pair(row.tau_s),
             _pair(fit.tables.tau_s),
             "-" if row.root_mv is None else f"{row.root_mv:.4f}",

@@ -2,11 +2,21 @@
 
 import re
 import shutil
+import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
+from docutils.nodes import SkipNode, literal
+from docutils.utils.math.latex2mathml import tex2mathml
+
+import barnax
+
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+from pictures import draw_pictures  # noqa: E402
+from signatures import add_types, show_call  # noqa: E402
+
 REPOSITORY = HERE.parent
 
 project = "barnax"
@@ -14,14 +24,24 @@ author = "The barnax developers"
 copyright = "The barnax developers, BSD-3-Clause"
 release = version = version_of("barnax")
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+]
 exclude_patterns = ["build", "result.schema.json"]
 html_theme = "furo"
 html_title = f"barnax {release}"
-html_static_path: list[str] = []
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
 html_show_sphinx = False
+html_favicon = "icon.svg"
 
-myst_enable_extensions = ["deflist", "dollarmath"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+# Equations are MathML, which browsers draw themselves: nothing is loaded, and it works offline.
+html_math_renderer = "mathml"
 myst_heading_anchors = 3
 # Notebooks run from their text, each in a folder of its own, and a failing cell fails the site.
 nb_execution_mode = "cache"
@@ -34,8 +54,10 @@ nb_merge_streams = True
 suppress_warnings = ["myst-nb.lexer"]
 
 autodoc_member_order = "bysource"
-autodoc_typehints_format = "short"
-autodoc_preserve_defaults = True
+# Types stand with the descriptions, as the source writes them.
+autodoc_typehints = "none"
+napoleon_use_ivar = True
+napoleon_attr_annotations = False
 python_maximum_signature_line_length = 88
 
 # Pages that stand elsewhere in the repository, where its own readers look for them, are copied into
@@ -73,6 +95,11 @@ def copy_pages(app: Any) -> None:
         shutil.copy2(path, COPIES / "results" / path.name)
 
 
+def draw(app: Any) -> None:
+    """The guides' pictures."""
+    draw_pictures(COPIES / "pictures")
+
+
 def _write(path: Path, text: str) -> None:
     """Write only what differs, so that an unchanged page is not built again."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -87,16 +114,40 @@ def point_at_copies(app: Any, name: str, source: list[str]) -> None:
         source[0] = source[0].replace(f"]({up}{outside}", f"]({up}repository/{inside}")
 
 
-def mark_code(app: Any, what: str, name: str, each: Any, options: Any, lines: list[str]) -> None:
+def mark_code(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Code between single backticks, as docstrings have it, is code wherever a word goes on."""
     lines[:] = [re.sub(r"(?<!`)`([^`]+)`(?!`)(?=(\w?))", _literal, line) for line in lines]
 
 
 def _literal(found: re.Match[str]) -> str:
-    return f"``{found[1]}``" + ("\\ " if found[2] else "")
+    is_public = found[1] in barnax.__all__
+    code = f":py:obj:`{found[1]} <barnax.{found[1]}>`" if is_public else f"``{found[1]}``"
+    return code + ("\\ " if found[2] else "")
+
+
+def mark_options(app: Any, tree: Any, page: str) -> None:
+    """Names of options do not break at their dashes."""
+    for code in tree.findall(literal):
+        if code.astext().startswith("--") and " " not in code.astext():
+            code["classes"].append("option")
+
+
+def write_inline_math(page: Any, node: Any) -> None:
+    page.body.append(tex2mathml(node.astext()))
+    raise SkipNode
+
+
+def write_displayed_math(page: Any, node: Any) -> None:
+    page.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>')
+    raise SkipNode
 
 
 def setup(app: Any) -> None:
+    app.add_html_math_renderer("mathml", (write_inline_math, None), (write_displayed_math, None))
+    app.connect("autodoc-process-docstring", add_types)
     app.connect("autodoc-process-docstring", mark_code)
+    app.connect("autodoc-process-signature", show_call)
     app.connect("builder-inited", copy_pages)
+    app.connect("builder-inited", draw)
     app.connect("source-read", point_at_copies)
+    app.connect("doctree-resolved", mark_options)

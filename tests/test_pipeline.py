@@ -32,6 +32,14 @@ def many():
     return barnax.identify(window=SHORT, seeds=6, population=20, iterations=60)
 
 
+def test_nothing_behind_a_result_is_shown_by_pages(few):
+    run = few.run
+    record = run.problem.prepared.record
+    behind = [few, run, *vars(run).values(), record, few.cell, few.metrics, few.assessment]
+    assert all(len(repr(one)) < 1000 for one in behind if not isinstance(one, list | tuple))
+    assert f"time_s=<array {record.samples}>" in repr(record)
+
+
 def test_one_seed_of_one_generation_gives_the_answer_of_many(few, many):
     assert few.parameters == pytest.approx(many.parameters, rel=1e-6)
     assert few.metrics.validation[0].rmse_v == pytest.approx(
@@ -121,6 +129,17 @@ def test_the_same_bytes_twice_are_refused_by_both_names(tmp_path, records, valid
     records = [copy if each == "{copy}" else each for each in records]
     with pytest.raises(InputError, match=told):
         barnax.identify(records, ocv=OCV, validate=validate)
+
+
+def test_the_same_samples_in_other_bytes_are_refused_and_told_of_a_stored_result(few, tmp_path):
+    part = tmp_path / "part.csv"
+    in_ma = (1e3 * pl.col("Current / A")).round(1).alias("Current / mA")
+    pl.read_parquet(BUNDLED.record)[:15_000].with_columns(in_ma).drop("Current / A").write_csv(part)
+    with pytest.raises(InputError, match=r"part\.csv: of the same samples as iden"):
+        barnax.identify(BUNDLED.record, ocv=OCV, validate=part)
+    _, warnings = pipeline.validate_stored(few, part)
+    told = "part.csv: this is identification.parquet, on which the circuit was identified"
+    assert any(text.startswith(told) for text in warnings)
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,12 @@ def closed_form(circuit, time_s):
     return r0 + sum(r * (1 - np.exp(-time_s / tau_s)) for r, tau_s in pairs)
 
 
+def test_a_pulse_whose_current_wanders_has_a_level_that_was_measured():
+    record = record_of([(600, 0), (4, 2.0), (1, 2.38), (1, 2.8)], interval_s=1.0)
+    (pulse,) = pulses_of(record)
+    assert pulse.current_a in (2.0, 2.38, 2.8)
+
+
 @pytest.mark.parametrize("circuit", [ONE_RC, TWO_RC], ids=["one RC", "two RC"])
 @pytest.mark.parametrize("current_a", [2.0, -4.0])
 @pytest.mark.parametrize("hold", ["forward", "backward"])

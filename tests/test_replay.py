@@ -52,6 +52,11 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     assert list(soc_screen(replay))
 
 
+def test_a_notebook_shows_a_replay_as_its_figure_while_it_has_its_estimates(replay):
+    assert replay._repr_png_().startswith(b"\x89PNG")
+    assert SocReplay.model_validate(replay.model_dump())._repr_png_() is None
+
+
 @pytest.mark.parametrize("soc", [np.inf, np.nan, 1e6])
 def test_a_filter_that_leaves_all_bounds_is_drawn(replay, soc):
     traces = replay.traces

@@ -17,10 +17,12 @@ CELL_FOLDER: Final = "virtual_cell"
 
 
 def bundled_file(name: str) -> Path:
-    """The path of one bundled file by its name without the suffix.
+    """The path of one bundled file.
 
-    The names are those of `BUNDLED_NAMES`, `HPPC_NAMES` and `LFP_NAMES`. Raises `InputError` for
-    another name, and where the installation lacks the file.
+    Args:
+        name: Its name without the suffix: one of `BUNDLED_NAMES`, `HPPC_NAMES` and `LFP_NAMES`.
+
+    Raises `InputError` for another name, and where the installation lacks the file.
 
     >>> bundled_file("ocv_charge").name
     'ocv_charge.parquet'

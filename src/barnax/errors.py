@@ -39,8 +39,25 @@ def printable(text: str) -> str:
     'us06\\ufffd[2J.csv'
     """
     return "".join(
-        "\ufffd" if unicodedata.category(letter)[0] == "C" else letter for letter in text
+        "\ufffd" if unicodedata.category(letter) in _OBEYED else letter for letter in text
     )
+
+
+# Controls, what turns text around, halves of letters, and ends of lines and paragraphs.
+_OBEYED = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
+# What some language, or a spreadsheet at the start of a cell, takes for more than text.
+_SPECIAL = re.compile(r"[^\w .,()\[\]~+@-]|^[-+@ ]")
+
+
+def escaped(name: str) -> str:
+    """A name as comments and cells of generated files hold it, in whatever language they are.
+
+    Letters, digits and a few marks stay; all else is written as its code.
+
+    >>> print(escaped("us06 (25 degC).csv"), escaped("=1*/2"))
+    us06 (25 degC).csv \\u003d1\\u002a\\u002f2
+    """
+    return _SPECIAL.sub(lambda found: f"\\u{ord(found[0]):04x}", name)
 
 
 def reason_of(error: BaseException) -> str:

@@ -24,6 +24,7 @@ from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
+from .records.fingerprint import Content
 from .records.read import STDIN, STDIN_NAME
 
 # A file or what was read of one, a `Record`, or a data frame.
@@ -42,6 +43,8 @@ FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
 # What a warning says where the checks refuse a file for its role.
 NOT_SUITABLE = "not suitable for"
+# What is said of a record whose samples are another's, whatever file they stand in.
+SAME_SAMPLES = "of the same samples as"
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
@@ -52,10 +55,17 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True)
 class Reading:
-    """How files are read: the sign of their current, and their hold; "auto" decides from the data.
+    """The current of files: its sign and its sampling; "auto" decides from the data.
 
-    A sign is "charge-positive" or "discharge-positive", a hold "forward" (the current flows until
-    the next sample) or "backward". `columns` names unknown columns, as for `read_record`.
+    A sign is "charge-positive" or "discharge-positive". A sample's current flows until the next
+    sample ("forward") or since the previous one ("backward").
+
+    Args:
+        current_sign: The sign in records to identify on.
+        ocv_current_sign: The sign in OCV tests.
+        validate_current_sign: The sign in records to validate on.
+        current_hold: When a sample's current flows, in all files.
+        columns: Names of columns, as for `read_record`.
     """
 
     current_sign: str = "auto"
@@ -73,12 +83,20 @@ class Reading:
 
 @dataclass(frozen=True)
 class Settings:
-    """The circuit and how to search for it; `over` adds tables to the constant circuit.
+    """The circuit and how to search for it.
 
-    Without `model`, the circuit is iso-rc; with tables, whose OCV correction replaces a switched
-    hysteresis, it is so-rc, or esc if hysteresis matters as much as for LFP. `method` is an
-    optimizer of `OPTIMIZERS`, run `seeds` times from `key`, with `population` candidates and
-    `iterations` generations, over R and C ("rc") or logarithms of R and tau ("log").
+    Args:
+        model: The circuit. None: iso-rc; with tables, whose OCV correction replaces a switched
+            hysteresis, so-rc, or esc if hysteresis matters as much as for LFP.
+        method: An optimizer of `OPTIMIZERS`.
+        objective: The error, by simulation of every sample or from a reduced record; "auto" reduces
+            the record where the bounds allow it.
+        coordinates: A search over R and C ("rc"), or over logarithms of R and tau ("log").
+        seeds: Runs of the optimizer; 0 leaves the global optimum.
+        population: Candidates of a generation.
+        iterations: Generations of a run.
+        key: The key of all random numbers.
+        over: Tables over SOC, or over SOC and temperature, besides the constant circuit.
 
     Raises `InputError` for a number out of range and an unknown `over`.
     """
@@ -225,7 +243,8 @@ def _checked(
             against = compare_with_cell(taken, own_cell, own_ah)
             warnings += [each.sentence(found.file) for each in against]
         warnings += input_warnings(found, role, window)
-        if found.traits is not None:
+        # What has no one temperature has that told.
+        if found.traits and not any(each.check == "temperature" for each in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
     return warnings + compare_temperatures(degc[False], degc[True], identified)
 
@@ -360,14 +379,16 @@ def _shortest_own_name(path: Path, others: set[Path]) -> str:
 
 
 def _require_different(records: Sequence[Record]) -> None:
-    """Raise `InputError` where two records are the same bytes: they would count twice."""
-    # Parts of one file are different records.
-    seen: dict[tuple[str, float], str] = {}
+    """Raise `InputError` where two records are of the same samples: they would count twice."""
+    seen: list[tuple[Record, Content]] = []
     for record in records:
-        key = record.sha256, float(record.time_s[0])
-        if record.sha256 and key in seen:
-            first = seen[key]
-            same = f"the same as {first}, byte for byte"
-            twice = "given twice" if first == record.name else same
-            raise InputError(f"{record.name}: {twice}; give each once, and validate on another")
-        seen[key] = record.name
+        content, start = Content(record), (record.sha256, float(record.time_s[0]))
+        for first, known in seen:
+            # Parts of one file are different records.
+            is_same_file = record.sha256 and start == (first.sha256, float(first.time_s[0]))
+            if is_same_file or content.is_like(known):
+                same = f"the same as {first.name}, byte for byte"
+                same = same if is_same_file else f"{SAME_SAMPLES} {first.name}"
+                twice = "given twice" if first.name == record.name else same
+                raise InputError(f"{record.name}: {twice}; give each once, and validate on another")
+        seen.append((record, content))

@@ -4,7 +4,8 @@ Records are read once and checked, the cell is characterized, thirty seeds searc
 optimum is looked for beside them, and the best circuit known is assessed and validated.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -22,6 +23,7 @@ from .global_optimum import (
     find_global_optimum,
     try_other_hold,
     with_better_directions,
+    without_sweep_drop,
 )
 from .inputs import (
     OVER_TEMPERATURE,
@@ -52,6 +54,7 @@ from .over_soc import (
 )
 from .plan import plans_first
 from .plan.running import prepare_pulse_tests
+from .records.fingerprint import Content
 from .results import Result
 from .run import Run, best_answer, make_result
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -65,6 +68,34 @@ Chosen = TypeVar("Chosen")
 FITTING_AGAIN = "fitting again"
 
 
+Function = TypeVar("Function", bound=Callable[..., Result])
+# What `**options` stand for.
+_FIELDS = tuple(
+    inspect.Parameter(
+        field.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=getattr(group(), field.name),
+        annotation=field.type,
+    )
+    for group in (Settings, Reading, TableSettings)
+    for field in fields(group)
+)
+
+
+def _showing(options: Iterable[inspect.Parameter]) -> Callable[[Function], Function]:
+    """A signature with these in place of `**options`, for editors and the reference."""
+
+    def shown(function: Any) -> Any:
+        own = inspect.signature(function)
+        kept = {name: one for name, one in own.parameters.items() if name != "options"}
+        kept |= {one.name: one for one in options if one.name not in kept}
+        function.__signature__ = own.replace(parameters=[*kept.values()])
+        return function
+
+    return shown
+
+
+@_showing(_FIELDS)
 @plans_first
 def identify(
     records: Given | Sequence[Given] = (),
@@ -90,17 +121,32 @@ def identify(
 ) -> Result:
     """The circuit of a cell, identified, proved, assessed and validated.
 
-    `records`, `ocv` and `validate` are files, `Record`s or data frames, one or several each.
-    Without a record, the bundled cell is used; for a folder, a plan, or files without `ocv`, roles
-    and windows are chosen (`barnax.plan`). `window` is one for all records, or a mapping from
-    record names to windows, with "" for the others. `capacity` is that of the cell in Ah when the
-    records were measured, `ocv_capacity` that in the OCV test if it does not span full to empty.
-    `bounds` are ranges under PyBaMM's names, or a TOML file; `fix` sets parameters to a value.
-    `trust` is "none", "basic" (intervals) or "full" (further fits). A known `cell` needs no `ocv`.
-    `over="soc"` also fits tables over SOC, with the settings in `tables`; `over="soc,temperature"`
-    fits them for each temperature. `advise=False` skips the estimate of what tables would gain.
-    With 0 `seeds`, the answer is the global optimum. Fields of `Settings`, `Reading` and
-    `TableSettings` can be given by name. `watch` returns a context manager for every stage.
+    Every field of `Settings`, `Reading` and `TableSettings` can be given by its name too.
+
+    Args:
+        records: Files, `Record`s or data frames to identify on, one or several. None: the bundled
+            cell. For a folder, a plan, or files without `ocv`, roles and windows are chosen
+            (`plan.plan`).
+        ocv: Files, records, data frames or tables of the OCV test of the same cell.
+        validate: Files, records or data frames to validate on.
+        settings: The circuit, and how to search for it.
+        tables: How tables over SOC are fitted; needs `over`.
+        window: The part of a record that is simulated: one for all records, or a mapping from
+            record names to windows, with "" for the others.
+        capacity: Capacity of the cell in Ah when the records were measured.
+        ocv_capacity: Capacity in Ah in the OCV test, where that does not span full to empty.
+        bounds: Lowest and highest value by PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`),
+            or a TOML file of them.
+        fix: Parameters that keep a value, by the same names.
+        reading: How files are read.
+        ocv_fit: The OCV curve: a polynomial of degree seven, or a monotone interpolation.
+        hysteresis_fit: Five segments of the hysteresis voltage, joined or each by itself.
+        trust: "none", "basic" (intervals) or "full" (further fits).
+        cell: A known cell, which needs no `ocv`.
+        advise: Also estimate what tables over SOC would gain.
+        command: The command that was run, kept in the result.
+        watch: Called with the title of every stage and its number of steps; returns a context
+            manager that gives a function to call with the steps done.
 
     Raises `InputError` if an input cannot be used, naming file, row, value and remedy.
 
@@ -130,10 +176,10 @@ def identify(
     )  # fmt: skip
     with telling(inputs.warnings), watch("Setting up the problem", 0):
         windows = windows_of(inputs, window, capacity)
-        problem = _problem(inputs, windows, settings, bounds, fix)
+        problem = without_sweep_drop(_problem(inputs, windows, settings, bounds, fix))
         # A validation record that does not fit its window is refused before the search, not after.
         validation = [
-            prepare_record(record, inputs.cell, problem.circuit, windows[record.name])
+            prepare_record(record, problem.cell, problem.circuit, windows[record.name])
             for record in inputs.validation
         ]
         problem = with_better_directions(problem)
@@ -150,6 +196,7 @@ def identify(
     return make_result(replace(run, warnings=_all_warnings(inputs.warnings, run)), command)
 
 
+@_showing(inspect.signature(identify).parameters.values())
 def hppc(
     records: Given | Sequence[Given] = (),
     *,
@@ -163,12 +210,20 @@ def hppc(
 ) -> Result:
     """Tables over SOC from one or several pulse tests, and the resistances of every pulse.
 
-    Options are those of `identify`. Tests at several temperatures give tables for each
-    temperature. Pulses and rests are found in the records. Without `ocv` the
-    rests of the test are the OCV, interpolated; of several tests at one temperature, those of
-    the first. The charge between its ends is the capacity, if none is given. A simulation starts
-    at the end of the rest before the first pulse, unless `window` says otherwise.
-    Without a record, the bundled cell's test at 25 degC is used, validated on its drive cycles.
+    All other options are those of `identify`. Pulses and rests are found in the records. Tests at
+    several temperatures give tables for each temperature.
+
+    Args:
+        records: Pulse tests: files, `Record`s or data frames. None: that of the bundled cell at 25
+            degC, validated on its drive cycle.
+        ocv: The OCV test. Without one, the rests of the pulse test are the OCV, interpolated; of
+            several tests at one temperature, those of the first.
+        validate: Files, records or data frames to validate on.
+        window: The part of a record that is simulated; by default from the end of the rest before
+            the first pulse.
+        capacity: Capacity of the cell in Ah; by default the charge between the ends of the test.
+        reading: How files are read.
+        watch: Called for every stage, as in `identify`.
 
     Raises `InputError` if a record has no pulses, and where `identify` does.
     """
@@ -186,10 +241,16 @@ def identify_problem(
     *,
     trust: Literal["none", "basic"] = "basic",
 ) -> Result:
-    """`identify` for a `Problem` from `make_problem`; without `settings`, no seeds are run."""
+    """`identify` for a problem that is set up already.
+
+    Args:
+        problem: A problem from `make_problem`.
+        settings: How to search; None runs no seeds, and the answer is the global optimum.
+        trust: "none" or "basic" (intervals).
+    """
     settings = settings or Settings(seeds=0)
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
-    better = with_better_directions(problem)
+    better = with_better_directions(without_sweep_drop(problem))
     run = _search_and_assess(better, optimizer, settings, [], trust, None, unwatched, False)
     return make_result(replace(run, warnings=_all_warnings((), run)))
 
@@ -350,14 +411,22 @@ def validate_stored(
     record: Given,
     window: Window | None = None,
     *,
-    current_sign: Any = "auto",
-    current_hold: Any = "auto",
+    current_sign: str = "auto",
+    current_hold: str = "auto",
     columns: Mapping[str, str] | str = "",
 ) -> tuple[Evaluation, list[str]]:
-    """The evaluation of a stored circuit on another record, and the warnings about that record.
+    """A stored circuit on another record, as its evaluation and the warnings about that record.
 
-    `window` is by default the one on which the identification records agree. Raises `InputError`
-    if the record or its window cannot be used.
+    Args:
+        stored: The result, with tables over SOC or without.
+        record: A file, `Record` or data frame.
+        window: The part of the record that is simulated; by default the window on which the records
+            identified on agree.
+        current_sign: The sign of the file's current; "auto" decides from the data.
+        current_hold: When a sample's current flows; "auto" decides from the data.
+        columns: Names of columns, as for `read_record`.
+
+    Raises `InputError` if the record or its window cannot be used.
     """
     reading = Reading(
         validate_current_sign=current_sign, current_hold=current_hold, columns=columns
@@ -365,12 +434,13 @@ def validate_stored(
     window = window or stored.common_window
     cell = stored.cell_model
     measured, warnings = read_validation(record, reading, window, cell, stored.measured_at)
-    own = {each.sha256: each.name for each in stored.of_role("identification")}
-    if measured.sha256 in own:
-        warnings.append(
-            f"{measured.name}: this is {own[measured.sha256]}, on which the circuit was "
-            "identified; validate on another record"
-        )
+    content = Content(measured)
+    for own in stored.of_role("identification"):
+        if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
+            warnings.append(
+                f"{measured.name}: this is {own.name}, on which the circuit was identified; "
+                "validate on another record"
+            )
     with telling(warnings):
         prepared = prepare_record(measured, cell, stored.model, window)
     evaluation = evaluate_from_either(prepared, cell, stored.circuit_parameters)
@@ -378,4 +448,5 @@ def validate_stored(
         evaluation = evaluate_tables(
             evaluation.prepared, stored.tables.found.of(evaluation.prepared)
         )
-    return evaluation, [*warnings, *measured.warnings, *prepared.warnings]
+    told = (*warnings, *measured.warnings, *prepared.warnings)
+    return evaluation, list(dict.fromkeys(told))

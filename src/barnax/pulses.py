@@ -143,8 +143,8 @@ def _pulse(record: Record, soc: Float[np.ndarray, "samples"], load: _Load, rest:
     since_s = record.time_s[span] - load.begin_s
     change_a = record.current_a[span] - record.current_a[rest.last]
     drop_v = record.voltage_v[rest.last] - record.voltage_v[span]
-    # Near the highest, for a limit may let most of a pulse go.
-    reached_a = load.way * float(np.quantile(np.abs(change_a), LEVEL_QUANTILE))
+    # One near the highest, for a limit may let most of a pulse go.
+    reached_a = load.way * np.quantile(np.abs(change_a), LEVEL_QUANTILE, method="nearest")
     is_held = np.abs(change_a / reached_a - 1) <= HELD_SHARE
     start = int(np.argmax(is_held))
     lost = np.flatnonzero(~is_held[start:])

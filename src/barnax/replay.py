@@ -6,7 +6,7 @@ counts with an offset, or takes a wrong capacity, and has the voltage to notice 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import Field, PrivateAttr
 
+from .display import Brief
 from .errors import InputError
 from .execution import compile_for, in_float64
 from .filters import (
@@ -36,6 +37,9 @@ from .over_soc import require_temperature
 from .results import Result
 from .schema import Count, Document, Part
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 # Within this share of the counter, and for so long, an estimate has converged.
 CONVERGED, HOLDS_S = 0.03, 600.0
 ABOVE_SOC = 0.1
@@ -47,11 +51,14 @@ BAND = 1.959964
 class FilterSettings:
     """The Kalman filter that replays a record.
 
-    `kind` is the extended ("ekf") or the unscented ("ukf") Kalman filter. `estimate` are parameters
-    to estimate besides the state: "offset" (of the current), "capacity", and resistances and
-    time constants such as "R0" or "tau1"; with `form` "joint" as states of the same filter, with
-    "dual" in a second one. `soc_sd` is the standard deviation of the SOC at the start, a fraction.
-    `tables` uses the tables over SOC if the result has them.
+    Args:
+        kind: The extended ("ekf") or the unscented ("ukf") Kalman filter.
+        form: Estimated parameters as states of the same filter ("joint"), or in a second one
+            ("dual").
+        estimate: Parameters to estimate: "offset" (of the current), "capacity", and resistances and
+            time constants such as "R0" or "tau1".
+        soc_sd: Standard deviation of the SOC at the start, a fraction.
+        tables: Use the tables over SOC if the result has them.
 
     Raises `InputError` for an unknown kind or form, and for `soc_sd` outside 0 to 1.
     """
@@ -73,7 +80,14 @@ class FilterSettings:
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a battery manager has wrong: its start, its current (in C), its capacity."""
+    """Errors of a battery manager's knowledge.
+
+    Args:
+        name: What it is called in reports.
+        soc_error: Error of the SOC at the start, a fraction.
+        offset_c: Offset of the current, as a C-rate.
+        capacity_factor: The capacity that is believed, relative to the right one.
+    """
 
     name: str
     soc_error: float = 0.0
@@ -90,13 +104,24 @@ SCENARIOS = (
 
 
 class ScenarioPart(Part):
-    """How a filter did in one scenario; SOC and errors are fractions.
+    """The estimates of a filter in one scenario; SOC and errors are fractions.
 
-    `converged_s` is the time after which the error stays within 3 % for ten minutes at least, None
-    where it never does. Errors are those from then on, and `counter_rms`, `counter_max` those of
-    plain counting over the same samples; all None without convergence. `in_band` is the share of
-    all samples where the 95 % band holds the counter. `estimates` are the final values of what was
-    estimated and their deviations. `diverged_s` is when the filter's numbers ceased to be any.
+    Errors are those after convergence, None without.
+
+    Attributes:
+        name: The scenario's.
+        start_soc: The SOC that the filter starts from.
+        offset_a: The current's offset.
+        capacity_ah: The capacity that is believed.
+        converged_s: Time after which the error stays within 3 % for ten minutes at least.
+        rms: Root mean square of the error.
+        rms_above_10_soc: The same above 10 % SOC.
+        max: The largest error.
+        in_band: Share of all samples where the 95 % band holds the counter.
+        counter_rms: Root mean square of plain counting over the same samples.
+        counter_max: The largest error of plain counting.
+        estimates: Final values of the estimated parameters, with their standard deviations.
+        diverged_s: Time at which the filter's numbers ceased to be finite.
     """
 
     name: str
@@ -122,8 +147,23 @@ class ScenarioPart(Part):
 class SocReplay(Document):
     """The contents of `soc.json`: how well a filter tracked the SOC of a record.
 
-    `innovations` are those from the right start, None if it diverged. Only a replay that was not
-    read from a file has `traces`.
+    A notebook shows a replay as its figure, while it has its `traces`: one read from a file has
+    none.
+
+    Attributes:
+        schema_version: Version 1 of the file.
+        record: Name of the record.
+        sha256: Digest of its file.
+        model: The circuit.
+        with_tables: True if tables over SOC were used.
+        settings: The filter.
+        states: Number of the filter's states.
+        samples: Number of samples.
+        duration_s: Length of the replay.
+        soc_range: Lowest and highest SOC of the counter.
+        scenarios: The filter's errors in every scenario.
+        innovations: Tests of the innovations from the right start, None if it diverged.
+        warnings: Sentences about what is doubtful, with what to do.
     """
 
     schema_version: Annotated[int, Field(ge=1, le=1)] = 1
@@ -154,9 +194,23 @@ class SocReplay(Document):
             )
         return self._traces
 
+    def figure(self) -> "Figure":
+        """SOC by the counter and by the filter in every scenario, and the filter's errors.
 
-@dataclass(frozen=True, eq=False)
-class Traces:
+        Raises `InputError` for a replay that was read from a file.
+        """
+        from .plots import plot_soc_replay
+
+        return plot_soc_replay(self)
+
+    def _repr_png_(self) -> bytes | None:
+        from .plots.pictures import encode
+
+        return None if self._traces is None else encode(self.figure())
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Traces(Brief):
     """What stands over time in a replay: the counter as the truth, and every scenario's estimate.
 
     `counted` is the SOC that plain counting gives in each scenario.
@@ -176,17 +230,27 @@ def replay_soc(
     settings: FilterSettings | None = None,
     *,
     scenarios: Sequence[Scenario] = SCENARIOS,
-    current_sign: Any = "auto",
-    current_hold: Any = "auto",
+    current_sign: str = "auto",
+    current_hold: str = "auto",
     columns: Mapping[str, str] | str = "",
 ) -> SocReplay:
-    """How well a Kalman filter with this circuit tracks the SOC of a record, for each scenario.
+    """A record replayed through a Kalman filter with a result's circuit, for each scenario.
 
-    The reference is the record's ampere-hour count, which the filter does not see. `window` is by
-    default the one on which the identification records agree, and the record is read as
-    `validate_stored` reads it. Raises `InputError` if the record,
-    its window or `settings.estimate` cannot be used, and for a result without an assessment, from
-    which the filter takes its noise.
+    The reference is the record's ampere-hour count, which the filter does not see.
+
+    Args:
+        result: The identified circuit; its assessment gives the filter its noise.
+        record: A file, `Record` or data frame.
+        window: The part of the record that is replayed; by default the window on which the records
+            identified on agree.
+        settings: The filter.
+        scenarios: Errors of a battery manager's knowledge; by default four cases.
+        current_sign: The sign of the file's current; "auto" decides from the data.
+        current_hold: When a sample's current flows; "auto" decides from the data.
+        columns: Names of columns, as for `read_record`.
+
+    Raises `InputError` if the record, its window or `settings.estimate` cannot be used, and for a
+    result without an assessment.
     """
     settings, window = settings or FilterSettings(), window or result.common_window
     reading = Reading(

@@ -21,6 +21,7 @@ from .model.window import Window
 from .over_soc import OverTemperature, TableFit, TableFits, TableSettings
 from .pulses import Pulse
 from .records import Decision
+from .records.fingerprint import read_fingerprint
 from .schema import Count, Document, MaybeInfinite, Parameters, Part, Volts
 from .search.refine import AtBound, Optimum, RefinedSeed
 from .search.seeds import SeedAnswer
@@ -42,7 +43,19 @@ Setting = bool | int | float | str
 
 
 class SearchPart(Part):
-    """The search as it was set up, and what each seed found before refinement."""
+    """The search as it was set up, and what each seed found before refinement.
+
+    Attributes:
+        method: The optimizer.
+        settings: Its own settings.
+        coordinates: Search coordinates: "rc", or logarithms of R and tau.
+        objective: How errors were computed: by "scan" or "compressed".
+        population: Candidates of a generation.
+        iterations: Generations of a run.
+        key: The key of all random numbers.
+        evaluations: Simulated candidates of all seeds.
+        seeds: Each seed's answer.
+    """
 
     method: str
     settings: dict[str, Setting]
@@ -58,8 +71,13 @@ class SearchPart(Part):
 class RefinedPart(Part):
     """Where Levenberg-Marquardt took the seeds, and the distinct optima they ended in.
 
-    `objective` says how it computed errors on its way; `rmse_v` is the scan's. `evaluations`
-    counts simulations, a Jacobian as one per free parameter.
+    Attributes:
+        rmse_v: The best, by scan.
+        objective: How errors were computed on the way.
+        evaluations: Simulations, a Jacobian as one per free parameter.
+        at_bound: Parameters of the best at a bound.
+        optima: The distinct optima, the best first.
+        seeds: Each seed's answer.
     """
 
     rmse_v: Volts
@@ -73,9 +91,21 @@ class RefinedPart(Part):
 class GlobalPart(Part):
     """The best circuit in the box, how sure that is, and how far the seeds stayed from it.
 
-    An optimality gap is an RMSE over the optimum's, minus one: of the median and of the best seed
-    before refinement, and of the refined seeds' best. `seeds_there` counts the refined seeds that
-    reached the optimum. Without seeds gaps are infinite.
+    An optimality gap is an RMSE over the optimum's, minus one; without seeds it is infinite.
+
+    Attributes:
+        rmse_v: The optimum's RMSE.
+        parameters: The optimum.
+        status: "certified" by branch and bound, or "grid-verified".
+        lower_bound_v: No circuit in the box has a lower RMSE.
+        proved_gap: The largest share of the RMSE that a better circuit could save.
+        cells: Boxes of time constants that the proof took.
+        local_optima: The other optima.
+        at_bound: Parameters at a bound.
+        median_gap: Optimality gap of the median seed before refinement.
+        best_gap: That of the best seed before refinement.
+        refined_gap: That of the best refined seed.
+        seeds_there: Refined seeds that reached the optimum.
     """
 
     rmse_v: Volts
@@ -93,7 +123,19 @@ class GlobalPart(Part):
 
 
 class MetricsPart(Part):
-    """Errors on one record over its scored samples, and its RMSE above 10 % state of charge."""
+    """Errors on one record over its counted samples.
+
+    Attributes:
+        record: Name of the record.
+        rmse_v: Root of the mean squared error.
+        r2: One minus the squared error over the squared deviation of the voltage from its mean.
+        r2_paper: The same as printed in Li et al. (2023).
+        mape_percent: Mean absolute error, relative to the measured voltage.
+        ce_v: Sum of the absolute errors.
+        max_v: The largest error.
+        samples: Number of counted samples.
+        rmse_above_10_soc_v: RMSE above 10 % SOC.
+    """
 
     record: str
     rmse_v: Volts
@@ -107,8 +149,13 @@ class MetricsPart(Part):
 
 
 class MetricsBlock(Part):
-    """Errors of the answer: over all samples identified on, and where these are of several records,
-    `jointly` on each of them."""
+    """Errors of the answer.
+
+    Attributes:
+        identification: Over all samples identified on.
+        jointly: Where these are of several records, on each of them.
+        validation: On each record validated on.
+    """
 
     identification: MetricsPart
     jointly: tuple[MetricsPart, ...] = ()
@@ -116,11 +163,31 @@ class MetricsBlock(Part):
 
 
 class InputPart(Part):
-    """One file that was read, what was decided about it, and for a record how it was simulated."""
+    """One file that was read, what was decided about it, and for a record how it was simulated.
+
+    Attributes:
+        role: What it served as.
+        name: Its name.
+        sha256: Its digest.
+        fingerprint: Some of a record's samples, to tell it again in whatever file: its first and
+            last time, and behind semicolons runs of samples, each with its time, current
+            (discharge positive) and voltage, in s, A and V.
+        sign: The sign of its current, and why.
+        hold: When a sample's current flows, and why.
+        window: The part that was simulated.
+        start: Where and from which SOC, and why.
+        rest_current_a: The cell rests below this current.
+        capacity_ah: Capacity in the simulation.
+        duration_s: Length of the simulation.
+        samples: Number of counted samples.
+        soc_range: Lowest and highest SOC.
+        temperature_degc: Temperature of the record.
+    """
 
     role: Literal["identification", "validation", "ocv"]
     name: str
     sha256: str
+    fingerprint: str = ""
     sign: Decision | None = None
     hold: Decision | None = None
     window: Window | None = None
@@ -131,6 +198,13 @@ class InputPart(Part):
     samples: Count | None = None
     soc_range: tuple[float, float] | None = None
     temperature_degc: float | None = None
+
+    @field_validator("fingerprint")
+    @classmethod
+    def _hold_samples(cls, text: str) -> str:
+        if text:
+            read_fingerprint(text)
+        return text
 
 
 class PlannedFile(Part):
@@ -144,7 +218,14 @@ class PlannedFile(Part):
 
 
 class AssessmentPart(Part):
-    """How well the data determine the answer. `examination` is what fitting again adds."""
+    """How well the data determine the answer.
+
+    Attributes:
+        uncertainty: Intervals of all parameters.
+        identifiability: What the data cannot determine.
+        diagnostics: Residuals over time, SOC, current and temperature.
+        examination: What further fits add.
+    """
 
     uncertainty: Uncertainty
     identifiability: Identifiability
@@ -155,8 +236,12 @@ class AssessmentPart(Part):
 class TablesPart(Part):
     """The circuit with tables over SOC, how it was fitted, and its errors by scan.
 
-    One of `fits` for each temperature, from cold to warm, where `over_temperature` says which;
-    else there is one.
+    Attributes:
+        settings: How they were fitted.
+        fits: The tables, one set for each temperature, from cold to warm.
+        over_temperature: The temperatures, None for a single set.
+        metrics: Their errors.
+        by_soc: Their errors by SOC.
     """
 
     settings: TableSettings
@@ -178,16 +263,34 @@ class TablesPart(Part):
 class Result(Document):
     """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    `parameters` are the best circuit known (`answer_source` says where it comes from), under
-    PyBaMM's names; metrics, intervals, figures and exports are of this circuit. `search` and
-    `refined` are what the seeds found, None without seeds.
-    `global_optimum` is None if the box is too wide to look for it, `assessment` if it was skipped
-    or failed. `tables` is the same circuit with tables over SOC, if `over` was given; exports,
-    figures of errors and validation are then of the tables. Without it,
-    `expected_tables_v` is the RMSE that tables would reach with this circuit's time constants.
-    `other_hold` is the answer under the other hold, if the hold of the records is only assumed.
-    `pulses` are those of the identification records that are pulse tests, `plan` every file of a
-    folder with its role. A result that was not read from a file has the objects behind it in `run`.
+    A result that was not read from a file has the objects behind it in `run`.
+
+    Attributes:
+        schema_version: Version 2 of the file.
+        model: Name of the circuit.
+        parameters: The best constant circuit known, under PyBaMM's names in SI units.
+        answer_source: Where it comes from.
+        at_bound: Parameters that ended at a bound.
+        metrics: Its errors.
+        global_optimum: The best circuit in the bounds, None if they are too wide to look for it.
+        assessment: Intervals and diagnostics, None if skipped or failed.
+        tables: The circuit with tables over SOC, if `over` was given; exports, figures of errors
+            and validation are then of the tables.
+        expected_tables_v: Without tables, the RMSE that they would reach with this circuit's time
+            constants.
+        other_hold: The answer if a sample's current flowed on its other side, where that is
+            assumed.
+        pulses: The pulses of records that are pulse tests.
+        search: What the seeds found, None without seeds.
+        refined: Where Levenberg-Marquardt took them.
+        cell: OCV, hysteresis voltage and capacity.
+        bounds: Lowest and highest value of each parameter.
+        fixed: Parameters that were held.
+        inputs: Every file, with its digest and what was decided about it.
+        plan: Every file of a folder with its role.
+        warnings: Sentences about what is doubtful, with what to do.
+        command: The command that repeats the run.
+        versions: Versions of barnax and of what it computes with.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -255,6 +358,10 @@ class Result(Document):
                 f"{file}: this file has schema version 1; run its stored command again to write "
                 "version 2"
             )
+        tables = document.get("tables")
+        if isinstance(tables, dict) and isinstance(tables.get("settings"), dict):
+            # The correction was free before this was a choice.
+            tables["settings"].setdefault("rising_ocv", False)
         return document
 
     @property

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .cell import CircuitParameters, OcvTable
+from .display import Brief
 from .errors import InputError
 from .global_optimum import GlobalOptimum, OtherHold, optimality_gap
 from .metrics import Metrics
@@ -17,6 +18,7 @@ from .model.problem import Problem
 from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .pulses import pulses_of
 from .records import Record
+from .records.fingerprint import Content
 from .results import (
     SCHEMA_VERSION,
     AssessmentPart,
@@ -67,9 +69,26 @@ def best_answer(refinement: Refinement | None, optimum: GlobalOptimum | None) ->
     return Answer(refinement.parameters, refinement.rmse_v, "seeds", refinement.at_bound)
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """The objects behind a result; `identification` and `validation` have one item per record."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Brief):
+    """The objects behind a result.
+
+    Attributes:
+        problem: The problem that was searched.
+        search: What the seeds found, None without seeds.
+        refinement: Where Levenberg-Marquardt took them.
+        optimum: The global optimum, None if the box is too wide to look for it.
+        answer: The best circuit known.
+        identification: Simulations of the records identified on.
+        validation: Simulations of the records validated on.
+        assessment: Intervals and diagnostics.
+        examination: What further fits add.
+        tables: The circuit with tables over SOC.
+        expected_tables_v: RMSE that tables would reach, where none were fitted.
+        other_hold: The answer if a sample's current flowed on its other side.
+        ocv: The OCV tests.
+        warnings: Sentences about what is doubtful, with what to do.
+    """
 
     problem: Problem
     search: Search | None
@@ -88,7 +107,12 @@ class Run:
 
 
 def make_result(run: Run, command: Sequence[str] = ()) -> Result:
-    """A run as a `Result`, which can be stored; `command` is the command that was run, if any."""
+    """A run as a `Result`, which can be stored.
+
+    Args:
+        run: The objects.
+        command: The command that was run, if any.
+    """
     problem = run.problem
     result = Result(
         schema_version=SCHEMA_VERSION,
@@ -272,6 +296,7 @@ def record_part(role: Any, evaluation: Evaluation) -> InputPart:
     soc = prepared.soc[prepared.scored]
     return input_part(role, prepared.record).model_copy(
         update={
+            "fingerprint": Content(prepared.record).fingerprint,
             "window": prepared.window,
             "start": prepared.start,
             "rest_current_a": float(prepared.rest_current_a),

@@ -26,6 +26,7 @@ from pydantic import (
 )
 from pydantic_core import core_schema
 
+from .display import brief
 from .errors import InputError, cut
 
 LARGEST_FILE = 200_000_000
@@ -89,6 +90,8 @@ Loss = Annotated[MaybeInfinite, Field(ge=0)]
 Volts = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Parameters = dict[str, float]
+# Numbers, texts, lists and such mappings, by key.
+Json = dict[str, Any]
 
 
 class Part(BaseModel):
@@ -103,17 +106,16 @@ class Part(BaseModel):
         arbitrary_types_allowed=True,
     )
 
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """A few lines: the whole would be pages."""
+        for name, value in super().__repr_args__():
+            yield name, brief(value)
+
 
 class Document(Part):
     """A whole file. Equal content gives equal bytes."""
 
-    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
-        """What fits on a line: the whole would be pages."""
-        for name, value in super().__repr_args__():
-            if isinstance(value, str | int | float):
-                yield name, value
-
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """The file's content as plain Python values, units in the keys."""
         return self.model_dump(mode="json", by_alias=True)
 
@@ -121,7 +123,7 @@ class Document(Part):
         return self.model_dump_json(by_alias=True, indent=1) + "\n"
 
     @classmethod
-    def json_schema(cls) -> dict[str, Any]:
+    def json_schema(cls) -> Json:
         """The JSON Schema of such a file."""
         return cls.model_json_schema(by_alias=True)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .cell.circuits import RATE
+from .display import Brief
 from .errors import InputError
 from .global_optimum import GlobalOptimum
 from .model.prepared import PreparedRecord, prepare_record
@@ -29,8 +30,8 @@ from .search.evaluate import Evaluation
 OUTSIDE_SOC = 0.005
 
 
-@dataclass(frozen=True, eq=False)
-class TableRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class TableRun(Brief):
     """Tables over SOC fitted to the records of a run, and their evaluations."""
 
     settings: TableSettings
@@ -126,6 +127,11 @@ def _fit_warning(each: FitWarning, is_low: bool, has_correction: bool) -> str:
         )
     if each.kind == "at bound":
         return f"{each.name} ended at its bound of {each.value:.4g}: the data do not set it"
+    if each.kind == "no resistance":
+        return (
+            f"every resistance is zero at {share} SOC, which no cell has: the few samples there do "
+            "not set it; use the tables elsewhere only, or leave those samples out with `score_soc`"
+        )
     if each.kind == "one direction":
         return (
             f"the amplitude of the hysteresis was fitted, but in one direction the records go only "

@@ -71,6 +71,16 @@ def test_each_slow_sweep_is_scaled_by_its_own_charge():
     assert any("of the OCV test differ" in text for text in cell.warnings)
 
 
+@pytest.mark.parametrize(("returned", "end"), [(0.985, 0.985), (0.9, 1.0)])
+def test_a_charge_that_nearly_closes_in_its_record_ends_where_the_charge_says(returned, end):
+    up = -returned * CURRENT_A * SWEEP
+    both = np.concatenate([REST, CURRENT_A * SWEEP, REST, up, REST])
+    record = record_of(both, interval_s=10.0, start_soc=1.0, direction=1)
+    cell = characterize([record], capacity_ah=1.01 * CAPACITY_AH)
+    assert cell.charge_points[-1].soc == pytest.approx(end, abs=2e-4)
+    assert cell.discharge_points[0].soc == pytest.approx(0.0, abs=2e-4)
+
+
 def test_a_short_pause_does_not_end_a_slow_sweep():
     record = sweep(-1)
     current_a = record.current_a.copy()

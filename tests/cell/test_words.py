@@ -86,6 +86,7 @@ TESTS = {
     "one C": lambda: [driven(REST, np.full(60, 2.0), REST)],
     "parts that do not meet": lambda: [part(0.4, 1.0, "upper.csv"), part(0.4, 0.5, "lower.csv")],
     "a slow discharge twice": lambda: [slow_sweep(-1), slow_sweep(-1)],
+    "a sweep in ten hours": lambda: [driven(REST, np.full(600, CAPACITY_AH / 10), REST)],
     "a slow charge beside rests": lambda: [discharge_only(), slow_sweep(+1)],
     "two tests in one record": lambda: [conditioned()],
     "a falling curve": lambda: [discharge_only(voltage=steep)],

@@ -141,7 +141,7 @@ def test_an_error_that_a_damaged_record_leads_to_stands_before_what_was_found(bu
     with pytest.raises(InputError) as problem:
         barnax.identify(source_from_frame(table, "cell"), cell=bundled_cell, seeds=0)
     first, *others = str(problem.value).splitlines()
-    assert "is scored at a state of charge of -0.05" in first
+    assert "its charge does not fit its voltage: by it the cell is empty before row" in first
     assert any("its current is twice what flowed" in text for text in others)
 
 

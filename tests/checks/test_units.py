@@ -1,5 +1,7 @@
 """Values in other units than their names say: found, and the rest seen in the right ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -22,6 +24,13 @@ from helpers.records import (
 )
 
 CLEAN = {}
+
+
+def test_the_units_of_a_testers_own_format_are_not_in_doubt():
+    source = source_from_frame(times(TIME, 1 / 60)(frame()), "cell.ndax")
+    assert counting(check_file(source)) == {"time unit": "error"}
+    known = replace(source, table=replace(source.table, has_known_units=True))
+    assert "time unit" not in counting(check_file(known))
 
 
 def scaled(table, column, factor):

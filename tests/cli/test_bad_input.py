@@ -19,15 +19,15 @@ TIME, CURRENT, VOLTAGE = "Test Time / s", "Current / A", "Voltage / V"
 RECORD, VALIDATION = BUNDLED.record, BUNDLED.validation
 
 
-def inputs(samples: int = 2000) -> pl.DataFrame:
-    return pl.read_parquet(RECORD).head(samples)
+def inputs(samples: int = 2000, file: Path = RECORD) -> pl.DataFrame:
+    return pl.read_parquet(file).head(samples)
 
 
-def changed(column: str, value: float) -> pl.DataFrame:
+def changed(column: str, value: float, file: Path = RECORD) -> pl.DataFrame:
     """The record with another value at row 100."""
-    values = inputs()[column].to_numpy().copy()
+    values = inputs(file=file)[column].to_numpy().copy()
     values[98] = value
-    return inputs().with_columns(pl.Series(column, values))
+    return inputs(file=file).with_columns(pl.Series(column, values))
 
 
 def discharging_without_rests() -> pl.DataFrame:
@@ -41,7 +41,7 @@ FRAMES: dict[str, Callable[[], pl.DataFrame]] = {
     "backward.csv": lambda: changed(TIME, 3.5),
     "milliamperes.csv": lambda: inputs().with_columns(pl.col(CURRENT) * 1000),
     "header.csv": lambda: inputs(0),
-    "zero_volts.csv": lambda: changed(VOLTAGE, 0.0),
+    "zero_volts.csv": lambda: changed(VOLTAGE, 0.0, VALIDATION),
     "no_rests.csv": discharging_without_rests,
     "deep.csv": lambda: pl.read_parquet(VALIDATION).with_columns(pl.col(CURRENT) - 8.0),
 }
@@ -66,6 +66,7 @@ FILES = [
     (RECORD, *OCV, "--validate", "zero_volts.csv"),
     (RECORD, *OCV, "--validate", "deep.csv", "--initial-soc", "0.9"),
     (RECORD, *OCV, "--validate", RECORD),
+    (RECORD, *OCV, "--validate", "part.csv"),
     (RECORD, "copy.parquet", *OCV),
     (300 * "x", *OCV),
     (RECORD,),
@@ -115,6 +116,7 @@ def bad_files(tmp_path: Path) -> None:
     for name, content in CONTENTS.items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "copy.parquet").write_bytes(RECORD.read_bytes())
+    inputs().write_csv(tmp_path / "part.csv")
 
 
 @pytest.mark.usefixtures("bad_files")

@@ -53,6 +53,13 @@ def test_csv_has_its_provenance_beside_it(run, cycler_file, tmp_path):
     assert json.loads((tmp_path / "out.json").read_text())["source"] == "cell.062"
 
 
+def test_neither_another_file_nor_the_measured_one_is_written_over(refuse, cycler_file, tmp_path):
+    (tmp_path / "out.json").write_text("mine")
+    assert "out.json: exists already" in refuse("convert", cycler_file, "--out", "out.csv")
+    words = ("convert", cycler_file, "--out", cycler_file, "--force")
+    assert "this is the file to read" in refuse(*words)
+
+
 def test_columns_reach_check_and_convert(run, tmp_path):
     table = pulse_table()
     table.columns = ["Zeit", "Strom", "Klemme"]

@@ -50,7 +50,7 @@ def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored, tmp_pat
         ((), "Missing option"),
         (("--to", "spice"), "--to 'spice' is not known; there are pybamm, thevenin, simscape, c-h"),
         (("--to", "csv", "--verify"), "not for csv"),
-        (("--to", "csv", "--out", "{stored}", "--force"), "is the result itself"),
+        (("--to", "csv", "--out", "{stored}", "--force"), "this is the file to read"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(refuse, stored, words, message):

@@ -201,7 +201,8 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
     monkeypatch.chdir(tmp_path)
     for folder, source in (("a", BUNDLED.record), ("b", BUNDLED.validation)):
         Path(folder).mkdir()
-        pl.read_parquet(source).head(1600).write_parquet(f"{folder}/drive.parquet")
+        table = pl.read_parquet(source).head(1600).with_columns(pl.col("Voltage / V") + 1e-3)
+        table.write_parquet(f"{folder}/drive.parquet")
     outcome = run_command(
         "identify", "a/drive.parquet", "b/drive.parquet", *OCV, "--validate", BUNDLED.validation,
         "--seeds", "1", "--population", "8", "--iterations", "1", "--trust", "none",

@@ -2,13 +2,17 @@
 
 import json
 import os
-import tempfile
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from barnax.bundled import BUNDLED
 from barnax.cli.output import write_file, write_folder
 from barnax.errors import InputError
+from barnax.files import aside, unfinished
 
 from .conftest import BUDGET, contents
 
@@ -29,13 +33,17 @@ def appear(folder: Path, files: dict[str, bytes]) -> None:
         (folder / name).write_bytes(content)
 
 
-def written(folder: Path) -> dict[str, bytes]:
-    """Every file but the list, which must name all that are ours."""
-    files = {
+def inside(folder: Path) -> dict[str, bytes]:
+    return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in folder.rglob("*")
         if path.is_file()
     }
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    """Every file but the list, which must name all that are ours."""
+    files = inside(folder)
     if "files.json" in files:
         listed = set(json.loads(files.pop("files.json")))
         assert listed - set(files) == {"files.json"}
@@ -73,11 +81,11 @@ def stop(monkeypatch, name, cause, nth=0):
     """The nth call of a function of `os` stops."""
     real, calls = getattr(os, name), []
 
-    def stopped(*given):
+    def stopped(*given, **more):
         calls.append(given)
         if len(calls) == nth + 1:
             raise cause
-        return real(*given)
+        return real(*given, **more)
 
     monkeypatch.setattr(os, name, stopped)
 
@@ -92,7 +100,9 @@ def stopped_by(cause):
 
 
 @CAUSES
-@pytest.mark.parametrize(("name", "nth"), [("fsync", 1), ("replace", 0), ("replace", 1)])
+@pytest.mark.parametrize(
+    ("name", "nth"), [("fsync", 1), ("replace", 0), ("replace", 2), ("unlink", 0)]
+)
 def test_a_stop_while_a_folder_is_written_leaves_the_old_one(old, monkeypatch, cause, name, nth):
     before = contents(old.parent)
     stop(monkeypatch, name, cause, nth)
@@ -113,20 +123,108 @@ def test_a_stop_while_a_file_is_written_leaves_the_old_one(tmp_path, monkeypatch
     assert list(contents(tmp_path)) == ["cell.h"]
 
 
-def test_what_a_killed_run_left_is_cleared_and_what_a_running_one_has_is_not(tmp_path):
-    killed = tmp_path / ".barnax-999999999-x"
-    running = tmp_path / f".barnax-{os.getppid()}-x"
-    for folder in (killed, running):
-        appear(folder, {"new/result.json": b"half"})
-    write_folder(tmp_path / "out", NEW, False)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [running.name, "out"]
+KILLED_AT = """
+import os, signal, sys
+from pathlib import Path
+from barnax.cli.output import write_folder
+
+folder, step, files, is_forced = Path(sys.argv[1]), int(sys.argv[2]), eval(sys.argv[3]), sys.argv[4]
+steps = 0
+for name in ("mkdir", "open", "fsync", "rename", "replace", "unlink", "rmdir"):
+    def counted(*given, _real=getattr(os, name), **more):
+        global steps
+        steps += 1
+        if steps > step:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return _real(*given, **more)
+    setattr(os, name, counted)
+write_folder(folder, files, is_forced == "True")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no process can kill itself there")
+@pytest.mark.parametrize(
+    "steps", [range(4, 40, 7), pytest.param(range(42), marks=pytest.mark.slow)]
+)
+def test_a_kill_at_any_step_leaves_the_old_result_or_the_new_one_whole(tmp_path, steps):
+    """At its place, or in what the process left; what is the user's stays, and so does that."""
+    mine = tmp_path / ".barnax-2024-11" / "thesis.tex"
+    appear(mine.parent, {mine.name: b"mine"})
+    for step in steps:
+        for is_forced in (False, True):
+            out = tmp_path / f"{step}-{is_forced}" / "out"
+            if is_forced:
+                appear(write_folder(out, OLD, False), MINE)
+            words = (str(out), str(step), repr(NEW), str(is_forced))
+            done = subprocess.run([sys.executable, "-c", KILLED_AT, *words])
+            left = unfinished(out.parent)
+            if is_forced:
+                places = [out, *(path / "old" for path in left)]
+                is_old = any(OLD.items() <= inside(place).items() for place in places)
+                assert is_old or NEW.items() <= inside(out).items()
+                assert MINE.items() <= inside(out).items()
+                assert (out / "result.json").read_bytes() in (b"old", b"new")
+            else:
+                assert not out.exists() or written(out) == NEW
+            if done.returncode == 0:
+                assert (left, step > 10) == ([], True)
+            # The next run goes on beside what is left, and leaves it.
+            write_folder(out, NEW, True)
+            assert NEW.items() <= written(out).items()
+            assert unfinished(out.parent) == left
+    assert mine.read_bytes() == b"mine"
+
+
+def test_what_a_killed_command_left_is_told_and_stays(run, tmp_path):
+    left = aside(tmp_path)
+    appear(left, {"old/result.json": b"old"})
+    appear(tmp_path, {".barnax-2024-11/thesis.tex": b"mine"})
+    told = run("convert", BUNDLED.record).err
+    assert f"{left}: left by a command that was stopped while it wrote, with the result" in told
+    assert "2024-11" not in told
+    assert (left / "old" / "result.json").read_bytes() == b"old"
+
+
+def test_a_list_that_names_what_lies_elsewhere_takes_nothing_away(tmp_path, old):
+    appear(tmp_path, MINE)
+    names = ["result.json", "../thesis.tex", str(tmp_path / "thesis.tex"), "figures", "."]
+    (old / "files.json").write_text(json.dumps(names))
+    write_folder(old, {"result.json": b"new"}, True)
+    assert {name: (tmp_path / name).read_bytes() for name in MINE} == MINE
+    assert written(old) == {**OLD, "result.json": b"new"}
+
+
+@pytest.mark.parametrize("kind", ["link", "folder"])
+def test_nothing_is_written_through_a_users_link_or_over_a_users_folder(tmp_path, old, kind):
+    (tmp_path / "elsewhere").mkdir()
+    if kind == "link":
+        shutil.rmtree(old / "figures")
+        (old / "figures").symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    else:
+        (old / "figures/more/deep.png").mkdir(parents=True)
+    assert write_folder(old, NEW, True) == old.with_name("out-2")
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_two_runs_that_end_at_once_both_keep_their_results(tmp_path, monkeypatch):
+    replace = os.replace
+
+    def late(source, target):
+        if not Path(target).exists():
+            appear(Path(target), MINE)
+            monkeypatch.setattr(os, "replace", replace)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", late)
+    assert write_folder(tmp_path / "out", NEW, False) == tmp_path / "out-2"
+    assert (written(tmp_path / "out"), written(tmp_path / "out-2")) == (MINE, NEW)
 
 
 def test_a_place_that_refuses_a_folder_is_a_message(tmp_path, monkeypatch):
-    def forbidden(**_):
+    def forbidden(*_, **__):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(tempfile, "TemporaryDirectory", forbidden)
+    monkeypatch.setattr(os, "mkdir", forbidden)
     with pytest.raises(InputError, match=r"Permission denied.*give `out` another folder"):
         write_folder(tmp_path / "out", NEW, False)
     assert contents(tmp_path) == {}

@@ -96,15 +96,3 @@ def test_every_export_names_the_measured_temperatures(exporter, over_temperature
         return
     assert "Identified at 0, 25, 45 degC" in told
     assert "at 0, 25, 45 degC it was 1.9, 2, 2.1 Ah" in told
-
-
-@every_exporter
-def test_a_record_named_to_end_a_comment_ends_none(exporter):
-    result = make_result(record="*/ int x; /*\n'''\"\"\"\nimport os\r\u2028raise SystemExit \\")
-    content, _ = exporter.write(result)
-    if exporter.file_name.endswith(".py"):
-        code = [line for line in content.decode().splitlines() if not line.startswith("#")]
-        plain = exporter.write(make_result()).content.decode()
-        assert code == [line for line in plain.splitlines() if not line.startswith("#")]
-    if exporter.file_name.endswith(".h"):
-        assert content.count(b"*/") == exporter.write(make_result()).content.count(b"*/")

@@ -7,7 +7,16 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from barnax.fleet.dataset import compact, finished, parts_folder, read_rows, write_rows
+from barnax.errors import InputError
+from barnax.fleet.dataset import (
+    compact,
+    finished,
+    keep_result,
+    parts_folder,
+    read_rows,
+    write_rows,
+    writing,
+)
 
 # Values of a carried column, and what they are where others have another type.
 KINDS = (
@@ -28,7 +37,7 @@ def test_what_another_shard_takes_in_meanwhile_is_read_once(tmp_path, monkeypatc
     folder = parts_folder(tmp_path, (2, 2))
     folder.mkdir()
     for place, row in enumerate(rows):
-        write_rows(folder / f"{place}.parquet", [row])
+        write_rows(folder / f"{place:032x}.parquet", [row])
     read, taken_in = pl.read_parquet, [(2, 2), *more]
 
     def read_late(path, **options):
@@ -41,6 +50,31 @@ def test_what_another_shard_takes_in_meanwhile_is_read_once(tmp_path, monkeypatc
     assert not list(folder.glob("*.parquet"))
 
 
+def test_what_a_user_put_beside_the_dataset_is_neither_read_nor_deleted(tmp_path):
+    folder = parts_folder(tmp_path)
+    folder.mkdir()
+    row = {"id": "a", "error": None, "fingerprint": "0"}
+    write_rows(folder / f"{1:032x}.parquet", [row])
+    mine = [folder / "notes.parquet", folder / ".thesis", tmp_path / "cells_2024.parquet"]
+    for path in mine:
+        write_rows(path, [row | {"id": "mine"}])
+    with writing(tmp_path):
+        compact(tmp_path)
+    assert finished(tmp_path) == {"a": ("0", False)}
+    assert all(path.exists() for path in mine)
+
+
+@pytest.mark.parametrize("link", ["results", "results/a"])
+def test_a_result_is_not_written_through_a_link(tmp_path, link):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (out / link).parent.mkdir(parents=True)
+    (out / link).symlink_to(elsewhere)
+    with pytest.raises(InputError, match=r"is a link.*delete the link"):
+        keep_result(out, "a", "{}")
+    assert not [path for path in elsewhere.rglob("*") if path.is_file()]
+
+
 def carried(out, is_one_part, *values):
     """A column after rows with these values are written, beside each other or one by one."""
     rows = [
@@ -50,7 +84,7 @@ def carried(out, is_one_part, *values):
     folder = parts_folder(out)
     folder.mkdir(parents=True)
     for place, part in enumerate([rows] if is_one_part else [[row] for row in rows]):
-        write_rows(folder / f"{place}.parquet", part)
+        write_rows(folder / f"{place:032x}.parquet", part)
     found = read_rows(out)["carried"].to_list()
     compact(out)
     assert read_rows(out)["carried"].to_list() == found

@@ -62,3 +62,19 @@ STRINGS = [
     "[bold]", "[/]", "<script>alert(1)</script>", "{0}", "%s", "\ud800", "\u202e", "x" * 10_000,
     "nan", "--out=/", "é", "\\", "\\u0000",
 ]  # fmt: skip
+
+# Pieces of names that end a comment, a text, a cell or a line in some language, or begin code.
+PIECES = [
+    "coding=utf-7 +AAo-", "coding: latin-1", "vim: set fdm=expr:", "*/", "/*", "//", "*", "/",
+    "??/", "%{", "%}", "%", "#", "\n", "\r", "\v", "\f", "\x1c", "\x85", "\u2028", "\u2029", "\\",
+    '"', "'", '"""', "'''", "`", "{{7*7}}", "{% raw %}", "{#", "<script>", "</script>", "<!--",
+    "]]>", "]](", "![a](b)", "=", "+", "-", "@", "=cmd|'/c calc'!A0", "\t", ",", ";", "\u202e",
+    "\u2066", "\ufeff", "\0", "\x7f", "\x1b[2J", "\udcff", "$(id)", "é", "e\u0301", "中",
+    "\U0001f600", "int x;", "import os", "[[files]]", "x" * 120, " ",
+]  # fmt: skip
+
+
+def names() -> st.SearchStrategy[str]:
+    """Names of files that want to be more than a name."""
+    pieces = st.one_of(st.sampled_from(PIECES), st.text(max_size=3))
+    return st.lists(pieces, min_size=1, max_size=6).map("".join)

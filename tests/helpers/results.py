@@ -68,6 +68,7 @@ def make_evaluation(
     error_v = 5e-3 * np.sin(number / 50) if error_v is None else error_v
     prepared = PreparedRecord(
         record=record,
+        cell=make_cell(),
         circuit="so-rc",
         window=Window(),
         start=Start(1.0, "given", -1, "given", row=2, voltage_v=float(record.voltage_v[0])),

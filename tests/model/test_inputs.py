@@ -411,10 +411,19 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
         match=rf"made.csv: row {row} is scored at a state of charge of -0.05\d, but .*"
         rf"`capacity` \({shown} Ah\) and `initial_soc`, give an OCV test .*`score_soc`, `score_st",
     ):
-        prepared(bundled_cell, Window(initial_soc=0.01, capacity_ah=capacity_ah))
+        prepared(bundled_cell, Window(initial_soc=0.01, capacity_ah=capacity_ah), voltage_v=2.7)
     # What is not scored is let pass.
     unscored = Window(initial_soc=0.01, start_time_s=60.0, score_to_s=300.0)
     assert prepared(bundled_cell, unscored, voltage_v=2.8).scored.sum() == 25
+
+
+@pytest.mark.parametrize(("sign", "end"), [(1, "empty"), (-1, "full")])
+def test_a_record_that_its_charge_empties_but_not_its_voltage_is_called_another_cells(
+    bundled_cell, sign, end
+):
+    start = Window(initial_soc=0.5 - 0.49 * sign)
+    with pytest.raises(InputError, match=rf"by it the cell is {end} before row \d+.*another cell"):
+        prepared(bundled_cell, start, current_a=sign * CURRENT_A, voltage_v=3.6)
 
 
 def test_a_given_state_of_charge_is_taken(bundled_cell):

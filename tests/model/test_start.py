@@ -65,6 +65,19 @@ def test_a_charge_that_tapers_ends_full(bundled_cell):
         start(bundled_cell, with_full_charge(bundled_cell, last_a=0.5), 720)
 
 
+@pytest.mark.parametrize(("soc", "current_a"), [(1.0, 0.04), (0.95, 0.04), (1.0, 0.4)])
+def test_the_voltage_of_a_full_cell_under_a_small_current_tells_a_full_cell(
+    bundled_cell, soc, current_a
+):
+    record, _ = made(bundled_cell, [(current_a, 100), *PULSES, (1.0, 900)], soc)
+    if (soc, current_a) == (1.0, 0.04):
+        found = start(bundled_cell, record, 0)
+        assert (found.soc, found.soc_source, found.row) == (1.0, "full voltage", record.row[0])
+    else:
+        with pytest.raises(InputError, match="give `initial_soc`"):
+            start(bundled_cell, record, 0)
+
+
 def counting(record, begun_ah):
     return replace(record, charge_ah=begun_ah + record.discharged_ah)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from barnax.cell.tables import hats
+from barnax.cell.tables import OCV_CORRECTION, hats
 from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.model import compressed
@@ -31,8 +31,14 @@ def whole(objective, place):
     found = objective.solve(place)
     columns, base = map(np.concatenate, zip(*_linearized(objective, found), strict=True))
     unknowns = found.values.size
-    matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.penalty])
-    return matrix, np.append(base / np.sqrt(len(base)), np.zeros(len(objective.penalty)))
+    matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.table_penalty])
+    # An OCV correction that may fall by so much only is the sum of its steps.
+    steps = np.eye(unknowns)
+    if objective.settings.rising_ocv:
+        correction = slice(3 * len(NODES), 4 * len(NODES))
+        steps[correction, correction] = np.tri(len(NODES))
+    target = np.append(base / np.sqrt(len(base)), np.zeros(len(matrix) - len(base)))
+    return matrix, target, steps
 
 
 def objective_and_place(prepared, **changes):
@@ -43,22 +49,60 @@ def objective_and_place(prepared, **changes):
     return objective_of(prepared, settings), tuple(place[:2])
 
 
+@pytest.fixture
+def falling(prepared):
+    """A record whose voltage asks for an OCV that falls with SOC."""
+    return replace(prepared, source_v=prepared.source_v + 3 * prepared.soc)
+
+
 @pytest.mark.parametrize(
     ("name", "amplitude"),
-    [("prepared", False), ("with_hysteresis", False), ("with_hysteresis", True)],
+    [
+        ("prepared", False),
+        ("with_hysteresis", False),
+        ("with_hysteresis", True),
+        ("falling", False),
+    ],
 )
 def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     prepared = request.getfixturevalue(name)
     objective, place = objective_and_place(prepared, half_hysteresis=amplitude)
     found = objective.solve(place, exact=True)
-    matrix, target = whole(objective, place)
-    other = lsq_linear(matrix, -target, objective.box, method="bvls", tol=1e-14)
+    matrix, target, steps = whole(objective, place)
+    other = lsq_linear(matrix @ steps, -target, objective.box, method="bvls", tol=1e-14)
     assert found.root == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
-    assert found.values.ravel() == pytest.approx(other.x, rel=1e-6, abs=1e-8)
+    assert found.values.ravel() == pytest.approx(steps @ other.x, rel=1e-6, abs=1e-8)
     # The scan of these tables has the error that the factor says.
     tables = objective.tables_at(found)
     error_v = (prepared.voltage_v - simulate_tables(prepared, tables))[prepared.scored]
     assert np.sqrt(np.mean(error_v**2)) == pytest.approx(np.linalg.norm(found.error), rel=1e-9)
+
+
+def test_a_corrected_ocv_rises_between_all_nodes_unless_it_is_left_free(falling):
+    held = replace(SMALL, bounds={}, fixed={"tau1 [s]": 10.0, "tau2 [s]": 100.0})
+    rising, free = (fit_tables([falling], replace(held, rising_ocv=each)) for each in (True, False))
+    soc = np.linspace(NODES[0], NODES[-1], 701)
+    known_v = falling.cell.average_ocv_v(soc)
+    ocv_v, free_v = (known_v + each.tables.at(OCV_CORRECTION, soc) for each in (rising, free))
+    assert np.all(np.diff(ocv_v) > -1e-7)
+    assert np.any(np.diff(free_v) < -1e-4)
+    assert rising.objective_v > free.objective_v
+    # Nodes that the bounds tie together move as one, so one is as uncertain as the next.
+    reach = [each.standard_error for each in rising.of_table(OCV_CORRECTION)]
+    assert reach[1:] == pytest.approx([reach[0]] * (len(reach) - 1))
+    assert reach[0] > 0
+
+
+def test_a_visited_node_without_any_resistance_is_told(prepared):
+    fixed = {"tau1 [s]": 10.0, "tau2 [s]": 100.0, **dict.fromkeys(("R1 [Ohm]", "R2 [Ohm]"), 0.0)}
+    source_v = prepared.source_v - 0.4 * prepared.current_a * (prepared.soc < 0.9)
+    inverted = replace(prepared, source_v=source_v)
+    fit = fit_tables([inverted], replace(SMALL, bounds={}, fixed=fixed))
+    told = [each.value for each in fit.warnings if each.kind == "no resistance"]
+    table = dict(zip(NODES, fit.tables.r0_ohm, strict=True))
+    assert told
+    assert [table[soc] for soc in told] == [0.0] * len(told)
+    assert 1.0 not in told
 
 
 @pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])

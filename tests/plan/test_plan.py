@@ -9,6 +9,7 @@ import barnax
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.errors import InputError
 from barnax.plan import plan
+from helpers.ocv_tests import slow_sweep
 from helpers.records import with_counters
 
 TEMPERATURE = "Ambient Temperature / degC"
@@ -54,16 +55,20 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
     (folder / "notes.txt").write_text("the cell got warm\n")
     (folder / ".hidden").write_text("x")
     shutil.copy(BUNDLED.record, folder / "again.parquet")
+    pl.read_parquet(BUNDLED.record)[:17_000].write_csv(folder / "a-part.csv")
     found = plan(folder)
     assert roles(found)["notes.txt"] == "not used"
     assert "columns" in reason(found, "notes.txt")
     assert reason(found, "c.parquet") == "the same as again.parquet, byte for byte"
+    assert reason(found, "a-part.csv") == "of the same samples as again.parquet"
     assert ".hidden" not in roles(found)
     assert len(found.of_role("OCV test")) == 2
 
 
 def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folder):
-    cold = pl.read_parquet(BUNDLED.record).with_columns(pl.lit(-5.0).alias(TEMPERATURE))
+    cold = pl.read_parquet(BUNDLED.record).with_columns(
+        pl.lit(-5.0).alias(TEMPERATURE), pl.col("Voltage / V") - 0.03 * pl.col("Current / A")
+    )
     for name in ("b", "c", "d"):
         path = folder / f"{name}.parquet"
         warm = pl.read_parquet(path).with_columns(pl.lit(25.0).alias(TEMPERATURE))
@@ -85,7 +90,9 @@ def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
     for name, degc in (("b", 0.0), ("c", 0.0), ("d", 0.0)):
         path = folder / f"{name}.parquet"
         pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE)).write_parquet(path)
-    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(pl.lit(25.0).alias(TEMPERATURE))
+    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(
+        pl.lit(25.0).alias(TEMPERATURE), pl.col("Voltage / V") + 1e-3
+    )
     warm.write_parquet(folder / "warm.parquet")
     found = plan(folder)
     assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
@@ -111,7 +118,7 @@ def test_a_pulse_test_alone_is_both(folder):
     assert reason(found, "hppc_40degC.parquet").startswith("for tables over temperature too")
 
 
-def test_a_record_of_each_temperature_is_identified_on_for_tables_over_it(folder):
+def test_a_record_of_each_temperature_is_identified_on_with_its_own_ocv_test(folder):
     for name, degc in (("a", 5.0), ("b", 25.0), ("c", 25.0), ("d", 25.0)):
         path = folder / f"{name}.parquet"
         table = pl.read_parquet(path).with_columns(pl.lit(degc).alias(TEMPERATURE))
@@ -119,6 +126,75 @@ def test_a_record_of_each_temperature_is_identified_on_for_tables_over_it(folder
     assert roles(plan(folder))["a.parquet"] == "not used"
     found = plan(folder, over="soc,temperature")
     assert [part.name for part in found.of_role("identification")] == ["a.parquet", "c.parquet"]
+    for name in ("b", "d"):
+        warm = pl.read_parquet(folder / f"{name}.parquet")
+        cold = warm.with_columns(pl.lit(5.0).alias(TEMPERATURE), pl.col("Voltage / V") + 1e-3)
+        cold.write_parquet(folder / f"cold {name}.parquet")
+    alone = plan(folder)
+    assert len(alone.of_role("OCV test")) == 2
+    assert "for tables over temperature" in reason(alone, "a.parquet")
+    found = plan(folder, over="soc,temperature")
+    assert len(found.of_role("OCV test")) == 4
+    # Given beside a folder, those of one temperature are one test too.
+    names = ("b", "d", "cold b", "cold d")
+    given = plan(folder, ocv=[folder / f"{name}.parquet" for name in names], over="soc,temperature")
+    assert roles(given) == roles(found)
+
+
+def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
+    for name in ("a", "c"):
+        path = folder / f"{name}.parquet"
+        # Under load, far from full.
+        whole = pl.read_parquet(path)[1500:]
+        loaded = whole["Current / A"].abs().to_numpy() > 0.5
+        whole[int(loaded.argmax()) :].write_parquet(path)
+    assert plan(folder).missing.startswith("no record can be identified on")
+    assert "give `initial_soc`" in reason(plan(folder), "c.parquet")
+    said = {"c.parquet": barnax.Window(initial_soc=0.88)}
+    found = plan(folder, window=said)
+    assert roles(found)["c.parquet"] == "identification"
+    assert found.of_role("identification")[0].window.initial_soc == 0.88
+    # What is measured elsewhere by what is said of it is not joined.
+    said["c.parquet"] = barnax.Window(initial_soc=0.88, temperature_degc=-10.0)
+    for name in ("b", "d"):
+        said[f"{name}.parquet"] = barnax.Window(temperature_degc=25.0)
+    apart = plan(folder, window=said)
+    assert reason(apart, "c.parquet") == "measured at -10 degC, the OCV test at 25 degC"
+
+
+def test_a_whole_sweep_comes_before_a_pulse_test_with_a_hole(tmp_path):
+    shutil.copy(BUNDLED.record, tmp_path / "record.parquet")
+    whole = pl.read_parquet(bundled_file("hppc_25degC"))[:, :3]
+    sweep = slow_sweep(-1)
+    frame = {"Test Time / s": sweep.time_s, "Current / A": -sweep.current_a}
+    pl.DataFrame({**frame, "Voltage / V": sweep.voltage_v}).write_parquet(
+        tmp_path / "sweep.parquet"
+    )
+    whole.write_parquet(tmp_path / "pulses.parquet")
+    assert roles(plan(tmp_path))["pulses.parquet"] == "OCV test"
+    whole[: len(whole) // 2].write_parquet(tmp_path / "pulses.parquet")
+    assert roles(plan(tmp_path))["sweep.parquet"] == "OCV test"
+
+
+def test_a_table_is_an_ocv_test_whose_capacity_a_discharge_or_the_user_tells(tmp_path):
+    shutil.copy(BUNDLED.record, tmp_path / "record.parquet")
+    soc = [0.0, 0.1, 0.3, 0.6, 1.0]
+    table = pl.DataFrame({"SOC [-]": soc, "OCV [V]": [3.0, 3.4, 3.6, 3.8, 4.19]})
+    table.write_csv(tmp_path / "table.csv")
+    found = plan(tmp_path)
+    assert roles(found)["table.csv"] == "OCV test"
+    assert found.options["capacity"] == pytest.approx(1.89, abs=0.005)
+    told = plan(tmp_path, capacity=2.0)
+    assert (told.options["capacity"], told.reasons["capacity"]) == (2.0, "given")
+
+
+def test_a_record_that_begins_full_under_a_small_current_needs_no_start(tmp_path, real_data):
+    for name in ("c20_0degC", "us06_0degC"):
+        shutil.copy(real_data / "lg-hg2-18650" / f"{name}.parquet", tmp_path)
+    found = plan(tmp_path)
+    assert roles(found)["us06_0degC.parquet"] == "identification"
+    assert found.of_role("identification")[0].window.initial_soc == 1.0
+    assert "at full: 4.1863 V" in reason(found, "us06_0degC.parquet")
 
 
 def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):

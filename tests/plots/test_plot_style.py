@@ -135,6 +135,13 @@ def test_the_end_of_a_long_name_is_kept():
     assert len(shown) == LONGEST_TITLE
 
 
+def test_a_figure_shows_itself_in_a_notebook():
+    figure = make_figure()
+    shown = matplotlib.image.imread(io.BytesIO(figure._repr_png_()))
+    assert shown.shape[:2] == tuple(figure.bbox.size[::-1])
+    assert 0 < np.mean(shown[..., :3] < 1) < 0.5
+
+
 @pytest.mark.parametrize("kind", BEGINNINGS)
 def test_a_figure_gives_the_same_bytes_every_time_and_after_other_forms(kind):
     figure = make_figure()

@@ -41,7 +41,7 @@ MEANINGS = {
 
 @pytest.mark.parametrize("counters", MEANINGS.values(), ids=MEANINGS)
 def test_a_counter_gives_the_charge_whatever_it_begins_with(counters):
-    charge_ah = counters.charge_ah(FLOWED_AH)
+    charge_ah = counters.charge_ah(FLOWED_AH, FLOWED_AH != 0)
     np.testing.assert_allclose(charge_ah - charge_ah[0], CHARGE_AH, atol=1e-12)
     # It begins where the tester's does, in the sign of the current.
     begun_ah = -0.7 if counters is MEANINGS["net, not from zero"] else 0.0
@@ -54,7 +54,7 @@ def test_the_counter_knows_of_a_discharge_that_was_not_logged():
     time_s = 10.0 * np.arange(180)[logged]
     current_a = np.where(np.arange(180) == 50, 0, CURRENT_A)[logged]
     flowed_ah = current_a[1:] * np.diff(time_s) / 3600
-    charge_ah = Counters(net_ah=-CHARGE_AH[logged]).charge_ah(flowed_ah)
+    charge_ah = Counters(net_ah=-CHARGE_AH[logged]).charge_ah(flowed_ah, flowed_ah != 0)
     np.testing.assert_allclose(charge_ah, CHARGE_AH[logged], atol=1e-12)
     assert flowed_ah.sum() < 0.6 * charge_ah[70]
 
@@ -70,7 +70,7 @@ def test_the_counter_knows_of_a_discharge_that_was_not_logged():
     ids=["none", "another unit", "too coarse", "noise"],
 )
 def test_what_does_not_count_the_current_is_no_charge(counters):
-    assert counters.charge_ah(FLOWED_AH) is None
+    assert counters.charge_ah(FLOWED_AH, FLOWED_AH != 0) is None
 
 
 def test_a_record_has_the_charge_the_cycle_and_the_state_of_its_file():
@@ -102,6 +102,67 @@ def test_a_counter_that_a_new_step_sets_to_zero_skips_no_charge():
     one_ah = np.concatenate([np.arange(40), 40 - 0.25 * np.arange(40), np.zeros(40)]) / 360
     counters = Counters(net_ah=np.tile(one_ah, 6))
     integrated_ah = current_a[:-1] / 360
-    charge_ah = counters.charge_ah(integrated_ah)
+    charge_ah = counters.charge_ah(integrated_ah, integrated_ah != 0)
     assert charge_ah is not None
     np.testing.assert_allclose(charge_ah[-1] - charge_ah[0], -6 * 30.25 / 360, rtol=1e-12)
+
+
+# Levels of a pulse test, logged every 10 s: a rest, a pulse, a rest, and a long discharge at 1 A
+# that the logger leaves out.
+LEVEL_A = np.repeat([0.0, 2.0, 0.0, 1.0], [30, 6, 24, 60])
+LOAD_A = np.tile(LEVEL_A, 8)
+OUT_AH = np.concatenate([[0], np.cumsum(LOAD_A[:-1])]) / 360
+IS_LOGGED = np.tile(LEVEL_A != 1, 8)
+
+
+def anew(counter_ah, *starts):
+    """The counter set to nothing at some samples."""
+    return counter_ah - np.select([np.arange(960) >= start for start in starts[::-1]],
+                                  [counter_ah[start] for start in starts[::-1]])  # fmt: skip
+
+
+def standing(counter_ah, first, last):
+    """The counter without what it should have counted between two samples, until the later one."""
+    still = counter_ah.copy()
+    still[first:last] = counter_ah[first]
+    return still
+
+
+def recorded(counter_ah, is_logged):
+    """The record of the pulse test with a counter of the net charge, and what truly flowed."""
+    time_s = 10.0 * np.arange(960)
+    voltage_v = 4.1 - 0.4 * OUT_AH - 0.05 * LOAD_A
+    frame = {"Test Time / s": time_s, "Current / A": -LOAD_A, "Voltage / V": voltage_v}
+    frame["Net Capacity / Ah"] = np.round(counter_ah, 5)
+    record = record_from_frame({name: values[is_logged] for name, values in frame.items()})
+    return record, OUT_AH[is_logged]
+
+
+@pytest.mark.parametrize(
+    "counter_ah",
+    [-OUT_AH, OUT_AH, anew(-OUT_AH, 490, 611), standing(-OUT_AH, 500, 516)],
+    ids=["charge positive", "discharge positive", "set to zero at rest", "late"],
+)
+def test_discharges_between_rests_are_counted_where_none_of_them_is_logged(counter_ah):
+    record, out_ah = recorded(counter_ah, IS_LOGGED)
+    np.testing.assert_allclose(record.discharged_ah, out_ah, atol=2e-4)
+
+
+def test_a_counter_that_stands_still_and_catches_up_adds_nothing_to_what_was_logged():
+    record, out_ah = recorded(standing(-OUT_AH, 300, 476), np.full(960, True))
+    np.testing.assert_allclose(record.discharged_ah, out_ah, atol=1e-9)
+
+
+def test_a_counter_that_begins_anew_within_a_moment_adds_nothing_either():
+    # Charged, then discharged, each step counted from zero: it falls from 0.25 Ah at once.
+    time_s = np.append(np.arange(451), 450.0005 + np.arange(451))
+    current_a, out_ah = np.repeat([2.0, -2.0], 451), np.append(np.arange(451), 449 - np.arange(451))
+    frame = {"Test Time / s": time_s, "Current / A": current_a, "Voltage / V": 3.7 + out_ah / 900}
+    counter_ah = np.append(np.arange(451), -np.arange(451)) / 1800
+    record = record_from_frame(frame | {"Net Capacity / Ah": counter_ah})
+    assert record.skipped_ah is None
+
+
+def test_a_counter_tells_what_passed_between_a_rest_and_a_load():
+    record, out_ah = recorded(-OUT_AH, ~np.isin(np.arange(960), np.r_[400:455, 715:760]))
+    np.testing.assert_allclose(record.discharged_ah, out_ah, atol=2e-4)

@@ -12,7 +12,7 @@ from helpers.records import pulse_frame, pulses_a, simulated_cell
 SIGNS = ["charge-positive", "discharge-positive"]
 NAMES = {
     "charge-positive": ["Test Time / s", "Current / A", "Voltage / V"],
-    "discharge-positive": ["Time [s]", "Current [A]", "Voltage [V]"],
+    "discharge-positive": ["Time [s]", "Current [A]", "Terminal voltage [V]"],
 }
 
 

@@ -63,7 +63,7 @@ def joint() -> Result:
     record, validation = (
         barnax.read_record(barnax.bundled_file(name)) for name in ("identification", "validation")
     )
-    other = replace(record, name="again.csv", sha256="")
+    other = replace(record, name="again.csv", sha256="", voltage_v=record.voltage_v + 1e-3)
     ocv = [barnax.bundled_file(f"ocv_{way}") for way in ("charge", "discharge")]
     return barnax.identify(
         [record, other], ocv=ocv, validate=validation, window=part, seeds=1, population=8,

@@ -37,6 +37,7 @@ from barnax.reporting.render import (
     to_html,
     to_markdown,
 )
+from helpers.hostile import EXAMPLES, names, repeated
 from helpers.report_reader import ReportReader
 
 HOSTILE = (
@@ -91,6 +92,21 @@ def test_pictures_have_words_and_heads_say_what_they_head():
     assert base64.b64decode(content) == PICTURE.content
     scopes = [attributes.get("scope") for tag, attributes in page.tags if tag == "th"]
     assert scopes == ["col", "col", "row", "row"]
+
+
+@pytest.mark.parametrize("examples", EXAMPLES)
+def test_a_report_of_any_name_has_the_same_parts(examples):
+    plain = make_document("plain")
+    page, text = ReportReader(to_html(plain)), ReportReader(rendered(to_markdown(plain)))
+
+    def survive(name):
+        document = make_document(f"a{name}")
+        found = ReportReader(to_html(document)), ReportReader(rendered(to_markdown(document)))
+        assert [[tag for tag, _ in each.tags] for each in found] == [
+            [tag for tag, _ in each.tags] for each in (page, text)
+        ]
+
+    repeated(examples, survive, names())
 
 
 @pytest.mark.parametrize("name", HOSTILE, ids=range(len(HOSTILE)))

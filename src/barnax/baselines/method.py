@@ -50,10 +50,15 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Budget:
-    """What a method may spend: `seeds` runs of `iterations` generations of `population` candidates.
+    """The budget of a method.
 
-    All randomness comes from `key`. Methods without random numbers run once; a method that needs
-    less reports what it spent.
+    Methods without random numbers run once; a method that needs less reports what it spent.
+
+    Args:
+        population: Candidates of a generation.
+        iterations: Generations of a run.
+        seeds: Runs.
+        key: The key of all random numbers.
     """
 
     population: int = 30

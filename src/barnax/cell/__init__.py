@@ -6,6 +6,7 @@ from .characterize import (
     characterize_over_temperature,
     read_ocv_table,
     read_ocv_test,
+    without_drop,
 )
 from .circuits import CIRCUITS, Circuit, CircuitParameters, get_circuit, parameter_names
 from .curves import (
@@ -42,4 +43,5 @@ __all__ = [
     "parameter_names",
     "read_ocv_table",
     "read_ocv_test",
+    "without_drop",
 ]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
+from ..display import Brief
 from ..errors import InputError
 from ..records import Hold, Record, Source, read_record, read_source
 from ..records.columns import find_columns, is_ocv_table
@@ -20,7 +21,9 @@ from .curves import (
     AbstractCurve,
     Curve,
     HysteresisFit,
+    InterpolatedCurve,
     OcvFit,
+    PolynomialCurve,
     SegmentedHysteresis,
     curve_warnings,
     fit_curve,
@@ -49,12 +52,16 @@ _CELL_RANGE_V = (0.5, 6.0)
 _LEAST_GAP_V = -2e-3
 
 
-@dataclass(frozen=True)
-class OcvTable:
+@dataclass(frozen=True, repr=False)
+class OcvTable(Brief):
     """OCV over SOC from a file or data frame.
 
-    `branches` has the points (SOC as a fraction, OCV in V), by increasing SOC, of the discharge
-    (-1), of the charge (+1), or of a single curve for both (0).
+    Attributes:
+        name: Name of the file.
+        branches: Points (SOC as a fraction, OCV in V), by increasing SOC, of the discharge (-1), of
+            the charge (+1), or of a single curve for both (0).
+        sha256: Digest of the file.
+        warnings: Sentences about what is doubtful, with what to do.
     """
 
     name: str
@@ -66,9 +73,11 @@ class OcvTable:
 def read_ocv_table(source: str | Path | Source) -> OcvTable:
     """The OCV table in a file: SOC with one voltage, or with one of charge and one of discharge.
 
-    Columns are called "SOC [-]" or "SOC / %", and "OCV [V]" or "discharge OCV [V]" and
-    "charge OCV [V]"; the usual other spellings are understood. Raises InputError that names the
-    file and the row where it holds anything else.
+    Args:
+        source: The file. Its columns are called "SOC [-]" or "SOC / %", and "OCV [V]" or "discharge
+            OCV [V]" and "charge OCV [V]"; the usual other spellings are understood.
+
+    Raises `InputError` that names the file and the row where it holds anything else.
 
     >>> import pathlib, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -147,6 +156,8 @@ def read_ocv_test(
 
 
 SAME_POINT = 1e-6
+# C/15, with the slack of a cell that holds a little less than its rating.
+SLOW_HOURS = 14.0
 
 
 def characterize(
@@ -158,15 +169,22 @@ def characterize(
     hysteresis_fit: HysteresisFit = "continuous",
     rest_current_a: float | None = None,
 ) -> CellModel:
-    """The cell model from an OCV test: one or several records or tables, in any order.
+    """The cell model from an OCV test.
 
-    Each record is a test with pulses and rests or a slow sweep, in one direction or both. The cell
-    rests below `rest_current_a`, by default C/100 or five times the noise at rest, if that is more.
-    `capacity_ah` is the capacity in simulations. It does not change the SOC axis of a test from
-    full to empty, which is scaled by its own charge; `ocv_capacity_ah`, by default `capacity_ah`,
-    scales any other test. A table has an SOC, but no capacity. `ocv_fit` is "polynomial" (Li et
-    al., 2023, Eq. 21) or "interpolated". Raises `InputError` naming a record that is not an OCV
-    test, and `ValueError` for an unknown fit.
+    Args:
+        tests: One or several records or tables, in any order. A record is a test with pulses and
+            rests or a slow sweep, in one direction or both; a table has an SOC, but no capacity.
+        capacity_ah: The capacity in simulations. It does not change the SOC axis of a test from
+            full to empty, which is scaled by its own charge.
+        ocv_capacity_ah: The capacity that scales any other test; by default `capacity_ah`.
+        ocv_fit: A polynomial of degree seven (Li et al., 2023, Eq. 21), or a monotone
+            interpolation.
+        hysteresis_fit: Five segments of the hysteresis voltage, joined or each by itself.
+        rest_current_a: The cell rests below this current; by default C/100, or five times the noise
+            at rest if that is more.
+
+    Raises `InputError` naming a record that is not an OCV test, and `ValueError` for an unknown
+    fit.
     """
     if not tests:
         raise InputError("an OCV test is needed; no record was given")
@@ -199,22 +217,16 @@ def characterize(
             f"{tables[0].name}: an OCV table has no capacity; give it as `capacity`, in Ah"
         )
     warnings.extend(_kind_warnings(sweeps, points))
-    measured = {
-        direction: _curve(points[direction], ocv_fit)
-        for direction in (DISCHARGE, CHARGE, EITHER)
-        if direction in points
-    }
-    for direction, curve in measured.items():
+    warnings.extend(_speed_warnings(sweeps))
+    fitted = _fitted(points, ocv_fit, hysteresis_fit)
+    charge, discharge = fitted["charge"], fitted["discharge"]
+    for direction, of_direction in sorted(points.items()):
+        curve = charge if direction == CHARGE else discharge
         of_curve = curve_warnings(curve, WORD.get(direction, ""))
-        warnings.extend(f"{_sources(points[direction])}: {text}" for text in of_curve)
-    only = next(iter(measured.values()))
-    charge, discharge = measured.get(CHARGE, only), measured.get(DISCHARGE, only)
-    hysteresis = SegmentedHysteresis.zero()
-    if len(measured) == 2:
+        warnings.extend(f"{_sources(of_direction)}: {text}" for text in of_curve)
+    if len(points) == 2:
         soc = _shared_soc(charge, discharge)
-        gap_v = charge(soc) - discharge(soc)
-        hysteresis = SegmentedHysteresis.fit(soc, gap_v, hysteresis_fit)
-        if (mean_v := float(np.mean(gap_v))) < _LEAST_GAP_V:
+        if (mean_v := float(np.mean(charge(soc) - discharge(soc)))) < _LEAST_GAP_V:
             both = _sources([*points[CHARGE], *points[DISCHARGE]])
             warnings.append(
                 f"{both}: the OCV of the charge lies below that of the discharge, by "
@@ -224,14 +236,42 @@ def characterize(
     return CellModel(
         capacity_ah=capacity.value_ah,
         capacity_origin=capacity.origin,
-        charge=charge,
-        discharge=discharge,
-        hysteresis=hysteresis,
-        charge_points=points.get(CHARGE, ()),
-        discharge_points=points.get(DISCHARGE, points.get(EITHER, ())),
-        errors=_errors(measured, hysteresis),
         warnings=tuple(warnings),
+        **fitted,
     )
+
+
+def without_drop(cell: CellModel, resistance_ohm: float) -> CellModel:
+    """The cell at rest: what slow sweeps lost at a resistance is given back to their branches.
+
+    Where that is more than lies between the branches they meet, and there is no hysteresis.
+    """
+    branches = {CHARGE: cell.charge_points, DISCHARGE: cell.discharge_points}
+    points = {way: branch for way, branch in branches.items() if branch}
+    soc, voltage_v, current_a = (
+        {way: np.array([getattr(point, name) for point in points[way]]) for way in points}
+        for name in ("soc", "voltage_v", "current_a")
+    )
+    drop_v = {way: resistance_ohm * current_a[way] for way in points}
+    share: dict[int, Any] = dict.fromkeys(points, 1.0)
+    if len(points) == 2:
+        for way in points:
+            other_v = InterpolatedCurve.fit(soc[-way], voltage_v[-way])(soc[way])
+            drops_v = drop_v[way] - np.interp(soc[way], soc[-way], drop_v[-way])
+            gap_v = np.maximum(way * (voltage_v[way] - other_v), 0.0)
+            share[way] = gap_v / np.maximum(gap_v, np.abs(drops_v) + np.finfo(float).tiny)
+    at_rest = {
+        way: tuple(
+            replace(point, voltage_v=float(rested_v))
+            for point, rested_v in zip(
+                points[way], voltage_v[way] + share[way] * drop_v[way], strict=True
+            )
+        )
+        for way in points
+    }
+    ocv_fit = "polynomial" if isinstance(cell.discharge, PolynomialCurve) else "interpolated"
+    fitted = _fitted(at_rest, ocv_fit, cell.hysteresis.kind)
+    return replace(cell, sweep_ohm=resistance_ohm, **fitted)
 
 
 def characterize_over_temperature(
@@ -268,6 +308,31 @@ def _join(
             "them"
         )
     points.update(more)
+
+
+def _fitted(
+    points: Mapping[int, tuple[OcvPoint, ...]], ocv_fit: OcvFit, hysteresis_fit: HysteresisFit
+) -> dict[str, Any]:
+    """The fields of a cell that follow from its points: curves, hysteresis, and their errors."""
+    measured = {
+        direction: _curve(points[direction], ocv_fit)
+        for direction in (DISCHARGE, CHARGE, EITHER)
+        if direction in points
+    }
+    only = next(iter(measured.values()))
+    charge, discharge = measured.get(CHARGE, only), measured.get(DISCHARGE, only)
+    hysteresis = SegmentedHysteresis.zero()
+    if len(measured) == 2:
+        soc = _shared_soc(charge, discharge)
+        hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
+    return {
+        "charge": charge,
+        "discharge": discharge,
+        "hysteresis": hysteresis,
+        "charge_points": points.get(CHARGE, ()),
+        "discharge_points": points.get(DISCHARGE, points.get(EITHER, ())),
+        "errors": _errors(measured, hysteresis),
+    }
 
 
 def _curve(points: tuple[OcvPoint, ...], ocv_fit: OcvFit) -> Curve:
@@ -330,7 +395,24 @@ def _kind_warnings(
         return [f"{source}: only the {WORD[only]} was measured: {unknown}"]
     if len({sweep.kind for sweep in sweeps.values()}) == 2:
         return [
-            f"{source}: one branch comes from rests, the other from a slow sweep: the hysteresis "
-            "voltage includes the overpotential of the slow sweep"
+            f"{source}: one branch comes from rests, the other from a slow sweep: whatever drop "
+            "under load the identified resistances do not explain counts as hysteresis"
         ]
     return []
+
+
+def _speed_warnings(sweeps: Mapping[int, Sweep]) -> list[str]:
+    """What a sweep that is not very slow does to hysteresis."""
+    hours = {
+        sweep.passed_ah / float(np.median([abs(point.current_a) for point in sweep.points])): sweep
+        for sweep in sweeps.values()
+        if sweep.kind == "slow"
+    }
+    fastest = min(hours, default=SLOW_HOURS)
+    if fastest >= SLOW_HOURS:
+        return []
+    return [
+        f"{hours[fastest].source}: a slow sweep ran at C/{fastest:.2g}: whatever drop under load "
+        "the identified resistances do not explain counts as open-circuit voltage and hysteresis; "
+        "measure at C/20 or less, or by rests"
+    ]

@@ -41,11 +41,18 @@ def _names_of(pair: int) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class CircuitParameters:
-    """Ohmic resistance and one to four RC pairs in series, in ohm and farad.
+    """Ohmic resistance and one to four RC pairs in series.
 
-    For two pairs the paper's R, Rpa, Cpa, Rpb, Cpb (Li et al. 2023, Eq. 1-3). `gamma` is the rate
-    of a dynamic hysteresis per unit of SOC, None for a circuit without. Raises `ValueError` for a
-    value that is not positive and finite, and for pairs that are not one to four.
+    For two pairs the paper's R, Rpa, Cpa, Rpb, Cpb (Li et al. 2023, Eq. 1-3).
+
+    Args:
+        r0: Ohmic resistance in ohm.
+        r: Resistance of each pair in ohm.
+        c: Capacitance of each pair in F.
+        gamma: Rate of a dynamic hysteresis per unit of SOC, None for a circuit without.
+
+    Raises `ValueError` for a value that is not positive and finite, and for pairs that are not one
+    to four.
 
     >>> CircuitParameters(r0=0.05, r=(0.02, 0.03), c=(500.0, 2000.0)).tau_s
     (10.0, 60.0)

@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from ..display import Brief
 from ..errors import InputError
 from .curves import Curve, InterpolatedCurve, SegmentedHysteresis
 from .soc_axis import OcvPoint
@@ -15,6 +16,8 @@ INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
 # Of the state of charge, what half the gap is worth where hysteresis matters as it does for LFP.
 FLAT = 0.08
+# Parts of an interval of SOC in which the OCV's slope is looked at.
+SLOPES = 1000
 # Points of an OCV curve between two measured temperatures, beside those that were measured.
 MIXED_POINTS = 501
 # What was measured within this is of one temperature.
@@ -35,14 +38,26 @@ class FitError:
     max_v: float
 
 
-@dataclass(frozen=True)
-class CellModel:
+@dataclass(frozen=True, repr=False)
+class CellModel(Brief):
     """A cell without its circuit: OCV curves, hysteresis voltage and capacity. Immutable.
 
-    SOC is a fraction. `capacity_origin` says where the capacity comes from. If a branch was not
-    measured, it equals the other, and the hysteresis voltage is zero. `errors` are the fit errors
-    of "charge", "discharge", "average" and "hysteresis", in V. `elsewhere` is the cell by OCV tests
-    at other temperatures, and `temperature_degc` then its own.
+    SOC is a fraction. If a branch was not measured, it equals the other, and the hysteresis voltage
+    is zero.
+
+    Attributes:
+        capacity_ah: Capacity.
+        capacity_origin: Where it comes from.
+        charge: OCV over SOC after a charge; call it with SOC for V.
+        discharge: OCV over SOC after a discharge.
+        hysteresis: Hysteresis voltage over SOC, in segments.
+        charge_points: Measured points of the charge branch.
+        discharge_points: Measured points of the discharge branch.
+        errors: Fit errors of "charge", "discharge", "average" and "hysteresis", in V.
+        warnings: Sentences about what is doubtful, with what to do.
+        temperature_degc: Temperature of the OCV test, where there are tests at others.
+        elsewhere: The cell by OCV tests at other temperatures.
+        sweep_ohm: Resistance whose drop is taken out of slow sweeps; None where it is still in.
     """
 
     capacity_ah: float
@@ -56,6 +71,7 @@ class CellModel:
     warnings: tuple[str, ...] = ()
     temperature_degc: float | None = None
     elsewhere: tuple["CellModel", ...] = ()
+    sweep_ohm: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.capacity_ah < np.inf:
@@ -83,6 +99,11 @@ class CellModel:
         """The mean of both branches in V, each constant beyond its end points."""
         return np.asarray((self.charge(soc) + self.discharge(soc)) / 2)
 
+    def least_ocv_slopes(self, nodes: Float[np.ndarray, "nodes"]) -> Float[np.ndarray, "_"]:
+        """The least slope of the average OCV in V per SOC, between each two of these SOC."""
+        soc = np.linspace(nodes[:-1], nodes[1:], SLOPES + 1)
+        return np.min(np.diff(self.average_ocv_v(soc), axis=0) / np.diff(soc, axis=0), axis=0)
+
     def hysteresis_v(self, soc: Soc) -> Soc:
         """Charge minus discharge OCV in V, from the fitted segments."""
         return self.hysteresis(soc)
@@ -92,6 +113,12 @@ class CellModel:
         """Lowest and highest SOC of the measured points."""
         soc = [point.soc for point in self.charge_points + self.discharge_points]
         return min(soc), max(soc)
+
+    @property
+    def has_sweep_drop(self) -> bool:
+        """Whether some of its points were measured under load, and that is still in them."""
+        points = self.charge_points + self.discharge_points
+        return self.sweep_ohm is None and any(point.current_a for point in points)
 
     @property
     def has_flat_ocv(self) -> bool:

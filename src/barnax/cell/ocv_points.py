@@ -70,10 +70,16 @@ def find_rest_sweeps(record: Record, rest_current_a: float) -> list[Sweep]:
 
 
 def _point(
-    record: Record, sample: int, discharged_ah: float, voltage_v: float, rest_s: float
+    record: Record,
+    sample: int,
+    discharged_ah: float,
+    voltage_v: float,
+    rest_s: float = 0.0,
+    current_a: float = 0.0,
 ) -> SweepPoint:
     row = int(record.row[sample])
-    return SweepPoint(float(discharged_ah), float(voltage_v), record.name, row, rest_s)
+    charge_ah, ocv_v = float(discharged_ah), float(voltage_v)
+    return SweepPoint(charge_ah, ocv_v, record.name, row, rest_s, float(current_a))
 
 
 def _rest_s(record: Record, first: int, last: int) -> float:
@@ -237,7 +243,9 @@ def _thin(record: Record, first: int, last: int, begin: int, end: int) -> Sweep:
     """
     axis_ah = record.discharged_ah
     direction = CHARGE if axis_ah[end] < axis_ah[begin] else DISCHARGE
-    charge_ah, voltage_v = axis_ah[first : last + 1], record.voltage_v[first : last + 1]
+    charge_ah, voltage_v, current_a = (
+        values[first : last + 1] for values in (axis_ah, record.voltage_v, record.current_a)
+    )
     half_ah = HALF_WINDOW * abs(axis_ah[end] - axis_ah[begin])
     points = []
     before = None
@@ -250,8 +258,11 @@ def _thin(record: Record, first: int, last: int, begin: int, end: int) -> Sweep:
         # The end points are the cut-offs; an average there would pull the curve inward.
         if target_ah in (charge_ah[0], charge_ah[-1]) or not is_near.any():
             is_near = np.arange(len(charge_ah)) == nearest
-        mean_ah, mean_v = charge_ah[is_near].mean(), voltage_v[is_near].mean()
-        points.append(_point(record, first + nearest, mean_ah, mean_v, rest_s=0.0))
+        mean_ah, mean_v, mean_a = (
+            values[is_near].mean() for values in (charge_ah, voltage_v, current_a)
+        )
+        point = _point(record, first + nearest, mean_ah, mean_v, current_a=mean_a)
+        points.append(point)
     start_ah, end_ah = float(axis_ah[begin]), float(axis_ah[end])
     return Sweep("slow", direction, record.name, start_ah, end_ah, tuple(points))
 

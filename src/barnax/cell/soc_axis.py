@@ -22,7 +22,7 @@ class SweepPoint:
     """One OCV reading.
 
     `discharged_ah` counts on the sweep's own axis; `row` is the row of the source file, `rest_s`
-    how long the cell had rested there, 0 for a slow sweep.
+    how long the cell had rested there, 0 for a slow sweep, and `current_a` what flowed there.
     """
 
     discharged_ah: float
@@ -30,6 +30,7 @@ class SweepPoint:
     source: str
     row: int
     rest_s: float
+    current_a: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -115,13 +116,17 @@ HALF = 0.5
 
 @dataclass(frozen=True)
 class OcvPoint:
-    """One OCV reading on the axis of SOC; `rest_s` is 0 where it comes from a slow sweep."""
+    """One OCV reading on the axis of SOC; `rest_s` is 0 where it comes from a slow sweep.
+
+    `current_a` flowed there, discharge positive; 0 at rest.
+    """
 
     soc: float
     voltage_v: float
     source: str
     row: int
     rest_s: float
+    current_a: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -206,16 +211,18 @@ def place_on_soc(
 
     With `shares_axis`, all from one record, the rests lie on one ampere-hour axis: 1 where the
     discharge begins, else 0 where the charge begins. It is scaled by the test's own charge where
-    that spans both ends and the capacity is another (by over 2 %), else by the capacity. Other
-    sweeps stand alone: a discharge begins at 1, a charge at 0, and each is scaled by its own
-    charge when it runs between full and empty (slow, or within 2 % of the capacity or of the
-    other sweep), else by the capacity. A warning says which of rests whose charge and the capacity
-    differ by over 2 %.
+    that spans both ends and the capacity is another (by over 2 %), else by the capacity. So do slow
+    sweeps that close within 2 %, by their own charge, since what ends loaded at its cut-off ends
+    short of full. Other sweeps stand alone: a discharge begins at 1, a charge at 0, and each is
+    scaled by its own charge when it runs between full and empty (slow, or within 2 % of the
+    capacity or of the other sweep), else by the capacity. A warning says which of rests whose
+    charge and the capacity differ by over 2 %.
     """
-    if shares_axis and all(sweep.kind == "rests" for sweep in sweeps.values()):
+    is_by_rests = all(sweep.kind == "rests" for sweep in sweeps.values())
+    if shares_axis and (is_by_rests or _agree(sweeps, CLOSURE)):
         anchor = _main(sweeps)
         is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
-        is_own = is_other and spans_both_ends(sweeps)
+        is_own = anchor.kind == "slow" or (is_other and spans_both_ends(sweeps))
         scale_ah = anchor.passed_ah if is_own else capacity.axis_ah
         placed = {way: _place(sweep, anchor, scale_ah) for way, sweep in sweeps.items()}
         return placed, []
@@ -240,7 +247,8 @@ def _place(sweep: Sweep, anchor: Sweep, scale_ah: float) -> tuple[OcvPoint, ...]
     points = []
     for point in sweep.points:
         soc = anchor_soc + (anchor.start_ah - point.discharged_ah) / scale_ah
-        points.append(OcvPoint(soc, point.voltage_v, point.source, point.row, point.rest_s))
+        read = (point.voltage_v, point.source, point.row, point.rest_s, point.current_a)
+        points.append(OcvPoint(soc, *read))
     return tuple(sorted(points, key=lambda point: point.soc))
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ..display import Brief
 from ..errors import InputError
 from .circuits import MOST_PAIRS, RATE
 
@@ -30,16 +31,21 @@ def hats(
     return np.stack([np.interp(soc, nodes, each) for each in np.eye(len(nodes))], axis=1)
 
 
-@dataclass(frozen=True)
-class SocTables:
+@dataclass(frozen=True, repr=False)
+class SocTables(Brief):
     """A circuit with tables over SOC: one value per node, linear between nodes, constant beyond.
 
-    `r0_ohm` is the ohmic resistance, `r_ohm` has one table for each RC pair, and `tau_s` are their
-    time constants, which are the same at every SOC. `ocv_correction_v` is added to the average
-    OCV; None means no correction. `half_hysteresis_v` replaces half the hysteresis voltage as the
-    amplitude of a dynamic hysteresis of rate `gamma`; None uses the measured one. `visited` says
-    which nodes are the nearest of some scored sample: the values of the others follow from their
-    neighbors and mean nothing by themselves.
+    Args:
+        nodes: States of charge, increasing.
+        tau_s: Time constant of each RC pair, the same at every SOC.
+        r0_ohm: Ohmic resistance at the nodes.
+        r_ohm: Resistance of each pair at the nodes.
+        ocv_correction_v: What is added to the average OCV at the nodes; None means no correction.
+        half_hysteresis_v: Amplitude of a dynamic hysteresis at the nodes; None uses half the
+            measured hysteresis voltage.
+        gamma: Rate of a dynamic hysteresis per unit of SOC.
+        visited: True for nodes that are the nearest of some counted sample: the values of the
+            others follow from their neighbors and mean nothing by themselves.
 
     Raises `InputError` if nodes do not rise or a table has another length.
 

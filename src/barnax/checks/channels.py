@@ -93,14 +93,16 @@ def find_current_spikes(given: CheckInput) -> Iterator[Finding]:
     """Currents that leave their neighbors, and the voltage does not answer."""
     if given.resistance_ohm:
         ohmic_v = given.record.current_a * given.resistance_ohm
-        spiked = _spikes(ohmic_v, _least_v(given), given.record.voltage_v)
+        spiked = _spikes(ohmic_v, _least_v(given), given.record.voltage_v, after=1)
         yield from _spike_findings(given, spiked, "current", "the voltage does not answer")
 
 
 def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
     """Where the voltage spikes."""
-    ohmic_v = given.record.current_a * given.resistance_ohm
-    return _spikes(given.record.voltage_v + ohmic_v, _least_v(given), ohmic_v)
+    current_a = given.record.current_a
+    source_v = given.record.voltage_v + current_a * given.resistance_ohm
+    # A current explains what the voltage does then and later.
+    return _spikes(source_v, _least_v(given), current_a * given.response_ohm, after=0)
 
 
 def _least_v(given: CheckInput) -> float:
@@ -125,8 +127,11 @@ def _spike_findings(
         yield given.at(at, "warning", what, "delete these rows, or correct them")
 
 
-def _spikes(values: Channel, least: float, other: Channel) -> Bool[np.ndarray, "samples"]:
-    """Where `values` leave steady neighbors by `least` and come back, while `other` stays."""
+def _spikes(
+    values: Channel, least: float, other: Channel, after: int
+) -> Bool[np.ndarray, "samples"]:
+    """Where `values` leave steady neighbors by `least` and come back, while `other` stays, up to so
+    many samples after."""
     spiked = np.zeros(len(values), bool)
     for width in _WIDTHS:
         size = 2 * _BESIDE + width
@@ -142,7 +147,7 @@ def _spikes(values: Channel, least: float, other: Channel) -> Bool[np.ndarray, "
         above = inside.min(axis=1) - beside.max(axis=1)
         below = beside.min(axis=1) - inside.max(axis=1)
         height = np.maximum(above, below)
-        meanwhile = other[window[:, _BESIDE - 1 : _BESIDE + width + 1]]
+        meanwhile = other[window[:, _BESIDE - 1 : _BESIDE + width + after]]
         found = (
             (height > least)
             & (np.ptp(beside, axis=1) < _STEADY * height)
@@ -172,11 +177,12 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Finding]:
     first, last = first[inner] + 1, last[inner] - 1
     if not len(first):
         return
-    swing_a = _range(current_a, first, last)
     least_v = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v)
+    likely = np.flatnonzero(_range(current_a, first, last) * given.resistance_ohm > least_v)
+    swing_a = np.zeros(len(first))
+    for run in likely.tolist():
+        swing_a[run] = _swing(current_a[first[run] : last[run] + 1])
     is_stuck = swing_a * given.resistance_ohm > least_v
-    # A tester that holds a voltage lets the current fall, and never rise.
-    is_stuck &= ~_only_tapers(current_a, first, last)
     if not is_stuck.any():
         return
     expected_mv = 1e3 * float(np.max(swing_a[is_stuck])) * given.resistance_ohm
@@ -240,11 +246,12 @@ def _range(values: Channel, first: Places, last: Places) -> Float[np.ndarray, "r
     return (np.maximum.reduceat(padded, edges) - np.minimum.reduceat(padded, edges))[::2]
 
 
-def _only_tapers(current_a: Channel, first: Places, last: Places) -> Bool[np.ndarray, "runs"]:
-    """Whether the current's magnitude falls in each run, but for some noise."""
-    grown = np.maximum(np.diff(np.abs(current_a)), 0)
-    rise_a = np.append(0.0, np.cumsum(grown))
-    return rise_a[last] - rise_a[first] < 0.1 * _range(current_a, first, last)
+def _swing(current_a: Channel) -> float:
+    """How far a current goes both up and down, but for single samples: where a tester holds the
+    voltage, it goes one way and is no more than noisy the other."""
+    middle_a = np.median([current_a[:-2], current_a[1:-1], current_a[2:]], axis=0)
+    fall_a = float((np.maximum.accumulate(middle_a) - middle_a).max())
+    return min(fall_a, float((middle_a - np.minimum.accumulate(middle_a)).max()))
 
 
 def _count(happens: Bool[np.ndarray, "intervals"], first: Places, last: Places) -> Places:

@@ -50,7 +50,7 @@ def find_counters(given: CheckInput) -> Iterator[Finding]:
 
 def _against_net(given: CheckInput) -> Iterator[Finding]:
     """A lone counter of the net charge that is the integral times a factor."""
-    ratio = given.samples.counters.net_ratio(given.moved_ah)
+    ratio = given.samples.counters.net_ratio(given.moved_ah, given.samples.is_loaded)
     if ratio is None or abs(ratio - 1) <= _SCALED:
         return
     name = given.samples.header("net capacity")
@@ -282,6 +282,13 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
         f"the current is {value:.3g} mA while the cell rests, "
         f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
     )
+    if drift_ah > _DRIFT * turnover_ah and not isinstance(given.sweeps, str):
+        share = drift_ah / turnover_ah
+        what += (
+            f": it puts the OCV wrong by up to {100 * share:.2g} % of SOC, some "
+            f"{1e3 * share * given.samples.bulk_time[1]:.0f} mV, which R0 and the other "
+            "resistances then make up for"
+        )
     remedy = "subtract it from the current"
     if abs(offset_a) >= turnover_ah / 100:
         if given.given_rest_a is None:

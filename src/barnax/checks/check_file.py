@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..cell import OcvTable, read_ocv_table
+from ..display import Brief
 from ..errors import InputError
 from ..records import Hold
 from ..records.columns import is_ocv_table
@@ -16,6 +17,7 @@ from ..records.findings import Finding, named
 from ..records.hold import decide_hold
 from ..records.read import Source, examine, make_record, read_source
 from ..records.sign import decide_sign
+from ..schema import Json
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput
 from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of
@@ -73,13 +75,17 @@ class Facts:
         }
 
 
-@dataclass(frozen=True)
-class FileCheck:
-    """What was found in one file. `facts` is None, and `roles` empty, if too little can be read;
-    a table of OCV over SOC has roles, and no facts.
+@dataclass(frozen=True, repr=False)
+class FileCheck(Brief):
+    """Findings in one file, and its possible roles. A table of OCV over SOC has no facts.
 
-    `findings` are ordered by severity, then by row. The roles are those of the file once its
-    errors are fixed.
+    Attributes:
+        file: Its name.
+        findings: Every problem with its row and remedy, by severity, then by row.
+        facts: Samples, duration, ranges; None if too little can be read.
+        roles: What the file can be used for once its errors are fixed; empty if too little can be
+            read.
+        traits: What kind of test it is.
     """
 
     file: str
@@ -93,7 +99,7 @@ class FileCheck:
         """Whether nothing but notes was found."""
         return not any(finding.counts for finding in self.findings)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """The outcome as plain values."""
         return {
             "file": self.file,
@@ -131,11 +137,19 @@ def check_file(
 ) -> FileCheck:
     """Every problem in a cycler file, and what the file can be used for.
 
-    The rules are those of `read_record`, which raises the first error, and others on the
-    record as a whole. Each problem is fixed as far as possible before looking for the next, so
-    that one does not hide another. With `capacity_ah`, the charge is checked too. `columns`,
-    `current_sign` and `current_hold` are as for `read_record`; `rest_current_a` is by default found
-    from the data. Raises `InputError` if the file is not a table or the capacity is not positive.
+    The rules are those of `read_record`, which raises the first error, and others on the record as
+    a whole. Each problem is fixed as far as possible before looking for the next, so that one does
+    not hide another.
+
+    Args:
+        source: The file.
+        capacity_ah: Capacity of the cell; with it, the charge is checked too.
+        columns: Names of columns, as for `read_record`.
+        current_sign: The sign of the file's current; "auto" decides from the data.
+        current_hold: When a sample's current flows; "auto" decides from the data.
+        rest_current_a: The cell rests below this current; by default found from the data.
+
+    Raises `InputError` if the file is not a table or the capacity is not positive.
 
     >>> from barnax.bundled import bundled_file
     >>> checked = check_file(bundled_file("identification"))

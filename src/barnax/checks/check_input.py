@@ -14,7 +14,7 @@ from ..records import Record, is_rested, rest_current_a
 from ..records.findings import Finding, Severity, found_at
 from ..records.samples import Samples
 
-_FEWEST_READINGS = 20
+_FEWEST_READINGS, _MOST_STEPS = 20, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,19 @@ class CheckInput:
     def resistance_ohm(self) -> float:
         """The resistance at the current's steps; zero where too few tell."""
         return self.samples.resistance_ohm
+
+    @cached_property
+    def response_ohm(self) -> float:
+        """The resistance that most steps of the current stay below, two samples after them.
+
+        A voltage that is logged late shows less at the step itself.
+        """
+        at = self.samples.steps
+        if not len(at):
+            return 0.0
+        before, after = np.maximum(at - 1, 0), np.minimum(at + 2, self.record.samples - 1)
+        moved_v = np.abs(self.record.voltage_v[after] - self.record.voltage_v[before])
+        return float(np.quantile(moved_v / np.abs(self.samples.step_a[at]), _MOST_STEPS))
 
     @cached_property
     def source_v(self) -> Float[np.ndarray, "samples"]:

@@ -20,6 +20,8 @@ _MANY = 0.1
 _HIDDEN_SHARE, _HIDDEN_V = 1e-3, 0.02
 # A steady load through a gap may have been interrupted; this share of the capacity is of account.
 _HELD_SHARE = 0.01
+# Loads left out that are worth a warning, as a share of the capacity.
+_SKIPPED_SHARE = 0.03
 # Intervals this long under load, beside others a tenth as long, hide what the load did.
 _COARSE_S, _FINE_SHARE = 30.0, 0.1
 
@@ -40,13 +42,15 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     # of one voltage.
     beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
     doubt_a = np.ptp(record.current_a[beside], axis=1)
-    is_counted = record.charge_ah is not None
     is_between_rests = given.is_rested[gaps] & given.is_rested[gaps + 1]
-    # Between rests of two voltages a load was left out, and nothing tells how much of it.
-    is_lost = bool(np.any(is_between_rests & (jump_v > _HIDDEN_V)))
     doubt_a[is_between_rests & (jump_v <= _HIDDEN_V)] = 0
-    if is_counted:
-        # The tester counted on: what the samples do not show is in its counters.
+    # Between rests of two voltages a load was left out.
+    is_lost = is_between_rests & (jump_v > _HIDDEN_V)
+    charge_ah = record.charge_ah
+    is_counted = charge_ah is not None
+    if charge_ah is not None:
+        # The tester counted on, unless its counter stood still or began anew.
+        is_lost &= np.abs(np.diff(charge_ah)[gaps]) <= _HELD_SHARE * given.scale_ah
         doubt_a[:] = 0
     doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     moved_ah = given.charged_ah + given.discharged_ah
@@ -63,8 +67,9 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
         lost = f"up to {doubt_ah:.2g} Ah are in doubt"
         if is_counted:
-            lost = "the tester's counters tell the charge"
-        elif is_lost or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
+            tell = "hardly move" if is_lost.any() else "tell the charge"
+            lost = f"the tester's counters {tell}"
+        elif is_lost.any() or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
             lost = "what passed meanwhile was not logged"
         what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
         yield given.at(first, "warning", what, remedy)
@@ -88,7 +93,9 @@ def find_skipped(given: CheckInput) -> Iterator[Finding]:
         f"{np.abs(counted_ah).sum():.4g} Ah where the samples show {shown_ah:.4g} Ah: its counters "
         "tell the charge there"
     )
-    yield given.at(int(places[0]) + 1, "warning", what, "give the file with every sample, if any")
+    is_much = np.abs(more_ah).sum() > _SKIPPED_SHARE * given.scale_ah
+    severity = "warning" if is_much else "note"
+    yield given.at(int(places[0]) + 1, severity, what, "give the file with every sample, if any")
 
 
 # A voltage that moves so far from one sample to the next, and by so many times its noise,
@@ -113,7 +120,7 @@ def find_breaks(given: CheckInput) -> Iterator[Finding]:
     unsteady_v = np.maximum(
         np.ptp(around_v[:, :_SIDE], axis=1), np.ptp(around_v[:, _SIDE:], axis=1)
     )
-    explained_v = _UNEXPLAINED * given.resistance_ohm * np.ptp(around_a, axis=1)
+    explained_v = _UNEXPLAINED * given.response_ohm * np.ptp(around_a, axis=1)
     is_break = (unsteady_v < _UNSTEADY * moved_v[places]) & (explained_v < moved_v[places])
     places = places[is_break]
     if len(places) and given.resistance_ohm:
@@ -198,6 +205,8 @@ def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
 _TEMPERATURE_DEGC, ZERO_K = (-60.0, 120.0), 273.15
+# A record over more than so many degrees, but for some of its samples, is of no one temperature.
+_WIDE_DEGC, _ENDS = 15.0, (0.05, 0.95)
 
 
 def find_resolution(given: CheckInput) -> Iterator[Finding]:
@@ -215,7 +224,7 @@ def find_resolution(given: CheckInput) -> Iterator[Finding]:
 
 
 def find_temperature(given: CheckInput) -> Iterator[Finding]:
-    """Temperatures that no cell has."""
+    """Temperatures that no cell has, or of which no one is the record's."""
     temperature = given.record.temperature_degc
     if temperature is None:
         return
@@ -230,3 +239,8 @@ def find_temperature(given: CheckInput) -> Iterator[Finding]:
         if low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high:
             remedy = "it looks like kelvin: rename the column, as 'Temperature / K'"
         yield given.at(outside, "warning", what, remedy)
+        return
+    low, high = np.quantile(temperature, _ENDS)
+    if high - low > _WIDE_DEGC:
+        what = f"the temperature goes from {low:.3g} to {high:.3g} degC, and a circuit holds at one"
+        yield Finding("warning", what, "give a part of one temperature (`start_time`, `score_to`)")

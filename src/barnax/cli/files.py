@@ -23,7 +23,7 @@ from .options import (
     known_names,
     option,
 )
-from .output import require_free_file, write_file
+from .output import require_free_file, tell_unfinished, write_file
 from .results import load
 from .session import Session, as_flags, shown, use_compilation_cache
 
@@ -118,13 +118,26 @@ def convert(what: Converted) -> None:
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
     path = what.out or Path(f"{stem}.{what.to}.parquet")
+    _require_another(path, file)
     require_free_file(path, what.force)
+    if path.name.lower().endswith(".csv"):
+        # Where its origin goes.
+        require_free_file(path.with_name(f"{path.name[:-4]}.json"), what.force)
+    tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
         record = read_record(file, **vars(what.read))
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
     session.warn(record.warnings)
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
+
+
+def _require_another(path: Path, read: Path) -> None:
+    """Raise `InputError` where what is to be written is what is read."""
+    # Names that are no files are refused elsewhere, with the reason.
+    with suppress(OSError):
+        if path.samefile(read):
+            raise InputError(f"{path}: this is the file to read; choose another with `out`")
 
 
 @group
@@ -173,11 +186,9 @@ def export(chosen: ExportChoices) -> None:
     if chosen.verify:
         require_package(exporter)
     path = chosen.out or Path(exporter.file_name)
-    # Names that are no files are refused elsewhere, with the reason.
-    with suppress(OSError):
-        if path.samefile(result / "result.json" if result.is_dir() else result):
-            raise InputError(f"{path}: this is the result itself; choose another file with `out`")
+    _require_another(path, result / "result.json" if result.is_dir() else result)
     require_free_file(path, chosen.force)
+    tell_unfinished(session, path.parent)
     stored = load(result)
     content, caveats = exporter.write(stored)
     found = None

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import InputError, as_keys
+from ..files import replacing
 from .options import (
     FIX,
     INPUT,
@@ -21,7 +22,7 @@ from .options import (
     known_names,
     option,
 )
-from .output import write_file
+from .output import tell_unfinished
 from .session import Session, as_flags, shown
 
 if TYPE_CHECKING:
@@ -171,8 +172,12 @@ def fleet(given: FleetOptions) -> None:
             count = counted(len(lines), "problem")
             raise InputError(f"{manifest}: {count} to correct")
         return
+    from ..fleet.dataset import dataset_path, parts_folder
     from ..fleet.engine import identify_fleet
 
+    page = out / "report.html"
+    if page.exists() and not (dataset_path(out).exists() or parts_folder(out).exists()):
+        raise InputError(f"{page}: is of no fleet; give `out` another folder")
     started_s = time.perf_counter()
     with session.counting("Identifying", len(cells)) as advance:
 
@@ -192,10 +197,11 @@ def fleet(given: FleetOptions) -> None:
             retry=engine.retry,
             report=report,
         )
+    for folder in (out, *out.glob("parts*")):
+        tell_unfinished(session, folder)
     lines = closing_lines(state, out, session.elapsed_s, engine.shard)
     # Shards run beside each other: the command that takes them together writes the report.
     if not engine.shard:
-        page = out / "report.html"
         is_old = not page.exists() or page.stat().st_mtime < manifest.stat().st_mtime
         with session.watch("Writing the report"):
             lines[1] = _summed_up(cells, carried, settings, out, write=is_old or state.finished > 0)
@@ -234,7 +240,8 @@ def _summed_up(
             alone = replace(known[name], validate=())
             worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
-    write_file(out / "report.html", to_html(document.spelled(as_keys)).encode())
+    with replacing(out / "report.html") as file:
+        file.write(to_html(document.spelled(as_keys)).encode())
     return told
 
 

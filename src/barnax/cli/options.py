@@ -304,6 +304,12 @@ class TableOptions:
         "Fit a table that corrects the OCV, or not (default: yes).",
         None,
     )
+    rising_ocv: bool | None = flag(
+        TABLES,
+        "--rising-ocv/--free-ocv",
+        "Let the corrected OCV only rise with SOC, or leave the correction free (default: rising).",
+        None,
+    )
     half_hysteresis: bool | None = flag(
         TABLES,
         "--half-hysteresis",
@@ -326,9 +332,7 @@ class TableOptions:
     folds: int | None = option(
         TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."
     )
-    block_s: float | None = option(
-        TABLES, "S", "Length of the held-out blocks in s (default: 400)."
-    )
+    block_s: float | None = option(TABLES, "S", "Longest held-out block in s (default: 400).")
 
     def chosen(self) -> dict[str, Any]:
         """What was chosen, by the names of `Settings` and `TableSettings`."""

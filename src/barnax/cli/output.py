@@ -5,14 +5,14 @@ import json
 import os
 import shutil
 import stat
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path, PurePosixPath
 
 import typer
 
 from ..errors import InputError
+from ..files import aside, replacing, unfinished
 from .options import OUTPUT, QUIET, flag, group, option
 from .session import Session
 
@@ -22,7 +22,6 @@ RESULTS = ("result.json", "comparison.json", "soc.json")
 # What a folder of results lists as its own; older ones have no list, and these names.
 LIST = "files.json"
 OURS = {*RESULTS, "timings.json", "report.html", "report.md", LIST}
-PREFIX = ".barnax-"
 
 
 @group
@@ -47,7 +46,10 @@ class Output:
         folder = self.out or (None if self.as_json else default)
         if folder is not None:
             require_free(folder, self.force)
-        return Session(is_quiet=self.quiet or self.as_json), folder
+        session = Session(is_quiet=self.quiet or self.as_json)
+        if folder is not None:
+            tell_unfinished(session, folder.resolve().parent)
+        return session, folder
 
     def deliver(
         self,
@@ -130,57 +132,106 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     own files stay. What has appeared there since `require_free` was asked stays too, and the files
     go to a new folder beside it, `folder-2` or the next that is free: a long search is not lost.
     Gives the folder that they went to.
+
+    A new folder is there at once with all its files. An old result is copied aside before the first
+    of its files is replaced: where the process is killed before the last, old and new are whole in
+    what it left `unfinished`.
     """
     place = folder.resolve()
+    files = {**files, LIST: _listed([*files, LIST])}
+    own, theirs = _own_and_others(place, files)
     is_replaced = is_forced and any((place / name).is_file() for name in RESULTS)
-    if not is_replaced or not _users_files(place, files).isdisjoint(files):
-        place = free_name(place)
-    listed = json.dumps(sorted([*files, LIST]), indent=1) + "\n"
-    with _described(folder, "nothing was changed; give `out` another folder"):
+    is_replaced &= not any(_is_in_the_way(place, name, theirs) for name in files)
+    with _described(folder, "nothing was changed; give `out` another folder"), ExitStack() as stack:
         place.parent.mkdir(parents=True, exist_ok=True)
-        with _workshop(place.parent) as workshop:
-            fresh, old = workshop / "new", workshop / "old"
-            for name, content in {**files, LIST: listed.encode()}.items():
-                _write(fresh / name, content)
-            with suppress(OSError):
-                # Not every system moves a folder over an empty one.
-                place.rmdir()
-            if not place.exists():
-                os.replace(fresh, place)
-                return folder if place == folder.resolve() else place
-            _carry_over(place, fresh, _users_files(place, files))
-            os.replace(place, old)
-            try:
-                os.replace(fresh, place)
-            except BaseException:
-                os.replace(old, place)
-                raise
+        workshop = aside(place.parent)
+        workshop.mkdir()
+        stack.callback(shutil.rmtree, workshop, ignore_errors=True)
+        fresh, old = workshop / "new", workshop / "old"
+        for name, content in files.items():
+            _write(fresh / name, content)
+        if not is_replaced:
+            found = _moved(fresh, place)
+            return folder if found == place else found
+        for name in own:
+            (old / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(place / name, old / name, follow_symlinks=False)
+        # After a kill, what is of either result is still known to be ours.
+        _write(workshop / LIST, _listed(own.union(files)))
+        try:
+            os.replace(workshop / LIST, place / LIST)
+            for name in sorted(files.keys() - {LIST}, key=lambda name: name in RESULTS):
+                (place / name).parent.mkdir(parents=True, exist_ok=True)
+                os.replace(fresh / name, place / name)
+            _take_away(place, own.difference(files))
+            os.replace(fresh / LIST, place / LIST)
+        except BaseException:
+            # Not to go before all is as it was: undoing may be stopped too.
+            kept = stack.pop_all()
+            _take_away(place, files.keys() - own)
+            for name in own:
+                os.replace(old / name, place / name)
+            kept.close()
+            raise
     return folder
+
+
+def _listed(names: Iterable[str]) -> bytes:
+    return (json.dumps(sorted(names), indent=1) + "\n").encode()
 
 
 def free_name(place: Path) -> Path:
     """The place itself where nothing or an empty folder is, else the first free name after it."""
+    return next(_free_names(place))
+
+
+def _free_names(place: Path) -> Iterator[Path]:
     for number in itertools.count(1):
         free = place if number == 1 else place.with_name(f"{place.name}-{number}")
         if not os.path.lexists(free) or (free.is_dir() and not any(free.iterdir())):
+            yield free
+
+
+def _moved(fresh: Path, place: Path) -> Path:
+    """The first free name, where the folder now is."""
+    for free in _free_names(place):
+        with suppress(OSError):
+            # Not every system moves a folder over an empty one.
+            free.rmdir()
+        try:
+            os.replace(fresh, free)
+        except OSError:
+            # Another process may have taken it since.
+            if not os.path.lexists(free):
+                raise
+        else:
             return free
     raise AssertionError("there is always another number")
 
 
-def _users_files(place: Path, files: Iterable[str]) -> set[str]:
-    """What in a folder of results is not ours: neither in its list nor, without one, named so."""
+def _own_and_others(place: Path, files: Iterable[str]) -> tuple[set[str], set[str]]:
+    """What in a folder of results is ours, by its list or else by name, and what is not."""
     own = {*OURS, *files}
     with suppress(OSError, ValueError, TypeError):
         own = {LIST, *json.loads((place / LIST).read_text())}
-    found = (path for path in place.rglob("*") if path.is_symlink() or not path.is_dir())
-    return {path.relative_to(place).as_posix() for path in found} - own
+    paths = (path for path in place.rglob("*") if path.is_symlink() or not path.is_dir())
+    found = {path.relative_to(place).as_posix() for path in paths}
+    return found & own, found - own
 
 
-def _carry_over(place: Path, fresh: Path, names: Iterable[str]) -> None:
-    """Give the new folder what in the old one is not ours."""
+def _take_away(place: Path, names: Iterable[str]) -> None:
+    """Delete these files, and the folders that held nothing else."""
     for name in names:
-        (fresh / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(place / name, fresh / name, follow_symlinks=False)
+        (place / name).unlink(missing_ok=True)
+        with suppress(OSError):
+            for parent in PurePosixPath(name).parents[:-1]:
+                (place / parent).rmdir()
+
+
+def _is_in_the_way(place: Path, name: str, theirs: set[str]) -> bool:
+    """Whether a file cannot be put there without taking something of the user's away."""
+    path = PurePosixPath(name)
+    return (place / name).is_dir() or any(str(part) in theirs for part in (path, *path.parents))
 
 
 def require_free_file(path: Path, is_forced: bool) -> None:
@@ -204,9 +255,18 @@ def write_file(path: Path, content: bytes) -> None:
     place = path.resolve()
     with _described(path, "nothing was changed; give `out` another file"):
         place.parent.mkdir(parents=True, exist_ok=True)
-        with _workshop(place.parent) as workshop:
-            _write(workshop / "new", content)
-            os.replace(workshop / "new", place)
+        with replacing(place) as file:
+            file.write(content)
+
+
+def tell_unfinished(session: Session, folder: Path) -> None:
+    """Say what killed commands left in a folder, as far as it is there."""
+    session.warn(
+        f"{path}: left by a command that was stopped while it wrote"
+        + (", with the result that it was to replace" if (path / "old").is_dir() else "")
+        + "; delete it when no command runs there"
+        for path in unfinished(folder.resolve())
+    )
 
 
 @contextmanager
@@ -218,31 +278,6 @@ def _described(path: Path, remedy: str) -> Iterator[None]:
     except (OSError, RuntimeError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"{path}: cannot be used ({reason}); {remedy}") from problem
-
-
-@contextmanager
-def _workshop(parent: Path) -> Iterator[Path]:
-    """A temporary folder beside the place of the results; those of killed runs go."""
-    for left in parent.glob(f"{PREFIX}*-*"):
-        if not _is_running(left.name.removeprefix(PREFIX).partition("-")[0]):
-            shutil.rmtree(left, ignore_errors=True)
-    prefix = f"{PREFIX}{os.getpid()}-"
-    with tempfile.TemporaryDirectory(
-        prefix=prefix, dir=parent, ignore_cleanup_errors=True
-    ) as workshop:
-        yield Path(workshop)
-
-
-def _is_running(process: str) -> bool:
-    if not process.isdigit() or os.name == "nt":
-        return True
-    try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -156,6 +156,19 @@ class ComparisonResult(Document, ComparisonPart):
     """The contents of `comparison.json`. Equal runs give equal bytes: no times, dates or folders.
 
     Times are in `timings.json`; reports take them separately, in s by the name of the row.
+
+    Attributes:
+        schema_version: Version 2 of the file.
+        rows: One method on one model each.
+        differences: Differences between rows, and their significance.
+        tabulated: Circuits with tables over SOC.
+        models: Box and global optimum of each model.
+        budget: What every method could spend.
+        cell: OCV, hysteresis voltage and capacity.
+        inputs: Every file, with its digest and what was decided about it.
+        warnings: Sentences about what is doubtful, with what to do.
+        command: The command that repeats the run.
+        versions: Versions of barnax and of what it computes with.
     """
 
     schema_version: Literal[2] = SCHEMA_VERSION
@@ -188,8 +201,12 @@ def make_comparison_result(
 ) -> ComparisonResult:
     """A comparison as a `ComparisonResult`, which can be stored.
 
-    `ocv` are the OCV tests of the cell, `command` is the command that was run, and `warnings` are
-    those of the inputs.
+    Args:
+        comparison: A comparison from `compare`.
+        tabulated: Circuits with tables over SOC.
+        ocv: The OCV tests of the cell.
+        command: The command that was run.
+        warnings: Those of the inputs.
     """
     problems = {row.model: row.problem for row in comparison.rows}
     first, budget = next(iter(problems.values())), comparison.budget
@@ -305,9 +322,25 @@ def compare_files(
 ) -> tuple[Comparison, ComparisonResult]:
     """Models and methods compared on one record, as objects and as a result that can be stored.
 
-    `rows` are pairs of a circuit and a method of `METHODS`, by default those of the paper.
-    Circuits in `tabulated`, which must also be in `rows`, are also fitted with tables over SOC.
     All other options are those of `identify`.
+
+    Args:
+        records: The file, `Record` or data frame to identify on. None: the bundled cell.
+        ocv: The OCV test of the same cell.
+        validate: Files, records or data frames to validate on.
+        rows: Pairs of a circuit and a method of `METHODS`, by default those of the paper.
+        tabulated: Circuits of `rows` that are also fitted with tables over SOC.
+        settings: The budget, coordinates and objective.
+        window: The part of the record that is simulated.
+        capacity: Capacity of the cell in Ah when the records were measured.
+        ocv_capacity: Capacity in Ah in the OCV test, where that does not span full to empty.
+        bounds: Lowest and highest value by PyBaMM's names, or a TOML file of them.
+        fix: Parameters that keep a value, by the same names.
+        reading: How files are read.
+        ocv_fit: A polynomial of degree seven, or a monotone interpolation.
+        hysteresis_fit: Five segments of the hysteresis voltage, joined or each by itself.
+        command: The command that was run, kept in the result.
+        watch: Called for every row, as in `compare`.
 
     Raises `InputError` if an input cannot be used, or more than one record is given.
     """

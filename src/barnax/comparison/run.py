@@ -12,6 +12,7 @@ from jaxtyping import Float
 from ..baselines import METHODS, Answer, Budget, MethodFailure
 from ..baselines.regression import outside_box
 from ..cell import CellModel, get_circuit
+from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
 from ..global_optimum import (
@@ -19,6 +20,7 @@ from ..global_optimum import (
     find_global_optimum,
     optimality_gap,
     with_better_directions,
+    without_sweep_drop,
 )
 from ..inputs import Watch, unwatched
 from ..model.prepared import PreparedRecord, prepare_record
@@ -38,8 +40,8 @@ from .statistics import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Row:
+@dataclass(frozen=True, eq=False, repr=False)
+class Row(Brief):
     """One method on one model. Everything but `refined` is of the method's own answers.
 
     `answers` holds one answer a seed, a single one where the method draws nothing, and none where
@@ -96,11 +98,15 @@ class Difference:
     over_seeds: SeedPairs | None
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Brief):
     """All rows of a comparison, in the given order, and the differences between them.
 
-    `optima` are the global optima by model; a model whose box is too wide has none.
+    Attributes:
+        rows: One method on one model each.
+        budget: What every method could spend.
+        differences: Differences between rows, and their significance.
+        optima: Global optima by model; a model whose box is too wide has none.
     """
 
     rows: tuple[Row, ...]
@@ -144,12 +150,26 @@ def compare(
 ) -> Comparison:
     """Several circuits and methods compared on the same data, box, budget and key.
 
-    `rows` are pairs of a circuit and a method of `barnax.baselines.METHODS`. Bounds and fixed
-    values apply to the circuits that have such a parameter. `window` applies to the record and,
-    without `validation_windows`, to the validation records too. `watch` returns a context manager
-    for every row, by its name; the row reports to it how many seeds have finished. A method that
-    fails has a row that says why. Raises `InputError` if record, window or box do not fit,
-    and for an unknown circuit or method.
+    A method that fails has a row that says why.
+
+    Args:
+        record: The record to identify on.
+        cell: A cell from `characterize`.
+        rows: Pairs of a circuit and a method of `METHODS`.
+        validation: Records to validate on.
+        window: The part of the record that is simulated.
+        validation_windows: Those of the validation records; by default `window`.
+        bounds: Lowest and highest value by PyBaMM's names, for the circuits that have such a
+            parameter.
+        fixed: Parameters that keep a value, by the same names.
+        coordinates: Search coordinates: "rc", or logarithms of R and tau.
+        objective: How errors are computed: by simulation of every sample, or from a reduced record.
+        budget: What every method may spend.
+        source: What messages call the origin of the bounds.
+        watch: Called with the name of every row and its number of seeds; returns a context manager
+            that gives a function to call with the seeds finished.
+
+    Raises `InputError` if record, window or box do not fit, and for an unknown circuit or method.
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):
@@ -161,22 +181,23 @@ def compare(
     budget, window = budget or Budget(), window or Window()
     windows = [window] * len(validation) if validation_windows is None else validation_windows
     models = tuple(dict.fromkeys(model for model, _ in rows))
-    problems = {
-        model: with_better_directions(
-            make_problem(
-                record,
-                cell,
-                model,
-                window=window,
-                bounds=known_to(model, bounds, models),
-                fixed=known_to(model, fixed, models),
-                coordinates=coordinates,
-                objective=objective,
-                source=source,
-            )
+
+    def make(model: str, cell: CellModel) -> Problem:
+        return make_problem(
+            record,
+            cell,
+            model,
+            window=window,
+            bounds=known_to(model, bounds, models),
+            fixed=known_to(model, fixed, models),
+            coordinates=coordinates,
+            objective=objective,
+            source=source,
         )
-        for model in models
-    }
+
+    # All have the OCV that the first model's circuit finds at rest.
+    cell = without_sweep_drop(make(models[0], cell)).cell
+    problems = {model: with_better_directions(make(model, cell)) for model in models}
     prepared_records = {model: [problem.prepared] for model, problem in problems.items()}
     for model, prepared in prepared_records.items():
         prepared += [

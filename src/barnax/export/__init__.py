@@ -68,6 +68,9 @@ EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
 def get_exporter(name: str) -> Exporter:
     """The exporter registered as `name`. Raises `InputError` that lists the names.
 
+    Args:
+        name: One of `EXPORTERS`.
+
     >>> get_exporter("csv").file_name
     'barnax_parameters.csv'
     """

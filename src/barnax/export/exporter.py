@@ -17,9 +17,12 @@ WIDTH = 96
 
 
 class Export(NamedTuple):
-    """A file's content, and in sentences what it does not say as the result does.
+    """An exported file.
 
-    `caveats` name what the tool cannot hold, and what it asks for that a result does not have.
+    Attributes:
+        content: The file's bytes.
+        caveats: Sentences about what the tool cannot hold, and what it asks for that a result does
+            not have.
     """
 
     content: bytes
@@ -44,9 +47,14 @@ Simulate = Callable[[bytes, Profile], Float[np.ndarray, "samples"]]
 class Exporter:
     """One target of `barnax export`.
 
-    `write` is pure: equal results give equal bytes. `simulate`, where the tool is a Python
-    package, gives its voltage at every sample of a profile from the exported content; `package`
-    is that package.
+    Attributes:
+        name: The target, such as "pybamm".
+        description: One line about it.
+        file_name: The usual name of its file.
+        write: Makes an export of a result. It is pure: equal results give equal bytes.
+        package: The Python package that runs it, if there is one.
+        simulate: The voltage at every sample of a profile by that package, from the exported
+            content.
     """
 
     name: str
@@ -96,25 +104,19 @@ def python_array(values: Iterable) -> str:
 
 
 def note_lines(heading: str, caveats: Iterable[str], prefix: str = "") -> str:
-    """A heading and caveats, wrapped, each line after `prefix`, without line breaks of their own.
+    """A heading and caveats, wrapped, each line after `prefix`; names in them are `escaped`.
 
-    >>> print(note_lines("By hand.", ["No\\nhysteresis."], prefix="# "))
+    >>> print(note_lines("By hand.", ["No hysteresis."], prefix="# "))
     # By hand.
     #
     # - No hysteresis.
     """
     width = WIDTH - len(prefix)
-    lines = textwrap.wrap(_plain(heading), width)
+    lines = textwrap.wrap(heading, width)
     for place, caveat in enumerate(caveats):
         lines += [] if place else [""]
-        lines += textwrap.wrap(_plain(caveat), width, initial_indent="- ", subsequent_indent="  ")
+        lines += textwrap.wrap(caveat, width, initial_indent="- ", subsequent_indent="  ")
     return "\n".join(f"{prefix}{line}".rstrip() for line in lines)
-
-
-def _plain(text: str) -> str:
-    """One line that ends no comment: neither C's nor Python's."""
-    words = " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *")
-    return "".join(letter if letter.isprintable() else "?" for letter in words)
 
 
 def hysteresis_is_left_out(tool: str, tables: Tables) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.curves import KNOTS, SegmentedHysteresis
-from ..errors import InputError
+from ..errors import InputError, escaped
 from ..results import Result
 
 # A table read linearly follows its curve this closely.
@@ -262,9 +262,9 @@ def _heading(result: Result) -> str:
     over += " and temperature" if result.tables and result.tables.over_temperature else ""
     errors = result.answer_metrics.identification
     return (
-        f"Written by barnax {result.versions.get('barnax', '')}: circuit {result.model}{over}, "
-        f"identified on {errors.record} with an RMSE of {1e3 * errors.rmse_v:.3f} mV. Discharge "
-        "current is positive."
+        f"Written by barnax {escaped(result.versions.get('barnax', ''))}: circuit "
+        f"{result.model}{over}, identified on {escaped(errors.record)} with an RMSE of "
+        f"{1e3 * errors.rmse_v:.3f} mV. Discharge current is positive."
     )
 
 

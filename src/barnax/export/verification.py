@@ -68,6 +68,12 @@ def verify(
 
     `profile` defaults to `pulse_profile`. Raises `InputError` where the package is missing, or
     the profile leaves the SOC range of the cell.
+
+    Args:
+        result: The result that was exported.
+        exporter: The exporter.
+        content: The exported content.
+        profile: The current to simulate; by default `pulse_profile`.
     """
     require_package(exporter)
     package, simulate = exporter.package, exporter.simulate

@@ -4,8 +4,7 @@ A part is written aside and put in place in one step, so that it is there whole 
 final file takes in the parts the same way; what both hold counts once.
 """
 
-import os
-import uuid
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from numbers import Number
@@ -15,6 +14,7 @@ from typing import Any
 import polars as pl
 
 from ..errors import InputError
+from ..files import replacing
 
 try:
     import fcntl
@@ -49,20 +49,13 @@ def parts_folder(out: Path, shard: Shard | None = None) -> Path:
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> None:
     """The rows as a Parquet file, whole or not at all."""
-    aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     if isinstance(rows, pl.DataFrame):
         frame = rows
     else:
         names = dict.fromkeys(name for row in rows for name in row)
         frame = pl.DataFrame([_column(name, [row.get(name) for row in rows]) for name in names])
-    try:
-        with aside.open("wb") as file:
-            frame.write_parquet(file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+    with replacing(path) as file:
+        frame.write_parquet(file)
 
 
 def _column(name: str, values: Sequence[Any]) -> pl.Series:
@@ -105,10 +98,21 @@ def _joined(frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
 
 
 def keep_result(out: Path, name: str, text: str) -> None:
-    """A cell's result.json beside the dataset."""
+    """A cell's result.json beside the dataset. Raises `InputError` where it would be elsewhere."""
     folder = out / RESULTS / name
+    for place in (folder.parent, folder):
+        _require_no_link(place)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "result.json").write_text(text, encoding="utf-8")
+    with replacing(folder / "result.json") as file:
+        file.write(text.encode())
+
+
+def _require_no_link(folder: Path) -> None:
+    if folder.is_symlink():
+        raise InputError(
+            f"{folder}: is a link, and a dataset is written nowhere else; delete the link, or give "
+            "`out` another folder"
+        )
 
 
 @contextmanager
@@ -181,11 +185,16 @@ def read_rows(
 def _files(out: Path, shard: Shard | None) -> Iterator[Path]:
     """The files of rows in the order in which these are passed on, listed as late as they can be:
     what another shard takes in meanwhile is found in a later one."""
-    pattern = "*" if shard is None else _named("", shard)
-    yield from list(out.glob(f"parts{pattern}/[!.]*.parquet"))
-    if shard is None:
-        yield from list(out.glob("cells-*.parquet"))
+    for pattern in ("parts*/*.parquet", "cells-*.parquet"):
+        for path in list(out.glob(pattern)):
+            is_wanted = shard is None or path.parent == parts_folder(out, shard)
+            if is_wanted and _OURS.fullmatch(path.relative_to(out).as_posix()):
+                yield path
     yield dataset_path(out, shard)
+
+
+# What a user puts beside the files of rows is neither read nor deleted.
+_OURS = re.compile(r"(?:parts(?:-\d{5}-of-\d{5})?/[0-9a-f]{32}|cells-\d{5}-of-\d{5})\.parquet")
 
 
 def finished(out: Path) -> dict[str, tuple[str, bool]]:
@@ -200,19 +209,17 @@ def finished(out: Path) -> dict[str, tuple[str, bool]]:
 
 @contextmanager
 def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
-    """The folder for parts, this process's alone, without what killed workers left half-written.
+    """The folder for parts, this process's alone.
 
     Raises `InputError` where it cannot be written to, or another command is at work there.
     """
     folder = parts_folder(out, shard)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with (folder / ".lock").open("w") as lock:
+        _require_no_link(folder)
+        with (folder / ".lock").open("a") as lock:
             if fcntl is not None:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for left in folder.glob(".?*"):
-                if left.name != ".lock":
-                    left.unlink(missing_ok=True)
             yield folder
     except BlockingIOError as problem:
         raise InputError(
@@ -230,9 +237,7 @@ def compact(out: Path, shard: Shard | None = None) -> Path:
     A shard takes in its own parts alone, and the whole fleet what its shards wrote.
     """
     target = dataset_path(out, shard)
-    pattern = "*" if shard is None else _named("", shard)
-    taken = [*out.glob(f"parts{pattern}/[!.]*.parquet")]
-    taken += [path for path in out.glob(f"cells{pattern}.parquet") if path != target]
+    taken = [path for path in _files(out, shard) if path != target]
     if taken or not target.exists():
         write_rows(target, read_rows(out, shard=shard))
         for path in taken:

@@ -27,7 +27,7 @@ from typing import Any
 
 from ..errors import InputError
 from .dataset import Shard, compact, finished, marked_place, write_rows, writing
-from .manifest import FleetCell, cell_of, distinct, in_shard
+from .manifest import FleetCell, Options, cell_of, distinct, in_shard
 from .worker import Counts, batch_name, run_batch, start_worker
 
 # A batch takes long enough that handing it over is no cost, and few enough cells to lose.
@@ -54,7 +54,14 @@ Batch = tuple[tuple[str, FleetCell], ...]
 
 @dataclass(frozen=True)
 class Progress:
-    """Cells with a row now, how many of these were skipped and failed, and of how many if known."""
+    """The progress of a fleet.
+
+    Attributes:
+        finished: Cells with a row now.
+        skipped: Those of them that had one before.
+        failed: Those of them without an answer.
+        total: Number of cells, if known.
+    """
 
     finished: int = 0
     skipped: int = 0
@@ -63,10 +70,10 @@ class Progress:
 
 
 def identify_fleet(
-    cells: Iterable[FleetCell | Mapping[str, Any]],
+    cells: Iterable[FleetCell | Options],
     out: str | Path,
     *,
-    settings: Mapping[str, Any] | None = None,
+    settings: Options | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     executor: Executor | None = None,
@@ -75,17 +82,25 @@ def identify_fleet(
     batch: int | None = None,
     report: Callable[[Progress], None] = lambda progress: None,
 ) -> Progress:
-    """Identify many cells into the dataset `out`, one row per cell; existing rows are skipped.
+    """Identify many cells into a dataset with one row per cell; existing rows are skipped.
 
-    `cells` are read lazily: those of a manifest, or mappings with an "id" and either a "problem"
-    or the columns of a manifest; their other items are copied to their rows. `settings` are
-    arguments of `identify` for all cells; by default no seeds are run and the answer is the global
-    optimum. Cells run on `workers` processes, on the Dask `scheduler` at an address ("local" starts
-    one), or on your own `executor`. `shard` is (part, parts) of the fleet; `retry` repeats failed
-    cells. `report` is called with the progress after every batch, which is returned at the end.
+    If a cell cannot be identified, its row says why.
+
+    Args:
+        cells: Those of a manifest, or mappings with an "id" and either a "problem" or the columns
+            of a manifest; their other items are copied to their rows. They are read lazily.
+        out: Folder of the dataset.
+        settings: Arguments of `identify` for all cells; by default no seeds are run and the answer
+            is the global optimum.
+        workers: Number of processes; by default one for every core.
+        scheduler: Address of a Dask scheduler to run on instead; "local" starts one.
+        executor: Your own executor to run on instead.
+        shard: A part of the fleet: which one, of how many.
+        retry: Repeat cells that failed.
+        batch: Cells of one task.
+        report: Called with the progress after every batch.
 
     Raises `InputError` if `out` cannot be written to, an id occurs twice or your executor breaks.
-    If a cell cannot be identified, its row says why.
     """
     out, chosen = Path(out), {"seeds": 0, **(settings or {})}
     state = Progress()

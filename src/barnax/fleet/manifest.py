@@ -13,7 +13,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
@@ -21,6 +21,11 @@ from .. import __version__
 from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
 from ..model.window import OPTIONS as WINDOW_OPTIONS
 
+if TYPE_CHECKING:
+    from ..model.problem import Problem
+
+# Values of columns and options, by name.
+Options = Mapping[str, Any]
 # What a row of a manifest may say of how its files are read and what is identified.
 OPTIONS = (
     *("ocv_capacity", "ocv_fit", "hysteresis_fit", "model"),
@@ -32,10 +37,19 @@ OPTIONS = (
 class FleetCell:
     """A cell, or one test of it: its files, options, and the columns copied to its row.
 
-    `window` has fields of a `Window`, `validate_window` those that differ for validation records;
-    `options` are arguments of `barnax.identify`. `cell` is the result.json whose cell model is used
-    instead of OCV tests. `missing` are the files and patterns that were not found. `problem`
-    replaces all files.
+    Args:
+        id: Its name.
+        records: Files to identify on.
+        ocv: OCV tests.
+        validate: Files to validate on.
+        cell: A result.json whose cell model is used instead of OCV tests.
+        bounds: A TOML file of bounds.
+        window: Fields of a `Window`.
+        validate_window: Those that differ for validation records.
+        options: Arguments of `identify`.
+        carried: Columns copied to its row.
+        missing: Files and patterns that were not found.
+        problem: A problem that replaces all files.
     """
 
     id: str
@@ -44,12 +58,12 @@ class FleetCell:
     validate: tuple[str, ...] = ()
     cell: str | None = None
     bounds: str | None = None
-    window: Mapping[str, Any] = field(default_factory=dict)
-    validate_window: Mapping[str, Any] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
-    carried: Mapping[str, Any] = field(default_factory=dict)
+    window: Options = field(default_factory=dict)
+    validate_window: Options = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
+    carried: Options = field(default_factory=dict)
     missing: tuple[str, ...] = ()
-    problem: Any = None
+    problem: "Problem | None" = None
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -117,15 +131,20 @@ OWN = re.compile(
 
 
 def read_manifest(
-    path: str | Path, defaults: Mapping[str, Any] | None = None
+    path: str | Path, defaults: Options | None = None
 ) -> tuple[list[FleetCell], tuple[str, ...]]:
-    """The cells of a manifest, and the names of the columns that are carried through.
+    """The cells of a manifest, and the names of the columns that are copied to their rows.
 
-    A `.csv` or `.parquet` table holds a row a cell; a `.toml` file a table `[[cell]]` each, and
-    what all have in `[defaults]`. Paths are relative to the manifest and may be patterns. What a
-    row leaves empty is taken from `defaults`. Of a folder, each folder in it is a cell, and what
-    its files are for is found in them, as in a row without OCV tests and cell. Raises `InputError`
-    where the manifest cannot be used; files that are not there are in each cell's `missing`.
+    A `.csv` or `.parquet` table has one row per cell; a `.toml` file has a table `[[cell]]` for
+    each, and `[defaults]` for all. Of a folder, each folder in it is a cell, and what its files are
+    for is found in them, as in a row without OCV tests and cell.
+
+    Args:
+        path: The manifest. Paths in it are relative to it and may be patterns.
+        defaults: What a row leaves empty.
+
+    Raises `InputError` where the manifest cannot be used; files that are not there are in each
+    cell's `missing`.
     """
     path = Path(path)
     if path.is_dir():

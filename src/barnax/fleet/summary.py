@@ -99,13 +99,22 @@ class Summary:
 
 def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFrame:
     """The rows of a fleet's folder, finished or not, one a cell: of all cells, or of those with
+
+    Args:
+        out: Folder of the dataset.
+        ids: The cells to read; by default all.
     these ids."""
     rows = read_rows(Path(out))
     return rows if ids is None else rows.filter(pl.col("id").is_in([*ids]))
 
 
 def summarize(rows: pl.DataFrame, carried: Sequence[str] = ()) -> Summary:
-    """The summary of some rows; `carried` are the columns that trends are looked for over."""
+    """The summary of some rows; `carried` are the columns that trends are looked for over.
+
+    Args:
+        rows: Rows of a dataset.
+        carried: Columns that were copied to the rows, such as an age.
+    """
     failed = rows.filter(pl.col("error").is_not_null())
     good = rows.filter(pl.col("error").is_null())
     distributions: list[Distribution] = []

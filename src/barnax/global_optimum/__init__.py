@@ -8,6 +8,7 @@ from .search import (
     optimality_gap,
     try_other_hold,
     with_better_directions,
+    without_sweep_drop,
 )
 
 __all__ = [
@@ -18,4 +19,5 @@ __all__ = [
     "optimality_gap",
     "try_other_hold",
     "with_better_directions",
+    "without_sweep_drop",
 ]

@@ -1,5 +1,6 @@
 """The landscape over the time constants, the search for its lowest point, and what was assumed."""
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -8,7 +9,9 @@ from jaxtyping import Float
 from scipy.ndimage import label, minimum_filter
 
 from ..blas import one_blas_thread
-from ..cell import CircuitParameters
+from ..cell import CircuitParameters, without_drop
+from ..cell.model import NEAR_DEGC
+from ..display import Brief
 from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, in_float64
 from ..model.prepared import PreparedRecord, both_directions, prepare_record
@@ -48,8 +51,8 @@ MOST_PROOFS = 8
 Status = Literal["certified", "grid-verified"]
 
 
-@dataclass(frozen=True, eq=False)
-class Landscape:
+@dataclass(frozen=True, eq=False, repr=False)
+class Landscape(Brief):
     """RMSE in V with the best resistances, at every point of a grid.
 
     One axis a pair, in the order of the pairs, then gamma's where the circuit has one. `rmse_v`
@@ -125,12 +128,16 @@ def _grid(reduced: Reduced) -> list[Float[np.ndarray, "places"]]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class GlobalOptimum:
+@dataclass(frozen=True, eq=False, repr=False)
+class GlobalOptimum(Brief):
     """The best circuit in a box, what is proved about it, and the landscape around it.
 
-    `optima` are the distinct local optima up to `FACTOR` times the best, which comes first; their
-    errors are computed by the scan. `certificate` is None without a proof.
+    Attributes:
+        optima: The distinct local optima up to `FACTOR` times the best, which comes first; their
+            errors are computed by the scan.
+        at_bound: Parameters of the best at a bound.
+        certificate: The proof, None without one.
+        landscape: The lowest RMSE over the time constants.
     """
 
     optima: tuple[Optimum, ...]
@@ -172,9 +179,12 @@ class GlobalOptimum:
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
-    """How far an RMSE lies above that of the optimum, as a fraction of the latter; both in V.
+    """How far an RMSE lies above that of the optimum, as a fraction of the latter.
 
-    An optimum below `SMALLEST_RMSE_V` counts as that: smaller differences are rounding errors.
+    Args:
+        rmse_v: An RMSE.
+        optimum_v: The optimum's. One below `SMALLEST_RMSE_V` counts as that: smaller differences
+            are rounding errors.
 
     >>> round(optimality_gap(10.1e-3, 10e-3), 6)
     0.01
@@ -188,10 +198,15 @@ def find_global_optimum(
 ) -> GlobalOptimum:
     """The best circuit in the box, from the refined minima of a grid, and a proof of it.
 
-    It uses no random numbers and does not depend on the problem's own objective. `prove` adds a
-    lower bound on every circuit's RMSE by branch and bound over at most `most_cells` cells of time
-    constants; if that ends within `CERTIFIED_GAP` of the best, the status is "certified", else
-    "grid-verified". Raises `InputError` if the box is too wide to compress.
+    It uses no random numbers and does not depend on the problem's own objective.
+
+    Args:
+        problem: A problem from `make_problem`.
+        prove: Add a lower bound on every circuit's RMSE by branch and bound. If it ends within
+            `CERTIFIED_GAP` of the best, the status is "certified", else "grid-verified".
+        most_cells: At most so many boxes of time constants for the proof.
+
+    Raises `InputError` if the box is too wide to compress.
     """
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):
@@ -224,6 +239,54 @@ def _polish(problem: Problem, circuits: list[CircuitParameters]) -> list[Refined
         if min(ends, key=lambda end: end.rmse_v).has_converged:
             break
     return ends
+
+
+# What a circuit resists after so long a constant current; slower pairs imitate the OCV.
+DROP_S = 1000.0
+# A drop that is left in the OCV changes the resistances by a tenth of itself.
+DROP_ROUNDS = 2
+
+
+def without_sweep_drop(problem: Problem) -> Problem:
+    """The problem with the OCV at rest where slow sweeps measured it under load.
+
+    What a sweep lost is told by the circuit that fits best the records nearest to its temperature.
+    Where the box is too wide to look for that, the sweeps stay as they are.
+    """
+    known = (problem.cell, *problem.cell.elsewhere)
+    found = problem
+    for _ in range(DROP_ROUNDS if any(cell.has_sweep_drop for cell in known) else 0):
+        try:
+            at_rest = [
+                without_drop(each, _slow_resistance_ohm(found, each.temperature_degc))
+                if each.has_sweep_drop
+                else each
+                for each in known
+            ]
+        except InputError:
+            return problem
+        cell = replace(at_rest[0], elsewhere=tuple(at_rest[1:]))
+        records = tuple(
+            prepare_record(each.record, cell, each.circuit, each.window)
+            for each in problem.prepared_records
+        )
+        found = replace(problem, cell=cell, prepared_records=records)
+    return found
+
+
+def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> float:
+    """What the best circuit of the records nearest to a temperature resists after `DROP_S`."""
+    records = problem.prepared_records
+    if temperature_degc is not None:
+        degc = np.array([each.temperature_degc for each in records], float)
+        apart = np.nan_to_num(np.abs(degc - temperature_degc))
+        is_near = apart <= apart.min() + NEAR_DEGC
+        records = tuple(itertools.compress(records, is_near))
+    landscape = landscape_of(Reduced.of(replace(problem, prepared_records=records)))
+    (lowest, *_) = landscape.minima(1.0)
+    found = landscape.circuit(lowest)
+    shown = -np.expm1(-DROP_S / np.array(found.tau_s))
+    return found.r0 + float(shown @ found.r)
 
 
 # A direction is the better one where it lowers the RMSE by more than this.

@@ -8,9 +8,11 @@ from jaxtyping import Bool, Float, Int
 
 from ..cell import CellModel, OcvTable, get_circuit
 from ..cell.model import group_near
+from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input
 from ..records import Record, current_direction, rest_current_a
+from ..records.samples import record_resistance_ohm
 from .simulate import HysteresisInput, Intervals, SimulationInput
 from .start import Start, find_start
 from .window import Window, first_sample, scored_samples
@@ -19,19 +21,23 @@ from .window import Window, first_sample, scored_samples
 OCV_MARGIN = 0.05
 # Leaving it by less is rounding, and worth no warning.
 NO_MARGIN = 1e-4
+# A voltage so far inside the OCV, R I left out, is of no cell that is full or empty.
+_INSIDE_V = 0.1
 FEWEST_SAMPLES = 10
 
 
-@dataclass(frozen=True, eq=False)
-class PreparedRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class PreparedRecord(Brief):
     """The simulated span of one record, first to last scored sample.
 
-    `source_v` is the open-circuit voltage with the circuit's hysteresis term, a dynamic one
-    standing still; `direction` the last direction of the current (+1 charging, -1 discharging).
-    `hysteresis_amplitude_v` is None for circuits without dynamic hysteresis.
+    `cell` is as it is at the record's temperature. `source_v` is the open-circuit voltage with the
+    circuit's hysteresis term, a dynamic one standing still; `direction` the last direction of the
+    current (+1 charging, -1 discharging). `hysteresis_amplitude_v` is None for circuits without
+    dynamic hysteresis.
     """
 
     record: Record
+    cell: CellModel
     circuit: str
     window: Window
     start: Start
@@ -179,6 +185,7 @@ def prepare_record(
         source_v = source_v + start.direction * amplitude_v
     return PreparedRecord(
         record=record,
+        cell=cell,
         circuit=circuit,
         window=window,
         start=start,
@@ -294,12 +301,23 @@ def _check_soc(
         return []
     far = np.flatnonzero(scored & (beyond > OCV_MARGIN))
     if len(far):
+        at = far[0]
+        row, name = f"row {record.row[at]}", record.name
+        end, end_soc = ("empty", low) if soc[at] < low else ("full", high)
+        end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
+        source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
+        if (source_v - end_v) * (1 if end == "empty" else -1) > _INSIDE_V:
+            raise InputError(
+                f"{name}: its charge does not fit its voltage: by it the cell is {end} before "
+                f"{row}, where {record.voltage_v[at]:.3f} V are far from the OCV, {end_v:.3f} V; "
+                "it looks like a record of another cell, unless `initial_soc`, `capacity` "
+                f"({capacity_ah:.4g} Ah) or the current's unit is wrong"
+            )
         raise InputError(
-            f"{record.name}: row {record.row[far[0]]} is scored at a state of charge of "
-            f"{soc[far[0]]:.3f}, but the OCV points span only {low:.3f} to {high:.3f}; check "
-            f"`capacity` ({capacity_ah:.4g} Ah) and `initial_soc`, give an OCV test that "
-            "reaches there, or leave those samples out with `score_soc`, `score_steps` or "
-            "`score_to`"
+            f"{name}: {row} is scored at a state of charge of {soc[at]:.3f}, but the OCV points "
+            f"span only {low:.3f} to {high:.3f}; check `capacity` ({capacity_ah:.4g} Ah) and "
+            "`initial_soc`, give an OCV test that reaches there, or leave those samples out with "
+            "`score_soc`, `score_steps` or `score_to`"
         )
     return [
         f"{record.name}: {np.count_nonzero(outside)} of {np.count_nonzero(scored)} scored samples "

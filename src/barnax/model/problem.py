@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
+from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
 from ..records import Record
@@ -49,12 +50,17 @@ KINDS: tuple[Kind, ...] = ("scan", "compressed")
 FACTOR_STEP = 64
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(Brief):
     """Prepared records, cell, circuit and bounds: what a search needs. Records share one circuit.
 
-    `kind` says how the search computes its errors, by "scan" or "compressed"; `scale` are the
-    search coordinates, "rc" or "log".
+    Attributes:
+        prepared_records: The records in their windows.
+        cell: OCV, hysteresis voltage and capacity.
+        bounds: The circuit and its box.
+        scale: Search coordinates: "rc", or logarithms of R and tau.
+        kind: How the search computes its errors: by simulation of every sample, or from a reduced
+            record.
     """
 
     prepared_records: tuple[PreparedRecord, ...]
@@ -238,12 +244,19 @@ def make_problem(
     objective: Kind = "scan",
     source: str = "bounds",
 ) -> Problem:
-    """The problem of finding the parameters of `circuit` for a cell from one or several records.
+    """The problem of finding a circuit's parameters from one or several records of a cell.
 
-    `window` is one for all records, or one for each. `bounds` and `fixed` change the default box
-    under PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`); messages call their origin
-    `source`. `objective` is "scan", which simulates every sample for every candidate, or
-    "compressed", which reduces the records once and agrees with it to 1e-9.
+    Args:
+        record: One or several records.
+        cell: A cell from `characterize`.
+        circuit: Name of the circuit.
+        window: The part of the records that is simulated: one for all, or one for each.
+        bounds: Lowest and highest value by PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`).
+        fixed: Parameters that keep a value, by the same names.
+        coordinates: Search coordinates: "rc", or logarithms of R and tau.
+        objective: "scan" simulates every sample for every candidate; "compressed" reduces the
+            records once and agrees with it to 1e-9.
+        source: What messages call the origin of the bounds.
 
     Raises `InputError` if window, box or OCV range do not fit a record, the box is too wide to
     compress, or circuit or objective are unknown; `ValueError` for windows that do not match.

@@ -14,13 +14,15 @@ from ..records.record import rest_blocks, runs
 from ..records.samples import record_resistance_ohm
 from .window import Window
 
-SocSource = Literal["full end", "empty end", "counters", "rest elsewhere"]
+SocSource = Literal["full end", "empty end", "full voltage", "counters", "rest elsewhere"]
 
 # A charge ends full at a held voltage, where its current has tapered to half and below C/10; a
 # discharge ends empty at up to C/1.8, for many tests make it at C/2. The voltage without R I then
 # is within 2 % of the end. What a brake gives back is no charge.
 _FULL_HOURS, _EMPTY_HOURS, _AT_AN_END = 10.0, 1.8, 0.02
 _LEAST_S, _LEAST_HELD_S, _HELD_V, _TAPERED = 300.0, 60.0, 0.01, 0.5
+# A current so small leaves the voltage nearly that of rest.
+_SMALL_HOURS = 20.0
 # How far the voltage at the start, without R I, may be from the OCV of what an end tells; and of
 # what a counter tells, whose beginning no sample shows.
 _APART_V, _COUNTED_APART_V = 0.15, 0.05
@@ -48,8 +50,9 @@ def known_soc(
 ) -> KnownSoc | None:
     """The state of charge at the sample `at`, carried by ampere-hours from where it is known.
 
-    The nearest full or empty end counts before the tester's counters, which may have begun at one,
-    and those before the nearest long rest. None where nothing tells, or the voltage denies it.
+    The nearest full or empty end counts before the voltage of a full cell there, that before the
+    tester's counters, which may have begun at an end, and those before the nearest long rest. None
+    where nothing tells, or the voltage denies it.
     """
     ohm = record_resistance_ohm(record)
     discharged_ah = record.discharged_ah
@@ -67,15 +70,19 @@ def known_soc(
 
     low, high = cell.soc_range
     ends: list[KnownSoc] = []
+    full: list[KnownSoc] = []
     if high >= 1 - _AT_AN_END and not only_counters:
         ends += _full_ends(record, cell, capacity_ah, rest_a, ohm)
+        full_v = float(cell.average_ocv_v(np.array([1 - _AT_AN_END]))[0])
+        if abs(record.current_a[at]) <= capacity_ah / _SMALL_HOURS and source_v >= full_v:
+            full.append(KnownSoc(1.0, "full voltage", at))
     if low <= _AT_AN_END and not only_counters:
         ends += _empty_ends(record, cell, capacity_ah, rest_a, ohm)
     # A flat OCV neither confirms what counters say nor tells the charge at a rest.
     others = [] if cell.has_flat_ocv else [_counted(record, capacity_ah)]
     if others and not only_counters:
         others.append(_rests(record, cell, rest_a))
-    for found in (ends, *others):
+    for found in (ends, full, *others):
         likely = [known for known in map(carried, found) if is_likely(known)]
         if likely:
             nearest = min(likely, key=lambda known: abs(known.known_at - at))

@@ -46,15 +46,21 @@ def is_temperature(degc: float) -> bool:
 
 @dataclass(frozen=True)
 class Window:
-    """The part of a record that is simulated and scored, and what is known about its start.
+    """The part of a record that is simulated and counted, and what is known about its start.
 
-    The simulation starts at `start_time_s` (the file's own clock) or at the last sample of the
-    last block of step `start_after_step`, with `initial_soc` there, as a fraction. Scored are the
-    samples of `score_steps`, between `score_from_s` and `score_to_s`, and at states of charge
-    within `score_soc`; by default all of them. `rest_current_a` is the current below which the
-    cell rests; `initial_direction` is the last direction before the start, +1 after charging,
-    -1 after discharging; `capacity_ah` is that of the cell when the record was measured, by default
-    that of the cell model, and `temperature_degc` its temperature, by default the record's median.
+    Args:
+        start_time_s: Where the simulation starts, on the file's own clock.
+        start_after_step: It starts at the last sample of the last block of this step instead.
+        initial_soc: State of charge at the start, a fraction.
+        score_steps: Only samples of these steps count.
+        score_from_s: Only samples from here on count.
+        score_to_s: Only samples up to here count.
+        score_soc: Only samples between these states of charge count.
+        rest_current_a: The cell rests below this current.
+        initial_direction: Direction of the load before the start: +1 charged, -1 discharged.
+        capacity_ah: Capacity of the cell when the record was measured; by default the cell model's.
+        temperature_degc: Temperature of the record; by default the median of its own column.
+
     Raises `InputError` if these contradict each other.
     """
 

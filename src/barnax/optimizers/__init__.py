@@ -64,10 +64,14 @@ class OptimizerSummary(NamedTuple):
 
 
 def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopulationMinimiser:
-    """The optimizer registered as `name` in `OPTIMIZERS`.
+    """The optimizer registered under a name.
 
-    `population` candidates take part in each of `iterations` generations. Raises `InputError` for
-    an unknown name, and for a population or budget that is too small.
+    Args:
+        name: One of `OPTIMIZERS`.
+        population: Candidates of a generation.
+        iterations: Generations of a run.
+
+    Raises `InputError` for an unknown name, and for a population or budget that is too small.
     """
     if name not in OPTIMIZERS:
         raise InputError(f"no optimizer is called {name!r}; there are {', '.join(OPTIMIZERS)}")

@@ -122,7 +122,7 @@ def _descents(objective: Objective, starts: Sequence[Place], spent: int = 0) -> 
 
     def errors(free: np.ndarray) -> np.ndarray:
         found = objective.solve(whole(free))
-        return np.append(found.error, objective.penalty @ found.values.ravel())
+        return np.append(found.error, objective.penalty @ found.unknowns)
 
     def slopes(free: np.ndarray) -> np.ndarray:
         found = objective.solve(whole(free))

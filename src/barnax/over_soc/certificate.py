@@ -363,6 +363,9 @@ class _Relaxation:
             math.sqrt(squared / (ridge * objective.share)) / weight
             for weight, ridge in objective.weights
         ]
-        furthest = np.repeat(furthest, objective.nodes)
+        # A step from node to node is at most the sum of both values.
+        furthest = np.repeat(furthest, objective.nodes) * (
+            1 + (objective.to_tables.sum(axis=0) > 1)
+        )
         low, high = objective.box
         return np.maximum(low, -furthest), np.minimum(high, furthest)

@@ -15,6 +15,9 @@ from .search import find_best, least_in_box
 # What a table's error is stated above, beside that over the whole window: below, resistances rise
 # so steeply that an error in the capacity decides.
 ABOVE_SOC = 0.1
+# Blocks that a fold holds of a record at least, unless they would be shorter than what residuals
+# are correlated over.
+FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
 # An extra is worth its parameters where it lowers both held-out errors by more than this share.
 WORTHWHILE = 0.1
 
@@ -55,9 +58,10 @@ class SocErrors:
 class CrossValidation:
     """Errors on blocks that were held out of the fit, of the tables and of the constant circuit.
 
-    Each of the `folds` holds every `folds`-th block of `block_s` seconds of every record. Time
-    constants are those of all samples; what is linear is fitted in each fold anew. The constant
-    circuit is the same one with one value for every SOC and no OCV correction.
+    Each of the `folds` holds every `folds`-th block of every record, the longest of them of
+    `block_s` seconds. Time constants are those of all samples; what is linear is fitted in each
+    fold anew. The constant circuit is the same one with one value for every SOC and no OCV
+    correction.
     """
 
     folds: int
@@ -78,7 +82,8 @@ def blocks_of(
     def group(here: slice, each: PreparedRecord, start_s: float) -> Int[np.ndarray, "samples"]:
         if not settings.folds:
             return np.where(each.scored[here], 0, -1)
-        fold = np.floor((each.time_s[here] - start_s) / settings.block_s).astype(int)
+        block_s = _block_s(each, settings)
+        fold = np.floor((each.time_s[here] - start_s) / block_s).astype(int)
         groups = 2 * (fold % settings.folds) + (each.soc[here] > ABOVE_SOC)
         return np.where(each.scored[here], groups, -1)
 
@@ -87,6 +92,13 @@ def blocks_of(
         for each in prepared_records
     ]
     return groups, 2 * settings.folds or 1
+
+
+def _block_s(prepared: PreparedRecord, settings: TableSettings) -> float:
+    """The length of a record's blocks: shorter ones where it has room for few in a fold, which
+    would each hold out a range of SOC that no other sample visits."""
+    room_s = prepared.scored_duration_s / (settings.folds * FEWEST_BLOCKS)
+    return min(settings.block_s, max(room_s, SHORTEST_BLOCK_S))
 
 
 def cross_validate(objective: Objective, best: Solution) -> CrossValidation | None:
@@ -105,7 +117,7 @@ def cross_validate(objective: Objective, best: Solution) -> CrossValidation | No
     flat = [part.constant() for part in parts]
     return CrossValidation(
         settings.folds,
-        settings.block_s,
+        max(_block_s(each, settings) for each in objective.prepared_records),
         _held_out(objective, best, parts),
         _held_out(whole, find_best(whole), flat),
     )

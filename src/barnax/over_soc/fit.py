@@ -11,7 +11,8 @@ from jaxtyping import Float
 from ..blas import one_blas_thread
 from ..cell import SocTables, get_circuit
 from ..cell.circuits import RATE
-from ..cell.tables import HALF_HYSTERESIS
+from ..cell.tables import HALF_HYSTERESIS, LEAST_OHM
+from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
@@ -51,23 +52,31 @@ class FitWarning:
     "at bound": the constant `name` ended there, at `value`; "mostly unvisited": no sample is near
     the share `value` of the nodes; "one direction": the amplitude of the hysteresis was fitted,
     and the records go no more than `value` of the SOC one way; "gamma held": so its rate was not
-    searched.
+    searched; "no resistance": at the node of SOC `value`, which samples visit, every one is zero.
     """
 
-    kind: Literal["at bound", "mostly unvisited", "one direction", "gamma held"]
+    kind: Literal["at bound", "mostly unvisited", "one direction", "gamma held", "no resistance"]
     name: str
     value: float
 
 
-@dataclass(frozen=True)
-class TableFit:
+@dataclass(frozen=True, repr=False)
+class TableFit(Brief):
     """Tables over SOC, with their proof, intervals and errors.
 
-    `objective_v` is sqrt(J), the penalties included; `errors` are those of each record, by scan.
-    No tables with time constants in `tau_ranges_s` have a smaller sqrt(J) than `lower_bound_v`,
-    which `cells` were needed to show; the status is "certified" where that is within the share
-    asked for. `parameters` counts the values that samples visit and the searched constants.
-    `intervals` are those of visited nodes, then of searched constants.
+    Attributes:
+        tables: The tables.
+        objective_v: sqrt(J), the penalties included.
+        errors: Errors on each record, by scan.
+        tau_ranges_s: The box of time constants.
+        lower_bound_v: No tables with time constants in the box have a smaller sqrt(J).
+        status: "certified" where that is within the share asked for, else "grid-verified".
+        cells: Boxes of time constants that the proof took.
+        at_bound: Time constants at a bound.
+        parameters: Number of values that samples visit and of searched constants.
+        intervals: 95 % intervals of visited nodes, then of searched constants.
+        cross_validation: Errors on blocks held out.
+        warnings: Sentences about what is doubtful, with what to do.
     """
 
     tables: SocTables
@@ -103,8 +112,12 @@ def fit_tables(
     `so-rc`, with switched hysteresis for `iso-rc`, and with dynamic hysteresis for `esc`, whose
     amplitude is half the hysteresis voltage unless it is fitted.
 
-    Raises `InputError` if the box of time constants is empty or too wide, and for
-    `half_hysteresis` without a dynamic hysteresis.
+    Args:
+        prepared_records: The records in their windows, such as those of a problem.
+        settings: Nodes, weights, bounds, proof and cross-validation.
+
+    Raises `InputError` if the box of time constants is empty or too wide, and for `half_hysteresis`
+    without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
     objective = reduced_objective(prepared_records, settings)
@@ -258,6 +271,9 @@ def _warnings(
     unvisited = 1 - float(np.mean(objective.visited))
     if unvisited > MOSTLY:
         found.append(FitWarning("mostly unvisited", "nodes", unvisited))
+    resistance_ohm = np.sum([tables.r0_ohm, *tables.r_ohm], axis=0)
+    bare = np.array(tables.nodes)[objective.visited & (resistance_ohm < LEAST_OHM)]
+    found += [FitWarning("no resistance", "nodes", soc) for soc in bare.tolist()]
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
     if moved < BOTH_WAYS_SOC and tables.half_hysteresis_v is not None:
         found.append(FitWarning("one direction", HALF_HYSTERESIS, moved))

@@ -13,7 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
+from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ..execution import in_float64
@@ -59,40 +60,39 @@ class NodeInterval:
 @in_float64
 def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ...]:
     """Those of visited nodes, table after table, then of the time constants and gamma."""
-    visited = objective.visited
     lighter = replace(objective, share=LIGHT * objective.share)
     light = lighter.solve(best.place, best.sides, exact=True)
-    is_free = (light.sides == 0) & np.tile(visited, objective.tables)
     is_open = [
         axis.low < place < axis.high for axis, place in zip(objective.axes, best.place, strict=True)
     ]
-    free = np.flatnonzero(np.append(is_free, is_open))
-    noise, to_noise, products = _noise_behind(lighter, light, free)
-    normal = products.copy()
-    tabled = free[free < len(is_free)]
-    normal[: len(tabled), : len(tabled)] += lighter.penalty_normal[np.ix_(tabled, tabled)]
-    # Columns of H^-1 J' / N by which the noise moves the free values.
+    of_tables = lighter.ways(light)
+    ways = np.asarray(block_diag(of_tables, np.eye(len(is_open))[:, is_open]))
+    noise, to_noise, products = _noise_behind(lighter, light, ways)
+    normal, count = products.copy(), of_tables.shape[1]
+    bent = lighter.table_penalty @ of_tables
+    normal[:count, :count] += bent.T @ bent
+    is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
+    # Columns of H^-1 J' / N by which the noise moves every value.
     # By least squares, for a short record leaves some of them undetermined.
-    moved = np.linalg.lstsq(normal, to_noise.T)[0]
+    moved = ways @ np.linalg.lstsq(normal, to_noise.T)[0]
     errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", moved, noise.spread_v2, moved), 0.0))
     freedom = [max(1.0, min(noise.degrees_of_freedom(row), 1e6)) for row in moved]
     factors = stdtrit(np.array(freedom), (1 + CONFIDENCE) / 2)
-    is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
-    place_of = {int(each): index for index, each in enumerate(free) if is_seen[index]}
+    is_known = np.any(ways[:, is_seen] != 0, axis=1)
 
     def interval(name: str, soc: float | None, number: int, value: float, *unmoved: float):
         """Around what would stand there had nothing moved it, as far as the value."""
         bias = max((value - each for each in unmoved), key=abs)
-        if number not in place_of:
+        if not is_known[number]:
             return NodeInterval(name, soc, value, 0.0, bias, None, None)
-        error = float(errors[place_of[number]])
-        reach = float(factors[place_of[number]]) * error
+        error = float(errors[number])
+        reach = float(factors[number]) * error
         low, high = min(value, min(unmoved) - reach), max(value, max(unmoved) + reach)
         return NodeInterval(name, soc, value, error, bias, low, high)
 
     found = []
     named = objective.tables_at(best).tables
-    nodes, seen = np.array(objective.reduced.layout.nodes), np.flatnonzero(visited)
+    nodes, seen = np.array(objective.reduced.layout.nodes), np.flatnonzero(objective.visited)
     for table, name in enumerate(named):
         sag = sag_of(nodes[seen], best.values[table, seen])
         for node, own_sag in zip(seen, sag, strict=True):
@@ -104,7 +104,7 @@ def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ..
             found.append(each)
     for number, (axis, place) in enumerate(zip(objective.axes, best.place, strict=True)):
         # Of the logarithm, so that the interval is positive.
-        each = interval(axis.name, None, len(is_free) + number, place, place)
+        each = interval(axis.name, None, best.values.size + number, place, place)
         value = math.exp(place)
         low, high = (None if end is None else math.exp(end) for end in (each.low, each.high))
         found.append(
@@ -137,18 +137,19 @@ def sag_of(
 
 
 def _noise_behind(
-    objective: Objective, found: Solution, free: Int[np.ndarray, "free"]
-) -> tuple[Noise, Float[np.ndarray, "seen free"], Float[np.ndarray, "free free"]]:
-    """The noise in coordinates Q, the T / N with J = Q T, and J'J / N of the free values."""
+    objective: Objective, found: Solution, ways: Float[np.ndarray, "values ways"]
+) -> tuple[Noise, Float[np.ndarray, "seen ways"], Float[np.ndarray, "ways ways"]]:
+    """The noise in coordinates Q, the T / N with J = Q T, and J'J / N of some ways to move."""
     time_s = one_clock(objective.prepared_records)
     longest_s = max(each.scored_duration_s for each in objective.prepared_records)
     slots = Slots.of(time_s, longest_s, MOST_SLOTS)
     counts, errors = np.zeros(slots.count), np.zeros(slots.count)
-    sums = np.zeros((slots.count, len(free)))
-    products, squares_v2, first = np.zeros((len(free), len(free))), 0.0, 0
+    width = ways.shape[1]
+    sums = np.zeros((slots.count, width))
+    products, squares_v2, first = np.zeros((width, width)), 0.0, 0
     for columns, base in _linearized(objective, found):
         error = base + columns[:, : found.values.size] @ found.values.ravel()
-        columns = columns[:, free]
+        columns = columns @ ways
         here = time_s[first : first + len(error)]
         first += len(error)
         counts += slots.gathered(here, np.ones(len(error)))

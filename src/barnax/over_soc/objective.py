@@ -43,19 +43,30 @@ FOLDS, BLOCK_S = 5, 400.0
 
 @dataclass(frozen=True)
 class TableSettings:
-    """How tables over SOC are fitted.
+    """Tables over SOC: their nodes, weights, bounds, proof and cross-validation.
 
     The objective is the mean squared error plus, for each table x, w^2 (`roughness` times the sum
-    of its squared second differences plus a ridge times the sum of its squares). For resistances
-    w is the capacity in Ah over 1 h, so in A, and the ridge is `resistance_ridge`; for voltages w
-    is 1 and the ridge `voltage_ridge`. Second differences are taken over node numbers, not SOC.
+    of its squared second differences plus a ridge times the sum of its squares). For resistances w
+    is the capacity in Ah over 1 h, so in A; for voltages w is 1. Second differences are taken over
+    node numbers, not SOC.
 
-    `ocv_correction` adds a table to the OCV; `half_hysteresis` fits the amplitude of a dynamic
-    hysteresis instead of using half the hysteresis voltage. `bounds` and `fixed` are under PyBaMM's
-    names: those of a resistance hold at every SOC, a time constant or gamma has one value for all.
-    A fit is certified if its sqrt(J) is proved to be within `proved_share` of the lowest, using
-    at most `most_cells` cells; 0 means no proof. Every `folds`-th block of `block_s` seconds
-    is held out in turn for cross-validation; 0 `folds` means none.
+    Args:
+        nodes: States of charge at which tables have a value.
+        ocv_correction: Also fit a table that is added to the OCV.
+        rising_ocv: OCV and correction together rise with SOC, as the OCV of a cell does, between
+            all nodes.
+        half_hysteresis: Fit the amplitude of a dynamic hysteresis instead of using half the
+            hysteresis voltage.
+        roughness: The weight of second differences.
+        resistance_ridge: The ridge of resistances.
+        voltage_ridge: The ridge of voltages.
+        bounds: Lowest and highest value by PyBaMM's names; those of a resistance hold at every SOC.
+        fixed: Values by the same names; a time constant or gamma has one for all SOC.
+        proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
+            lowest.
+        most_cells: At most so many boxes of time constants for the proof; 0 means no proof.
+        folds: Every so-many-th block is held out in turn for cross-validation; 0 means none.
+        block_s: The length of a block, less for a record that has no five of them in a fold.
 
     Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
     fixed values that are unknown, reversed, negative or both given.
@@ -63,6 +74,7 @@ class TableSettings:
 
     nodes: Table = NODES
     ocv_correction: bool = True
+    rising_ocv: bool = True
     half_hysteresis: bool = False
     roughness: float = ROUGHNESS
     resistance_ridge: float = RESISTANCE_RIDGE
@@ -149,9 +161,13 @@ def _cardinal(span: Span, place: float):
 
 @dataclass(frozen=True, eq=False)
 class Solution(Solved):
-    """The best tables at a place: rows of R0, every pair's R, then what else is tabulated."""
+    """The best tables at a place: rows of R0, every pair's R, then what else is tabulated.
+
+    `unknowns` are the same as the problem in a box has them (`Objective.to_tables`).
+    """
 
     values: Float[np.ndarray, "tables nodes"]
+    unknowns: Float[np.ndarray, "unknowns"]
     error: Float[np.ndarray, "rows"]
 
     @property
@@ -230,7 +246,7 @@ class Objective:
         layout = self.reduced.layout
         own = {0: self.reduced.part("current")[0]}
         if layout.has_correction:
-            own[1 + self.pairs] = self.reduced.part("correction")[0]
+            own[1 + self.pairs] = self.reduced.part("correction")[0] @ self._to_correction
         if layout.has_amplitude:
             own[self.tables - 1] = self.reduced.part("standing")[0]
         return own
@@ -247,8 +263,28 @@ class Objective:
         return [resistance] * (self.pairs + 1) + [(1.0, settings.voltage_ridge)] * others
 
     @cached_property
+    def _to_correction(self) -> Float[np.ndarray, "nodes nodes"]:
+        """The OCV correction at every node from its unknowns: its value at the first node and the
+        steps from node to node, each with a bound of its own, where the OCV is to rise."""
+        steps = np.tril(np.ones((self.nodes, self.nodes)))
+        return steps if self.settings.rising_ocv else np.eye(self.nodes)
+
+    @cached_property
+    def to_tables(self) -> Float[np.ndarray, "values unknowns"]:
+        """All tables' values from the unknowns."""
+        blocks = [np.eye(self.nodes)] * self.tables
+        if self.reduced.layout.has_correction:
+            blocks[1 + self.pairs] = self._to_correction
+        return np.asarray(block_diag(*blocks))
+
+    @cached_property
     def penalty(self) -> Float[np.ndarray, "penalties unknowns"]:
         """The rows whose squares are added to the mean squared error."""
+        return self.table_penalty @ self.to_tables
+
+    @cached_property
+    def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
+        """The same by the tables' values."""
         bent = math.sqrt(self.settings.roughness) * np.diff(np.eye(self.nodes), 2, axis=0)
         blocks = [
             weight
@@ -264,7 +300,8 @@ class Objective:
 
     @cached_property
     def box(self) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
-        """Lowest and highest value of every unknown; a correction of the OCV is free."""
+        """Lowest and highest value of every unknown. From node to node, a correction of an OCV that
+        is to rise may fall by as much as the known OCV rises at least; else it is free."""
         low, high = np.zeros((self.tables, self.nodes)), np.full((self.tables, self.nodes), np.inf)
         ranges = self.settings.ranges
         for table, name in enumerate(RESISTANCES[: self.pairs + 1]):
@@ -272,6 +309,10 @@ class Objective:
                 low[table], high[table] = ranges[name]
         if self.reduced.layout.has_correction:
             low[self.pairs + 1] = -np.inf
+            if self.settings.rising_ocv:
+                nodes = np.array(self.reduced.layout.nodes)
+                slopes = [each.cell.least_ocv_slopes(nodes) for each in self.prepared_records]
+                low[self.pairs + 1, 1:] = -np.diff(nodes) * np.min(slopes, axis=0)
         return low.ravel(), high.ravel()
 
     def columns(self, place: Place) -> tuple[Columns, Float[np.ndarray, "rows"]]:
@@ -298,7 +339,23 @@ class Objective:
         error = base + columns @ x
         bent = self.penalty @ x
         squared = float(error @ error + bent @ bent)
-        return Solution(place, sides, squared, x.reshape(self.tables, -1), error)
+        values = (self.to_tables @ x).reshape(self.tables, -1)
+        return Solution(place, sides, squared, values, x, error)
+
+    def ways(self, found: Solution) -> Float[np.ndarray, "values ways"]:
+        """The ways in which tables can move within their bounds, unless no sample is near.
+
+        Values at a bound stay. The OCV correction of nodes that a bound ties together moves as one.
+        """
+        blocks = []
+        for table in range(self.tables):
+            is_free = found.sides[self.block(table)] == 0
+            own = np.eye(self.nodes)[is_free]
+            if self.reduced.layout.has_correction and table == self.pairs + 1:
+                tied = np.cumsum(is_free) - 1
+                own = np.eye(self.nodes)[: tied[-1] + 1, tied] if self.settings.rising_ocv else own
+            blocks.append(own[own @ self.visited > 0].T)
+        return np.asarray(block_diag(*blocks))
 
     def moved(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
         """The derivatives of the error by every axis's place, at fixed tables."""

@@ -147,9 +147,13 @@ def _lines(tables: Float[Array, "tables nodes"]):
 def simulate_tables(prepared: PreparedRecord, tables: SocTables) -> Float[np.ndarray, "simulated"]:
     """The terminal voltage at every simulated sample of a record, in V.
 
-    With U the source voltage, h a dynamic hysteresis and u_p the RC pairs' voltages,
-    v = U + D(s) + g(s) h - R0(s) i - sum u_p. In every interval, a pair covers the fraction
-    1 - exp(-dt / tau_p) of the way to R_p(s) i, with s the SOC at the start of the interval.
+    With U the source voltage, h a dynamic hysteresis and u_p the RC pairs' voltages, v = U + D(s) +
+    g(s) h - R0(s) i - sum u_p. In every interval, a pair covers the fraction 1 - exp(-dt / tau_p)
+    of the way to R_p(s) i, with s the SOC at the start of the interval.
+
+    Args:
+        prepared: The record in its window, such as one of a problem.
+        tables: The tables.
     """
     simulated_v = prepared.voltage_v.copy()
     for here, error_v in error_blocks(prepared, tables):
@@ -172,6 +176,10 @@ def error_blocks(
 
 def evaluate_tables(prepared: PreparedRecord, tables: SocTables) -> Evaluation:
     """Tables over SOC simulated on a prepared record, with their errors.
+
+    Args:
+        prepared: The record in its window, such as one of a problem.
+        tables: The tables.
 
     Raises `InputError` if the measured voltage is constant.
     """

@@ -1,7 +1,7 @@
 """The plan of some files: which temperature, which OCV test, and what is identified on what."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,18 @@ import numpy as np
 
 from ..cell.model import SAME_DEGC
 from ..errors import InputError
-from ..inputs import OVER_TEMPERATURE, Reading, Watch, listed, unwatched
+from ..inputs import (
+    OVER_TEMPERATURE,
+    SAME_SAMPLES,
+    Given,
+    Reading,
+    Watch,
+    listed,
+    unwatched,
+    windows_by_name,
+)
 from ..model.window import Window
+from ..records.fingerprint import Content
 from .document import ROLES, Part, Plan, Use
 from .looking import Seen, files_of, look, split
 from .ocv import (
@@ -45,23 +55,33 @@ MAKE_RECORD = (
 
 @dataclass(eq=False)
 class _Draft:
-    """What has been decided so far: a role, a reason and a window for some of the files."""
+    """What has been decided so far: a role, a reason and a window for some of the files.
+
+    `given_ah` is the capacity that was given, `is_over` whether all temperatures are asked for.
+    """
 
     seen: Sequence[Seen]
+    given_ah: float | None = None
+    is_over: bool = False
     taken: dict[Seen, tuple[Use, str, Window]] = field(default_factory=dict)
     capacity_ah: float | None = None
-    # Which file each of some goes on from.
-    goes_on_from: dict[Seen, str] = field(default_factory=dict)
+    # How the start of some is known, in words.
+    starts: dict[Seen, str] = field(default_factory=dict)
 
     def take(self, seen: Seen, role: Use, reason: str, window: Window | None = None) -> None:
         """Settle a file's role, unless it is settled."""
         self.taken.setdefault(seen, (role, reason, window or Window()))
 
+    def take_tests(self, choice: OcvChoice) -> None:
+        """Settle the files of an OCV test."""
+        for each in choice.tests:
+            self.take(each, "OCV test", ocv_reason([each]))
+
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""
         for seen, (role, reason, window) in self.taken.items():
-            is_open = role in ("identification", "validation") and window.temperature_degc is None
-            if is_open and seen.record.temperature_degc is None:
+            is_open = role != "not used" and window.temperature_degc is None
+            if is_open and seen.traits and seen.record.temperature_degc is None:
                 window = replace(window, temperature_degc=seen.temperature_degc)
                 self.taken[seen] = role, reason, window
 
@@ -80,20 +100,33 @@ class _Draft:
 
 
 def plan(
-    sources: Any,
+    sources: Given | Sequence[Given],
     *,
-    ocv: Any = (),
-    validate: Any = (),
+    ocv: Given | Sequence[Given] = (),
+    validate: Given | Sequence[Given] = (),
     over: str | None = None,
+    window: Window | Mapping[str, Window] | None = None,
+    capacity: float | None = None,
     reading: Reading | None = None,
     watch: Watch = unwatched,
 ) -> Plan:
     """The plan for a folder or some files of one cell, with reasons; nothing is run.
 
-    `ocv` and `validate` are files whose role is given. Records are combined only with an OCV test
-    at the same temperature; with `over="soc,temperature"`, and for a folder of pulse tests alone,
-    one record at each temperature is identified. Raises `InputError` if there is no such file or
-    none can be read; if a test is missing, the plan says which.
+    Records are combined only with an OCV test at the same temperature. If a test is missing, the
+    plan says which.
+
+    Args:
+        sources: A folder, or files.
+        ocv: Files that are OCV tests.
+        validate: Files to validate on.
+        over: With "soc,temperature", and for a folder of pulse tests alone, one record at each
+            temperature is identified, with the OCV test of its own where there is one.
+        window: What is known of the records, as in `identify`.
+        capacity: Capacity of the cell, in Ah.
+        reading: How files are read.
+        watch: Called for every stage, as in `identify`.
+
+    Raises `InputError` if there is no such file or none can be read.
 
     >>> from barnax.bundled import BUNDLED
     >>> found = plan([BUNDLED.validation, *BUNDLED.ocv, BUNDLED.record])
@@ -107,22 +140,23 @@ def plan(
         for each in given
         if not isinstance(each, str | Path) or Path(each).resolve() not in settled
     ]
-    looked = list(look([*given, *tests, *others], reading or Reading(), watch))
+    windows = windows_by_name(window)
+    looked = list(look([*given, *tests, *others], reading or Reading(), watch, windows))
     refused = [each.refusal for each in looked if each.refusal]
     if len(refused) == len(looked):
         raise InputError("\n".join(refused))
     first, last = len(given), len(given) + len(tests)
     with watch("Planning", 0):
         free = [part for each in looked[:first] for part in split(each)]
-        is_over = over == OVER_TEMPERATURE
-        return _decide([*free, *looked[first:]], looked[first:last], looked[last:], is_over)
+        seen = [*free, *looked[first:]]
+        given_ah = windows.get("", Window()).capacity_ah if capacity is None else capacity
+        draft = _Draft(seen, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
+        return _decide(draft, looked[first:last], looked[last:])
 
 
-def _decide(
-    seen: Sequence[Seen], tests: Sequence[Seen], others: Sequence[Seen], is_over: bool
-) -> Plan:
-    """The plan of files of which some have their role given; `is_over` all their temperatures."""
-    draft = _Draft(seen)
+def _decide(draft: _Draft, tests: Sequence[Seen], others: Sequence[Seen]) -> Plan:
+    """The plan of files of which some have their role given."""
+    seen = draft.seen
     first_of: dict[tuple[object, ...], Seen] = {}
     for each in seen:
         # What came from no file is itself alone.
@@ -131,6 +165,17 @@ def _decide(
             draft.take(each, "not used", each.refusal.removeprefix(f"{each.name}: "))
         elif (same := first_of.setdefault(source, each)) is not each:
             draft.take(each, "not used", f"the same as {same.name}, byte for byte")
+    # What was given comes first, and of a record and a part or a share of it the longer.
+    unlike: list[Content] = []
+    given = (*tests, *others)
+    readable = [each for each in seen if each not in draft.taken and each.traits]
+    for each in sorted(readable, key=lambda one: (one not in given, -one.record.samples)):
+        content = Content(each.record)
+        same = next((known for known in unlike if content.is_like(known)), None)
+        if same is not None:
+            draft.take(each, "not used", f"{SAME_SAMPLES} {same.record.name}")
+        else:
+            unlike.append(content)
     for each in others:
         draft.take(each, "validation", "given", each.window)
     for each in tests:
@@ -142,16 +187,19 @@ def _decide(
         dynamic = [each for each in free if each.kind(None) == "pulse test"]
     groups = list(_by_temperature(dynamic or free))
     # An OCV test of its own temperature comes before many records.
-    chosen = [(group, _ocv_at(degc, free, tests)) for degc, group in groups]
-    group, choice = next(((group, one) for group, one in chosen if one), (dynamic, None))
-    if choice is None:
+    chosen = [(group, _ocv_at(draft, degc, free, tests)) for degc, group in groups]
+    with_test = [(group, each) for group, each in chosen if each]
+    if not with_test:
         return _without_ocv(draft, dynamic, free)
+    choice, runs = with_test[0][1], []
+    for group, choice in with_test if dynamic else []:
+        runs = _runnable(draft, group, choice, is_pulsed)
+        if runs:
+            break
     draft.capacity_ah = choice.cell.capacity_ah
-    runs = [] if not dynamic else _runnable(draft, group, choice, is_pulsed)
     if not runs:
-        for each in choice.tests:
-            draft.take(each, "OCV test", ocv_reason([each]))
-        _leave_others(draft, choice)
+        draft.take_tests(choice)
+        _leave_others(draft, choice, [])
         names = " and ".join(each.name for each in choice.tests)
         unfit = f"no record can be identified on with {names}, for the reasons beside each"
         return Plan("identify", draft.parts(), missing=unfit if dynamic else MAKE_RECORD)
@@ -159,12 +207,11 @@ def _decide(
     is_own = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record])}; " if is_own else ""
     draft.take(record, "identification", why + _words(draft, record), window)
-    for each in choice.tests:
-        draft.take(each, "OCV test", ocv_reason([each]))
+    draft.take_tests(choice)
     _choose_validation(draft, record, runs[1:], is_given=bool(others))
-    if is_over or is_pulsed:
-        _take_other_temperatures(draft, record, groups, choice, is_pulsed)
-    _leave_others(draft, choice)
+    if draft.is_over or is_pulsed:
+        _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
+    _leave_others(draft, choice, chosen)
     options, reasons = _options(draft, record, window, choice)
     if is_own:
         return Plan("hppc", draft.parts())
@@ -200,16 +247,20 @@ def _is_same(one: float | None, other: float | None, is_strict: bool = False) ->
     return abs(one - other) <= SAME_DEGC
 
 
-def _ocv_at(degc: float | None, free: Sequence[Seen], tests: Sequence[Seen]) -> OcvChoice | None:
+def _ocv_at(
+    draft: _Draft, degc: float | None, free: Sequence[Seen], tests: Sequence[Seen]
+) -> OcvChoice | None:
     """The OCV test of a temperature: the given one, else the best that there is."""
     near = [each for each in free if _is_same(each.temperature_degc, degc)]
     most_ah = max((each.traits.longest_discharge_ah for each in near if each.traits), default=None)
+    capacities_ah = dict.fromkeys((draft.given_ah, None, most_ah))
     if tests:
-        return choose_ocv(tests, most_ah, is_given=True)
+        own = [each for each in tests if _is_same(each.temperature_degc, degc)]
+        return choose_ocv(own or tests, capacities_ah, is_given=True)
     own = [each for each in near if _is_same(each.temperature_degc, degc, is_strict=True)]
     for candidates in (own, near):
         of_kind = [each for each in candidates if each.kind(None) in OCV_KINDS]
-        choice = choose_ocv(of_kind, most_ah)
+        choice = choose_ocv(of_kind, capacities_ah)
         if choice is not None:
             return choice
     return None
@@ -246,14 +297,14 @@ def _runnable(
     for each in group:
         if each in draft.taken or (not is_pulsed and each in choice.tests):
             continue
-        lacks = each.lacks(draft.capacity_ah, _FEWEST_STEPS)
+        lacks = each.lacks(choice.cell.capacity_ah, _FEWEST_STEPS)
         window = each.window
         if not lacks and not is_pulsed:
             try:
-                window, before = started(draft.seen, each, window, choice)
-                draft.goes_on_from |= {each: before} if before else {}
+                window, draft.starts[each] = started(draft.seen, each, window, choice)
             except InputError as problem:
-                lacks = str(problem).removeprefix(f"{each.name}: ")
+                own = str(problem).removeprefix(f"{each.name}: ")
+                lacks = _another_cell(each, choice.cell.capacity_ah) or own
         if lacks:
             draft.take(each, "not used", lacks)
         else:
@@ -263,7 +314,7 @@ def _runnable(
     others = [each for each, _ in found if each.traits and each.traits.span_ah > most_ah]
     if len(others) < len(found):
         for each in others:
-            draft.take(each, "not used", _why_useless(each, draft.capacity_ah))
+            draft.take(each, "not used", _why_useless(each, choice.cell.capacity_ah))
         found = [run for run in found if run[0] not in others]
     widest_ah = max((_reach_ah(each) for each, _ in found), default=0.0)
 
@@ -271,7 +322,7 @@ def _runnable(
         each = run[0]
         is_wide = _reach_ah(each) >= _AS_WIDE * widest_ah
         return (
-            bool(each.lacks(draft.capacity_ah)),
+            bool(each.lacks(choice.cell.capacity_ah)),
             not is_wide,
             each.warnings if is_wide else 0,
             not each.is_settled,
@@ -303,31 +354,45 @@ def _choose_validation(
 def _take_other_temperatures(
     draft: _Draft,
     record: Seen,
-    groups: Sequence[tuple[float | None, Sequence[Seen]]],
+    chosen: Sequence[tuple[Sequence[Seen], OcvChoice | None]],
     choice: OcvChoice,
     is_pulsed: bool,
 ) -> None:
-    """The best record of each further temperature, for tables over it."""
-    for degc, group in groups:
+    """The best record of each further temperature, for tables over it, with its own OCV test."""
+    for group, test in chosen:
+        degc = group[0].temperature_degc
         if degc is None or _is_same(degc, record.temperature_degc):
             continue
         own = [each for each in group if each.temperature_degc is not None]
-        for each, window in _runnable(draft, own, choice, is_pulsed)[:1]:
+        if test is None or not _tells_temperature(test) or not _tells_temperature(choice):
+            test = choice
+        for each, window in _runnable(draft, own, test, is_pulsed)[:1]:
             why = f"for tables over temperature too: {_words(draft, each)}"
             draft.take(each, "identification", why, window)
-            draft.tell_temperatures()
+            draft.take_tests(test)
+    draft.tell_temperatures()
 
 
-def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
+def _tells_temperature(choice: OcvChoice) -> bool:
+    return all(each.temperature_degc is not None for each in choice.tests)
+
+
+def _leave_others(
+    draft: _Draft, choice: OcvChoice, chosen: Sequence[tuple[Sequence[Seen], OcvChoice | None]]
+) -> None:
     """What is left has no role, for a reason."""
     known = (each.temperature_degc for each in choice.tests if each.temperature_degc is not None)
     degc = next(known, None)
+    usable = {each for group, test in chosen if test for each in (*group, *test.tests)}
     for each in draft.seen:
         if each in draft.taken:
             continue
         if not _is_same(each.temperature_degc, degc):
             at, of = _named_degc(each.temperature_degc), _named_degc(degc)
-            draft.take(each, "not used", f"measured{at}, the OCV test{of}")
+            reason = f"measured{at}, the OCV test{of}"
+            if each in usable:
+                reason = f"measured{at}: for tables over temperature (`over=soc,temperature`)"
+            draft.take(each, "not used", reason)
         elif each.kind(None) in OCV_KINDS:
             names = " and ".join(test.name for test in choice.tests)
             reason = f"also an OCV test ({ocv_reason([each])}), but {names} is better"
@@ -337,13 +402,15 @@ def _leave_others(draft: _Draft, choice: OcvChoice) -> None:
 
 
 def _why_useless(seen: Seen, capacity_ah: float | None) -> str:
-    lacks = seen.lacks(capacity_ah)
-    if not lacks and capacity_ah and seen.traits and seen.traits.span_ah > _BEYOND * capacity_ah:
-        lacks = (
-            f"it moves {seen.traits.span_ah:.3g} Ah, and the cell of the OCV test holds "
-            f"{capacity_ah:.3g} Ah"
-        )
-    return lacks or "no role is left for it"
+    return seen.lacks(capacity_ah) or _another_cell(seen, capacity_ah) or "no role is left for it"
+
+
+def _another_cell(seen: Seen, capacity_ah: float | None) -> str:
+    """That a file moves more than the cell holds; empty where it does not."""
+    if not capacity_ah or not seen.traits or seen.traits.span_ah <= _BEYOND * capacity_ah:
+        return ""
+    moved = f"it moves {seen.traits.span_ah:.3g} Ah"
+    return f"{moved}, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
 
 
 def _options(
@@ -353,7 +420,10 @@ def _options(
     options: dict[str, Any] = {"ocv_fit": "interpolated"}
     reasons = {"ocv_fit": "the curves pass through every measured point"}
     own_ah = record_capacity_ah(record, window, choice)
-    if own_ah is not None:
+    if draft.given_ah is not None:
+        options["capacity"] = draft.given_ah
+        reasons["capacity"] = "given"
+    elif window.capacity_ah is None and own_ah is not None:
         options["capacity"] = own_ah
         reasons["capacity"] = (
             f"in Ah; {record.name} takes that much out of the full cell, the OCV test "
@@ -367,11 +437,10 @@ def _options(
 
 def _words(draft: _Draft, seen: Seen) -> str:
     """Why a record serves, as the checks say, and where its start is known from."""
-    before = draft.goes_on_from.get(seen)
     for name in ("identification", "validation"):
         role = seen.role(name)
         if role is not None and role.is_usable:
-            return role.reason + (f", where {before} ends" if before else "")
+            return role.reason + draft.starts.get(seen, "")
     return ""
 
 

@@ -13,6 +13,7 @@ from tomlkit.items import Table
 
 from ..cell.circuits import CIRCUITS
 from ..cell.curves import HysteresisFit, OcvFit
+from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import OVER_TEMPERATURE, file_names, window_of, windows_by_name
 from ..model.window import OPTIONS, Window
@@ -25,6 +26,9 @@ from ..results import PlannedFile, Use
 ROLES: tuple[Use, ...] = get_args(Use)
 # What says where a simulation starts: one such option of the user's replaces all planned ones.
 _START = ("start_time_s", "start_after_step", "initial_soc")
+
+# Arguments of `identify`, by name.
+Options = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -52,18 +56,21 @@ class Part:
         return self.role in ("identification", "validation")
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What to do with some files: run `identify`, or `hppc` if there are only pulse tests.
+@dataclass(frozen=True, repr=False)
+class Plan(Brief):
+    """Roles and windows of some files, and what is run on them: `identify`, or `hppc`.
 
-    `options` are arguments of `barnax.identify`, such as the capacity in Ah, and `reasons` say
-    why, by option. `missing` says which test must be measured before the plan can be run; it
-    is empty if it can be run.
+    Args:
+        command: What is run.
+        parts: Every file, or part of one, with its role and window.
+        options: Arguments of `identify`, such as the capacity in Ah.
+        reasons: Why these, by option.
+        missing: Which test must be measured before the plan can be run; empty if it can be run.
     """
 
     command: Literal["identify", "hppc"]
     parts: tuple[Part, ...]
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
     missing: str = ""
 
@@ -96,7 +103,7 @@ class Plan:
             options = {"capacity": common.capacity_ah, **options}
             windows[""] = replace(common, capacity_ah=None)
         parts = [
-            replace(part, window=_merged(part.window, window_of(windows, part.name)))
+            replace(part, window=merged(part.window, window_of(windows, part.name)))
             if part.is_simulated
             else part
             for part in self.parts
@@ -106,8 +113,8 @@ class Plan:
         return replace(self, parts=tuple(parts), options={**self.options, **given}, reasons=reasons)
 
 
-def _merged(planned: Window, chosen: Window) -> Window:
-    """The planned window with what was chosen in its place."""
+def merged(planned: Window, chosen: Window) -> Window:
+    """A planned window with what was chosen in its place."""
     given = {
         each.name: value
         for each in fields(Window)
@@ -171,7 +178,21 @@ _OF_FILE: _Kinds = {
 
 
 def plan_to_toml(plan: Plan) -> str:
-    """The plan as TOML; `plan_from_toml` makes the same of it."""
+    """The plan as TOML; `plan_from_toml` makes the same of it.
+
+    Args:
+        plan: A plan from `plan.plan`.
+
+    Raises `InputError` for a file whose name TOML cannot hold.
+    """
+    for part in plan.parts:
+        try:
+            str(part.path).encode()
+        except UnicodeEncodeError as problem:
+            raise InputError(
+                f"{printable(str(part.path))}: this name is not UTF-8, as a plan is; rename the "
+                "file, or run the folder as it is"
+            ) from problem
     document = tomlkit.document()
     for line in (*_HEAD, *filter(None, (plan.missing,))):
         document.add(tomlkit.comment(printable(line)))
@@ -186,7 +207,11 @@ def plan_to_toml(plan: Plan) -> str:
     for part in plan.parts:
         tables.append(_table(part))
     document.add("files", tables)
-    return tomlkit.dumps(document)
+    # Comments are printable already: what is left stands in quotes.
+    return "".join(
+        letter if letter == "\n" or letter.isprintable() else f"\\U{ord(letter):08x}"
+        for letter in tomlkit.dumps(document)
+    )
 
 
 def _table(part: Part) -> Table:
@@ -205,7 +230,10 @@ def _table(part: Part) -> Table:
 
 
 def plan_from_toml(path: str | Path) -> Plan:
-    """The plan in a TOML file. Its files lie beside it, else where the command runs.
+    """The plan in a TOML file.
+
+    Args:
+        path: The file. The files that it names lie beside it, else where the command runs.
 
     Raises `InputError` that names the file, the key and what it takes.
     """

@@ -4,8 +4,8 @@ A file that holds a whole schedule is cut into its tests, by full charges and by
 """
 
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,11 @@ from ..cell import OcvTable, read_ocv_test
 from ..checks import FileCheck, Role, check_file
 from ..checks.roles import STEPS, Traits
 from ..errors import InputError, printable
-from ..inputs import Reading, Watch, file_names, source_of
+from ..inputs import Reading, Watch, file_names, source_of, window_of
 from ..model.window import Window
 from ..records import Record, Source, read_record, rest_current_a
 from ..records.columns import is_ocv_table
+from .document import merged
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
@@ -46,7 +47,7 @@ class Seen:
     """One file that was looked at; `refusal` says why it cannot be read, empty where it can.
 
     `check` is None for a table of OCV and for what cannot be read. `starts_full` says that the file
-    shows a charge to full right before this part of it.
+    shows a charge to full right before this part of it, `chosen` what its user says of it.
     """
 
     path: Path
@@ -55,6 +56,7 @@ class Seen:
     check: FileCheck | None = None
     refusal: str = ""
     starts_full: bool = False
+    chosen: Window = field(default_factory=Window)
 
     @property
     def traits(self) -> Traits | None:
@@ -62,7 +64,8 @@ class Seen:
 
     @property
     def temperature_degc(self) -> float | None:
-        return None if self.traits is None else self.traits.temperature_degc
+        measured = None if self.traits is None else self.traits.temperature_degc
+        return measured if self.chosen.temperature_degc is None else self.chosen.temperature_degc
 
     def role(self, name: str) -> Role | None:
         """A role that the checks found, usable or not."""
@@ -104,15 +107,13 @@ class Seen:
 
     @property
     def window(self) -> Window:
-        """The window that the checks suggest."""
+        """The window that the checks suggest, with what was chosen in its place."""
         role = self.role("validation")
         suggested = role.window if role else None
-        if suggested is None:
-            return Window()
-        window = Window(**suggested.options)
-        if self.starts_full and window.start_after_step is None:
-            return replace(window, start_time_s=None, initial_soc=1.0)
-        return window
+        window = Window(**suggested.options) if suggested else Window()
+        if suggested and self.starts_full and window.start_after_step is None:
+            window = replace(window, start_time_s=None, initial_soc=1.0)
+        return merged(window, self.chosen)
 
     @property
     def is_settled(self) -> bool:
@@ -160,27 +161,31 @@ def files_of(sources: Sequence[Any]) -> list[Any]:
     return found
 
 
-def look(sources: Sequence[Any], reading: Reading, watch: Watch) -> Iterator[Seen]:
-    """Every file once, in the order given. One that cannot be read is told as such."""
+def look(
+    sources: Sequence[Any], reading: Reading, watch: Watch, windows: Mapping[str, Window]
+) -> Iterator[Seen]:
+    """Every file once, in the order given, with what `windows` say of it. One that cannot be read
+    is told as such."""
     names = file_names([each for each in sources if isinstance(each, str | Path)])
     for each in sources:
         name = each.name if isinstance(each, Source) else names[Path(each)]
         path = Path(name if isinstance(each, Source) else each)
         with watch(f"Looking at {name}", 0):
             try:
-                yield _looked_at(path, source_of(each, names, reading.columns))
+                source = source_of(each, names, reading.columns)
+                yield _looked_at(path, source, window_of(windows, name))
             except InputError as problem:
                 yield Seen(path, name, refusal=str(problem))
 
 
-def _looked_at(path: Path, source: Source) -> Seen:
+def _looked_at(path: Path, source: Source, chosen: Window) -> Seen:
     """What was read of a file, checked."""
-    seen = Seen(path, source.name, source)
+    seen = Seen(path, source.name, source, chosen=chosen)
     try:
         if is_ocv_table(source.table.header):
             _ = seen.ocv_test
             return seen
-        check = check_file(source)
+        check = check_file(source, rest_current_a=chosen.rest_current_a)
     except InputError as problem:
         return replace(seen, refusal=str(problem))
     seen = replace(seen, check=check)
@@ -222,7 +227,7 @@ def _tests(seen: Seen) -> Iterator[Seen]:
 def _part(seen: Seen, first: int, last: int, is_full: bool = False) -> Seen:
     time_s = seen.record.time_s
     source = replace(seen.known_source, span_s=(float(time_s[first]), float(time_s[last])))
-    return replace(_looked_at(seen.path, source), starts_full=is_full)
+    return replace(_looked_at(seen.path, source, seen.chosen), starts_full=is_full)
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:

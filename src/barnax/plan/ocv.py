@@ -1,6 +1,6 @@
 """Which files are the OCV test, and where a record starts on it: at full, or at another's end."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,8 @@ from .looking import Seen
 OCV_KINDS = ("OCV test", "slow sweep", "pulse test", "OCV table")
 # A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
 _FULL = 0.005
+# A quarter of the charge without a point is a hole in an OCV test.
+_HOLE = 0.25
 # To so many digits a capacity and a state of charge are known.
 DIGITS = 4
 # A file goes on from another where its counters agree to this share of the capacity, so soon after.
@@ -34,26 +36,32 @@ class OcvChoice:
 
 
 def choose_ocv(
-    candidates: Sequence[Seen], discharged_ah: float | None, is_given: bool = False
+    candidates: Sequence[Seen], capacities_ah: Iterable[float | None], is_given: bool = False
 ) -> OcvChoice | None:
     """The best OCV test of some files, None where none of them makes a cell; all where given.
 
-    Both directions come before one, tests that close before others, rests before slow sweeps,
-    tests of their own before pulse tests, and many points before few. `discharged_ah` is the most
-    that a capacity test took out, for tests that do not tell the capacity.
+    Tests without holes come before others, both directions before one, tests that close before
+    others, rests before slow sweeps, tests of their own before pulse tests, and many points before
+    few. The first of the capacities counts with which a test makes a cell. Raises `InputError`
+    where given tests make none.
     """
-    sets = [tuple(candidates)] if is_given else sorted(_sets(candidates), key=_rank)
-    for tests in sets:
-        for capacity_ah in dict.fromkeys((None, discharged_ah)):
+    most_ah = max((each.passed_ah for each in _sweeps(candidates)), default=0.0)
+    sets = sorted(_sets(candidates), key=lambda tests: _rank(tests, most_ah))
+    reason = None
+    for tests in [tuple(candidates)] if is_given else sets:
+        for capacity_ah in capacities_ah:
             try:
                 cell = characterize(
                     [test.ocv_test for test in tests],
                     capacity_ah=capacity_ah,
                     ocv_fit="interpolated",
                 )
-            except InputError:
+            except InputError as problem:
+                reason = reason or problem
                 continue
             return OcvChoice(tests, cell, capacity_ah)
+    if is_given and reason is not None:
+        raise reason
     return None
 
 
@@ -81,9 +89,10 @@ def _sets(candidates: Sequence[Seen]) -> Iterator[tuple[Seen, ...]]:
         yield (*outward, *inward)
 
 
-def _rank(tests: tuple[Seen, ...]) -> tuple:
+def _rank(tests: tuple[Seen, ...], most_ah: float) -> tuple:
     sweeps = _sweeps(tests)
     return (
+        _hole_ah(sweeps, most_ah) > _HOLE * most_ah,
         -len(_directions(tests)),
         not _closes(sweeps),
         # A table comes last: it has no charge.
@@ -93,6 +102,18 @@ def _rank(tests: tuple[Seen, ...]) -> tuple:
         sum(test.warnings for test in tests),
         -sum(len(sweep.points) for sweep in sweeps),
     )
+
+
+def _hole_ah(sweeps: Sequence[Sweep], most_ah: float) -> float:
+    """The most charge without a point. What one direction does not reach counts too, of a cell
+    that passes `most_ah`; two that close reach both ends."""
+    gaps_ah = [0.0]
+    for sweep in sweeps:
+        at_ah = [sweep.start_ah, *(point.discharged_ah for point in sweep.points), sweep.end_ah]
+        gaps_ah.append(float(np.abs(np.diff(at_ah)).max()))
+    if len({sweep.direction for sweep in sweeps}) == 1:
+        gaps_ah.append(most_ah - sum(sweep.passed_ah for sweep in sweeps))
+    return max(gaps_ah)
 
 
 def _closes(sweeps: Sequence[Sweep]) -> bool:
@@ -111,23 +132,24 @@ def _directions(tests: Sequence[Seen]) -> list[int]:
 
 def started(
     files: Sequence[Seen], seen: Seen, window: Window, choice: OcvChoice
-) -> tuple[Window, str | None]:
-    """The window with its start at full where it rests there, or where another of the files ends
-    that it goes on from, with that file's name. Raises `InputError` if neither fits."""
-    capacity_ah = record_capacity_ah(seen, window, choice)
-    own = replace(window, capacity_ah=capacity_ah)
+) -> tuple[Window, str]:
+    """The window with its start at full where the record shows that, or where another of the files
+    ends that it goes on from, and how that is known, in words. Raises `InputError` if neither
+    fits."""
+    own = replace(window, capacity_ah=record_capacity_ah(seen, window, choice))
     try:
-        prepared = prepare_record(seen.record, choice.cell, "so-rc", own)
+        start = prepare_record(seen.record, choice.cell, "so-rc", own).start
     except InputError:
         before = next((each for each in files if _goes_on(each, seen, choice)), None)
         soc = None if before is None else _final_soc(before, choice)
-        if before is None or soc is None or window != Window():
+        if before is None or soc is None or window.is_chosen:
             raise
         prepare_record(seen.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
-        return replace(window, initial_soc=soc), before.name
-    if window.initial_soc is None and prepared.start.soc >= 1 - _FULL:
-        return replace(window, initial_soc=1.0), None
-    return window, None
+        return replace(window, initial_soc=soc), f", where {before.name} ends"
+    if window.initial_soc is None and start.soc >= 1 - _FULL:
+        shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
+        return replace(window, initial_soc=1.0), shown
+    return window, ""
 
 
 def _goes_on(before: Seen, seen: Seen, choice: OcvChoice) -> bool:
@@ -152,9 +174,10 @@ def _final_soc(seen: Seen, choice: OcvChoice) -> float | None:
 
 
 def record_capacity_ah(seen: Seen, window: Window, choice: OcvChoice) -> float | None:
-    """What the record takes out of the full cell, where that is more than the OCV test tells."""
-    if window.initial_soc != 1.0:
-        return None
+    """The given capacity, else what the record takes out of the full cell, where that is more than
+    the OCV test tells."""
+    if window.capacity_ah is not None or window.initial_soc != 1.0:
+        return window.capacity_ah
     discharged_ah = seen.record.discharged_ah
     first = 0
     if window.start_after_step is not None and seen.record.step is not None:

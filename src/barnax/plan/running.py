@@ -42,8 +42,8 @@ def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> 
     """The plan of what `identify` was given, None where the files' roles are all given.
 
     There is one for a folder, a plan or its TOML file, and for files without an OCV test of a cell
-    that is not known. Of
-    `options` those matter that say how files are read.
+    that is not known. Of `options` those matter that say how files are read, and what is known of
+    them.
     """
     given = listed(records)
     if options.get("cell") is not None:
@@ -59,8 +59,8 @@ def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> 
         return None
     reading = options.get("reading") or Reading(columns=options.get("columns", ""))
     watch = options.get("watch", unwatched)
-    over = options.get("over")
-    return plan(given, ocv=ocv, validate=validate, over=over, reading=reading, watch=watch)
+    said = {name: options.get(name) for name in ("over", "window", "capacity")}
+    return plan(given, ocv=ocv, validate=validate, **said, reading=reading, watch=watch)
 
 
 def plans_first(identify: Run) -> Run:

@@ -61,8 +61,10 @@ SMALLEST_RANGE_MV = 1.0
 def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV.
 
-    A branch that was not measured is not drawn, and then there is no average either. A result or
-    the path of a `result.json` serves as well as the cell in it.
+    A branch that was not measured is not drawn, and then there is no average either.
+
+    Args:
+        cell: A cell from `characterize`, a result, or the path of a `result.json`.
 
     >>> from barnax import bundled_file, characterize, read_record
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
@@ -111,9 +113,11 @@ def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     Filled points are what the segments were fitted to: the difference of both branch curves at
     the SOC of every OCV point; the thin line is that difference everywhere. Open points are the
     difference with PCHIP through the measured points in place of the curves, drawn where that is
-    another: a polynomial that misses its points makes hysteresis that was not measured. A result
-    or the path of a `result.json` serves as well as the cell in it. Of a cell with one branch it
-    says that no hysteresis was measured.
+    another: a polynomial that misses its points makes hysteresis that was not measured. Of a cell
+    with one branch it says that no hysteresis was measured.
+
+    Args:
+        cell: A cell from `characterize`, a result, or the path of a `result.json`.
 
     >>> from barnax import bundled_file, characterize, read_record
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
@@ -172,6 +176,10 @@ def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
 
     Colored by SOC, measured; black and dashed, simulated. What remains of an earlier pulse's
     relaxation is in both.
+
+    Args:
+        evaluation: The pulse test's evaluation.
+        pulses: The pulses found in it.
     """
     names = ("Time in the pulse [s]", "Resistance [mOhm]\n(change of V over I)")
     figure, panels = _rate_panels(pulses, evaluation.prepared.capacity_ah, *names)
@@ -211,6 +219,10 @@ def _draw_pulse(
 @figure_style()
 def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figure:
     """The standard pulse resistances over SOC, a panel a direction and rate.
+
+    Args:
+        pulses: The pulses of a test.
+        capacity_ah: Capacity, for the C-rates.
 
     >>> from barnax import bundled_file, read_record
     >>> from barnax.pulses import find_pulses

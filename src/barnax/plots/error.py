@@ -160,6 +160,9 @@ def plot_error(evaluation: "Evaluation") -> Figure:
     the steps are plus and minus the RMSE of the scored samples in each twentieth of SOC that holds
     at least five of them.
 
+    Args:
+        evaluation: A record's evaluation.
+
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
     >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
@@ -191,12 +194,14 @@ def plot_error(evaluation: "Evaluation") -> Figure:
 def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     """Measured minus simulated voltage in mV, a strip for each row, on one scale.
 
-    `evaluations` are the rows' evaluations on one record, under their labels (Li et al., 2023,
-    Fig. 11 and 13). Left over time, right over SOC, with plus and minus the RMSE in each
-    twentieth of SOC. Samples that do not count are grey and shaded. The scale is that of the
-    rows within three times the lowest RMSE; samples outside it are counted in the strip. Of more
-    than ten rows the ten with the lowest RMSE are drawn. Raises `ValueError` where the rows are
-    on different samples.
+    As Fig. 11 and 13 of Li et al. (2023). Left over time, right over SOC, with plus and minus the
+    RMSE in each twentieth of SOC. Samples that do not count are grey and shaded. The scale is that
+    of the rows within three times the lowest RMSE; samples outside it are counted in the strip. Of
+    more than ten rows the ten with the lowest RMSE are drawn. Raises `ValueError` where the rows
+    are on different samples.
+
+    Args:
+        evaluations: The rows' evaluations on one record, by label.
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
@@ -258,6 +263,9 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
 
     The shaded band is two standard deviations of the first scenario's filter about zero; dashed
     lines are the errors of plain counting. Raises `InputError` for a replay read from a file.
+
+    Args:
+        replay: A replay that was not read from a file.
     """
     traces = replay.traces
     unit = choose_time_unit(traces.time_s)

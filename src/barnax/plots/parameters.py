@@ -70,7 +70,10 @@ def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Fig
 
     Marks are the seeds before refinement, the tall stroke their median seed, the white diamond
     what Levenberg-Marquardt made of that. Dotted lines are bounds that all models share, where
-    they lie in view. `comparison` may be the path of a `comparison.json`.
+    they lie in view.
+
+    Args:
+        comparison: A comparison, or the path of a `comparison.json`.
     """
     from ..comparison import ComparisonResult
 
@@ -155,6 +158,9 @@ def plot_trajectories(rows: "Mapping[str, Row]") -> Figure:
     Lines are medians in each percent of the state of charge, and break where the row's equation
     belonged to no circuit. Short dashes at the right are what the row answers. Rows without a
     trajectory are left out; raises `ValueError` where none has one.
+
+    Args:
+        rows: Rows of a comparison, by label.
     """
     tracked = {name: row for name, row in rows.items() if row.median.trajectory is not None}
     if not tracked:
@@ -204,6 +210,9 @@ BINS: Final = 24
 @figure_style()
 def plot_distributions(quantities: Mapping[str, Values]) -> Figure:
     """A histogram of each positive quantity over the cells, and its median.
+
+    Args:
+        quantities: Positive values over the cells, by name.
 
     >>> figure = plot_distributions({"R0 [Ohm]": np.array([0.01, 0.02, 0.02])})
     >>> figure.axes[0].get_xlabel()

@@ -33,6 +33,8 @@ from .style import (
 )
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from ..cell import CircuitParameters
     from ..comparison import ComparisonResult
     from ..comparison.result import RowPart
@@ -71,21 +73,26 @@ def finite(values: np.ndarray) -> np.ndarray:
 
 @figure_style()
 def plot_convergence(
-    searches: "Search | Result | str | Path | Mapping[str, Any]",
+    searches: "Search | Result | str | Path | Mapping[str, ArrayLike]",
     refinement: "Refinement | None" = None,
     optimum_rmse_v: float | None = None,
 ) -> Figure:
     """Best RMSE, or loss, of each seed over the evaluations it has spent, and the seeds' median.
 
-    `searches` is an identification, drawn in mV, or the `stats` of population optimizers used
-    alone: those of one `optimistix.minimise`, or of many under `jax.vmap`. With `refinement` or the
-    RMSE of the global optimum, a second panel shows how far each seed of an identification is
-    above the lowest of them, in percent; excesses under 1e-6 % are drawn there. A result, or the
-    path of a `result.json`, holds all. Generations count as equally expensive.
+    With `refinement` or the RMSE of the global optimum, which a result holds, a second panel shows
+    how far each seed of an identification is above the lowest of them, in percent; excesses under
+    1e-6 % are drawn there. Generations count as equally expensive.
     Generations before a seed's first finite value are not drawn, and count as infinite in the
     median. Losses of zero are drawn below all others; the axis is linear if some are negative.
 
     Raises `ValueError` for stats of another kind of solver.
+
+    Args:
+        searches: A search, a result or the path of a `result.json`, drawn in mV; or the `stats` of
+            population optimizers used alone: those of one `optimistix.minimise`, or of many under
+            `jax.vmap`.
+        refinement: Its refinement.
+        optimum_rmse_v: RMSE of the global optimum.
     """
     figure = make_figure()
     if isinstance(searches, Mapping):
@@ -194,7 +201,10 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
     such as least squares, are a mark at what they spent. Where the global optimum of a model is
     known, a second panel shows the excess over it, in percent; excesses under 1e-6 % are drawn
     there. Generations count as equally expensive, and those before a seed's first finite error
-    as infinite. `comparison` may be the path of a `comparison.json`.
+    as infinite.
+
+    Args:
+        comparison: A comparison, or the path of a `comparison.json`.
     """
     from ..comparison import ComparisonResult
 
@@ -283,11 +293,17 @@ def plot_landscape(
 ) -> Figure:
     """The lowest RMSE that the resistances can reach, over both time constants.
 
-    Where the circuit has a rate gamma too, the best one counts. Steps of color are the excess
-    over the lowest value, in percent: a problem with two basins shows two dark patches. `answers`
-    are each row's circuits, one a seed; `refined` what Levenberg-Marquardt made of some;
-    `optimum` the global optimum and `others` the local ones. Circuits beyond the box are drawn at
-    its edge. Raises `ValueError` for what has not two time constants to choose.
+    Where the circuit has a rate gamma too, the best one counts. Steps of color are the excess over
+    the lowest value, in percent: a problem with two basins shows two dark patches. Circuits beyond
+    the box are drawn at its edge. Raises `ValueError` for what has not two time constants to
+    choose.
+
+    Args:
+        landscape: The landscape of a global optimum.
+        answers: Circuits of every row, one a seed.
+        refined: Circuits after Levenberg-Marquardt.
+        optimum: The global optimum.
+        others: The local optima.
 
     >>> from barnax.global_optimum import Landscape
     >>> tau_s = np.geomspace(1.0, 1e4, 30)

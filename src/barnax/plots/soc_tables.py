@@ -98,6 +98,10 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     Nodes that samples visit are filled, with their band; the others are hollow on a dashed line,
     for their values follow from their neighbors. What is not in the scale is said above the panel.
 
+    Args:
+        fit: Tables over SOC.
+        constant: The constant circuit.
+
     >>> from barnax.cell import SocTables
     >>> from barnax.over_soc import TableFit
     >>> tables = SocTables((0.0, 0.5, 1.0), (60.0,), (0.06, 0.05, 0.05), ((0.02, 0.01, 0.01),))
@@ -155,7 +159,10 @@ SHOWN_PERCENT: Final = 97.0
 def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     """RMSE in cells of SOC and current over all scored samples, a panel a circuit, on one scale.
 
-    Cells with fewer than five samples are empty. `circuits` are evaluations by the circuit's name.
+    Cells with fewer than five samples are empty.
+
+    Args:
+        circuits: Evaluations by the circuit's name.
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
@@ -221,7 +228,11 @@ POINTS: Final = 101
 
 @figure_style()
 def plot_tables_by_temperature(found: "TableFits") -> Figure:
-    """Every table over SOC at the nodes that samples visit, a line with its band a temperature."""
+    """Every table over SOC at the nodes that samples visit, a line with its band a temperature.
+
+    Args:
+        found: Tables of several temperatures.
+    """
     degc, fits = _degc(found), [drawn_tables(fit) for fit in found.fits]
     figure, panels = _panels(len(fits[0]))
     for axes, name in zip(panels, fits[0], strict=True):
@@ -247,6 +258,9 @@ def plot_over_temperature(found: "TableFits") -> Figure:
     """Every resistance over temperature, a line a state of charge.
 
     Marks with intervals are the measured temperatures, lines what is interpolated between them.
+
+    Args:
+        found: Tables of several temperatures.
     """
     degc, fits, between = _degc(found), [drawn_tables(fit) for fit in found.fits], found.tables
     assert between is not None, "asked by _degc"

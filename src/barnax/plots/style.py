@@ -1,5 +1,6 @@
 """How every figure looks: sizes, colors, axes, lines, and the rows of a comparison."""
 
+import io
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -148,10 +149,23 @@ def opened(source: Stored | str | Path, kind: type[Stored]) -> Stored:
     return source if isinstance(source, kind) else kind.from_json(cast("str | Path", source))
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows.
+
+    matplotlib's own are shown only where pyplot was imported, which nothing here does.
+    """
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        with figure_style():
+            self.canvas.print_figure(buffer, format="png", dpi=self.dpi)
+        return buffer.getvalue()
+
+
 def make_figure(height_in: float = HEIGHT_IN) -> Figure:
     """An empty figure that no pyplot knows of, as wide as the layout says."""
     layout = _layout.get()
-    return Figure(figsize=(layout.width_in, layout.height * height_in), layout="constrained")
+    return ShownFigure(figsize=(layout.width_in, layout.height * height_in), layout="constrained")
 
 
 def make_panels(

@@ -117,6 +117,9 @@ def plot_condition(prepared: "PreparedRecord") -> Figure:
     As Fig. 8 and 9 of Li et al. (2023). Time is on the record's own clock, in seconds below two
     hours; discharge current is positive. Samples that do not count are shaded.
 
+    Args:
+        prepared: A record in its window.
+
     >>> from barnax import Window, bundled_file, characterize, read_record
     >>> from barnax.model.prepared import prepare_record
     >>> cell = characterize([read_record(bundled_file("ocv_discharge"))])
@@ -158,6 +161,9 @@ def plot_voltage(evaluation: "Evaluation") -> Figure:
     Time is on the record's own clock, in seconds below two hours. Samples that do not count
     towards the metrics are shaded. At the right the framed stretch, magnified: the one with the
     largest error; records under 100 scored samples go without.
+
+    Args:
+        evaluation: A record's evaluation.
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
@@ -262,11 +268,13 @@ def heading(record: str, kept: int, of: int) -> str:
 def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
     """Voltage over time, measured and of every row; below, the framed stretch magnified.
 
-    `evaluations` are the rows' evaluations on one record, under their labels (Li et al., 2023,
-    Fig. 10 and 12). The stretch is the one where the row with the lowest RMSE errs most; records
-    under 100 scored samples go without. Of more than eight rows the eight
-    with the lowest RMSE are drawn, and the title says so. Raises `ValueError` where the rows are
-    on different samples.
+    As Fig. 10 and 12 of Li et al. (2023). The stretch is the one where the row with the lowest RMSE
+    errs most; records under 100 scored samples go without. Of more than eight rows the eight with
+    the lowest RMSE are drawn, and the title says so. Raises `ValueError` where the rows are on
+    different samples.
+
+    Args:
+        evaluations: The rows' evaluations on one record, by label.
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]

@@ -5,15 +5,17 @@ from dataclasses import dataclass, fields
 from functools import cached_property, reduce
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 Charge = Float[np.ndarray, "samples"]
 Increments = Float[np.ndarray, "intervals"]
+Loaded = Bool[np.ndarray, "intervals"]
 
 # A smaller fall of a counter is rounding; a larger one begins it anew.
 _ROUNDING, _LOW = 1e-3, 0.5
-# Counted and integrated charge are compared over blocks of intervals, for inside a drive cycle the
-# current switches between samples. They agree within this share and so many quanta; so many must.
+# Counted and integrated charge are compared over the loads of blocks of intervals, for inside a
+# drive cycle the current switches between samples, and at rest a counter may tell of what was not
+# logged. They agree within this share and so many quanta; so many must.
 _BLOCKS, _NEAR, _QUANTA, _AGREEING = 200, 0.1, 2.0, 0.5
 # Of so many values the decimals are looked at.
 _ENOUGH = 100_000
@@ -54,7 +56,7 @@ class Counters:
     def quantum_ah(self) -> float:
         """What the coarsest counter resolves: the decimal place to which it was printed."""
         moving = [values for values in self.written.values() if values.any()]
-        return max(map(_decimal_place, moving), default=0.0)
+        return max(map(decimal_place, moving), default=0.0)
 
     def increments_ah(self, *, with_net: bool) -> Increments | None:
         """Ah counted in each interval, charge positive; zero where a counter was reset.
@@ -78,104 +80,106 @@ class Counters:
         gained_ah = np.diff(self.net_ah)
         falls = gained_ah < -_ROUNDING * self.net_ah.max()
         is_anew = self.net_ah[1:] < _LOW * self.net_ah[:-1]
-        return _joined(self.net_ah) if falls.any() and is_anew[falls].mean() > 0.5 else None
+        return _joined(self.net_ah)[0] if falls.any() and is_anew[falls].mean() > 0.5 else None
 
-    def charge_ah(self, integrated_ah: Increments) -> Charge | None:
+    def charge_ah(self, integrated_ah: Increments, is_loaded: Loaded) -> Charge | None:
         """The net charge by the counters, signed as `integrated_ah` is, from where they began.
 
-        That is the charge by integration of the intervals. Counters that begin anew with a step or
-        a cycle are joined; one that counts without a sign takes the current's, and tells nothing
-        of what came before the first sample. None where the file has none, or one that does not
-        count.
+        That is the charge by integration of the intervals, `is_loaded` where a load shows in it.
+        Counters that begin anew with a step or a cycle are joined; one that counts without a sign
+        takes the current's, and tells nothing of what came before the first sample. None where the
+        file has none, or one that does not count.
         """
         if not self.written:
             return None
-        starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
-        summed_ah = np.add.reduceat(integrated_ah, starts)
-        flowed_ah = np.add.reduceat(np.abs(integrated_ah), starts)
+        summed_ah, flowed_ah = _in_blocks(is_loaded, integrated_ah, np.abs(integrated_ah))
         least_ah = _QUANTA * self.quantum_ah
         best, most = None, _AGREEING
-        for begun_ah, counted_ah in self._candidates(integrated_ah):
-            sign = float(np.sign(inner(counted_ah, integrated_ah))) or 1.0
-            apart_ah = np.abs(sign * np.add.reduceat(counted_ah, starts) - summed_ah)
+        for begun_ah, counted_ah, is_anew in self._candidates(integrated_ah):
+            (blocks_ah,) = _in_blocks(is_loaded, counted_ah)
+            sign = float(np.sign(inner(blocks_ah, summed_ah))) or 1.0
+            apart_ah = np.abs(sign * blocks_ah - summed_ah)
             moves = np.maximum(apart_ah, flowed_ah) > least_ah
             agrees = (apart_ah <= _NEAR * flowed_ah + least_ah)[moves]
             if len(agrees) and agrees.mean() > most:
-                best, most = (sign, begun_ah, counted_ah), float(agrees.mean())
+                # What it counted before it began anew is not in it.
+                is_less = is_anew & (np.abs(counted_ah) < np.abs(integrated_ah))
+                counted_ah = np.where(is_less, integrated_ah, sign * counted_ah)
+                best, most = (sign * begun_ah, counted_ah), float(agrees.mean())
             if most == 1:
                 break
         if best is None:
             return None
-        sign, begun_ah, counted_ah = best
-        charge_ah = np.concatenate([[begun_ah], counted_ah])
-        charge_ah *= sign
-        return np.cumsum(charge_ah, out=charge_ah)
+        begun_ah, counted_ah = best
+        return np.cumsum(np.concatenate([[begun_ah], counted_ah]))
 
-    def net_ratio(self, integrated_ah: Increments) -> float | None:
+    def net_ratio(self, integrated_ah: Increments, is_loaded: Loaded) -> float | None:
         """How many times what a lone net counter counted the integral is, in every part alike.
 
         None where there is no such counter, or where they are not proportional.
         """
         if self.both or self.net_ah is None:
             return None
-        starts = np.unique(np.linspace(0, len(integrated_ah), _BLOCKS, endpoint=False, dtype=int))
-        summed_ah = np.add.reduceat(integrated_ah, starts)
-        for _, counted_ah in self._candidates(integrated_ah):
-            blocks_ah = np.add.reduceat(counted_ah, starts)
+        for _, counted_ah, _ in self._candidates(integrated_ah):
+            blocks_ah, summed_ah = _in_blocks(is_loaded, counted_ah, integrated_ah)
             size = float(np.sqrt(np.sum(blocks_ah**2) * np.sum(summed_ah**2)))
             if size and abs(float(np.sum(blocks_ah * summed_ah))) > _PROPORTIONAL * size:
                 return float(np.sqrt(np.sum(summed_ah**2) / np.sum(blocks_ah**2)))
         return None
 
-    def _candidates(self, integrated_ah: Increments) -> Iterator[tuple[float, Increments]]:
-        """What the counters may mean, the plainest first: their first value, and what they gain."""
+    def _candidates(self, integrated_ah: Increments) -> Iterator[tuple[float, Increments, Loaded]]:
+        """What the counters may mean, the plainest first.
+
+        That is their first value, what they gain, and where they begin anew.
+        """
         if self.both:
-            charged_ah, discharged_ah = self.both
-            begun_ah = float(charged_ah[0] - discharged_ah[0])
-            yield begun_ah, _joined(charged_ah) - _joined(discharged_ah)
+            (into_ah, is_into), (out_ah, is_out) = map(_joined, self.both)
+            begun_ah = float(self.both[0][0] - self.both[1][0])
+            yield begun_ah, into_ah - out_ah, is_into | is_out
         if self.both or self.net_ah is None:
             return
-        steps_ah, begun_ah = np.diff(self.net_ah), float(self.net_ah[0])
-        yield begun_ah, steps_ah
-        # One that a new step sets to nothing counted nothing there.
-        yield begun_ah, np.where(self.net_ah[1:] == 0, 0.0, steps_ah)
-        shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
-        yield begun_ah, np.where(shrinks, self.net_ah[1:], steps_ah)
+        steps_ah = np.diff(self.net_ah)
+        # One set to nothing counted no more since than flows in its interval.
+        own_ah = np.abs(integrated_ah)
+        own_ah = np.maximum(own_ah, np.append(own_ah[1:], 0)) + _QUANTA * self.quantum_ah
+        is_anew = (np.abs(self.net_ah[1:]) <= own_ah) & (np.abs(steps_ah) > 2 * own_ah)
+        yield float(self.net_ah[0]), np.where(is_anew, self.net_ah[1:], steps_ah), is_anew
         # What a new step counts is of its own direction, whatever the hold says of the interval.
         direction = np.sign(integrated_ah)
+        shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
         own = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
-        yield 0.0, _joined(np.abs(self.net_ah)) * own
+        gained_ah, is_anew = _joined(np.abs(self.net_ah))
+        yield 0.0, gained_ah * own, is_anew
 
 
-def skipped_ah(charge_ah: Charge, begun_ah: Increments, ended_ah: Increments) -> Increments | None:
-    """What the tester counted in intervals that the samples on both sides of them do not explain.
+def skipped_ah(charge_ah: Charge, held_ah: Increments, most_ah: Increments) -> Increments | None:
+    """What the tester counted in each interval beyond `held_ah`, where that is much and lasts.
 
-    `charge_ah` is the counted net charge, `begun_ah` and `ended_ah` what each interval's first and
-    last current make of it. Zero elsewhere, and None where nothing was skipped: a logger left
-    out a load. A counter that only lags behind catches up within some samples, and one that is
-    coarse moves by its quantum.
+    `charge_ah` is the counted net charge, `held_ah` what the record's current makes of each
+    interval, and `most_ah` what can pass in it at most. Zero elsewhere, and None where nothing was
+    skipped: a logger left out a load, or its beginning. A counter that lags behind or stands still
+    catches up, and one that is coarse moves by its quantum.
     """
-    counted_ah = np.diff(charge_ah)
+    moving_ah = np.abs(np.diff(charge_ah))
     least_ah = _SKIPPED * float(np.ptp(charge_ah))
-    # What is far from both is far from one of them, and few are.
-    places = np.flatnonzero(np.abs(counted_ah - begun_ah) > least_ah)
-    if not len(places):
+    own_ah = np.diff(charge_ah) - held_ah
+    if not np.any(np.abs(own_ah) > least_ah):
         return None
-    moving_ah = np.abs(counted_ah)
     least_ah = max(least_ah, _QUANTUM * float(moving_ah[moving_ah > 0].min(initial=np.inf)))
-    ends_ah = np.sort([begun_ah[places], ended_ah[places]], axis=0)
-    excess_ah = counted_ah[places] - np.clip(counted_ah[places], *ends_ah)
-    is_far = np.abs(excess_ah) > least_ah
-    places, excess_ah = places[is_far], excess_ah[is_far]
-    if not len(places):
-        return None
-    apart_ah = charge_ah - np.concatenate([np.zeros(1), np.cumsum(begun_ah)])
-    found_ah = np.zeros_like(counted_ah)
-    for place, own_ah in zip(places.tolist(), excess_ah.tolist(), strict=True):
-        before = np.median(apart_ah[max(place - _BESIDE, 0) : place + 1])
+    apart_ah = charge_ah - np.concatenate([np.zeros(1), np.cumsum(held_ah)])
+    # What it counts at once is of all the time for which it stood still.
+    moved = np.where(moving_ah > 0, np.arange(1, len(moving_ah) + 1), 0)
+    since = np.append(0, np.maximum.accumulate(moved)[:-1])
+    excess_ah = np.clip(
+        apart_ah[1:] - apart_ah[since], np.minimum(own_ah, 0), np.maximum(own_ah, 0)
+    )
+    is_far = (np.abs(excess_ah) > least_ah) & (moving_ah > 0) & (moving_ah <= most_ah)
+    found_ah = np.zeros_like(held_ah)
+    for place in np.flatnonzero(is_far).tolist():
+        before = np.median(apart_ah[max(since[place] - _BESIDE, 0) : since[place] + 1])
         after = np.median(apart_ah[place + 1 : place + 2 + _BESIDE])
-        if (after - before) / own_ah > _LASTING:
-            found_ah[place] = own_ah
+        if (after - before) / excess_ah[place] > _LASTING:
+            found_ah[place] = excess_ah[place]
     return found_ah if found_ah.any() else None
 
 
@@ -184,11 +188,17 @@ def inner(ones: Float[np.ndarray, "n"], others: Float[np.ndarray, "n"]) -> float
     return float(np.einsum("i,i", ones, others))
 
 
-def _joined(counter_ah: Charge) -> Increments:
-    """What a counter that only grows, and begins anew, counted in each interval."""
+def _in_blocks(is_loaded: Loaded, *values: Increments) -> list[Float[np.ndarray, "blocks"]]:
+    """The sums of the intervals under load in each block of intervals."""
+    starts = np.unique(np.linspace(0, len(is_loaded), _BLOCKS, endpoint=False, dtype=int))
+    return [np.add.reduceat(np.where(is_loaded, own, 0.0), starts) for own in values]
+
+
+def _joined(counter_ah: Charge) -> tuple[Increments, Loaded]:
+    """What a counter that only grows counted in each interval, and where it began anew."""
     gained_ah = np.diff(counter_ah)
     is_anew = gained_ah < -_ROUNDING * counter_ah.max()
-    return np.where(is_anew, counter_ah[1:], np.maximum(gained_ah, 0))
+    return np.where(is_anew, counter_ah[1:], np.maximum(gained_ah, 0)), is_anew
 
 
 def gain_ah(counter_ah: Charge) -> float:
@@ -196,7 +206,7 @@ def gain_ah(counter_ah: Charge) -> float:
     return float(np.sum(np.maximum(np.diff(counter_ah), 0)))
 
 
-def _decimal_place(values: Charge) -> float:
+def decimal_place(values: Charge) -> float:
     """The coarsest power of ten of which all values are multiples, to single precision."""
     # Of more values a share tells the same.
     values = values[:: 1 + len(values) // _ENOUGH]

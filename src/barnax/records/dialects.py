@@ -293,7 +293,8 @@ DIALECTS: tuple[Dialect, ...] = (
             "net capacity": "(q-qo)|q-qo|q charge/discharge",
         },
     ),
-    Dialect("PyBaMM", marks=("current [a]",), sign=DISCHARGE),
+    # Of its names only that of the voltage is nobody else's.
+    Dialect("PyBaMM", marks=("current [a] & terminal voltage [v]",), sign=DISCHARGE),
     # What the words are in German and Chinese, of no make.
     Dialect(
         "German",

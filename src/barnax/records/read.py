@@ -38,6 +38,8 @@ from .units import (
 )
 
 Values = TypeVar("Values", np.ndarray, np.ndarray | None)
+# A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
+Frame = Any
 
 _FEWEST_SAMPLES = 5
 _SHORTEST_S = 1e-6
@@ -93,6 +95,8 @@ def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
             ("time unit", examine_time_unit),
             ("current unit", lambda given: examine_current_unit(given, capacity_ah)),
         ):
+            if check == "time unit" and source.table.has_known_units:
+                continue
             mended, found = rule(mended)
             findings += named(check, found)
             if short := _too_short(mended):
@@ -239,14 +243,16 @@ def read_record(
 ) -> Record:
     """The record in a cycler file, with discharge current positive.
 
-    `current_sign` is that of the file ("charge-positive" or "discharge-positive"); `current_hold`
-    says whether a sample's current flows until the next sample ("forward") or since the previous
-    one ("backward"); "auto" decides from the data. `columns` names unknown columns, with their
-    units if the names have none: `{"time": "Zeit:min", "current": "I2:mA"}`, or the same as text,
-    "time=Zeit:min,current=I2:mA".
+    Args:
+        source: The file.
+        current_sign: The sign of the file's current; "auto" decides from the data.
+        current_hold: A sample's current flows until the next sample ("forward") or since the
+            previous one ("backward"); "auto" decides from the data.
+        columns: Names of unknown columns, with their units if the names have none: `{"time":
+            "Zeit:min", "current": "I2:mA"}`, or the same as text, "time=Zeit:min,current=I2:mA".
 
-    Raises `InputError` if the file cannot be read or is not a record of one cell,
-    and if the given sign contradicts strong evidence.
+    Raises `InputError` if the file cannot be read or is not a record of one cell, and if the given
+    sign contradicts strong evidence.
 
     >>> import pathlib, tempfile
     >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\\n" for k in range(20))
@@ -273,7 +279,7 @@ def read_record(
 
 
 def record_from_frame(
-    frame: Any,
+    frame: Frame,
     *,
     name: str = "data frame",
     current_sign: Sign | Literal["auto"] = "auto",
@@ -282,7 +288,14 @@ def record_from_frame(
 ) -> Record:
     """The record in a data frame of pandas, Polars or another library that narwhals supports.
 
-    Columns, options and errors are those of `read_record`; messages call the frame `name`.
+    Args:
+        frame: The data frame.
+        name: What messages call it.
+        current_sign: The sign of its current; "auto" decides from the data.
+        current_hold: When a sample's current flows, as for `read_record`.
+        columns: Names of columns, as for `read_record`.
+
+    Raises `InputError` as `read_record` does.
 
     >>> record = record_from_frame(
     ...     {
@@ -308,13 +321,9 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     if short := _too_short(samples):
         raise InputError(short.sentence(source.name))
     turn = -1.0 if sign.value == CHARGE else 1.0
-    counted_ah = hidden_ah = None
-    if hold.value == "backward":
-        counted_ah = samples.counted_ah
-    elif samples.counters.written:
-        counted_ah = samples.counters.charge_ah(samples.begun_ah)
-    if counted_ah is not None:
-        hidden_ah = skipped_ah(counted_ah, samples.begun_ah, samples.ended_ah)
+    held_ah = samples.begun_ah if hold.value == "forward" else samples.ended_ah
+    counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
+    hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.most_ah)
     return Record(
         name=source.name,
         time_s=_own(samples.time_s),

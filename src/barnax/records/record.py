@@ -6,6 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..display import Brief
+
 Hold = Literal["forward", "backward"]
 Strength = Literal["given", "strong", "weak", "assumed"]
 # In `Record.state`, what is no discharge (+1), charge (-1) or rest (0).
@@ -21,20 +23,32 @@ class Decision:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(Brief):
     """A checked record. Discharge current is positive; time strictly increases.
 
     The arrays are the record's own and cannot be written to.
 
-    `hold` says whether a sample's current flows in the interval after it ("forward") or before
-    it ("backward"). `row` is each sample's row in the source file, with the header in row 1, so
-    that a message can name it. `charge_ah` is the tester's own net charge out of the cell since its
-    counters began, which may be before the first sample. `skipped_ah` is what they counted in
-    intervals whose load was not logged, beyond what the current tells. `state` is +1 where the file
-    says that a step discharges, -1 where it charges, 0 where it rests, and `OTHER_STATE` where it
-    says anything else. `sign` holds the file's own convention ("charge-positive" or
-    "discharge-positive") and the reason for it.
+    Attributes:
+        name: Name of the file.
+        time_s: Time on the file's own clock.
+        current_a: Current.
+        voltage_v: Voltage.
+        temperature_degc: Temperature, if the file has a column of it.
+        step: The tester's step numbers.
+        row: Each sample's row in the file, with the header in row 1, so that a message can name it.
+        sign: The file's own sign of the current, and why.
+        hold: A sample's current flows in the interval after it ("forward") or before it
+            ("backward"), and why.
+        sha256: Digest of the file.
+        warnings: Sentences about what is doubtful, with what to do.
+        charge_ah: The tester's own net charge out of the cell since its counters began, which may
+            be before the first sample.
+        skipped_ah: What the counters counted in intervals whose load was not logged, beyond what
+            the current tells.
+        cycle: The tester's cycle numbers.
+        state: +1 where the file says that a step discharges, -1 where it charges, 0 where it rests,
+            and `OTHER_STATE` where it says anything else.
     """
 
     name: str

@@ -15,8 +15,9 @@ from .table import Lines
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
 _FEWEST_STEPS, _AGREEING = 3, 0.5
-# An interval so many times the usual one is a gap that may hide a load.
-_FAR_LONGER = 30
+# An interval so many times the usual one is a gap that may hide a load, of at most so many times
+# the largest current that was logged.
+_FAR_LONGER, _HEAVIER = 30, 3
 # What a rest does not do to a voltage between two of its samples.
 _LOAD_V = 0.02
 # Medians of so many values are as good as of all.
@@ -117,9 +118,20 @@ class Samples(Lines):
         return self.current_a[1:] * self.intervals_s / 3600
 
     @cached_property
+    def is_loaded(self) -> Bool[np.ndarray, "intervals"]:
+        """The intervals with a load at either end."""
+        is_loaded = np.abs(self.current_a) > STEADY_SHARE * self.peak_a
+        return is_loaded[1:] | is_loaded[:-1]
+
+    @cached_property
+    def most_ah(self) -> Float[np.ndarray, "intervals"]:
+        """The charge that may have passed in each interval, whatever was logged of it."""
+        return _HEAVIER * self.peak_a * self.intervals_s / 3600
+
+    @cached_property
     def counted_ah(self) -> Float[np.ndarray, "samples"] | None:
         """The tester's net charge, in the file's own sign; None without counters that count."""
-        return self.counters.charge_ah(self.ended_ah)
+        return self.counters.charge_ah(self.ended_ah, self.is_loaded)
 
     @cached_property
     def span_ah(self) -> float:

@@ -31,7 +31,7 @@ class Table:
 
     `row` is each line's row in the source, the header being row 1. `sheets` names the sheets the
     lines come from, with the number of lines of each, in order; it is empty for formats without
-    sheets. `notes` are for the user.
+    sheets. `notes` are for the user. `has_known_units` says that the format itself sets the units.
     """
 
     header: tuple[str, ...]
@@ -39,6 +39,7 @@ class Table:
     row: Int[np.ndarray, "lines"]
     sheets: tuple[tuple[str, int], ...] = ()
     notes: tuple[str, ...] = ()
+    has_known_units: bool = False
 
     @property
     def names_row(self) -> int:

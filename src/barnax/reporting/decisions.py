@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
@@ -157,6 +158,7 @@ def known_words(start: "Start") -> dict[str, str]:
         "rested voltage": f"{rested} at {row}",
         "full end": f"counted in ampere-hours from the charge to full that ends at {row}",
         "empty end": f"counted in ampere-hours from the discharge to empty that ends at {row}",
+        "full voltage": f"from the voltage of a full cell, {start.voltage_v:.4f} V at {row}",
         "counters": "from the tester's counters, which began at full or empty; the voltage agrees",
         "rest elsewhere": f"{rested} at {row}, and the ampere-hours since",
     }
@@ -191,6 +193,19 @@ def ocv_sentences(cell: CellModel) -> Iterator[str]:
         yield f"Error of the curves at their points: {'; '.join(missed)}."
     else:
         yield "The curves pass through their points."
+    if cell.sweep_ohm is not None:
+        currents_a = [abs(p.current_a) for p in cell.charge_points + cell.discharge_points]
+        drop_v = cell.sweep_ohm * median(filter(None, currents_a))
+        yield (
+            "What slow sweeps lost under load is given back, but not more than lies between the "
+            f"branches: {millivolt(drop_v)}, their current times "
+            f"{with_unit('R0 [Ohm]', cell.sweep_ohm)}, which the records show within 1,000 s."
+        )
+    elif cell.has_sweep_drop:
+        yield (
+            "The open-circuit voltage of slow sweeps holds what they lost under load: the bounds "
+            "are too wide to tell how much."
+        )
     if cell.hysteresis.points:
         yield (
             f"The hysteresis voltage is five {cell.hysteresis.kind} segments over the state of "

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC
+from ..errors import escaped
 from ..plots.cell import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
 from .document import Bullets, Picture, Section, Table, make_table
@@ -156,7 +157,14 @@ def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
     head += [f"R({time_s:g} s) [Ohm]" for time_s in STANDARD_S]
     rows = [
         [
-            *(each.record, each.row, each.soc, each.current_a, each.duration_s, each.rest_s),
+            *(
+                escaped(each.record),
+                each.row,
+                each.soc,
+                each.current_a,
+                each.duration_s,
+                each.rest_s,
+            ),
             *(each.temperature_degc, int(each.is_limited), each.delay_s, *each.resistance_ohm),
         ]
         for each in pulses

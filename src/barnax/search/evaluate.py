@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import CellModel, CircuitParameters
+from ..display import Brief
 from ..execution import in_float64
 from ..metrics import Metrics, measure
 from ..model.padding import to_common_size
@@ -23,11 +24,14 @@ from ..model.window import Window
 from ..records import Record
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """The simulated voltage of a record in V, at every simulated sample, and its error metrics.
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Brief):
+    """A circuit simulated on a record, and its errors.
 
-    `metrics` are over the scored samples only.
+    Attributes:
+        prepared: The record in its window.
+        simulated_v: The terminal voltage at every simulated sample.
+        metrics: Errors over the counted samples only.
     """
 
     prepared: PreparedRecord
@@ -43,6 +47,10 @@ class Evaluation:
 @in_float64
 def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluation:
     """A circuit simulated on a prepared record, with its errors.
+
+    Args:
+        prepared: The record in its window, such as one of a problem.
+        parameters: The circuit.
 
     Raises `InputError` if the measured voltage is constant.
     """
@@ -87,7 +95,13 @@ def validate(
 ) -> Evaluation:
     """Identified parameters simulated on another record of the same cell, with their errors.
 
-    `circuit` is its name, such as "so-rc"; `window` is by default the whole record. Raises
-    `InputError` if the window or the range of the OCV does not fit the record.
+    Args:
+        record: The record.
+        cell: A cell from `characterize`.
+        circuit: Name of the circuit, such as "so-rc".
+        parameters: The circuit's parameters.
+        window: The part of the record that is simulated; by default all of it.
+
+    Raises `InputError` if the window or the range of the OCV does not fit the record.
     """
     return evaluate(prepare_record(record, cell, circuit, window or Window()), parameters)

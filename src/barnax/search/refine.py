@@ -12,6 +12,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Scalar
 
 from ..cell import CircuitParameters
+from ..display import Brief
 from ..errors import InputError
 from ..execution import (
     CIRCUITS_PER_BLOCK,
@@ -190,7 +191,12 @@ FINAL_ROUNDS = 20
 
 @dataclass(frozen=True)
 class AtBound:
-    """A parameter, by PyBaMM's name, that ended at one end of its box."""
+    """A parameter that ended at one end of its box.
+
+    Attributes:
+        name: PyBaMM's name.
+        side: Which end.
+    """
 
     name: str
     side: Literal["lower", "upper"]
@@ -198,9 +204,13 @@ class AtBound:
 
 @dataclass(frozen=True)
 class Optimum:
-    """A distinct place where refined seeds ended, and how many of them.
+    """A distinct place where refined seeds ended.
 
-    `is_family` says that circuits with different parameters fit equally well there.
+    Attributes:
+        rmse_v: Its RMSE.
+        parameters: Its circuit.
+        seeds: How many seeds ended there.
+        is_family: True if circuits with different parameters fit equally well there.
     """
 
     rmse_v: float
@@ -209,12 +219,17 @@ class Optimum:
     is_family: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Refinement:
-    """Every seed's answer after refinement, and the distinct `optima`, the best first.
+@dataclass(frozen=True, eq=False, repr=False)
+class Refinement(Brief):
+    """Every seed's answer after refinement; `parameters` and `rmse_v` are those of the best.
 
-    `parameters` and `rmse_v` (in V) are those of the best. `evaluations` counts all simulations, a
-    Jacobian as one per free parameter; `objective` says how they were computed.
+    Attributes:
+        search: The search that was refined.
+        refined: Each seed's answer.
+        optima: The distinct optima, the best first.
+        at_bound: Parameters of the best at a bound.
+        objective: How errors were computed on the way.
+        evaluations: Simulations, a Jacobian as one per free parameter.
     """
 
     search: Search
@@ -244,10 +259,13 @@ def refine(
 
     It moves the logarithms of R and tau through a sine that maps the real line onto the box, so
     bounds hold exactly and an optimum at a bound is a stationary point. Every seed is taken to
-    `SEED_TOLERANCE` in at most `STEPS` steps, and as many again with what is at a bound held
-    there; the best then to `FINAL_TOLERANCE`. No answer is made worse. `descent` may have been
-    compiled beforehand; `progress` is called with the number of seeds finished since the last
-    call.
+    `SEED_TOLERANCE` in at most `STEPS` steps, and as many again with what is at a bound held there;
+    the best then to `FINAL_TOLERANCE`. No answer is made worse.
+
+    Args:
+        search: A search from `search_seeds`.
+        descent: The program, where it was compiled beforehand.
+        progress: Called with the number of seeds finished since the last call.
     """
     descent = descent or Descent(search.problem)
     answers = [answer.parameters for answer in search.seeds]

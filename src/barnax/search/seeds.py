@@ -12,6 +12,7 @@ import optimistix as optx
 from jaxtyping import Array, Float, Key
 
 from ..cell import CircuitParameters
+from ..display import Brief
 from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
 from ..model.padding import padding_for
@@ -20,11 +21,16 @@ from ..optimizers import AbstractPopulationMinimiser
 from ..schema import ARRAY, Loss
 
 
-@dataclass(frozen=True, eq=False)
-class SeedAnswer:
-    """What one seed found: its best circuit, and the best RMSE after every generation, in V.
+@dataclass(frozen=True, eq=False, repr=False)
+class SeedAnswer(Brief):
+    """The answer of one seed.
 
-    `rmse_v` is always computed by the scan; the history by the objective that was searched.
+    Attributes:
+        rmse_v: RMSE of its best circuit, always by scan.
+        parameters: Its best circuit.
+        history_v: Best RMSE after every generation, by the objective that was searched.
+        evaluations: Simulated candidates.
+        failures: Candidates without a finite error.
     """
 
     rmse_v: Loss
@@ -34,9 +40,16 @@ class SeedAnswer:
     failures: int
 
 
-@dataclass(frozen=True, eq=False)
-class Search:
-    """The answers of all seeds, in order; `best` is the one with the lowest RMSE."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Search(Brief):
+    """The answers of all seeds; `best` is the one with the lowest RMSE.
+
+    Attributes:
+        problem: The problem that was searched.
+        optimizer: By which optimizer.
+        key: From which key.
+        seeds: Each seed's answer, in order.
+    """
 
     problem: Problem
     optimizer: AbstractPopulationMinimiser
@@ -60,10 +73,16 @@ def search_seeds(
     seeds: int = 30,
     progress: Callable[[int], None] | None = None,
 ) -> Search:
-    """The answers of `seeds` independent runs; seed k draws from `fold_in(key, k)`.
+    """The answers of independent runs of an optimizer; seed k draws from `fold_in(key, k)`.
 
-    `progress` is called with the number of seeds finished since the last call. Raises
-    `InputError` if no seed finds a finite error.
+    Args:
+        problem: A problem from `make_problem`.
+        optimizer: An optimizer from `make_optimizer`, or your own.
+        key: A key of `jax.random.key`.
+        seeds: Number of runs.
+        progress: Called with the number of seeds finished since the last call.
+
+    Raises `InputError` if no seed finds a finite error.
     """
     return search_many([problem], optimizer, key=key, seeds=seeds, progress=progress)[0]
 
@@ -79,9 +98,18 @@ def search_many(
 ) -> list[Search]:
     """`search_seeds` for every problem; each answer is bit for bit what it would be alone.
 
-    Problems of one kind share one compiled program, however long their records: compressed
-    records have the same size if their boxes span the same decades, and for the scan, shorter
-    records are padded with samples that are not scored. Raises as `search_seeds`.
+    Problems of one kind share one compiled program, however long their records: compressed records
+    have the same size if their boxes span the same decades, and for the scan, shorter records are
+    padded with samples that are not counted.
+
+    Args:
+        problems: Problems from `make_problem`.
+        optimizer: An optimizer from `make_optimizer`, or your own.
+        key: A key of `jax.random.key`.
+        seeds: Number of runs for each problem.
+        progress: Called with the number of seeds finished since the last call.
+
+    Raises as `search_seeds`.
     """
     if seeds < 1:
         raise InputError(f"`seeds` {seeds}: at least one seed is needed")

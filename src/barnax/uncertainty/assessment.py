@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Key
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
+from ..display import Brief
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
 from .covariance import Covariance, Uncertainty, linearize
@@ -44,8 +45,8 @@ class Band:
     share: float
 
 
-@dataclass(frozen=True)
-class Diagnostics:
+@dataclass(frozen=True, repr=False)
+class Diagnostics(Brief):
     """How the residuals are correlated and where they are large.
 
     `autocorrelation` holds the residuals' own at `lags_s`. `correlation_time_s` is the integrated
@@ -154,11 +155,15 @@ def _bands(
     return tuple(bands)
 
 
-@dataclass(frozen=True, eq=False)
-class Assessment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Assessment(Brief):
     """Intervals, identifiability and residual diagnostics of an optimum, without further fits.
 
-    They follow from `covariance`.
+    Attributes:
+        covariance: The covariance that the others follow from.
+        uncertainty: Intervals of all parameters.
+        identifiability: What the data cannot determine.
+        diagnostics: Residuals over time, SOC, current and temperature.
     """
 
     covariance: Covariance
@@ -167,11 +172,15 @@ class Assessment:
     diagnostics: Diagnostics
 
 
-@dataclass(frozen=True)
-class Examination:
-    """Profiles of all free parameters, the block bootstrap, and changes ranked by their error.
+@dataclass(frozen=True, repr=False)
+class Examination(Brief):
+    """Profiles of all free parameters, a block bootstrap, and changes ranked by their error.
 
-    `rmse_v` is the RMSE of the unchanged circuit, in V.
+    Attributes:
+        rmse_v: RMSE of the unchanged circuit.
+        profiles: Profile likelihoods.
+        bootstrap: Refits to resampled residuals.
+        suggestions: What might lower the error.
     """
 
     rmse_v: float
@@ -183,8 +192,11 @@ class Examination:
 def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
     """The intervals and diagnostics of an optimum, from one Jacobian.
 
-    `parameters` must be an optimum of the problem, such as those of `refine` or
-    `find_global_optimum`. Raises `InputError` if the errors or their derivatives are not finite.
+    Args:
+        problem: A problem from `make_problem`.
+        parameters: An optimum of it, such as those of `refine` or `find_global_optimum`.
+
+    Raises `InputError` if the errors or their derivatives are not finite.
     """
     linearization = linearize(problem, parameters)
     # One thread: what a library does with several would change the last bits.
@@ -208,8 +220,14 @@ def examine(
 ) -> Examination:
     """Profiles, a block bootstrap, and changes that might lower the error, by further fits.
 
-    `parameters` and `assessment` are those of the same optimum; `key` is for the bootstrap. Two or
-    three programs are compiled, for circuits with one more part."""
+    Two or three programs are compiled, for circuits with one more part.
+
+    Args:
+        problem: A problem from `make_problem`.
+        parameters: An optimum of it.
+        assessment: Its assessment from `assess`.
+        key: A key of `jax.random.key`, for the bootstrap.
+    """
     refit, covariance = Refit(problem), assessment.covariance
     free = [each.name for each in assessment.uncertainty.estimates if each.relative_error]
     return Examination(

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
+from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
 from ..model.padding import records_in
@@ -40,8 +41,8 @@ LEAST_V = 1e-18
 Held = Literal["fixed", "at lower bound", "at upper bound", "unseen"]
 
 
-@dataclass(frozen=True, eq=False)
-class Linearization:
+@dataclass(frozen=True, eq=False, repr=False)
+class Linearization(Brief):
     """Errors of a circuit and their derivatives by what the data could move.
 
     `names` are the free parameters in `log` coordinates: resistances, time constants (or
@@ -187,12 +188,17 @@ def one_clock(prepared_records: Sequence[PreparedRecord]) -> Float[np.ndarray, "
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter and how well the data determine it.
+    """A parameter, its standard errors and its interval; what cannot be told is None.
 
-    `relative_error` is the standard error of the logarithm, `white_noise_relative_error` that for
-    independent residuals; `low` and `high` bound the confidence interval, None where the data
-    leave it open. `held` says why a parameter was not free; those have no errors. A quantity made
-    of free and held parameters has the errors of its free ones.
+    Attributes:
+        name: PyBaMM's name, with its unit.
+        value: The value, in that unit.
+        held: Why it has no interval, if it has none.
+        relative_error: Relative standard error, under the noise that the residuals show.
+        white_noise_relative_error: The same, if the residuals were white noise.
+        degrees_of_freedom: Degrees of freedom of the noise level, for Student's t.
+        low: Lower end of the 95 % interval.
+        high: Upper end of the 95 % interval.
     """
 
     name: str
@@ -229,8 +235,8 @@ class NoiseParts:
     sd_v: tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class Uncertainty:
+@dataclass(frozen=True, repr=False)
+class Uncertainty(Brief):
     """Errors of all parameters and time constants.
 
     `correlation` is that of the logarithms of the `free` parameters.
@@ -250,8 +256,8 @@ class Uncertainty:
         raise KeyError(f"{name!r}; there are {', '.join(each.name for each in self.estimates)}")
 
 
-@dataclass(frozen=True, eq=False)
-class Covariance:
+@dataclass(frozen=True, eq=False, repr=False)
+class Covariance(Brief):
     """Covariances of the free parameters' logarithms, and the noise that they follow from.
 
     `matrix` reckons with the correlation of the residuals, `white_noise_matrix` does not.

@@ -4,7 +4,6 @@ A new format is one module with a `Reader` and one line here. Order matters: the
 comes last because almost anything without a signature could be text.
 """
 
-import contextlib
 import gzip
 import io
 import re
@@ -14,8 +13,9 @@ from collections.abc import Mapping
 
 from ...errors import InputError
 from ..columns import NOTHING
-from ..table import LARGEST_FILE, Reader, Table
+from ..table import Reader, Table
 from .binary import ARBIN_RES, BIOLOGIC_MPR, NEWARE, PARQUET, ZIP
+from .room import unpack, unpacked
 from .text import TEXT
 from .workbook import WORKBOOK
 
@@ -33,29 +33,28 @@ def _unzipped(content: bytes, file: str) -> bytes:
         return content
     try:
         if content.startswith(ZIP):
-            plain = _only_file(content)
-        else:
-            with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
-                plain = packed.read(LARGEST_FILE + 1)
+            return _only_file(content, file)
+        with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+            return unpack(packed, content, file)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(
             f"{file}: the gzipped file is damaged or cut short; copy it again."
         ) from error
-    if len(plain) > LARGEST_FILE:
-        raise InputError(
-            f"{file}: contains more than {LARGEST_FILE / 1e9:g} GB; give a part of it."
-        )
-    return plain
 
 
-def _only_file(content: bytes) -> bytes:
+def _only_file(content: bytes, file: str) -> bytes:
     """The file in a zip archive of one; the archive where it has more, as workbooks do."""
-    # What is damaged or encrypted fails in many ways, and a reader has words for its own format.
-    with contextlib.suppress(Exception), zipfile.ZipFile(io.BytesIO(content)) as packed:
-        # Finder adds files of its own.
-        files = [file for file in packed.infolist() if not file.filename.startswith("__MACOSX/")]
-        if len(files) == 1 and files[0].file_size <= LARGEST_FILE:
-            return packed.read(files[0])
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as packed:
+            # Finder adds files of its own.
+            files = [each for each in packed.infolist() if "__MACOSX/" not in each.filename]
+            for part in unpacked(packed, files) if len(files) == 1 else ():
+                return unpack(part, content, file)
+    except InputError:
+        raise
+    except Exception:
+        # What is damaged or encrypted fails in many ways; a reader has words for its own format.
+        return content
     return content
 
 

@@ -8,6 +8,7 @@ whoever wants .mpr files read installs it, and it is loaded for them only.
 import io
 import logging
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from logging.handlers import BufferingHandler
@@ -18,6 +19,7 @@ import polars as pl
 
 from ...errors import InputError, reason_of
 from ..table import Reader, Table
+from .room import NUMBER_BYTES, require_room, require_room_to_unpack, require_trial, unpacked
 
 Columns = Mapping[str, Any]
 ZIP = b"PK\x03\x04"
@@ -54,6 +56,14 @@ def _read_parquet(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     del given
     damaged = f"{file}: the Parquet file is damaged or cut short"
     try:
+        scan = pl.scan_parquet(io.BytesIO(content))
+        rows, types = scan.select(pl.len()).collect().item(), scan.collect_schema().dtypes()
+        require_room(NUMBER_BYTES * rows * len(types), content, file)
+        if not all(kind.is_numeric() or kind.is_temporal() or kind == pl.Boolean for kind in types):
+            # Texts and lists are of any length.
+            require_trial(
+                "import io, polars; polars.read_parquet(io.BytesIO(content))", content, file
+            )
         frame = pl.read_parquet(io.BytesIO(content))
     except pl.exceptions.PanicException as error:
         # Some files damaged in their middle make Polars panic, in words for its developers.
@@ -82,8 +92,14 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     del given
     suffix = ".ndax" if content.startswith(ZIP) else ".nda"
     try:
+        if suffix == ".ndax":
+            with zipfile.ZipFile(io.BytesIO(content)) as packed:
+                parts = unpacked(packed, packed.infolist())
+                require_room_to_unpack(parts, content, file)
         with _as_file(content, suffix) as path, quieted("fastnda") as told:
             frame = fastnda.read(path, cycle_mode="auto")
+    except InputError:
+        raise
     except Exception as error:
         # What a damaged file makes the library raise is of many kinds.
         raise InputError(
@@ -98,7 +114,8 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         column.cast(pl.String) if column.dtype == pl.Categorical else column
         for column in frame.get_columns()
     ]
-    return Table(tuple(frame.columns), tuple(columns), np.arange(2, frame.height + 2), notes=notes)
+    rows = np.arange(2, frame.height + 2)
+    return Table(tuple(frame.columns), tuple(columns), rows, notes=notes, has_known_units=True)
 
 
 NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)
@@ -129,7 +146,8 @@ def _by_package(
                 f"the record as {export}."
             ) from error
         series = tuple(pl.Series(key, np.array(values)) for key, values in columns.items())
-        return Table(tuple(columns), series, np.arange(2, len(series[0]) + 2))
+        rows = np.arange(2, len(series[0]) + 2)
+        return Table(tuple(columns), series, rows, has_known_units=True)
 
     return Reader(name, recognizes, read)
 

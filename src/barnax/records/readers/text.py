@@ -21,6 +21,7 @@ from ..cell_values import numbers, without_groups
 from ..columns import columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table
+from .room import NUMBER_BYTES, require_room
 
 Schema = Mapping[str, type[pl.DataType]]
 
@@ -33,6 +34,7 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # The longest preambles known are a protocol of some hundred lines, or in one line of 13,000
 # letters; the widest headers have some 3,000 characters.
 _PREAMBLE_LINES, _PREAMBLE_BYTES, _LONGEST_HEADER = 2000, 400_000, 20_000
+_LONGEST_LINE = 1_000_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
 _CELL_V = 6.0
@@ -71,6 +73,7 @@ class _Layout:
 
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     content = _as_utf8(content, file)
+    _require_lines(content, file)
     # The row in the file is kept, so blank lines above the names count.
     lines = _head_lines(content)
     layout = _layout(lines, file, given)
@@ -89,6 +92,8 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
         # A date and its time are one cell.
         content = re.sub(rb"(\d[-./]\d+)[ \t]+(\d+:\d)", rb"\1T\2", content)
         content, above, delimiter = re.sub(rb"[ \t]+", b"\t", content), 0, "\t"
+    rows = content.count(b"\n", _offset(content, above))
+    require_room(NUMBER_BYTES * rows * len(header), content, file)
     columns = _columns(content, above, (*header, ""), delimiter, file)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
@@ -163,6 +168,17 @@ def _as_utf8(content: bytes, file: str) -> bytes:
     if b"\n" not in content[:_PREAMBLE_BYTES]:
         content = content.replace(b"\r", b"\n")
     return content
+
+
+def _require_lines(content: bytes, file: str) -> None:
+    """Raise InputError for a line that no table has."""
+    for start in range(0, len(content) - _LONGEST_LINE, _LONGEST_LINE):
+        if content.find(b"\n", start, start + _LONGEST_LINE) < 0:
+            row = content.count(b"\n", 0, start) + 1
+            raise InputError(
+                f"{file}: row {row} has more than {_LONGEST_LINE:,} letters, so this is no table "
+                "of measurements; export the record as CSV, Parquet or a workbook."
+            )
 
 
 def _head_lines(content: bytes) -> list[str]:

@@ -8,7 +8,7 @@ suffix says nothing.
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import fastexcel
 import numpy as np
@@ -20,6 +20,7 @@ from ..columns import columns_of, is_ocv_table, names_record, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table
 from .binary import quieted
+from .room import require_trial
 
 _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 # Sheets of one channel: "Channel_1-001", "Channel_1-001_2"; "Detail_14_1_3"; "record", "record_2".
@@ -29,6 +30,13 @@ _CHANNEL = re.compile(
 )
 # The names stand in one of so many rows.
 _ABOVE = 100
+# A sheet takes room for all cells between its outermost ones, whatever is in them.
+_READS = """
+import fastexcel
+workbook = fastexcel.read_excel(content)
+for name in workbook.sheet_names:
+    workbook.load_sheet(name, header_row=None, n_rows=1, dtypes="string")
+"""
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,7 @@ class _Names:
     above: int
     header: tuple[str, ...]
     rows: int = 1
+    height: int = field(default=0, compare=False)
 
     @property
     def body(self) -> int:
@@ -50,13 +59,14 @@ def _recognizes(content: bytes) -> bool:
 
 
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+    require_trial(_READS, content, file)
     try:
         with quieted("fastexcel"):
             workbook = fastexcel.read_excel(content)
             sheets = {name: _names(workbook, name, given) for name in workbook.sheet_names}
             headers = {name: sheet.header for name, sheet in sheets.items()}
             chosen = _chosen_sheets(headers, file, given)
-            bodies = {name: _body(workbook, name, sheets[name].body) for name in chosen}
+            bodies = {name: _body(workbook, name, sheets[name]) for name in chosen}
     except InputError:
         raise
     except BaseException as error:
@@ -78,23 +88,24 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
 
 def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str]) -> _Names:
     """The first row that names a record or an OCV table, else the sheet's first."""
-    rows = workbook.load_sheet(name, header_row=None, n_rows=_ABOVE, dtypes="string").to_polars()
-    headers = [tuple("" if cell is None else cell for cell in row) for row in rows.rows()]
+    sheet = workbook.load_sheet(name, header_row=None, n_rows=_ABOVE, dtypes="string")
+    rows, height = sheet.to_polars().rows(), sheet.total_height
+    headers = [tuple("" if cell is None else cell for cell in row) for row in rows]
     for above, header in enumerate(headers):
         if names_record(header, given) or is_ocv_table(header):
             names, has_units = with_units(header, *headers[above + 1 : above + 2] or [()])
-            return _Names(above, names, 1 + has_units)
-    return _Names(0, headers[0] if headers else ())
+            return _Names(above, names, 1 + has_units, height)
+    return _Names(0, headers[0] if headers else (), height=height)
 
 
-def _body(workbook: fastexcel.ExcelReader, name: str, above: int) -> pl.DataFrame:
+def _body(workbook: fastexcel.ExcelReader, name: str, names: _Names) -> pl.DataFrame:
     """The rows of a sheet below its names."""
-    # Cells of all rows may be of kinds that go into no one column.
-    first = workbook.load_sheet(name, header_row=None, n_rows=1, dtypes="string")
-    if first.total_height <= above:
+    if names.height <= names.body:
         return pl.DataFrame()
-    sheet = workbook.load_sheet(name, header_row=None, skip_rows=above, schema_sample_rows=None)
-    return sheet.to_polars()
+    # Cells of all rows may be of kinds that go into no one column.
+    return workbook.load_sheet(
+        name, header_row=None, skip_rows=names.body, schema_sample_rows=None
+    ).to_polars()
 
 
 def _chosen_sheets(

@@ -1,0 +1,165 @@
+"""The pictures of the guides, drawn with the bundled cell while the site is built.
+
+`python docs/pictures.py FOLDER` draws them alone.
+"""
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from matplotlib.figure import Figure
+from scipy.signal import lfilter
+
+import barnax
+from barnax.fleet.summary import read_fleet
+from barnax.plots import style
+from barnax.plots.parameters import plot_distributions
+from barnax.plots.pictures import encode
+
+CELLS = 24
+
+
+@cache
+def identified() -> barnax.Result:
+    """The answer that the guides show."""
+    return barnax.identify(over="soc", ocv_fit="interpolated")
+
+
+@cache
+def pulse_test() -> barnax.Result:
+    validation = barnax.bundled_file("validation")
+    return barnax.hppc(barnax.bundled_file("hppc_25degC"), validate=validation, trust="none")
+
+
+def of_result(name: str) -> Callable[[], Figure]:
+    return lambda: identified().figure(name)
+
+
+def of_pulses(name: str) -> Callable[[], Figure]:
+    return lambda: pulse_test().figure(name)
+
+
+def draw_ocv() -> Figure:
+    tests = [
+        barnax.read_record(barnax.bundled_file(f"lfp_ocv_{way}")) for way in ("charge", "discharge")
+    ]
+    return barnax.plots.plot_ocv(barnax.characterize(tests, ocv_fit="interpolated"))
+
+
+def draw_replay() -> Figure:
+    return barnax.plots.plot_soc_replay(
+        barnax.replay_soc(identified(), barnax.bundled_file("validation"))
+    )
+
+
+@style.figure_style()
+def draw_intervals() -> Figure:
+    """Both intervals of every determined parameter, relative to its value."""
+    assessment = identified().assessment
+    assert assessment is not None
+    known = [e for e in assessment.uncertainty.estimates if e.low is not None]
+    figure = style.make_figure(height_in=2.6)
+    axes = figure.subplots()
+    places = np.arange(len(known))[::-1]
+    for shift, color, label, ends in (
+        (0.14, style.BLUE, "95 % interval", [(e.low, e.high) for e in known]),
+        (-0.14, style.ORANGE, "if the residuals were white noise", [white(e) for e in known]),
+    ):
+        low, high = (np.array(ends, float) / [[e.value] for e in known]).T
+        axes.hlines(places + shift, low, high, color=color, linewidth=4, label=label)
+    axes.set_xscale("log")
+    style.label_plainly(axes.xaxis)
+    axes.axvline(1.0, color=style.BLACK, linewidth=0.7)
+    axes.set_yticks(places, [e.name.split(" ")[0] for e in known])
+    axes.set_xlabel("Multiple of the identified value [-]")
+    return style.finish(figure, axes)
+
+
+def white(estimate) -> tuple[float, float]:
+    """The interval that white noise would give."""
+    factor = np.exp(1.96 * (estimate.white_noise_relative_error or 0.0))
+    return estimate.value / factor, estimate.value * factor
+
+
+@style.figure_style()
+def draw_exported() -> Figure:
+    """The OCV and the resistances that `barnax export --to json` writes."""
+    written = json.loads(barnax.export.get_exporter("json").write(identified()).content)
+    ocv, tables = written["OCV"], dict(written["resistances"])
+    soc = tables.pop("SOC")
+    figure = style.make_figure(height_in=2.8)
+    left, right = figure.subplots(1, 2)
+    left.plot(ocv["SOC"], ocv["voltage [V]"], ".-", color=style.BLACK, label="OCV", markersize=3)
+    left.set(xlabel=style.SOC_LABEL, ylabel="Voltage [V]")
+    for (name, ohm), look in zip(tables.items(), style.row_looks(tables).values(), strict=True):
+        shown = {"color": look.color, "marker": look.marker, "markersize": 3}
+        right.plot(soc, 1e3 * np.array(ohm), label=name.split(" ")[0], **shown)
+    right.set(xlabel=style.SOC_LABEL, ylabel="Resistance [mOhm]", yscale="log")
+    style.label_plainly(right.yaxis)
+    return style.finish(figure, left, right, columns=4)
+
+
+def simulated_cells() -> Iterator[dict]:
+    """Cells of known circuits that carry the bundled record's current."""
+    test = barnax.read_record(barnax.bundled_file("ocv_discharge"))
+    cell = barnax.characterize([test], ocv_fit="interpolated")
+    drive = pl.read_parquet(barnax.bundled_file("identification")).head(3000)
+    current_a = -drive["Current / A"].to_numpy()
+    soc = 1 - np.cumsum([0.0, *current_a[:-1]]) / 3600 / cell.capacity_ah
+    rng = np.random.default_rng(0)
+    for number in range(CELLS):
+        voltage_v = cell.average_ocv_v(soc) - rng.normal(0.050, 0.002) * current_a
+        for r_ohm, tau_s in (rng.normal(0.015, 0.001), 20), (rng.normal(0.020, 0.003), 300):
+            decay = np.exp(-1 / tau_s)
+            voltage_v = voltage_v - lfilter([0, r_ohm * (1 - decay)], [1, -decay], current_a)
+        voltage_v = voltage_v + rng.normal(0, 1e-3, soc.size)
+        frame = drive.with_columns(pl.Series("Voltage / V", voltage_v))
+        record = barnax.record_from_frame(frame, name=f"cell-{number}")
+        problem = barnax.make_problem(record, cell, "so-rc", objective="compressed")
+        yield {"id": f"cell-{number}", "problem": problem}
+
+
+def draw_fleet() -> Figure:
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as executor:
+        barnax.identify_fleet(simulated_cells(), folder, executor=executor)
+        rows = read_fleet(folder)
+    names = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")
+    return plot_distributions({name: rows[name].to_numpy() for name in names})
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {
+    "condition": of_result("identification-condition"),
+    "voltage": of_result("identification-voltage"),
+    "error": of_result("identification-error"),
+    "tables": of_result("tables"),
+    "landscape": of_result("landscape"),
+    "convergence": of_result("convergence"),
+    "ocv": draw_ocv,
+    "intervals": draw_intervals,
+    "exported": draw_exported,
+    "replay": draw_replay,
+    "fleet": draw_fleet,
+    "pulses": of_pulses("pulses"),
+    "resistances": of_pulses("resistances"),
+}
+
+
+def draw_pictures(folder: Path) -> None:
+    """Draw every picture that is missing in a folder or older than the code that draws it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    code = [Path(__file__), *Path(barnax.__file__).parent.rglob("*.py")]
+    newest = max(path.stat().st_mtime for path in code)
+    for name, draw in PICTURES.items():
+        path = folder / f"{name}.png"
+        if not path.is_file() or path.stat().st_mtime < newest:
+            path.write_bytes(encode(draw(), dpi=180))
+
+
+if __name__ == "__main__":
+    draw_pictures(Path(sys.argv[1]))

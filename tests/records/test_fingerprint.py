@@ -1,0 +1,106 @@
+"""A record is told again whatever was done to its file, and a test that was repeated is another."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from barnax.bundled import BUNDLED
+from barnax.records import read_record, record_from_frame
+from barnax.records.fingerprint import Content, read_fingerprint
+from helpers.records import CURRENT, TIME, VOLTAGE, pulses_a, simulated_cell
+
+
+def recorded(time_s, current_a, voltage_v):
+    return record_from_frame({TIME: time_s, CURRENT: -current_a, VOLTAGE: voltage_v})
+
+
+four_digits = np.vectorize(lambda value: float(f"{value:.4g}"))
+
+
+def interpolated(interval_s):
+    def resample(t, i, v):
+        grid_s = np.arange(t[0], t[-1], interval_s)
+        return grid_s, np.interp(grid_s, t, i), np.interp(grid_s, t, v)
+
+    return resample
+
+
+COPIES = {
+    "in other units": lambda t, i, v: (t / 3600 * 3600, i * 1e3 / 1e3, v * 1e3 / 1e3),
+    "of single precision": lambda t, i, v: (t, np.float32(i), np.float32(v)),
+    "rounded": lambda t, i, v: (t, np.round(i, 2), np.round(v, 2)),
+    "of four digits": lambda t, i, v: (t, four_digits(i), four_digits(v)),
+    "of another clock": lambda t, i, v: (t + 1.7e9, i, v),
+    "its first 90 %": lambda t, i, v: (t[:17700], i[:17700], v[:17700]),
+    "its end from zero": lambda t, i, v: (t[7000:] - 7000, i[7000:], v[7000:]),
+    "its middle from zero": lambda t, i, v: (t[5000:15000] - 5000, i[5000:15000], v[5000:15000]),
+    "every third sample": lambda t, i, v: (t[1::3], i[1::3], v[1::3]),
+    "interpolated to less": interpolated(2.5),
+    "interpolated to more": interpolated(0.4),
+}
+
+
+@pytest.fixture(scope="module")
+def record():
+    return read_record(BUNDLED.record)
+
+
+@pytest.mark.parametrize("copy", COPIES)
+def test_a_copy_is_told_by_its_samples_and_by_what_is_stored_of_them(record, copy):
+    values = COPIES[copy](record.time_s, record.current_a, record.voltage_v)
+    own, other = Content(record), Content(recorded(*values))
+    assert own.is_like(other)
+    assert other.holds(own.fingerprint)
+
+
+@pytest.mark.parametrize(("noise_v", "places"), [(2e-4, 4), (1e-3, 3), (1e-3, 2)])
+@pytest.mark.parametrize("r0", [0.05, 0.0505])
+def test_the_same_current_again_or_on_another_cell_is_another_record(noise_v, places, r0):
+    current_a, rng = pulses_a(6000), np.random.default_rng(0)
+    one, other = (
+        Content(
+            recorded(
+                np.arange(6000.0),
+                current_a,
+                np.round(simulated_cell(current_a, r0=ohm) + rng.normal(0, noise_v, 6000), places),
+            )
+        )
+        for ohm in (0.05, r0)
+    )
+    assert not one.is_like(other)
+    assert not one.holds(other.fingerprint)
+    assert not other.holds(one.fingerprint)
+
+
+def test_measured_records_of_one_cell_are_different(real_data):
+    paths = real_data.glob("calce*/*_SP20-2.parquet")
+    contents = [Content(read_record(path)) for path in paths]
+    assert len(contents) == 8
+    for one, other in permutations(contents, 2):
+        assert not one.holds(other.fingerprint)
+
+
+def test_a_part_overlaps_with_the_whole_and_not_with_what_follows_it(record):
+    cut = (slice(0, 9000), slice(5000, 14000), slice(9000, None))
+    first, middle, last = (
+        Content(recorded(record.time_s[part], record.current_a[part], record.voltage_v[part]))
+        for part in cut
+    )
+    assert first.is_like(middle)
+    assert middle.is_like(last)
+    assert not first.is_like(last)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("0 1", "holds samples"),
+        ("0;1 2 3", "unpack"),
+        ("0 1;1 2", "reshape"),
+        ("0 1;a b c", "could not convert"),
+    ],
+)
+def test_what_is_no_fingerprint_is_refused(text, told):
+    with pytest.raises(ValueError, match=told):
+        read_fingerprint(text)

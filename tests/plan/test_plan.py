@@ -197,6 +197,20 @@ def test_a_record_that_begins_full_under_a_small_current_needs_no_start(tmp_path
     assert "at full: 4.1863 V" in reason(found, "us06_0degC.parquet")
 
 
+def test_a_folder_in_a_folder_is_named(folder):
+    (folder / "cold").mkdir()
+    shutil.copy(BUNDLED.record, folder / "cold")
+    (folder / "barnax-out").mkdir()
+    (folder / "barnax-out" / "result.json").write_text("{}")
+    found = plan(folder)
+    assert "give its files too" in reason(found, "cold")
+    assert roles(found).keys() == {*NAMES, "cold"}
+    for name in NAMES:
+        (folder / name).unlink()
+    with pytest.raises(InputError, match=r"has no files; give '.*cold'$"):
+        plan(folder)
+
+
 def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):
     with pytest.raises(InputError, match="has no files"):
         plan(tmp_path)

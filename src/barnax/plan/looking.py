@@ -137,7 +137,7 @@ class Seen:
 
 
 def files_of(sources: Sequence[Any]) -> list[Any]:
-    """The files of what was given, folders replaced by what lies in them.
+    """The files of what was given, folders replaced by the files and the folders in them.
 
     Raises `InputError` for a folder without files.
     """
@@ -149,16 +149,22 @@ def files_of(sources: Sequence[Any]) -> list[Any]:
         inside = [
             path
             for path in sorted(Path(each).iterdir())
-            if path.is_file()
-            and not path.name.startswith(_TEMPORARY)
-            and path.suffix.lower() not in _BESIDE
+            if not path.name.startswith(_TEMPORARY)
+            and (path.suffix.lower() not in _BESIDE if path.is_file() else _is_of_files(path))
         ]
-        if not inside:
-            raise InputError(
-                f"{printable(str(each))}: has no files; give the folder with the records of a cell"
-            )
+        if not any(path.is_file() for path in inside):
+            within = " or ".join(f"'{path}'" for path in inside)
+            remedy = f"give {within}" if inside else "give the folder with the records of a cell"
+            raise InputError(f"{printable(str(each))}: has no files; {printable(remedy)}")
         found += inside
     return found
+
+
+def _is_of_files(path: Path) -> bool:
+    """Whether it is a folder with something in it, other than a result."""
+    if not path.is_dir() or not os.access(path, os.R_OK) or (path / "result.json").exists():
+        return False
+    return any(path.iterdir())
 
 
 def look(
@@ -170,6 +176,10 @@ def look(
     for each in sources:
         name = each.name if isinstance(each, Source) else names[Path(each)]
         path = Path(name if isinstance(each, Source) else each)
+        if path.is_dir():
+            refusal = f"{name}: a folder in the folder is not looked into; give its files too"
+            yield Seen(path, name, refusal=refusal)
+            continue
         with watch(f"Looking at {name}", 0):
             try:
                 source = source_of(each, names, reading.columns)
@@ -213,7 +223,7 @@ def _tests(seen: Seen) -> Iterator[Seen]:
         part = _part(seen, first, last, is_full)
         sweeps = part.traits.sweeps if part.traits else ()
         rows = [point.row for each in sweeps if each.kind == "rests" for point in each.points]
-        begin, end = np.searchsorted(record.row, [min(rows), max(rows)]) if rows else (first, last)
+        begin, end = np.flatnonzero(np.isin(record.row, rows))[[0, -1]] if rows else (first, last)
         # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
         for cut, beside in ((int(end), (int(end), last)), (int(begin), (first, int(begin)))):
             if _is_long(record, *beside) and _part(seen, *beside).kind(None) in SERVING:

@@ -240,8 +240,10 @@ def _dates(text: pl.Series) -> pl.Series:
         if first.str.to_datetime(form, strict=False).null_count():
             continue
         dates = plain.str.to_datetime(form, time_unit="us", strict=False)
-        falls = (dates.diff().dt.total_microseconds() < 0).sum()
-        read.append(((dates.null_count(), falls, dates.max() - dates.min()), dates))  # type: ignore[operator]
+        # Python knows no year 0.
+        stamps = dates.dt.epoch("us")
+        falls = (stamps.diff() < 0).sum()
+        read.append(((dates.null_count(), falls, stamps.max() - stamps.min()), dates))  # type: ignore[operator]
     return min(read, key=lambda each: each[0])[1] if read else text
 
 
@@ -259,10 +261,19 @@ def _date_unit_s(values: Numbers) -> float:
 _STATES = (
     (
         1,
-        r"^(d|d (cc|cv)|dis|dch|dch?r?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entladen|.*放电)$",
+        r"^(d|d (cc|cv)|dis|dch|dch?r?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entlad(en|ung)|"
+        r".*放电|.*放電|.*방전)$",
     ),
-    (-1, r"^(c|c (cc|cv)|chr?g?|cha|ratec|.*chg|.*charg(e|ing)|.*laden|.*充电)$"),
-    (0, r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|静置|搁置)$"),
+    (
+        -1,
+        r"^(c|c (cc|cv)|chr?g?|cha|ratec|.*chg|.*charg(e|ing)|.*lad(en|ung)|"
+        r".*充电|.*充電|.*충전)$",
+    ),
+    (
+        0,
+        r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|.*ruhe|静置|搁置|靜置|擱置|休止|"
+        r"휴지|휴식)$",
+    ),
 )
 
 

@@ -1,6 +1,7 @@
 """The rules on the clock: it never falls, and no sample stands in the record twice."""
 
 import numpy as np
+import polars as pl
 from jaxtyping import Bool, Float
 
 from ..errors import counted
@@ -23,9 +24,13 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
     """
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return samples, []
-    joined, findings = _join_steps(samples)
+    samples, findings = _by_counter(samples)
+    joined, found = _join_steps(samples)
+    findings += found
     if joined is not None:
         return joined, findings
+    samples, found = _without_jitter(samples)
+    findings += found
     for find in (_single_strays, _stray_runs):
         strays = find(samples.time_s)
         if 0 < strays.sum() <= max(_SLIPS, _FEW * len(strays)):
@@ -46,6 +51,52 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
     what, remedy = _restart(samples, falls, is_midnight)
     findings.append(found_at(samples, at, "error", f"{drop}: {what}", remedy))
     return samples.having(time=_running_on(time)), findings
+
+
+def _by_counter(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples in the order of a column that counts the rows, where time falls less in it."""
+    falls = int(np.sum(samples.intervals_s < 0))
+    used = {column.index for column in samples.columns.values()}
+    for index, column in enumerate(samples.table.columns):
+        if index in used or not column.dtype.is_numeric():
+            continue
+        count = column.cast(pl.Float64).to_numpy()[samples.at]
+        order = np.argsort(count, kind="stable")
+        if not np.all(np.diff(count[order]) == 1) or np.all(np.diff(order) == 1):
+            continue
+        if np.sum(np.diff(samples.time_s[order]) < 0) <= _FEW * falls:
+            name, places = samples.table.header[index], counted(falls, "place")
+            what = f"the rows stand out of order ({places}); they are sorted by '{name}'"
+            return samples.keep(order), [Finding("note", what, is_told=True)]
+    return samples, []
+
+
+# A clock that falls by so small a share of the usual interval is not read finely enough.
+_JITTER_SHARE = 0.1
+
+
+def _without_jitter(samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples with stamps put just where they belong that are a little behind the one before.
+
+    A stamp is put one interval before the next, or hard behind the one before.
+    """
+    time, usual_s = samples.time_s, samples.interval_s
+    falls = np.flatnonzero(samples.intervals_s < 0)
+    fall_s = time[falls] - time[falls + 1]
+    if not 0 < len(falls) <= max(_SLIPS, _FEW * len(time)) or falls[-1] + 2 >= len(time):
+        return samples, []
+    room_s = time[falls + 2] - time[falls]
+    if np.any(fall_s > _JITTER_SHARE * usual_s) or np.any(room_s <= 0):
+        return samples, []
+    behind = time[falls] + np.minimum(_APART_SHARE * room_s, _APART_S)
+    mended = time.copy()
+    mended[falls + 1] = np.maximum(time[falls + 2] - usual_s, behind)
+    what = (
+        f"time falls by {1e3 * float(fall_s.max()):.3g} ms ({counted(len(falls), 'place')}), a "
+        "small part of the interval: put in order"
+    )
+    finding = found_at(samples, int(falls[0]) + 1, "note", what, is_told=True)
+    return samples.having(time=mended), [finding]
 
 
 # So much of a clock's falls must lie where the step changes, and so low must they go.

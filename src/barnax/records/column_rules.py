@@ -17,12 +17,13 @@ from .columns import (
     likely_column,
     likely_names,
     named_column,
+    names_record,
     normal,
     other_table,
 )
 from .findings import Finding
 from .quantities import QUANTITIES, Quantity, Unit
-from .table import Table
+from .table import Table, impedance_rows
 
 Columns = Mapping[str, Column]
 
@@ -72,7 +73,9 @@ def examine_columns(
     one, that is taken, so that its values are looked at too. A column still missing is in the
     findings alone. Raises InputError where no name is like any that a record has.
     """
-    if what := other_table(table.header):
+    what = other_table(table.header)
+    is_mostly = 2 * impedance_rows(table).sum() > len(table.row)
+    if what and (is_mostly or not names_record(table.header, given)):
         remedy = "give the file of samples over time"
         raise InputError(f"{file}: {what}, not a record of time, current and voltage; {remedy}.")
     found = columns_of(table.header, given)
@@ -108,18 +111,22 @@ def examine_columns(
             found.pop(unused, None)
     findings.extend(_repeated_names(table, found))
     findings.extend(_units(found))
+    missing = []
     for quantity in REQUIRED:
         if quantity.name in found:
             continue
         # What another quantity has taken is no candidate.
         free = ["" if name in _headers(found) else name for name in table.header]
         guess = likely_column(quantity, free)
+        missing.append((quantity, guess, _missing(quantity, guess, free, table)))
         if guess is not None:
             found[quantity.name] = guess
-        what, remedy = _missing(quantity, guess, free, table)
+    if missing:
+        what, remedy = missing[0][2] if len(missing) == 1 else _all_missing(missing, table)
         if is_nameless:
+            examples = ", ".join(_examples(quantity) for quantity, _, _ in missing)
             what += "; the first row holds numbers, not names"
-            remedy = f"write a row of names above it, here {_examples(quantity)}"
+            remedy = f"write a row of names above it, here {examples}"
         findings.append(Finding("error", what, remedy, row=table.names_row))
     return found, findings
 
@@ -257,6 +264,23 @@ def _missing(
         return f"{what}; likely: {_quoted(likely)}", remedy
     remedy = f"export it, name it {names}, or give its name with `columns`"
     return f"{what} among {_quoted(list(table.header))}", remedy
+
+
+def _all_missing(
+    missing: list[tuple[Quantity, Column | None, tuple[str, str]]], table: Table
+) -> tuple[str, str]:
+    """What is missing of several quantities, and the one option that names them all."""
+    names = ", ".join(quantity.name for quantity, _, _ in missing)
+    guesses = {quantity.name: guess for quantity, guess, _ in missing}
+    likely = [f"'{guess.header}' is likely the {name}" for name, guess in guesses.items() if guess]
+    what = "; ".join([f"no columns for the {names} among {_quoted(list(table.header))}", *likely])
+    given = ",".join(
+        f"{name}={guess.header if guess else 'NAME'}"
+        + ("" if guess and not guess.is_unit_assumed else ":UNIT")
+        for name, guess in guesses.items()
+    )
+    examples = ", ".join(f"'{quantity.examples[0]}'" for quantity, _, _ in missing)
+    return what, f"give `columns='{given}'`, or export and name them {examples}"
 
 
 def _examples(quantity: Quantity) -> str:

@@ -7,6 +7,7 @@ A column name is an alias and a unit, in any of the usual spellings: Battery Dat
 
 import difflib
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -64,13 +65,10 @@ def find_columns(header: Sequence[str], quantities: Sequence[Quantity]) -> dict[
     return found
 
 
-# Full-width brackets, and a degree in one letter.
-_WIDE = str.maketrans({"（": "(", "）": ")", "℃": "°c"})
-
-
 def normal(name: str) -> str:
     """The name in lower case, with blanks for underscores, and u for micro."""
-    plain = name.replace("µ", "u").replace("μ", "u").translate(_WIDE).lstrip("~# \ufeff")
+    # Wide brackets, and units in one letter.
+    plain = unicodedata.normalize("NFKC", name).replace("μ", "u").lstrip("~# \ufeff")
     return re.sub(r"[\s_]+", " ", plain).strip().lower()
 
 

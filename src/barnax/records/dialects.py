@@ -295,7 +295,7 @@ DIALECTS: tuple[Dialect, ...] = (
     ),
     # Of its names only that of the voltage is nobody else's.
     Dialect("PyBaMM", marks=("current [a] & terminal voltage [v]",), sign=DISCHARGE),
-    # What the words are in German and Chinese, of no make.
+    # What the words are in German, Chinese, Japanese and Korean, of no make.
     Dialect(
         "German",
         marks=("zeit & strom & spannung", "datum & strom & spannung"),
@@ -305,12 +305,51 @@ DIALECTS: tuple[Dialect, ...] = (
             "current": "strom",
             "voltage": "spannung",
             "temperature": "temperatur",
+            "state": "zustand|status|modus|betriebsart",
+            "step": "schritt|schritt nr|schrittnummer",
+            "cycle": "zyklus",
         },
     ),
     Dialect(
         "Chinese",
-        marks=("时间 & 电流 & 电压",),
-        names={"time": "时间", "current": "电流", "voltage": "电压", "temperature": "温度"},
+        marks=("时间 & 电流 & 电压", "時間 & 電流 & 電壓"),
+        names={
+            "time": "时间|時間",
+            "current": "电流|電流",
+            "voltage": "电压|電壓",
+            "temperature": "温度|溫度",
+            "state": "状态|狀態",
+        },
+    ),
+    Dialect(
+        "Japanese",
+        marks=("電流 & 電圧",),
+        names={
+            "time": "経過時間|総時間|試験時間|総経過時間|時間",
+            "step time": "ステップ時間",
+            "date": "日時|日付時刻|日付",
+            "current": "電流",
+            "voltage": "電圧",
+            "temperature": "電池温度|温度",
+            "step": "ステップ|ステップ番号|ステップno",
+            "cycle": "サイクル|サイクル番号|サイクル数",
+            "state": "状態|モード",
+        },
+    ),
+    Dialect(
+        "Korean",
+        marks=("전류 & 전압",),
+        names={
+            "time": "총시간|시험시간|경과시간|시간",
+            "step time": "스텝시간",
+            "date": "날짜|일시",
+            "current": "전류",
+            "voltage": "전압",
+            "temperature": "온도",
+            "step": "스텝|스텝번호",
+            "cycle": "사이클",
+            "state": "상태|모드",
+        },
     ),
     # Ivium and VersaStudio.
     Dialect("Ivium", marks=("time & i & e", "elapsed time & i & e"), names={"voltage": "u|v|e"}),

@@ -53,10 +53,10 @@ def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
 
 _SECONDS = _units(
     {
-        Unit("s"): "s|sec|secs|second|seconds|秒",
+        Unit("s"): "s|sec|secs|second|seconds|sekunden|秒|초",
         Unit("ms", 1e-3): "ms|msec|millisecond|milliseconds",
-        Unit("min", 60.0): "min|mins|minute|minutes|分|分钟",
-        Unit("h", 3600.0): "h|hr|hrs|hour|hours|小时",
+        Unit("min", 60.0): "min|mins|minute|minutes|minuten|分|分钟|분",
+        Unit("h", 3600.0): "h|hr|hrs|hour|hours|stunden|std|小时|時間|시간",
         Unit("d", 86400.0): "d|day|days",
     }
 )

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int
 
 from ..errors import LONGEST_CELL, counted, cut
 from .cell_values import DAY_S, numbers
-from .columns import Column
+from .columns import Column, normal, other_table
 from .counters import inner
 from .findings import Finding, found_at
 from .quantities import NEEDED
@@ -158,8 +158,8 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
     is_unread = ~is_good
     if (impedance := _impedance_rows(lines)).any():
         count = counted(int(impedance.sum()), "row")
-        word = lines.cell("state", int(np.argmax(impedance)))
-        what = f"{count} of an impedance measurement ({word}) left out"
+        word = lines.cell("state", int(np.argmax(impedance))) if "state" in lines.columns else None
+        what = f"{count} of an impedance measurement ({word or 'with a frequency'}) left out"
         findings.append(found_at(lines, impedance, "note", what, is_told=True))
         is_good &= ~impedance
     if _is_cut_short(lines):
@@ -187,6 +187,8 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
         if name not in NEEDED:
             lines = lines.without(name)
             what += "; the column is left out"
+            if name == "state" and not isinstance(cell, str):
+                what = f"the numbers under '{column.header}' are codes without words: left out"
             findings.append(found_at(lines, first, "note", what, is_told=True))
             continue
         remedy = "delete the row, or fill it from the tester's own file"
@@ -209,14 +211,24 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
 
 
 def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
-    """The lines whose state is an impedance measurement."""
+    """The lines whose state, or whose frequency, is that of an impedance measurement."""
     is_other = lines.values.get("state", np.zeros(len(lines))) == OTHER_STATE
     if is_other.any():
         words = lines.table.columns[lines.columns["state"].index].gather(lines.at[is_other])
         is_other[is_other] = (
             words.cast(pl.String).str.contains(_IMPEDANCE).fill_null(False).to_numpy()
         )
-    return is_other
+    return is_other | impedance_rows(lines.table)[lines.at]
+
+
+def impedance_rows(table: Table) -> Bool[np.ndarray, "lines"]:
+    """The lines with a frequency, where the table has columns of impedance."""
+    is_spectrum = np.zeros(len(table.row), bool)
+    for name, column in zip(table.header, table.columns, strict=True):
+        if normal(name).startswith("freq") and other_table(table.header):
+            hertz = column.cast(pl.Float64, strict=False)
+            is_spectrum |= (hertz > 0).fill_null(False).to_numpy()
+    return is_spectrum
 
 
 def _is_cut_short(lines: Lines) -> bool:

@@ -4,9 +4,9 @@ The lines above the names are skipped, units below them are joined to them, and 
 layer, as Neware's reports have for cycles and steps, are left out. Polars reads the cells.
 """
 
-import codecs
 import contextlib
 import csv
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +21,7 @@ from ..cell_values import numbers, without_groups
 from ..columns import columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import NEEDED
 from ..table import Reader, Table
+from .encoding import PREAMBLE_BYTES, as_utf8, is_text
 from .room import NUMBER_BYTES, require_room
 
 Schema = Mapping[str, type[pl.DataType]]
@@ -28,28 +29,16 @@ Schema = Mapping[str, type[pl.DataType]]
 _DELIMITERS = ",;\t|"
 # Cells in columns of blanks, as printed for the eye.
 _BLANK = " "
-# Names that tell a text in the encoding of Chinese computers: voltage, current.
-_CHINESE = ("电压", "电流")
-_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # The longest preambles known are a protocol of some hundred lines, or in one line of 13,000
 # letters; the widest headers have some 3,000 characters.
-_PREAMBLE_LINES, _PREAMBLE_BYTES, _LONGEST_HEADER = 2000, 400_000, 20_000
+_PREAMBLE_LINES, _LONGEST_HEADER = 2000, 20_000
 _LONGEST_LINE = 1_000_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
 _CELL_V = 6.0
+# So many lines tell whether numbers are cut in two, at a whole number before the comma.
+_SPLIT_LINES, _WHOLE = 200, re.compile(r"[+-]?\d+")
 _WORD = "[A-Za-z]{3}"
-# So many zero bytes may stand in text.
-_STRAY_ZEROS = 4
-
-
-def _recognizes(content: bytes) -> bool:
-    """Text has no zero bytes but a stray one, and those that a lost power supply left at its end.
-
-    UTF-16 has more, and says so at its start.
-    """
-    head = content[:65536].rstrip(b"\0")
-    return content.startswith(_UTF16) or (bool(head) and head.count(0) <= _STRAY_ZEROS)
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -72,7 +61,7 @@ class _Layout:
 
 
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
-    content = _as_utf8(content, file)
+    content = as_utf8(content, file)
     _require_lines(content, file)
     # The row in the file is kept, so blank lines above the names count.
     lines = _head_lines(content)
@@ -148,26 +137,8 @@ def _fits(header: Sequence[str], columns: Sequence[pl.Series]) -> bool:
         for each in (clock, found["voltage"])
     )
     is_cell = bool(np.isfinite(voltage).all() and 0 < np.median(voltage) < _CELL_V)
-    return is_cell and bool(np.isfinite(time).all() and np.mean(np.diff(time) > 0) > 0.5)
-
-
-def _as_utf8(content: bytes, file: str) -> bytes:
-    """The text in UTF-8 with a plain newline; testers write UTF-8, UTF-16 or Latin-1."""
-    if content.startswith(_UTF16):
-        try:
-            content = content.decode("utf-16").encode()
-        except UnicodeDecodeError as error:
-            raise InputError(
-                f"{file}: starts as UTF-16 text but does not continue as such; save it as UTF-8."
-            ) from error
-    content = content.removeprefix(codecs.BOM_UTF8).rstrip(b"\0")
-    if any(name.encode("gb18030") in content[:_PREAMBLE_BYTES] for name in _CHINESE):
-        content = content.decode("gb18030", "replace").encode()
-    if b"\0" in content:
-        content = content.replace(b"\0", b"")
-    if b"\n" not in content[:_PREAMBLE_BYTES]:
-        content = content.replace(b"\r", b"\n")
-    return content
+    rises = np.diff(time) > 0
+    return is_cell and bool(np.isfinite(time).all() and rises.sum() > 0.5 * len(rises))
 
 
 def _require_lines(content: bytes, file: str) -> None:
@@ -183,7 +154,7 @@ def _require_lines(content: bytes, file: str) -> None:
 
 def _head_lines(content: bytes) -> list[str]:
     """The first lines."""
-    head = content[:_PREAMBLE_BYTES]
+    head = content[:PREAMBLE_BYTES]
     try:
         text = head.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -271,16 +242,43 @@ def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int,
 
 
 def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
-    """Raise InputError where commas between cells cut numbers with decimal commas in two."""
-    rows = [_cells(line, layout.delimiter) for line in lines[:20] if line.strip(", ")]
-    if layout.delimiter != "," or not rows:
+    """Raise InputError where commas between cells cut numbers with decimal commas in two.
+
+    The cells are more than the names, and fit them where some of them are joined.
+    """
+    header, place = layout.header, layout.above + 2
+    rows = [_cells(line.rstrip(", "), ",") for line in lines[:_SPLIT_LINES] if line.strip(", ")]
+    width = max(map(len, rows), default=0)
+    rows = [row for row in rows if len(row) == width]
+    more = width - len(header)
+    if layout.delimiter != "," or not 0 < more <= len(header):
         return
-    is_wider = all(any(row[len(layout.header) + 1 :]) for row in rows)
-    if is_wider and not any("." in cell for row in rows for cell in row):
-        raise InputError(
-            f"{file}: the rows have more cells than names and no decimal point: commas separate "
-            "cells and also decimals; export it with semicolons, or with decimal points."
-        )
+    if "voltage" not in columns_of(header) or _fits(header, _series([row[more:] for row in rows])):
+        return
+    cut = [
+        k
+        for k in range(width - 1)
+        if all(_WHOLE.fullmatch(row[k]) and row[k + 1].isdecimal() for row in rows)
+    ]
+    for chosen in itertools.combinations(cut, more):
+        if np.any(np.diff(chosen) == 1):
+            continue
+        joined = [
+            "".join(cell + ("." if k in chosen else ",") for k, cell in enumerate(row)).split(",")
+            for row in rows
+        ]
+        if _fits(header, _series(joined)):
+            at = chosen[-1]
+            raise InputError(
+                f"{file}: row {place}: the rows have more cells than the {len(header)} names: "
+                "commas separate cells and also decimals, as in "
+                f"'{rows[0][at]},{rows[0][at + 1]}'; export it with semicolons, or with decimal "
+                "points."
+            )
+
+
+def _series(rows: list[list[str]]) -> list[pl.Series]:
+    return [pl.Series(column) for column in zip(*rows, strict=False)]
 
 
 def _columns(
@@ -288,7 +286,7 @@ def _columns(
 ) -> list[pl.Series]:
     """The cells below so many lines: numbers where a column holds nothing else, else text."""
     start = _offset(text, above)
-    if not text[start : start + _PREAMBLE_BYTES].strip() and not text[start:].strip():
+    if not text[start : start + PREAMBLE_BYTES].strip() and not text[start:].strip():
         return [pl.Series(str(k), [], dtype=pl.String) for k in range(len(header))]
     names = [str(k) for k in range(len(header))]
     # The first line tells Polars the width, and testers end the names or the cells with one more
@@ -401,4 +399,4 @@ def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-TEXT = Reader("delimited text", _recognizes, _read)
+TEXT = Reader("delimited text", is_text, _read)

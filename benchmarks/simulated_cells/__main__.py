@@ -25,7 +25,7 @@ OFF = 0.05
 # A warning names the cause of a wrong R0 where it speaks of one of these, and R0 or the circuit.
 CAUSES = {
     "hold": r"current_hold",
-    "sampling": r"not suitable for identification|sampled|samples? apart|lags?\b",
+    "sampling": r"not suitable for identification|faster than it is sampled|lags by part",
     "hysteresis": r"hysteresis|[a-z]*-rc\b.*(fits|better)|`model",
     "pairs": r"RC pairs|3rc|`model",
 }

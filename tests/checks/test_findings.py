@@ -82,6 +82,18 @@ def coarse_log():
     return DRIVE[np.concatenate([LINES[:9000], LINES[9000::60]])]
 
 
+def late_voltage():
+    voltage_v = array(DRIVE, VOLTAGE)
+    return changed(DRIVE, VOLTAGE, (voltage_v + np.append(voltage_v[0], voltage_v[:-1])) / 2)
+
+
+def fast_load():
+    """The cell under a load that changes every second, logged every ten."""
+    current_a = np.random.default_rng(0).uniform(-1, 2, 6000)
+    table = {TIME: 1.0 * np.arange(6000), CURRENT: -current_a, VOLTAGE: simulated_cell(current_a)}
+    return pl.DataFrame(table)[::10]
+
+
 def rebuilt_clock():
     step = LINES // 2000
     clock = np.cumsum(1 + 1e-4 * step)
@@ -255,6 +267,8 @@ FAULTS = {
     "a gap at rest": (rest_with_a_gap(), {}),
     "a coarse log at rest": (frame("ocv_charge"), {}),
     "a coarse log under load": (coarse_log(), {}),
+    "a voltage half a sample late": (late_voltage(), {"late voltage": "warning"}),
+    "a load faster than the log": (fast_load(), {"fast load": "warning"}),
     "a rebuilt clock": (rebuilt_clock(), {}),
     "a steady clock": (DRIVE.with_columns(pl.Series(STEP, LINES // 2000)), {}),
 }
@@ -386,7 +400,7 @@ def test_a_step_of_the_current_that_the_voltage_answers_late_is_no_break(tmp_pat
     table = pl.DataFrame(
         {TIME: np.arange(720.0), CURRENT: -current_a, VOLTAGE: np.round(voltage_v, 4)}
     )
-    assert checked(tmp_path, table).is_clean
+    assert counting(checked(tmp_path, table)) == {"late voltage": "warning"}
     shifted_v = np.where(np.arange(720) < 640, voltage_v, voltage_v - 0.2)
     assert "breaks" in counting(checked(tmp_path, changed(table, VOLTAGE, shifted_v)))
 
@@ -517,3 +531,22 @@ def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
     cut_s = np.where(LINES[:120] < 60, LINES[:120], LINES[:120] + 86400.0)
     what = found(checked(tmp_path, changed(DRIVE[:120], TIME, cut_s)), "gaps").what
     assert "what passed meanwhile was not logged" in what
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.4])
+def test_a_late_voltage_is_told_with_what_each_sample_shows(tmp_path, late):
+    rng = np.random.default_rng(0)
+    current_a = np.repeat(rng.uniform(-1, 2, 200), rng.integers(2, 20, 200))
+    voltage_v = simulated_cell(current_a)
+    voltage_v[1:] -= late * np.diff(voltage_v)
+    table = pl.DataFrame(
+        {TIME: np.arange(len(current_a)) * 1.0, CURRENT: -current_a, VOLTAGE: voltage_v}
+    )
+    outcome = checked(tmp_path, table)
+    if not late:
+        assert outcome.is_clean
+        return
+    what = found(outcome, "late voltage").what
+    first, second = (float(ohm) for ohm in re.findall(r"([\d.]+) mOhm", what)[:2])
+    # By parts of a sample, what came at once is shared between it and the next.
+    assert first / (first + second) == pytest.approx(1 - late, abs=0.04)

@@ -28,6 +28,8 @@ CHECKS: Mapping[str, Check] = {
     "skipped": sampling.find_skipped,
     "breaks": sampling.find_breaks,
     "coarse intervals": sampling.find_coarse_intervals,
+    "late voltage": sampling.find_late_voltage,
+    "fast load": sampling.find_fast_load,
     "rebuilt clock": sampling.find_rebuilt_clock,
     "rests": charge.find_rests,
     "clipped current": channels.find_clipped_current,

@@ -25,6 +25,16 @@ _SKIPPED_SHARE = 0.03
 # Intervals this long under load, beside others a tenth as long, hide what the load did.
 _COARSE_S, _FINE_SHARE = 30.0, 0.1
 
+# The answers to a step are looked at in so many samples, of so many places where the current moves
+# by more than this share of the largest.
+_ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
+# A pair answers in the sample after a step at most so often what it does in the next one, unless it
+# is over within two samples. More than this share of the whole, at so many deviations, is late.
+_LASTING, _LATE_SHARE, _LATE_SURE = 2.0, 0.03, 4.0
+# From this interval on, a current that differs from both its neighbors in so many of the samples
+# under load, by this share of the largest, also changed between them.
+_SLOW_S, _ALONE, _ALONE_SHARE = 2.5, 0.5, 0.1
+
 Intervals = Float[np.ndarray, "intervals"]
 
 
@@ -150,6 +160,69 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
     )
     remedy = "leave them out with `score_steps`, `score_from` or `score_to`"
     yield given.at(int(np.argmax(is_coarse)) + 1, "note", what, remedy)
+
+
+def find_late_voltage(given: CheckInput) -> Iterator[Finding]:
+    """A voltage that shows part of a step of the current only in the next sample.
+
+    The answers of the samples from a step on, in ohm, by least squares on the differences between
+    samples: R0 and what follows at once in the first, in the others what the RC pairs add, which
+    falls off with their time constants. A second answer far above what the third leaves it is late.
+    """
+    record = given.record
+    interval_s, moved_a = record.interval_s, np.diff(record.current_a)
+    usual_s = float(np.median(interval_s))
+    near = np.lib.stride_tricks.sliding_window_view
+    if len(moved_a) < _ANSWERS + _FEWEST_STEPS:
+        return
+    is_even = np.all(np.abs(near(interval_s, _ANSWERS) - usual_s) < 0.1 * usual_s, axis=1)
+    steps_a = near(moved_a, _ANSWERS)[:, ::-1]
+    least_a = _STEP_SHARE * given.samples.peak_a
+    is_used = is_even & (np.max(np.abs(steps_a), axis=1) > least_a)
+    if is_used.sum() < _FEWEST_STEPS:
+        return
+    # The current before and a constant stand for what is slow.
+    before_a = record.current_a[: len(steps_a)]
+    design = np.column_stack([steps_a, before_a, np.ones(len(steps_a))])[is_used]
+    moved_v = np.diff(record.voltage_v)[_ANSWERS - 1 :][is_used]
+    if np.linalg.matrix_rank(design) < design.shape[1]:
+        return
+    inverse = np.linalg.inv(design.T @ design)
+    answers = -inverse @ (design.T @ moved_v)
+    late = np.zeros(len(answers))
+    late[1:3] = 1, -_LASTING
+    error_v = moved_v + design @ answers
+    variance = float(error_v @ error_v) / (len(moved_v) - len(answers)) * (late @ inverse @ late)
+    ohm, whole = float(late @ answers), float(answers[0] + answers[1])
+    if not ohm > max(_LATE_SHARE * whole, _LATE_SURE * np.sqrt(variance)) or answers[0] <= 0:
+        return
+    first, second, third = 1e3 * answers[:3]
+    what = (
+        f"of a step of the current the voltage shows {first:.3g} mOhm at once, {second:.3g} mOhm "
+        f"one sample ({usual_s:.3g} s) later and {third:.3g} mOhm after that: it lags by part of a "
+        f"sample, or pairs are faster than the log, and R0 is up to "
+        f"{100 * ohm / (answers[0] + ohm):.0f} % too low"
+    )
+    remedy = "use a record that logs current and voltage at one moment, or one sampled faster"
+    yield Finding("warning", what, remedy)
+
+
+def find_fast_load(given: CheckInput) -> Iterator[Finding]:
+    """A current that changes as often as it is logged, slowly: what flowed between is not known."""
+    record = given.record
+    usual_s = float(np.median(record.interval_s))
+    is_changed = np.abs(np.diff(record.current_a)) > _ALONE_SHARE * given.samples.peak_a
+    is_alone = is_changed[1:] & is_changed[:-1]
+    is_loaded = ~given.is_rested[1:-1]
+    share = float(np.mean(is_alone[is_loaded])) if is_loaded.any() else 0.0
+    if usual_s < _SLOW_S or share < _ALONE:
+        return
+    what = (
+        f"the current differs from both its neighbors in {100 * share:.0f} % of the samples under "
+        f"load, which are {usual_s:.3g} s apart: it changes faster than it is sampled, and every "
+        "resistance can be wrong by more than its interval"
+    )
+    yield Finding("warning", what, "log it faster, or a mean current over each interval")
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:

@@ -43,7 +43,7 @@ GENERAL = {
 # In a notebook a result shows itself: the one import to the right, made when it is asked to.
 SHOWN = {("results", "reporting")}
 # Where what users give is read, beside the command line.
-READING = {"records/read.py", "schema.py", "model/search_space.py", "plan/document.py"}
+READING = {"records/source.py", "schema.py", "model/search_space.py", "plan/document.py"}
 # Files within a file in memory.
 READING |= {"records/readers/room.py"}
 # Where files are put in place whole.

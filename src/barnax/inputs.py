@@ -25,7 +25,7 @@ from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
-from .records.read import STDIN, STDIN_NAME
+from .records.source import STDIN, STDIN_NAME
 
 # A file or what was read of one, a `Record`, or a data frame.
 Given = Any
@@ -66,6 +66,7 @@ class Reading:
         validate_current_sign: The sign in records to validate on.
         current_hold: When a sample's current flows, in all files.
         columns: Names of columns, as for `read_record`.
+        series: How many cells are in series, as for `read_record`.
     """
 
     current_sign: str = "auto"
@@ -73,6 +74,7 @@ class Reading:
     validate_current_sign: str = "auto"
     current_hold: str = "auto"
     columns: Mapping[str, str] | str = ""
+    series: int = 1
 
     def options(self, role: str = "identification") -> dict[str, Any]:
         """Sign and hold of a file of that role, as `read_record` and `check_file` take them."""
@@ -181,7 +183,7 @@ def read_inputs(
         """What a file or frame holds, read once, and remembered to be checked."""
         if isinstance(each, Record | OcvTable):
             return each
-        source = source_of(each, names, reading.columns, _FRAMES.get(role, FRAME))
+        source = source_of(each, names, reading, _FRAMES.get(role, FRAME))
         read = read_ocv_test if role == "OCV test" else read_record
         looked_at.append((role, source, read(source, **reading.options(role))))
         return looked_at[-1][2]
@@ -280,24 +282,22 @@ def read_validation(
     """
     if isinstance(given, Record):
         return given, []
-    source = source_of(given, {}, reading.columns)
+    source = source_of(given, {}, reading)
     record = read_record(source, **reading.options("validation"))
     looked_at = [("validation", source, record)]
     return record, _checked(looked_at, cell, None, window, reading, identified)
 
 
 def source_of(
-    given: Given,
-    names: Mapping[Path, str],
-    columns: Mapping[str, str] | str = "",
-    frame: str = FRAME,
+    given: Given, names: Mapping[Path, str], reading: Reading, frame: str = FRAME
 ) -> Source:
     """A file or a data frame, read once, under the name that results call it."""
     if isinstance(given, Source):
         return given
+    read: dict[str, Any] = {"columns": reading.columns, "series": reading.series}
     if not isinstance(given, str | Path):
-        return source_from_frame(given, frame, columns=columns)
-    source = read_source(given, columns=columns)
+        return source_from_frame(given, frame, **read)
+    source = read_source(given, **read)
     return replace(source, name=names.get(Path(given), source.name))
 
 

@@ -414,6 +414,7 @@ def validate_stored(
     current_sign: str = "auto",
     current_hold: str = "auto",
     columns: Mapping[str, str] | str = "",
+    series: int = 1,
 ) -> tuple[Evaluation, list[str]]:
     """A stored circuit on another record, as its evaluation and the warnings about that record.
 
@@ -425,11 +426,15 @@ def validate_stored(
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: When a sample's current flows; "auto" decides from the data.
         columns: Names of columns, as for `read_record`.
+        series: How many cells are in series, as for `read_record`.
 
     Raises `InputError` if the record or its window cannot be used.
     """
     reading = Reading(
-        validate_current_sign=current_sign, current_hold=current_hold, columns=columns
+        validate_current_sign=current_sign,
+        current_hold=current_hold,
+        columns=columns,
+        series=series,
     )
     window = window or stored.common_window
     cell = stored.cell_model

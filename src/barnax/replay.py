@@ -233,6 +233,7 @@ def replay_soc(
     current_sign: str = "auto",
     current_hold: str = "auto",
     columns: Mapping[str, str] | str = "",
+    series: int = 1,
 ) -> SocReplay:
     """A record replayed through a Kalman filter with a result's circuit, for each scenario.
 
@@ -248,13 +249,17 @@ def replay_soc(
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: When a sample's current flows; "auto" decides from the data.
         columns: Names of columns, as for `read_record`.
+        series: How many cells are in series, as for `read_record`.
 
     Raises `InputError` if the record, its window or `settings.estimate` cannot be used, and for a
     result without an assessment.
     """
     settings, window = settings or FilterSettings(), window or result.common_window
     reading = Reading(
-        validate_current_sign=current_sign, current_hold=current_hold, columns=columns
+        validate_current_sign=current_sign,
+        current_hold=current_hold,
+        columns=columns,
+        series=series,
     )
     measured, warnings = read_validation(
         record, reading, window, result.cell_model, result.measured_at

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import barnax.records.read
+import barnax.records.source
 from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.checks import check_file
 from barnax.errors import InputError
@@ -28,7 +28,7 @@ def test_one_read_of_a_file_gives_its_record_and_its_check(tmp_path, monkeypatch
     frame().write_csv(path)
     source = read_source(path)
     expected = check_file(path), read_record(path).sha256
-    monkeypatch.setattr(barnax.records.read, "read_table", None)
+    monkeypatch.setattr(barnax.records.source, "read_table", None)
     path.unlink()
     assert (check_file(source), read_record(source).sha256) == expected
 

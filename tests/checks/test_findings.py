@@ -219,7 +219,7 @@ FAULTS = {
     "a large cell": (scaled(DRIVE, CURRENT, 100.0), {}),
     "milliamperes by the capacity": (
         scaled(DRIVE[:2500], CURRENT, 100.0),
-        {"current unit": "error"},
+        {"current unit": "warning", "capacity": "warning"},
     ),
     "a discharge-positive current": (scaled(DRIVE, CURRENT, -1.0), {"sign": "warning"}),
     "a discharge-positive current of plain names": (

@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax.checks import check_file
 from barnax.records import read_record
 from barnax.records.bdf import bdf_files
 from helpers.dialects import WRITERS, maccor_text, pulse_table
@@ -67,3 +68,22 @@ def test_columns_reach_check_and_convert(run, tmp_path):
     names = ("--columns", "time=Zeit:s,current=Strom:A,voltage=Klemme:V")
     assert "300 samples" in run("check", tmp_path / "own.csv", *names).out
     assert run("convert", tmp_path / "own.csv", *names, "--out", tmp_path / "o.csv").status == 0
+
+
+def test_converting_tells_all_that_a_check_finds(run, tmp_path):
+    table = pulse_table()
+    pl.concat([table[:100], table[200:]]).write_csv(tmp_path / "gap.csv")
+    told = run("convert", tmp_path / "gap.csv", "--out", tmp_path / "o.csv").err
+    found = [each for each in check_file(tmp_path / "gap.csv").findings if each.counts]
+    assert found
+    assert all(each.what in told for each in found)
+
+
+def test_a_pack_is_converted_to_one_of_its_cells(run, tmp_path):
+    table = pulse_table()
+    table.with_columns(pl.col("Voltage / V") * 12).write_csv(tmp_path / "pack.csv")
+    words = (tmp_path / "pack.csv", "--series", "12")
+    assert run("convert", *words, "--out", tmp_path / "o.csv").status == 0
+    read = read_record(tmp_path / "o.csv").voltage_v
+    np.testing.assert_allclose(read, table["Voltage / V"].to_numpy())
+    assert "divided by 12" in run("check", *words).out

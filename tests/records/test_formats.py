@@ -9,6 +9,9 @@ from pathlib import Path
 import pytest
 from benchmarks.formats import missing_package, outcome_of, truths
 
+from barnax.errors import InputError
+from barnax.records import read_record
+
 FOLDER = Path(os.environ.get("BARNAX_SHARED_DATA", "nowhere"), "formats")
 FILES = truths(FOLDER)
 RECORDS = [each for each in FILES if "n_rows" in each]
@@ -61,3 +64,13 @@ def test_what_is_no_record_is_refused_or_remarked_on(other):
 
 def test_at_least_fifty_of_the_records_are_read():
     assert len(RECORDS) - len(REFUSED) >= 50
+
+
+@pytest.mark.parametrize("name", ["TestFile.nda", "nda_v22.nda"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
+def test_a_neware_file_that_is_cut_short_is_refused(tmp_path, name, share):
+    content = (FOLDER / "neware" / name).read_bytes()
+    path = tmp_path / "cell.nda"
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(InputError, match=r"is cut short: it has [\d,]+ bytes of"):
+        read_record(path)

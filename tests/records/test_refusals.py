@@ -79,7 +79,6 @@ REFUSED = {
     "a clock that starts again": csv(pl.concat([FRAME, FRAME])),
     "a clock of few digits": csv(FRAME.with_columns(pl.col(TIME).floordiv(10) * 10)),
     "milliamperes": scaled(CURRENT, 1000),
-    "milliamperes of a slow sweep": csv(pl.DataFrame(SWEEP)),
     "milliamperes by the counters": counted_milliamperes(),
     "millivolts": scaled(VOLTAGE, 1000),
     "kilovolts": scaled(VOLTAGE, 1e-3),
@@ -107,6 +106,7 @@ REFUSED = {
 }
 
 TOLD = {
+    "milliamperes of a slow sweep": csv(pl.DataFrame(SWEEP)),
     "a row cut off": csv(SHORT) + b"20.0,-0.1",
     "nothing but rest": scaled(CURRENT, 0),
     "units to convert": csv(FRAME.rename({TIME: "Time [min]", CURRENT: "Current [mA]"})),

@@ -98,6 +98,8 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     if "discharge OCV" in columns or "charge OCV" in columns:
         columns.pop("OCV", None)
     lines = take_lines(source.table, columns)
+    voltages = {name: lines.values[name] for name in columns if name != "SOC"}
+    lines = lines.having(**{name: source.of_one_cell(each) for name, each in voltages.items()})
     warnings = [
         f"{source.name}: no unit in '{column.header}'; V is assumed"
         for column in columns.values()

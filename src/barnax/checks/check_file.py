@@ -15,8 +15,9 @@ from ..records.columns import is_ocv_table
 from ..records.dialects import Sign
 from ..records.findings import Finding, named
 from ..records.hold import decide_hold
-from ..records.read import Source, examine, make_record, read_source
+from ..records.read import examine, make_record
 from ..records.sign import decide_sign
+from ..records.source import Source, read_source
 from ..schema import Json
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput
@@ -179,7 +180,6 @@ def check_file(
             given = CheckInput(source.cut(samples), record, capacity_ah, rest_current_a)
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
-            findings += named("twin columns", channels.find_twins(source, given))
             traits = traits_of(given)
             facts, roles = _facts(given), find_roles(given, traits)
     if source.name.lower().endswith(_TESTERS_OWN):

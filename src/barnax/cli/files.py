@@ -15,6 +15,7 @@ from .options import (
     INPUT,
     OUTPUT,
     QUIET,
+    SERIES,
     STORED,
     HowRead,
     argument,
@@ -43,6 +44,7 @@ class Checked:
         INPUT, "AH", "Capacity of the cell, to check the ampere-hours against."
     )
     columns: str = COLUMNS
+    series: int = SERIES
     as_json: bool = flag(OUTPUT, "--json", "Print the findings as JSON.")
     quiet: bool = flag(
         OUTPUT, "--quiet -q", "Print no tables and no notes; findings go to stderr, one per line."
@@ -57,6 +59,7 @@ def check(what: Checked) -> None:
     session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
         from ..checks import check_file
+        from ..records import read_source
         from ..reporting.checks import check_document, count_sentence, finding_line
         from ..reporting.terminal import to_terminal
 
@@ -67,7 +70,8 @@ def check(what: Checked) -> None:
     for file in what.files:
         try:
             with session.watch(f"Looking at {file.name}"):
-                each = check_file(file, capacity_ah=what.capacity, columns=what.columns)
+                source = read_source(file, columns=what.columns, series=what.series)
+                each = check_file(source, capacity_ah=what.capacity)
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
@@ -113,7 +117,8 @@ def convert(what: Converted) -> None:
     """
     session, file = Session(is_quiet=what.quiet), what.file
     with session.watch("Loading"):
-        from ..records import read_record
+        from ..checks import check_file
+        from ..records import read_record, read_source
         from ..records.bdf import bdf_files
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
@@ -125,10 +130,17 @@ def convert(what: Converted) -> None:
         require_free_file(path.with_name(f"{path.name[:-4]}.json"), what.force)
     tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
-        record = read_record(file, **vars(what.read))
+        how = dict(vars(what.read))
+        source = read_source(file, columns=how.pop("columns"), series=how.pop("series"))
+        record = read_record(source, **how)
+        found = check_file(source, **how).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
-    session.warn(record.warnings)
+    told = [each.sentence(record.name) for each in found if each.counts]
+    session.warn(dict.fromkeys([*record.warnings, *told]))
+    for each in found:
+        if not each.counts and not each.is_told:
+            session.note(each.sentence(record.name))
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
 
 

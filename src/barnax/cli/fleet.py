@@ -136,7 +136,7 @@ class FleetOptions:
             if isinstance(value, list) and value:
                 is_path = name in ("ocv", "validate")
                 given[name] = [path.absolute() for path in value] if is_path else value[-1]
-            elif value and name != "read" and value != "auto":
+            elif value and name != "read" and value not in ("auto", 1):
                 given[name] = value
         for name in ("bounds", "cell"):
             if value := getattr(self.search, name):

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 PLANNED = (
     "ocv_capacity", "ocv_fit", "hysteresis_fit", "model", "method", "trust", "over",
     "current_hold", "current_sign", "ocv_current_sign", "validate_current_sign", "columns",
+    "series",
 )  # fmt: skip
 
 

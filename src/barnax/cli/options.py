@@ -113,6 +113,9 @@ COLUMNS = option(
     "if the name has none.",
     "",
 )
+SERIES = option(
+    INPUT, "N", "Cells in series, for packs and modules: the voltage is divided by it.", 1, min=1
+)
 Sign = Literal["auto", "charge-positive", "discharge-positive"]
 
 
@@ -135,6 +138,7 @@ class HowRead:
         "auto",
     )
     columns: str = COLUMNS
+    series: int = SERIES
 
 
 @group

@@ -30,6 +30,7 @@ Options = Mapping[str, Any]
 OPTIONS = (
     *("ocv_capacity", "ocv_fit", "hysteresis_fit", "model"),
     *("current_sign", "ocv_current_sign", "validate_current_sign", "current_hold", "columns"),
+    "series",
 )
 
 

@@ -148,7 +148,7 @@ def _known_cell(
     sign: Any = reading.ocv_current_sign
     hold: Any = reading.current_hold
     for path, _ in ocv:
-        source = source_of(_given(path), {}, reading.columns)
+        source = source_of(_given(path), {}, reading)
         tests.append(read_ocv_test(source, current_sign=sign, current_hold=hold))
         if isinstance(tests[-1], OcvTable):
             continue

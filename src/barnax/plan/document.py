@@ -158,6 +158,7 @@ _CHOICES: Mapping[str, tuple[str, ...]] = {
 _OF_RUN: _Kinds = {
     "capacity": _NUMBER,
     "ocv_capacity": _NUMBER,
+    "series": _WHOLE,
     **dict.fromkeys((*_CHOICES, "columns"), _TEXT),
 }
 # Options of a record, in the order of a `Window`, whose fields they are.

@@ -182,7 +182,7 @@ def look(
             continue
         with watch(f"Looking at {name}", 0):
             try:
-                source = source_of(each, names, reading.columns)
+                source = source_of(each, names, reading)
                 yield _looked_at(path, source, window_of(windows, name))
             except InputError as problem:
                 yield Seen(path, name, refusal=str(problem))

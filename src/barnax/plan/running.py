@@ -57,10 +57,15 @@ def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> 
         return None
     if len(paths) < len(given):
         return None
-    reading = options.get("reading") or Reading(columns=options.get("columns", ""))
+    reading = _reading(options)
     watch = options.get("watch", unwatched)
     said = {name: options.get(name) for name in ("over", "window", "capacity")}
     return plan(given, ocv=ocv, validate=validate, **said, reading=reading, watch=watch)
+
+
+def _reading(options: Mapping[str, Any]) -> Reading:
+    own = {name: options[name] for name in ("columns", "series") if name in options}
+    return options.get("reading") or Reading(**own)
 
 
 def plans_first(identify: Run) -> Run:
@@ -93,28 +98,30 @@ def arguments(
         # Of an OCV test its temperature counts.
         if each.is_simulated or each.window.temperature_degc is not None
     }
+    reading = _reading({**found.options, **options})
     given = {
         **found.options,
         **options,
-        "records": _sources(found, "identification"),
-        "ocv": _sources(found, "OCV test"),
+        "records": _sources(found, "identification", reading),
+        "ocv": _sources(found, "OCV test", reading),
         # Windows for names that are not simulated are refused further on.
         "window": {**windows_by_name(window), **windows},
     }
-    validate = _sources(found, "validation")
+    validate = _sources(found, "validation", reading)
     if found.command == "hppc":
         given = prepare_pulse_tests(**given)
     return {**given, "validate": validate}
 
 
-def _sources(found: Plan, role: Use) -> list[Any]:
-    return [_source(part) for part in found.of_role(role)]
+def _sources(found: Plan, role: Use, reading: Reading) -> list[Any]:
+    return [_source(part, reading) for part in found.of_role(role)]
 
 
-def _source(part: Part) -> Any:
+def _source(part: Part, reading: Reading) -> Any:
     if part.source is not None or part.span_s is None:
         return part.source or part.path
-    return replace(read_source(part.path), name=part.name, span_s=part.span_s)
+    source = read_source(part.path, columns=reading.columns, series=reading.series)
+    return replace(source, name=part.name, span_s=part.span_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +192,7 @@ def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     for each in given:
         source = record = each
         if not isinstance(each, Record):
-            source = source_of(each, names, reading.columns)
+            source = source_of(each, names, reading)
             record = read_record(source, **reading.options())
         pulse = first_pulse(record)
         if pulse is None:

@@ -1,6 +1,6 @@
 """Measured data in, checked records out."""
 
-from .read import Source, read_record, read_source, record_from_frame, source_from_frame
+from .read import read_record, record_from_frame
 from .record import (
     Decision,
     Hold,
@@ -10,6 +10,7 @@ from .record import (
     rest_blocks,
     rest_current_a,
 )
+from .source import Source, read_source, source_from_frame
 
 __all__ = [
     "Decision",

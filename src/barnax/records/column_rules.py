@@ -199,6 +199,8 @@ def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
     time, date = found.get("time"), found.get("date")
     if time is None or date is None or time.quantity.name != "time" or len(table.row) < 3:
         return
+    if time.is_unit_given:
+        return
     places = _some_places(table)
     dates_s, times_s = (
         np.diff(numbers(table.columns[each.index].gather(places), each)) for each in (date, time)

@@ -36,7 +36,8 @@ NOTHING: Mapping[str, str] = MappingProxyType({})
 class Column:
     """A column found: its place in the table, its name as written, and its unit.
 
-    `is_unit_assumed` says that the name gives no unit and the quantity's own was taken.
+    `is_unit_assumed` says that the name gives no unit and the quantity's own was taken,
+    `is_unit_given` that the user says the unit, which then holds whatever the values look like.
     """
 
     index: int
@@ -44,6 +45,7 @@ class Column:
     quantity: Quantity
     unit: Unit
     is_unit_assumed: bool
+    is_unit_given: bool = False
 
 
 def find_columns(header: Sequence[str], quantities: Sequence[Quantity]) -> dict[str, Column]:
@@ -96,7 +98,8 @@ def named_column(header: Sequence[str], quantity: Quantity, given: str) -> Colum
         return None
     index = places[normal(name)]
     if unit is not None:
-        return Column(index, header[index], quantity, unit, is_unit_assumed=False)
+        own = header[index]
+        return Column(index, own, quantity, unit, is_unit_assumed=False, is_unit_given=True)
     return _with_its_unit(index, header[index], quantity)
 
 

@@ -4,19 +4,14 @@ Each fault is mended as far as it can be before the next rule looks, so that one
 hide another.
 """
 
-import hashlib
-import os
-import sys
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePath
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-import polars as pl
 
-from ..errors import LONGEST_NAME, InputError, cut, printable
+from ..errors import InputError
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import examine_columns, read_columns
 from .columns import NOTHING
@@ -25,11 +20,12 @@ from .dialects import CHARGE, DISCHARGE, Sign
 from .findings import Finding, named, raise_first_error, warnings_of
 from .hold import decide_hold
 from .quantities import NEEDED
-from .readers import read_table
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
 from .sign import decide_sign, examine_direction
-from .table import LARGEST_FILE, Table, examine_cells, table_sha256, take_lines
+from .source import Source, read_source, source_from_frame
+from .table import examine_cells, take_lines
+from .twins import examine_twins
 from .units import (
     examine_current_unit,
     examine_time_unit,
@@ -43,15 +39,6 @@ Frame = Any
 
 _FEWEST_SAMPLES = 5
 _SHORTEST_S = 1e-6
-
-STDIN, STDIN_NAME = Path("-"), "standard input"
-# How a shell names what another command writes.
-_PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"
-_CONTENT = {
-    b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm", ".ndax", ".zip")),
-    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
-    b"PAR1": ("a Parquet table", (".parquet", ".pq")),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +54,7 @@ class Examined:
     findings: tuple[Finding, ...]
 
 
-def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
+def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     """The samples of a source, and what is wrong with them; `capacity_ah` lets charge be judged.
 
     Raises InputError where no column is like any of a record.
@@ -78,7 +65,9 @@ def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
     findings += named("cells", found)
     if not columns.keys() >= NEEDED:
         return Examined(None, None, tuple(findings))
-    samples = mended = samples_of(lines)
+    samples, found = _one_cell(source, samples_of(lines))
+    findings += named("series", found)
+    mended = samples
     if short := _too_short(mended):
         # Where bad cells took the samples, that is said already.
         findings += [] if any(each.severity == "error" for each in findings) else [short]
@@ -103,10 +92,21 @@ def examine(source: "Source", capacity_ah: float | None = None) -> Examined:
                 return Examined(None, None, (*findings, short))
             # What follows judges the values, and a record keeps them.
             samples = mended if rule is examine_voltage_unit else samples
+        findings += named("twin columns", examine_twins(source, mended))
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)
     return Examined(samples, mended if is_usable else None, tuple(findings))
+
+
+def _one_cell(source: Source, samples: Samples) -> tuple[Samples, list[Finding]]:
+    """The samples with the voltage of one cell of those in series, and a note of it."""
+    voltage_v = source.of_one_cell(samples.voltage_v)
+    if voltage_v is samples.voltage_v:
+        return samples, []
+    name = samples.header("voltage")
+    what = f"'{name}' is divided by {source.series}, the cells in series: all is of one cell"
+    return samples.having(voltage=voltage_v), [Finding("note", what, is_told=True)]
 
 
 def _too_short(samples: Samples) -> Finding | None:
@@ -123,123 +123,13 @@ def _too_short(samples: Samples) -> Finding | None:
     return Finding("error", what, remedy, check="length") if what else None
 
 
-def examine_suffix(file: str, content: bytes) -> tuple[Finding, ...]:
-    """A note where a file's suffix promises another format than its content is."""
-    suffix = PurePath(file).suffix.lower()
-    known = {own for _, suffixes in _CONTENT.values() for own in suffixes}
-    kind, suffixes = next(
-        (own for start, own in _CONTENT.items() if content.startswith(start)), ("text", ())
-    )
-    if suffix in suffixes or (suffix not in known and kind == "text"):
-        return ()
-    what = f"the content is {kind}, although the name ends in '{suffix}'"
-    remedy = "barnax goes by the content; other programs may not"
-    return (Finding("note", what, remedy, check="format"),)
-
-
-@dataclass(frozen=True, eq=False)
-class Source:
-    """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
-
-    `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
-    frame's names and values. `columns` are the user's own names of columns, by quantity. A source
-    with `span_s` is the part of a file between two times of its own clock.
-    """
-
-    name: str
-    table: Table
-    sha256: str
-    findings: tuple[Finding, ...] = ()
-    columns: Mapping[str, str] = field(default_factory=dict)
-    span_s: tuple[float, float] | None = None
-
-    def cut(self, samples: Samples) -> Samples:
-        """The samples of the part that is meant."""
-        if self.span_s is None:
-            return samples
-        return samples.keep((samples.time_s >= self.span_s[0]) & (samples.time_s <= self.span_s[1]))
-
-
-def read_source(path: str | Path, *, columns: Mapping[str, str] | str = NOTHING) -> Source:
-    """The table in a file, told by its content; "-" is the standard input.
-
-    `columns` are names of columns where barnax does not know them, as `read_record` takes them.
-    Raises InputError where the file cannot be read.
-    """
-    given = read_columns(columns)
-    if not isinstance(path, str | os.PathLike):
-        raise InputError(
-            f"a {type(path).__name__} is no file; barnax.record_from_frame reads data frames"
-        )
-    path = Path(path)
-    name = printable(path.name)
-    if path == STDIN or path.parent in _PIPES:
-        name = STDIN_NAME if path == STDIN else _PIPE_NAME
-    content = _read_content(path)
-    # Of large files the hash takes a tenth of the time, and lets another thread work.
-    with ThreadPoolExecutor(1) as beside:
-        hashing = beside.submit(lambda: hashlib.sha256(content).hexdigest())
-        table = read_table(content, name, given)
-        sha256 = hashing.result()
-    return _clean(Source(name, table, sha256, examine_suffix(name, content), given))
-
-
-def source_from_frame(
-    frame: Any, name: str, *, columns: Mapping[str, str] | str = NOTHING
-) -> Source:
-    """The table in a data frame of pandas, Polars or another library that narwhals reads.
-
-    A mapping of names to columns will do too. Rows count as in a file whose first row holds the
-    names.
-    """
-    # Only data frames need it, and it takes longer to load than a file to read.
-    import narwhals as nw
-
-    table = pl.DataFrame(frame) if isinstance(frame, Mapping) else frame
-    try:
-        whole = nw.from_native(table)
-    except TypeError as error:
-        kind = type(frame).__name__
-        raise InputError(
-            f"{name}: not a data frame, but of type {kind}; give a pandas, Polars or PyArrow frame."
-        ) from error
-    whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
-    series = tuple(_series(column) for column in whole.iter_columns())
-    header = tuple(str(column) for column in whole.columns)
-    made = Table(header, series, np.arange(2, len(whole) + 2))
-    given = read_columns(columns)
-    return _clean(Source(printable(name), made, table_sha256(made), columns=given))
-
-
-def _series(column: Any) -> pl.Series:
-    """A narwhals column as Polars holds it."""
-    if isinstance(native := column.to_native(), pl.Series):
-        return native
-    kind = pl.Float64 if column.dtype.is_numeric() else None
-    return pl.Series(str(column.name), column.to_list(), dtype=kind, strict=False)
-
-
-def _clean(source: Source) -> Source:
-    """The source with names that a message can quote."""
-    table = source.table
-    header = (" ".join(name.split()) if not name.isprintable() else name for name in table.header)
-    return replace(
-        source,
-        table=replace(
-            table,
-            header=tuple(printable(cut(name, LONGEST_NAME)) for name in header),
-            sheets=tuple((printable(cut(name, LONGEST_NAME)), n) for name, n in table.sheets),
-            notes=tuple(map(printable, table.notes)),
-        ),
-    )
-
-
 def read_record(
     source: str | Path | Source,
     *,
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
     columns: Mapping[str, str] | str = NOTHING,
+    series: int = 1,
 ) -> Record:
     """The record in a cycler file, with discharge current positive.
 
@@ -250,6 +140,8 @@ def read_record(
             previous one ("backward"); "auto" decides from the data.
         columns: Names of unknown columns, with their units if the names have none: `{"time":
             "Zeit:min", "current": "I2:mA"}`, or the same as text, "time=Zeit:min,current=I2:mA".
+            A unit that is given here is not doubted.
+        series: How many cells are in series; the voltage is divided by it.
 
     Raises `InputError` if the file cannot be read or is not a record of one cell, and if the given
     sign contradicts strong evidence.
@@ -266,9 +158,10 @@ def read_record(
     _check_option("current_sign", current_sign, ("auto", CHARGE, DISCHARGE))
     _check_option("current_hold", current_hold, ("auto", "forward", "backward"))
     if not isinstance(source, Source):
-        source = read_source(source, columns=columns)
-    elif columns:
-        source = replace(source, columns=read_columns(columns))
+        source = read_source(source, columns=columns, series=series)
+    elif columns or series != 1:
+        given = read_columns(columns) or source.columns
+        source = replace(source, columns=given, series=max(series, source.series))
     examined = examine(source)
     raise_first_error(examined.findings, source.name)
     samples = examined.samples
@@ -285,6 +178,7 @@ def record_from_frame(
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
     columns: Mapping[str, str] | str = NOTHING,
+    series: int = 1,
 ) -> Record:
     """The record in a data frame of pandas, Polars or another library that narwhals supports.
 
@@ -294,6 +188,7 @@ def record_from_frame(
         current_sign: The sign of its current; "auto" decides from the data.
         current_hold: When a sample's current flows, as for `read_record`.
         columns: Names of columns, as for `read_record`.
+        series: How many cells are in series, as for `read_record`.
 
     Raises `InputError` as `read_record` does.
 
@@ -308,7 +203,7 @@ def record_from_frame(
     >>> record.samples, record.sign.value
     (20, 'discharge-positive')
     """
-    source = source_from_frame(frame, name, columns=columns)
+    source = source_from_frame(frame, name, columns=columns, series=series)
     return read_record(source, current_sign=current_sign, current_hold=current_hold)
 
 
@@ -357,27 +252,3 @@ def _own(values: Values) -> Values:
 def _check_option(option: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
         raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")
-
-
-def _read_content(path: Path) -> bytes:
-    """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
-    shown = printable(str(path))
-    try:
-        with sys.stdin.buffer if path == STDIN else path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            # A pipe or a device has no size, and the latter no end.
-            content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
-    except IsADirectoryError:
-        raise InputError(f"{shown}: this is a folder; give one file of measured samples.") from None
-    except FileNotFoundError:
-        words = "there is no such file; check the name and the folder."
-        raise InputError(f"{shown}: {words}") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{shown}: cannot be read ({reason}).") from error
-    if max(size, len(content)) > LARGEST_FILE:
-        raise InputError(
-            f"{shown}: larger than the limit of {LARGEST_FILE / 1e9:g} GB; give a part "
-            "of the record."
-        )
-    return content

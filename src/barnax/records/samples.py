@@ -75,6 +75,11 @@ class Samples(Lines):
         return float(np.median(few(self.intervals_s)))
 
     @cached_property
+    def length_s(self) -> float:
+        """Seconds from the first sample to the last."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    @cached_property
     def step_a(self) -> Float[np.ndarray, "intervals"]:
         return np.diff(self.current_a)
 

@@ -1,4 +1,8 @@
-"""The rules on units: whether voltage, time and current are in those that their names say."""
+"""The rules on units: whether voltage, time and current are in those that their names say.
+
+A unit that the user gives is not in doubt. Another is an error where two signs that do not depend
+on each other tell it, and a warning where one does.
+"""
 
 import numpy as np
 
@@ -7,9 +11,10 @@ from .counters import gain_ah
 from .findings import Finding, Severity, found_at
 from .samples import Samples, few
 
-# One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 100 V a unit.
+# One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 1000 V a cell in
+# millivolts, and past 10,000 V no pack at all; 100 V is no reading of a single cell.
 _CELL_RANGE_V = (0.5, 6.0)
-_MODULE_V, _MILLIVOLT_V = 10.0, 100.0
+_MODULE_V, _MILLIVOLT_V, _IMPOSSIBLE_V = 10.0, 1000.0, 100.0
 # A cell's volts divided by a thousand once too often.
 _KILOVOLT_V = 0.01
 _NEARLY_ALL = 0.95
@@ -38,19 +43,24 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
             remedy = "give the column of the cell's voltage"
         samples = mended(f"negative, {middle_v:.6g} V", remedy, -1.0 if is_swapped else 1.0)
         middle_v = abs(middle_v)
-    if middle_v > _MILLIVOLT_V:
+    is_given = samples.columns["voltage"].is_unit_given
+    if middle_v > _MILLIVOLT_V and not is_given:
         # Beside a current in milliamperes, that is how the tester was set.
-        is_milli = samples.columns["current"].unit.symbol == "mA" and middle_v < 1e3 * _MODULE_V
+        is_one = middle_v < 1e3 * _MODULE_V
+        is_milli = samples.columns["current"].unit.symbol == "mA" and is_one
         remedy = _read_as(samples, "voltage", "mV")
         what = f"{middle_v:.6g}: millivolts, not volts"
         if is_milli:
             what += f", as '{samples.header('current')}' is in mA; converted"
+        if not is_one:
+            remedy += ", with the cells in series as `series`"
         samples = mended(what, remedy, 1e-3, "warning" if is_milli else "error")
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         what = f"{middle_v:.6g} V, too much for one cell: about {cells} in series"
-        samples = mended(what, "give the voltage of one cell", 1 / cells)
-    elif 0 < middle_v < _KILOVOLT_V:
+        remedy = f"give how many, such as `series={cells}`, or the voltage of one cell"
+        samples = mended(what, remedy, 1 / cells)
+    elif 0 < middle_v < _KILOVOLT_V and not is_given:
         remedy = "multiply it by 1000, or name the unit that its values have"
         samples = mended(f"{middle_v:.4g} V: kilovolts, not volts", remedy, 1e3)
     return samples, findings
@@ -73,7 +83,7 @@ def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:
     outside = (voltage_v < low_v) | (voltage_v > high_v)
     if not outside.any():
         return samples, []
-    impossible = np.abs(voltage_v) > _MILLIVOLT_V
+    impossible = np.abs(voltage_v) > _IMPOSSIBLE_V
     first = int(np.argmax(impossible if impossible.any() else outside))
     beside = np.abs(np.diff(voltage_v, prepend=voltage_v[:1]))
     if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside[outside].max() < low_v / 2:
@@ -107,6 +117,8 @@ _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 # second the numbers are as good in seconds.
 _SECONDS, _PATTERN, _SHORT_S = (1.0, 2.0, 5.0, 10.0, 30.0), 0.03, 0.2
 _LONG_S = 500.0
+# No record lasts longer.
+_LONGEST_S = 1e8
 # Testers sample no faster.
 _FINEST_S = 5e-4
 _RATIO = 0.15
@@ -120,8 +132,9 @@ _SHORTER = (
 
 def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples with time in s, and whether its column's name was wrong."""
-    suspicion = _too_fast(samples) or _too_slow(samples, samples.columns["time"].unit.factor)
-    if suspicion is None:
+    time = samples.columns["time"]
+    suspicion = _too_fast(samples) or _too_slow(samples, time.unit.factor)
+    if suspicion is None or time.is_unit_given:
         return samples, []
     words, symbol, factor, severity, reason = suspicion
     name = samples.header("time")
@@ -129,7 +142,6 @@ def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
     if not symbol:
         remedy = f"divide it by {1 / factor:.0f}"
     if severity == "warning":
-        # One sign alone proves nothing.
         what = f"'{name}' may be in {words}: {reason}"
         return samples, [found_at(samples, 0, severity, what, f"if it is, {remedy}")]
     what = f"'{name}' looks like {words}: {reason}"
@@ -147,22 +159,24 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
     is_steep = samples.middle_v < _STEEP_BELOW_V or travel_v < 2 * _TRAVEL_V
     is_bare = samples.columns["time"].is_unit_assumed
     for words, symbol, factor, shortest_s in _LONGER:
-        if ratio is not None:
-            if abs(ratio * factor - 1) < _RATIO:
-                reason = f"the current integrates to 1/{1 / ratio:.4g} of the tester's Ah"
-                return words, symbol, factor, "error", reason
+        is_counted = ratio is not None and abs(ratio * factor - 1) < _RATIO
+        if (ratio is not None and not is_counted) or samples.length_s * factor > _LONGEST_S:
             continue
         is_pattern = interval_s < _SHORT_S and _is_whole(interval_s * factor)
         is_fast = 0 < bulk_s < shortest_s and travel_v >= _TRAVEL_V
         # What moved the voltage in a gap was not logged: its charge is missing, not the unit wrong.
         is_fast &= samples.hidden_v < travel_v / 2
         pattern = f"samples lie {interval_s:.5g} apart, {interval_s * factor:.3g} s if in {words}"
-        if is_fast and (is_pattern or symbol == "h"):
+        if ratio is not None:
+            severity = "error" if is_pattern or is_fast else "warning"
+            reason = f"the current integrates to 1/{1 / ratio:.4g} of the tester's Ah"
+            return words, symbol, factor, severity, reason
+        if is_fast and is_pattern:
             return words, symbol, factor, "error", f"{pattern}; {_bulk(bulk_s)}"
         is_mute = bulk_s == 0 or (travel_v < _TRAVEL_V and (is_bare or interval_s < _FINEST_S))
         if is_pattern and is_mute:
             return words, symbol, factor, "warning", pattern
-        if is_fast and not is_steep and symbol != "d":
+        if is_fast and symbol != "d" and (symbol == "h" or not is_steep):
             return words, symbol, factor, "warning", _bulk(bulk_s)
     return None
 
@@ -189,7 +203,8 @@ def _too_slow(samples: Samples, stated_s: float) -> _Suspicion | None:
         words += " or a longer unit converted twice"
     # A thousandfold charge alone may be milliamperes, which leave the bulk time as it is.
     if bulk_s > _SLOW_S and travel_v >= _TRAVEL_V and interval_s >= _LONG_S / 10:
-        return words, symbol, factor, "error", f"{reason}; {_bulk(bulk_s)}"
+        severity = "error" if ratio is not None or len(fitting) == 1 else "warning"
+        return words, symbol, factor, severity, f"{reason}; {_bulk(bulk_s)}"
     if bulk_s == 0 and interval_s >= _LONG_S:
         return words, symbol, factor, "warning", reason
     return None
@@ -215,6 +230,10 @@ _LOADED_A, _SWING_AH = 500.0, 1500.0
 _LEAST_A = 1e-12
 # No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes.
 _LEAST_OHM, _HEAVY_A = 1e-4, 50.0
+# Coin cells come near to this one.
+_MOST_OHM = 20.0
+# So many signs make an error.
+_SIGNS = 2
 
 
 def examine_current_unit(
@@ -227,58 +246,65 @@ def examine_current_unit(
         what = f"every current in '{name}' is zero: nothing can be learned from the record"
         remedy = "give the column that holds the measured current"
         return samples, [found_at(samples, 0, "warning", what, remedy)]
-    for symbol, words, factor, reason in (
-        ("mA", "milliamperes, not amperes", 1e-3, _milliamperes_reason(samples, capacity_ah)),
-        ("A", "amperes, not milliamperes", 1e3, _amperes_reason(samples, capacity_ah)),
+    if samples.columns["current"].is_unit_given:
+        return samples, []
+    for symbol, words, factor, reasons in (
+        ("mA", "milliamperes, not amperes", 1e-3, _milliamperes_signs(samples, capacity_ah)),
+        ("A", "amperes, not milliamperes", 1e3, _amperes_signs(samples, capacity_ah)),
     ):
-        if reason:
-            what = f"'{name}' looks like {words}: {reason}"
-            at = int(np.argmax(np.abs(samples.current_a)))
-            remedy = _read_as(samples, "current", symbol)
-            mended = samples.having(current=samples.current_a * factor)
-            return mended, [found_at(samples, at, "error", what, remedy)]
+        if not reasons:
+            continue
+        at = int(np.argmax(np.abs(samples.current_a)))
+        remedy = _read_as(samples, "current", symbol)
+        if len(reasons) < _SIGNS:
+            what = f"'{name}' may be in {words}: {reasons[0]}"
+            return samples, [found_at(samples, at, "warning", what, f"if it is, {remedy}")]
+        what = f"'{name}' looks like {words}: {'; '.join(reasons)}"
+        mended = samples.having(current=samples.current_a * factor)
+        return mended, [found_at(samples, at, "error", what, remedy)]
     return samples, []
 
 
-def _amperes_reason(samples: Samples, capacity_ah: float | None) -> str:
-    """Why a current in mA is a thousand times too small, if it is."""
+def _amperes_signs(samples: Samples, capacity_ah: float | None) -> list[str]:
+    """What tells that a current in mA is a thousand times too small."""
     if samples.columns["current"].unit.factor != 1e-3:
-        return ""
+        return []
+    signs = []
     ratio = _throughput_ratio(samples)
-    if ratio is not None:
-        is_small = 1 / 5000 < ratio < 1 / 200
-        return f"it integrates to 1/{1 / ratio:.4g} of the tester's Ah" if is_small else ""
     _, travel_v = samples.bulk_time
     charge_ah = samples.span_ah
-    if capacity_ah is None or charge_ah > _TOO_LITTLE * capacity_ah or travel_v < _MOVED_V:
-        return ""
-    return (
-        f"{charge_ah:.3g} of its {capacity_ah:.4g} Ah move the cell's voltage by {travel_v:.2g} V"
-    )
+    if ratio is not None:
+        if abs(1e3 * ratio - 1) > _RATIO:
+            return []
+        signs.append(f"it integrates to 1/{1 / ratio:.4g} of the tester's Ah")
+    elif capacity_ah and charge_ah <= _TOO_LITTLE * capacity_ah and travel_v >= _MOVED_V:
+        moves = f"{charge_ah:.3g} of its {capacity_ah:.4g} Ah move the cell's voltage by"
+        signs.append(f"{moves} {travel_v:.2g} V")
+    if samples.resistance_ohm > _MOST_OHM:
+        signs.append(f"the cell's resistance would be {samples.resistance_ohm:.3g} ohm")
+    return signs if len(signs) == _SIGNS or samples.resistance_ohm <= _MOST_OHM else []
 
 
-def _milliamperes_reason(samples: Samples, capacity_ah: float | None) -> str:
-    """Why the currents look like milliamperes under an ampere's name, if they do."""
+def _milliamperes_signs(samples: Samples, capacity_ah: float | None) -> list[str]:
+    """What tells that currents are milliamperes under an ampere's name."""
     if samples.columns["current"].unit.factor == 1e-3:
-        return ""
+        return []
     magnitude_a = np.abs(few(samples.current_a))
     loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * samples.peak_a]))
     moves = f"the record moves {samples.span_ah:.4g} Ah"
-    reasons = []
+    signs = []
     if loaded_a > _LOADED_A:
-        reasons.append(f"the current under load is {loaded_a:.6g} A")
-    if samples.span_ah > _SWING_AH:
-        reasons.append(f"{moves} one way")
+        signs.append(f"the current under load is {loaded_a:.6g} A")
+    elif samples.span_ah > _SWING_AH:
+        signs.append(f"{moves} one way")
     ratio = _throughput_ratio(samples)
-    if ratio is not None and 200 < ratio < 5000:
-        reasons.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
+    if ratio is not None and abs(ratio / 1e3 - 1) < _RATIO:
+        signs.append(f"it integrates to {ratio:.4g} times the tester's own ampere-hours")
     if capacity_ah is not None and samples.span_ah > _TOO_MUCH * capacity_ah:
-        reasons.append(f"{moves} of a cell of {capacity_ah:.4g} Ah")
+        signs.append(f"{moves} of a cell of {capacity_ah:.4g} Ah")
     if 0 < samples.resistance_ohm < _LEAST_OHM and samples.peak_a > _HEAVY_A:
-        reasons.append(
-            f"the cell's resistance would be {1e6 * samples.resistance_ohm:.3g} microohm"
-        )
-    return "; ".join(reasons)
+        signs.append(f"the cell's resistance would be {1e6 * samples.resistance_ohm:.3g} microohm")
+    return signs
 
 
 def _throughput_ratio(samples: Samples) -> float | None:

@@ -6,6 +6,7 @@ whoever wants .mpr files read installs it, and it is loaded for them only.
 """
 
 import io
+import itertools
 import logging
 import tempfile
 import zipfile
@@ -85,12 +86,34 @@ def _is_neware(content: bytes) -> bool:
     return content.startswith(b"NEWARE") or (content.startswith(ZIP) and b".ndc" in content)
 
 
+def _told_length(content: bytes) -> int:
+    """How long an .nda file is by its own head: where the last of its parts ends.
+
+    The head holds begins and lengths of the parts, of 64 bits each from version 129 on, and of 32
+    before, where each part begins as the one before it ends. Zero where it does not tell.
+    """
+    is_new = content[14:15] >= b"\x81"
+    kind, first, last = ("<u8", 82, 226) if is_new else ("<u4", 16, 72)
+    size = 2 * np.dtype(kind).itemsize
+    head = content[first : last + size]
+    parts = np.frombuffer(head[: len(head) // size * size], kind).reshape(-1, 2)
+    ends = [(int(begin), int(begin) + int(length)) for begin, length in parts if begin]
+    if not is_new and any(one[1] != other[0] for one, other in itertools.pairwise(ends)):
+        return 0
+    return max((end for _, end in ends), default=0)
+
+
 def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     # Of the formats only this one needs it, and it takes long to load.
     import fastnda
 
     del given
     suffix = ".ndax" if content.startswith(ZIP) else ".nda"
+    if suffix == ".nda" and (length := _told_length(content)) > len(content):
+        raise InputError(
+            f"{file}: the .nda file is cut short: it has {len(content):,} bytes of {length:,}; "
+            "copy it again from the tester's computer."
+        )
     try:
         if suffix == ".ndax":
             with zipfile.ZipFile(io.BytesIO(content)) as packed:

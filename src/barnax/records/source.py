@@ -1,0 +1,185 @@
+"""One file, or one data frame, as it was read: what records, checks and OCV tables are of."""
+
+import hashlib
+import os
+import sys
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePath
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ..errors import LONGEST_NAME, InputError, cut, printable
+from .column_rules import read_columns
+from .columns import NOTHING
+from .findings import Finding
+from .readers import read_table
+from .samples import Samples
+from .table import LARGEST_FILE, Table, table_sha256
+
+STDIN, STDIN_NAME = Path("-"), "standard input"
+# How a shell names what another command writes.
+_PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"
+_CONTENT = {
+    b"PK\x03\x04": ("an OOXML workbook", (".xlsx", ".xlsm", ".ndax", ".zip")),
+    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
+    b"PAR1": ("a Parquet table", (".parquet", ".pq")),
+}
+# A voltage that may be one cell's already, and what none has.
+_MOST_IN_SERIES, _ONE_CELL_V, _LEAST_CELL_V = 1000, 6.0, 1.0
+
+
+def examine_suffix(file: str, content: bytes) -> tuple[Finding, ...]:
+    """A note where a file's suffix promises another format than its content is."""
+    suffix = PurePath(file).suffix.lower()
+    known = {own for _, suffixes in _CONTENT.values() for own in suffixes}
+    kind, suffixes = next(
+        (own for start, own in _CONTENT.items() if content.startswith(start)), ("text", ())
+    )
+    if suffix in suffixes or (suffix not in known and kind == "text"):
+        return ()
+    what = f"the content is {kind}, although the name ends in '{suffix}'"
+    remedy = "barnax goes by the content; other programs may not"
+    return (Finding("note", what, remedy, check="format"),)
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
+
+    `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
+    frame's names and values. `columns` are the user's own names of columns, by quantity. A source
+    with `span_s` is the part of a file between two times of its own clock. Its voltage is that of
+    so many cells in `series`.
+    """
+
+    name: str
+    table: Table
+    sha256: str
+    findings: tuple[Finding, ...] = ()
+    columns: Mapping[str, str] = field(default_factory=dict)
+    span_s: tuple[float, float] | None = None
+    series: int = 1
+
+    def __post_init__(self):
+        if not 1 <= self.series <= _MOST_IN_SERIES:
+            given = f"`series` {self.series} must be between 1 and {_MOST_IN_SERIES}"
+            raise InputError(f"{given}, the number of cells in series")
+
+    def of_one_cell(self, voltage_v: np.ndarray) -> np.ndarray:
+        """The voltage of one of the cells in series; as it is where it is one cell's already."""
+        middle_v = np.nanmedian(np.abs(voltage_v)) if len(voltage_v) else 0.0
+        is_one = middle_v <= _ONE_CELL_V and middle_v / self.series < _LEAST_CELL_V
+        return voltage_v if is_one or self.series == 1 else voltage_v / self.series
+
+    def cut(self, samples: Samples) -> Samples:
+        """The samples of the part that is meant."""
+        if self.span_s is None:
+            return samples
+        return samples.keep((samples.time_s >= self.span_s[0]) & (samples.time_s <= self.span_s[1]))
+
+
+def read_source(
+    path: str | Path, *, columns: Mapping[str, str] | str = NOTHING, series: int = 1
+) -> Source:
+    """The table in a file, told by its content; "-" is the standard input.
+
+    `columns` are names of columns where barnax does not know them, and `series` how many cells are
+    in series, as `read_record` takes them.
+    Raises InputError where the file cannot be read.
+    """
+    given = read_columns(columns)
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(
+            f"a {type(path).__name__} is no file; barnax.record_from_frame reads data frames"
+        )
+    path = Path(path)
+    name = printable(path.name)
+    if path == STDIN or path.parent in _PIPES:
+        name = STDIN_NAME if path == STDIN else _PIPE_NAME
+    content = _read_content(path)
+    # Of large files the hash takes a tenth of the time, and lets another thread work.
+    with ThreadPoolExecutor(1) as beside:
+        hashing = beside.submit(lambda: hashlib.sha256(content).hexdigest())
+        table = read_table(content, name, given)
+        sha256 = hashing.result()
+    found = examine_suffix(name, content)
+    return _clean(Source(name, table, sha256, found, given, series=series))
+
+
+def source_from_frame(
+    frame: Any, name: str, *, columns: Mapping[str, str] | str = NOTHING, series: int = 1
+) -> Source:
+    """The table in a data frame of pandas, Polars or another library that narwhals reads.
+
+    A mapping of names to columns will do too. Rows count as in a file whose first row holds the
+    names.
+    """
+    # Only data frames need it, and it takes longer to load than a file to read.
+    import narwhals as nw
+
+    table = pl.DataFrame(frame) if isinstance(frame, Mapping) else frame
+    try:
+        whole = nw.from_native(table)
+    except TypeError as error:
+        kind = type(frame).__name__
+        raise InputError(
+            f"{name}: not a data frame, but of type {kind}; give a pandas, Polars or PyArrow frame."
+        ) from error
+    whole = whole.collect() if isinstance(whole, nw.LazyFrame) else whole
+    cells = tuple(_series(column) for column in whole.iter_columns())
+    header = tuple(str(column) for column in whole.columns)
+    made = Table(header, cells, np.arange(2, len(whole) + 2))
+    given = read_columns(columns)
+    sha256 = table_sha256(made)
+    return _clean(Source(printable(name), made, sha256, columns=given, series=series))
+
+
+def _series(column: Any) -> pl.Series:
+    """A narwhals column as Polars holds it."""
+    if isinstance(native := column.to_native(), pl.Series):
+        return native
+    kind = pl.Float64 if column.dtype.is_numeric() else None
+    return pl.Series(str(column.name), column.to_list(), dtype=kind, strict=False)
+
+
+def _clean(source: Source) -> Source:
+    """The source with names that a message can quote."""
+    table = source.table
+    header = (" ".join(name.split()) if not name.isprintable() else name for name in table.header)
+    return replace(
+        source,
+        table=replace(
+            table,
+            header=tuple(printable(cut(name, LONGEST_NAME)) for name in header),
+            sheets=tuple((printable(cut(name, LONGEST_NAME)), n) for name, n in table.sheets),
+            notes=tuple(map(printable, table.notes)),
+        ),
+    )
+
+
+def _read_content(path: Path) -> bytes:
+    """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
+    shown = printable(str(path))
+    try:
+        with sys.stdin.buffer if path == STDIN else path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            # A pipe or a device has no size, and the latter no end.
+            content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
+    except IsADirectoryError:
+        raise InputError(f"{shown}: this is a folder; give one file of measured samples.") from None
+    except FileNotFoundError:
+        words = "there is no such file; check the name and the folder."
+        raise InputError(f"{shown}: {words}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{shown}: cannot be read ({reason}).") from error
+    if max(size, len(content)) > LARGEST_FILE:
+        raise InputError(
+            f"{shown}: larger than the limit of {LARGEST_FILE / 1e9:g} GB; give a part "
+            "of the record."
+        )
+    return content

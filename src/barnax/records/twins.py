@@ -1,0 +1,111 @@
+"""Columns that hold one quantity twice and disagree: two voltages, or currents by a factor."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from .columns import Column, find_columns, likely_column
+from .findings import Finding, found_at
+from .quantities import QUANTITIES
+from .samples import Samples
+from .source import Source
+from .table import Table, take_lines
+
+Channel = Float[np.ndarray, "samples"]
+
+# A voltage of one cell, and the names that nobody's rule puts one of before another.
+_CELL_V, _ANYBODYS = (0.5, 6.0), ("plain", "Battery Data Format", "PyBaMM")
+_TINY = 1e-30
+# Two voltages differ by a lead where the current explains so much of their difference, which it
+# moves by so many volts; currents differ where they are proportional to within a percent, but not
+# equal to within one.
+_BY_LEADS, _LEAST_V = 0.8, 3e-3
+_PROPORTIONAL, _EQUAL = 0.999, 0.01
+# Two voltages of one cell agree to so much; what is further apart and looks unlike is another's.
+_SAME_V, _OTHER_V, _ALIKE = 5e-3, 0.2, 0.9
+_MOST_NAMES = 200
+
+
+def examine_twins(source: Source, samples: Samples) -> Iterator[Finding]:
+    """Other columns of voltage and current that differ as only a wrong one does.
+
+    What the user has named is the right one, and a pack has voltages of other cells.
+    """
+    table, rows = source.table, samples.row
+    if len(table.sheets) > 1:
+        return
+    for name, own, judge in (
+        ("voltage", samples.voltage_v, _voltages),
+        ("current", samples.current_a, _scale),
+    ):
+        if name in source.columns or (name == "voltage" and source.series > 1):
+            continue
+        for column in _others(table, name, samples.columns[name]):
+            lines = take_lines(table, {name: column})
+            at = np.minimum(np.searchsorted(lines.row, rows), len(lines.row) - 1)
+            if np.any(lines.row[at] != rows):
+                continue
+            values = lines.values[name][at]
+            if np.isfinite(values).all() and np.ptp(values) > 0:
+                yield from judge(samples, own, values, column)
+
+
+def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
+    """Further columns that can hold the quantity, by their names."""
+    (quantity,) = [each for each in QUANTITIES if each.name == name]
+    for index, header in enumerate(table.header[:_MOST_NAMES]):
+        found = find_columns([header], QUANTITIES)
+        column = found.get(name) or (None if found else likely_column(quantity, [header]))
+        if column is not None and index != own.index and header != own.header:
+            yield replace(column, index=index)
+
+
+def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
+    """A voltage that differs by the current times a resistance, or otherwise."""
+    apart_v = other - own
+    header, at = samples.header("voltage"), int(np.argmax(np.abs(apart_v)))
+    current_a = samples.current_a - samples.current_a.mean()
+    slope = float(current_a @ apart_v / max(current_a @ current_a, _TINY))
+    swing_v = abs(slope) * float(np.ptp(current_a))
+    left_v = apart_v - apart_v.mean() - slope * current_a
+    both = f"the voltages '{header}' and '{column.header}' differ by"
+    if swing_v > _LEAST_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
+        what = (
+            f"{both} {1e3 * abs(slope):.3g} mohm times the current, up to {1e3 * swing_v:.3g} mV: "
+            f"one of them holds the drop of the leads, and R0 with it; '{header}' is used"
+        )
+        yield found_at(samples, at, "warning", what, _remedy(column))
+        return
+    usual_v = float(np.median(np.abs(apart_v)))
+    if usual_v <= _SAME_V or not _CELL_V[0] < np.median(other) < _CELL_V[1]:
+        return
+    if samples.dialect.name in _ANYBODYS and "voltage" in find_columns([column.header], QUANTITIES):
+        what = f"{both} {1e3 * usual_v:.3g} mV, and nothing tells which is the cell's"
+        remedy = f"say which: `columns='voltage={header}'` or `columns='voltage={column.header}'`"
+        yield found_at(samples, at, "error", what, remedy)
+    elif usual_v < _OTHER_V and _likeness(own - own.mean(), other - other.mean()) > _ALIKE:
+        what = f"{both} {1e3 * usual_v:.3g} mV; '{header}' is used"
+        yield found_at(samples, at, "warning", what, _remedy(column))
+
+
+def _likeness(own: Channel, other: Channel) -> float:
+    """The cosine between two channels; zero where one is."""
+    return float(own @ other) / max(float(np.sqrt((own @ own) * (other @ other))), _TINY)
+
+
+def _scale(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
+    """A current that is another by a factor."""
+    ratio = float(own @ other) / max(float(own @ own), _TINY)
+    if abs(_likeness(own, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
+        header = samples.header("current")
+        what = (
+            f"the currents '{header}' and '{column.header}' disagree: the second is {ratio:.4g} "
+            f"times the first throughout; '{header}' is used"
+        )
+        yield found_at(samples, int(np.argmax(np.abs(own))), "warning", what, _remedy(column))
+
+
+def _remedy(other: Column) -> str:
+    return f"`columns='{other.quantity.name}={other.header}'` takes the other"

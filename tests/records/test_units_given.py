@@ -1,0 +1,93 @@
+"""Units that the user gives, cells in series, and columns that hold one quantity twice."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from barnax.cell import read_ocv_test
+from barnax.checks import check_file
+from barnax.errors import InputError
+from barnax.inputs import Reading, source_of
+from barnax.records import read_record, record_from_frame, source_from_frame
+from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame
+
+FRAME = pulse_frame(300)
+
+
+def scaled(column, factor, name=None):
+    table = FRAME.with_columns(pl.col(column) * factor)
+    return table.rename({column: name or column})
+
+
+# A column whose values look like another unit's, and by how much they are out.
+DOUBTED = {
+    "time": (TIME, 1 / 3600, "s"),
+    "current": (CURRENT, 1e3, "A"),
+}
+
+
+@pytest.mark.parametrize("quantity", DOUBTED)
+def test_a_unit_that_is_given_is_not_doubted(quantity):
+    column, factor, unit = DOUBTED[quantity]
+    for given, is_doubted in (({}, True), ({quantity: f"{column}:{unit}"}, False)):
+        source = source_from_frame(scaled(column, factor), "cell", columns=given)
+        assert (f"{quantity} unit" in {e.check for e in check_file(source).findings}) == is_doubted
+
+
+def test_one_sign_of_another_unit_is_a_warning_and_the_values_stay():
+    """59 A through 20 microohm: a large cell with a coarse voltage, or a small one in mA."""
+    current_a = FRAME[CURRENT].to_numpy()
+    voltage_v = pl.Series(VOLTAGE, 3.7 + 1e-3 * current_a)
+    record = record_from_frame(scaled(CURRENT, 29.5).with_columns(voltage_v))
+    assert np.abs(record.current_a).max() == pytest.approx(59.0)
+    assert "may be in milliamperes" in " ".join(record.warnings)
+
+
+def test_a_pack_is_no_cell_in_millivolts_and_is_asked_for_its_cells():
+    with pytest.raises(InputError, match=r"about 9\d in series; give how many, such as `series=9"):
+        record_from_frame(scaled(VOLTAGE, 92.0))
+
+
+def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
+    pack, cell = scaled(VOLTAGE, 96.0), record_from_frame(FRAME)
+    record = record_from_frame(pack, series=96)
+    np.testing.assert_allclose(record.voltage_v, cell.voltage_v)
+    assert "is divided by 96" in " ".join(record.warnings)
+    pack.write_csv(tmp_path / "pack.csv")
+    FRAME.write_csv(tmp_path / "cell.csv")
+    reading = Reading(series=96)
+    for name in ("pack.csv", "cell.csv"):
+        source = source_of(tmp_path / name, {}, reading)
+        np.testing.assert_allclose(read_record(source).voltage_v, cell.voltage_v)
+    # A test of one cell beside it is one already.
+    assert "is divided" not in " ".join(read_record(source).warnings)
+    (tmp_path / "ocv.csv").write_text("SOC [-],OCV [V]\n0,288\n0.3,345.6\n0.6,360\n1,403.2\n")
+    table = read_ocv_test(source_of(tmp_path / "ocv.csv", {}, reading))
+    assert table.branches[0][-1].voltage_v == pytest.approx(4.2)
+
+
+@pytest.mark.parametrize("series", [0, -1, 100_000])
+def test_cells_in_series_are_a_number_of_cells(series):
+    with pytest.raises(InputError, match=r"`series` .* must be between 1 and"):
+        record_from_frame(FRAME, series=series)
+
+
+@pytest.mark.parametrize("apart_v", [0.03, -1.0])
+def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
+    other = (pl.col(VOLTAGE) + apart_v).alias("Cell Voltage / V")
+    table = FRAME.with_columns(other).rename({VOLTAGE: "voltage"})
+    with pytest.raises(InputError, match=r"'Cell Voltage / V' and 'voltage' differ by .* mV, and"):
+        record_from_frame(table)
+    for name, extra_v in (("voltage", 0.0), ("Cell Voltage / V", apart_v)):
+        record = record_from_frame(table, columns={"voltage": name})
+        np.testing.assert_allclose(record.voltage_v, FRAME[VOLTAGE].to_numpy() + extra_v)
+
+
+def test_a_second_voltage_of_the_same_readings_is_no_doubt():
+    table = FRAME.with_columns((pl.col(VOLTAGE) + 0.001).alias("Cell Voltage / V"))
+    assert not any("differ" in each for each in record_from_frame(table).warnings)
+    # A tester names its own, and another is told where it reads alike.
+    arbin = {TIME: "Test_Time(s)", CURRENT: "Current(A)", VOLTAGE: "Voltage(V)"}
+    aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
+    table = FRAME.with_columns(aux, pl.lit(1).alias("Step_Index")).rename(arbin)
+    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(record_from_frame(table).warnings)

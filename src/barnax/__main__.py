@@ -5,34 +5,42 @@ import gc
 import os
 import signal
 import sys
-
-from rich.console import Console
-from rich.markup import escape
-
-from .cli.app import app
-from .cli.session import as_flags
-from .errors import InputError, printable
+from contextlib import suppress
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def _stop(*_: object) -> None:
-    """Say at once that the signal was heard: a compiled search ends only by itself."""
-    # Not by sys.stderr: the signal may have come in the middle of a write to it.
-    os.write(2, b"\nstopping as soon as what is being computed is done\n")
-    raise KeyboardInterrupt
+    """End the process where it is: what loads or calls back may break by an exception, or drop it.
+
+    Files in the making hold the signal back (`undisturbed`).
+    """
+    kept = "earlier results are as they were"
+    if sys.argv[1:2] == ["fleet"]:
+        kept = "the finished cells are kept, and the same command continues"
+    # A progress bar stands in the line, and hides the cursor.
+    cleared = "\r\x1b[2K\x1b[?25h" if os.isatty(2) else ""
+    with suppress(OSError):
+        # Not by sys.stderr: the signal may have come in the middle of a write to it.
+        os.write(2, f"{cleared}interrupted; {kept}\n".encode())
+    os._exit(INTERRUPTED)
 
 
 def main() -> None:
     """The command `barnax`."""
+    # A polite end from outside is the same as Ctrl-C. Before all that takes time to load.
+    for number in SIGNALS:
+        signal.signal(number, _stop)
     # Modules are many objects and no garbage: looking through them for some, at Python's usual
     # intervals and once more at the end, took a tenth of `barnax identify` on short records.
     gc.set_threshold(50_000, 20, 20)
     atexit.register(gc.freeze)
-    # A polite end from outside is the same as Ctrl-C: what is being written is finished or undone.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _stop)
+    from .cli.app import app
+    from .cli.session import as_flags
+    from .errors import InputError
+
     try:
         app()
     except InputError as problem:
@@ -42,17 +50,18 @@ def main() -> None:
         # A full disk behind stdout, or a reader that has gone: what was written is written.
         _complain(f"output could not be written ({problem.strerror or problem})")
         os._exit(BAD_INPUT)
-    except SystemExit as end:
-        # Typer turns Ctrl-C into this status, and says nothing.
-        if end.code == INTERRUPTED:
-            kept = "earlier results are as they were"
-            if sys.argv[1:2] == ["fleet"]:
-                kept = "the finished cells are kept, and the same command continues"
-            Console(stderr=True).print(f"interrupted; {kept}")
-        raise
+    finally:
+        # All is said and done.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _complain(text: str) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+
+    from .errors import printable
+
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     lines = [escape(printable(line)) for line in text.split("\n")]
     console.print("[bold red]error:[/bold red]", "\n".join(lines))

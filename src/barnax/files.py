@@ -7,6 +7,8 @@ still runs, perhaps on another machine.
 
 import os
 import re
+import signal
+import threading
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,11 +34,36 @@ def unfinished(folder: Path) -> list[Path]:
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """A file to write that takes its place when all is written; else what was there stays."""
     written = aside(path.parent)
+    with undisturbed():
+        try:
+            with written.open("xb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(written, path)
+        finally:
+            written.unlink(missing_ok=True)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """A block that Ctrl-C and a polite end wait for; a process begun in it never hears Ctrl-C."""
+    held: list[int] = []
+    before = {}
+    masks = hasattr(signal, "pthread_sigmask")  # Not on Windows.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if masks else None
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            # Of what Python did not set it knows no way back.
+            if signal.getsignal(number) is not None:
+                # Another thread may take what this one blocks.
+                before[number] = signal.signal(number, lambda number, _: held.append(number))
     try:
-        with written.open("xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(written, path)
+        yield
     finally:
-        written.unlink(missing_ok=True)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number in held:
+            signal.raise_signal(number)

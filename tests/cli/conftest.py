@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import io
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import NamedTuple
 
 import pytest
 
-from barnax.__main__ import main
+from barnax.__main__ import SIGNALS, main
 from barnax.bundled import BUNDLED
 
 BUDGET = ("--score-to", "1500", "--seeds", "3", "--population", "8", "--iterations", "5")
@@ -32,6 +33,7 @@ def run_command(*words: object) -> Outcome:
     """`barnax` with these words, its streams caught. What is no exit is raised."""
     out, err = io.StringIO(), io.StringIO()
     argv, sys.argv = sys.argv, ["barnax", *map(str, words)]
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             main()
@@ -40,6 +42,8 @@ def run_command(*words: object) -> Outcome:
         status = end.code if isinstance(end.code, int) else int(end.code is not None)
     finally:
         sys.argv = argv
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
     return Outcome(status, out.getvalue(), err.getvalue())
 
 

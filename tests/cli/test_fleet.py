@@ -38,13 +38,3 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path, monke
     assert "initial_soc 95.0 is not a fraction" in report
     dry = run("fleet", manifest, "--dry-run")
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
-
-
-def test_an_interrupted_fleet_says_how_to_continue(run, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("barnax.fleet.manifest.read_manifest", interrupted)
-    outcome = run("fleet", "m.csv")
-    assert outcome.status == 130
-    assert "finished cells are kept, and the same command continues" in outcome.err

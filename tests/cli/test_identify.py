@@ -173,17 +173,6 @@ def test_a_name_that_no_terminal_should_see_is_stored_and_shown_harmlessly(run, 
         (outcome.out + outcome.err).encode()
 
 
-def test_an_interruption_exits_130_and_writes_nothing(run, tmp_path, monkeypatch):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("barnax.pipeline.search_seeds", interrupted)
-    outcome = run("identify", *BUDGET, "--out", "out")
-    assert outcome.status == 130
-    assert "earlier results are as they were" in outcome.err
-    assert contents(tmp_path) == {}
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 def test_a_full_stdout_is_one_message_and_the_folder_is_written(tmp_path):
     words = [sys.executable, "-m", "barnax", "identify", *BUDGET, "--trust", "none"]

@@ -1,7 +1,9 @@
 """`barnax fleet`: many cells of a manifest, identified on processes or on Dask, a row each."""
 
+import signal
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,7 +25,7 @@ from .options import (
     option,
 )
 from .output import tell_unfinished
-from .session import Session, as_flags, shown
+from .session import Session, as_flags, require_platform, shown
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
@@ -161,11 +163,12 @@ def fleet(given: FleetOptions) -> None:
     cells, carried = read_manifest(manifest, given.defaults)
     session.note(_what_is_there(cells, carried))
     prepare_process()
-    settings = given.settings
-    if engine.dry_run:
-        from ..plan.document import require_choices
+    # Loads JAX, which no exception may stop.
+    from ..plan.document import require_choices
 
-        require_choices(settings)
+    settings = given.settings
+    require_choices(settings)
+    if engine.dry_run:
         lines = problem_lines(cells)
         session.show(map(shown, lines[:MOST_LISTED]))
         if lines:
@@ -175,11 +178,12 @@ def fleet(given: FleetOptions) -> None:
     from ..fleet.dataset import dataset_path, parts_folder
     from ..fleet.engine import identify_fleet
 
+    require_platform()
     page = out / "report.html"
     if page.exists() and not (dataset_path(out).exists() or parts_folder(out).exists()):
         raise InputError(f"{page}: is of no fleet; give `out` another folder")
     started_s = time.perf_counter()
-    with session.counting("Identifying", len(cells)) as advance:
+    with session.counting("Identifying", len(cells)) as advance, _ended_from_within():
 
         def report(state: "Progress") -> None:
             advance(
@@ -206,6 +210,23 @@ def fleet(given: FleetOptions) -> None:
         with session.watch("Writing the report"):
             lines[1] = _summed_up(cells, carried, settings, out, write=is_old or state.finished > 0)
     session.show(shown(as_flags(line)) for line in lines)
+
+
+@contextmanager
+def _ended_from_within() -> Iterator[None]:
+    """A block that a signal leaves by an exception, which ends the workers, before the process."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, signal.default_int_handler) for number in numbers]
+    heard = []
+    try:
+        yield
+    except KeyboardInterrupt:
+        heard = [signal.SIGINT]
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+    for number in heard:
+        signal.raise_signal(number)
 
 
 def _summed_up(

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 import typer
 
 from ..errors import InputError
-from ..files import aside, replacing, unfinished
+from ..files import aside, replacing, undisturbed, unfinished
 from .options import OUTPUT, QUIET, flag, group, option
 from .session import Session
 
@@ -142,7 +142,8 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     own, theirs = _own_and_others(place, files)
     is_replaced = is_forced and any((place / name).is_file() for name in RESULTS)
     is_replaced &= not any(_is_in_the_way(place, name, theirs) for name in files)
-    with _described(folder, "nothing was changed; give `out` another folder"), ExitStack() as stack:
+    described = _described(folder, "nothing was changed; give `out` another folder")
+    with described, undisturbed(), ExitStack() as stack:
         place.parent.mkdir(parents=True, exist_ok=True)
         workshop = aside(place.parent)
         workshop.mkdir()

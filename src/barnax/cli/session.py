@@ -25,7 +25,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from ..errors import OPTION, printable
+from ..errors import OPTION, InputError, printable, reason_of
 
 # Where and how results appear is no part of them.
 APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1, "--verbose": 1}
@@ -177,9 +177,29 @@ def use_compilation_cache() -> None:
     """
     import jax
 
+    require_platform()
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         folder = platformdirs.user_cache_path("barnax") / "jax"
         jax.config.update("jax_compilation_cache_dir", str(folder))
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         # Some fifty small ones are made too, and compiling them takes longer than reading them.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def require_platform() -> None:
+    """Raise `InputError` where JAX is told to compute on what is not there."""
+    asked = {n: os.environ[n] for n in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME") if os.environ.get(n)}
+    if not asked:
+        return
+    import jax
+
+    try:
+        jax.devices()
+    # Without the plugin of a platform JAX fails an assertion of its own.
+    except (RuntimeError, AssertionError) as problem:
+        named = ", ".join(f"{name}={printable(value)}" for name, value in asked.items())
+        reason = f" ({reason_of(problem)})" if str(problem) else ""
+        raise InputError(
+            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(asked)}, which leaves "
+            "the choice to JAX, or install JAX for it, such as jax[cuda13]"
+        ) from problem

@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..files import undisturbed
 from .dataset import Shard, compact, finished, marked_place, write_rows, writing
 from .manifest import FleetCell, Options, cell_of, distinct, in_shard
 from .worker import Counts, batch_name, run_batch, start_worker
@@ -155,9 +156,11 @@ def _submit(
     executor: Executor, batch: Batch, *, folder: Path, out: Path, settings: Mapping[str, Any]
 ) -> "Future[Counts]":
     prints, cells = zip(*batch, strict=True)
-    return executor.submit(
-        run_batch, str(folder.absolute()), str(out.absolute()), prints, cells, settings
-    )
+    # A pool begins its processes here.
+    with undisturbed():
+        return executor.submit(
+            run_batch, str(folder.absolute()), str(out.absolute()), prints, cells, settings
+        )
 
 
 def _run(

@@ -198,11 +198,9 @@ def lowest_of_parabola(
     """The least value of the parabolas through the lower end, the middle and the upper end."""
     slope, bend = (above - below) / 2, (above + below) / 2 - middle
     # Lowest where the slope vanishes, or at an end.
-    return np.where(
-        bend > np.abs(slope) / 2,
-        middle - slope**2 / np.maximum(4 * bend, np.finfo(float).tiny),
-        np.minimum(below, above),
-    )
+    is_between = bend > np.abs(slope) / 2
+    lowest = middle - slope**2 / np.where(is_between, 4 * bend, 1.0)
+    return np.where(is_between, lowest, np.minimum(below, above))
 
 
 def _dual(errors_v: Columns, base: Columns, current: Columns, sides, allowed):

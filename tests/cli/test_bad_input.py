@@ -3,6 +3,9 @@
 The messages themselves stand in `golden/refusals-files.txt` and `golden/refusals-options.txt`.
 """
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -149,6 +152,19 @@ def test_what_the_parser_can_tell_is_a_usage_error_that_lists_the_choices(refuse
     message = refuse("identify", *BUDGET, *words)
     assert message.startswith("Usage: ")
     assert all(choice in message for choice in choices)
+
+
+@pytest.mark.parametrize("platform", ["rocm", "nonsense"])
+@pytest.mark.parametrize("words", [("identify",), ("fleet", "m.csv")], ids=str)
+def test_a_platform_that_is_not_there_is_one_line_with_the_remedy(tmp_path, words, platform):
+    (tmp_path / "m.csv").write_text("id,records\na,nowhere.csv\n")
+    run = [sys.executable, "-m", "barnax", *words]
+    environment = os.environ | {"JAX_PLATFORMS": platform}
+    done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    *_, last = done.stderr.splitlines()
+    assert last.startswith(f"error: JAX_PLATFORMS={platform}: JAX cannot compute there")
+    assert "unset JAX_PLATFORMS" in last
+    assert (done.returncode, done.stderr.count("\n")) == (2, len(words))
 
 
 def test_no_command_at_all_shows_the_help(run):

@@ -10,7 +10,7 @@ from barnax.errors import InputError
 from barnax.model.search_space import Bounds, read_bounds
 from helpers.hostile import EXAMPLES, NUMBER_TEXTS, STRINGS, damaged, repeated
 
-DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)
+DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0, has_rate=True)
 GOOD = b'[bounds]\n"R0 [Ohm]" = [0.001, 0.1]\n"tau1 [s]" = [1, 20]\n"C2 [F]" = [100.0, 2e4]\n'
 NUMBERS = ["0.1", "1e3", "1_000", "0x10", "0b1", "0xf" + "f" * 5000, "inf", "-nan", "[1]", "{}"]
 
@@ -58,6 +58,15 @@ CONTENTS = {
 @pytest.mark.parametrize("kind", CONTENTS)
 def test_whatever_is_in_a_file_of_bounds_is_read_or_refused(tmp_path, kind, examples):
     repeated(examples, lambda content: survive(tmp_path, content), CONTENTS[kind])
+
+
+@pytest.mark.parametrize("name", DEFAULT.names)
+@pytest.mark.parametrize("ends", [(1e-300, 1.0), (1.0, 1e299)])
+def test_a_value_of_no_cell_is_refused_with_the_range(name, ends):
+    far = next(end for end in ends if end != 1.0)
+    for ranges, values in (({name: ends}, {}), ({}, {name: far})):
+        with pytest.raises(InputError, match=r"^box: .* is none of any cell; give values from .* to"):
+            DEFAULT.with_changes(ranges, values, "box")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import lsq_linear
 
-from barnax.global_optimum.certificate import CERTIFIED_GAP, THIRD_DERIVATIVE, certify
+from barnax.global_optimum.certificate import (
+    CERTIFIED_GAP,
+    THIRD_DERIVATIVE,
+    certify,
+    lowest_of_parabola,
+)
 from barnax.global_optimum.reduced import Axis, Reduced
 from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem, rmse_by_scan
@@ -184,3 +189,9 @@ def test_a_certificate_has_the_same_bits_every_time(bundled_cell):
     reduced = reduced_problem(bundled_cell)
     lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
     assert certify(reduced, lowest_v, MANY) == certify(reduced, lowest_v, MANY)
+
+
+def test_a_straight_line_is_lowest_at_an_end_however_large_the_current():
+    """Of a cell of hundreds of ampere-hours; a warning of NumPy fails the test."""
+    below, middle, above = np.array([[-300.0, 3e150], [0.0, 2e150], [300.0, 1e150]])
+    assert lowest_of_parabola(below, middle, above).tolist() == [-300.0, 1e150]

@@ -22,6 +22,8 @@ RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
 PAIRS = tuple((f"tau{pair} [s]", f"C{pair} [F]") for pair in range(1, MOST_PAIRS + 1))
 # From a hysteresis that a whole discharge hardly turns to one that turns within a sample.
 RATE_RANGE = (1.0, 1e4)
+# Beyond these no cell is, and numbers under- and overflow; by unit.
+ALLOWED = {"Ohm": (1e-9, 1e6), "s": (1e-6, 1e9), "F": (1e-6, 1e12), RATE: (1e-3, 1e6)}
 # The time that dotted names take to read grows with the square of their length.
 LARGEST_FILE = 16_000
 Range = tuple[float, float]
@@ -92,12 +94,14 @@ class Bounds:
                     f"{source}: the bounds of {name!r} are [{low}, {high}]; they must be positive "
                     "and the lower one smaller than the upper one"
                 )
+            _require_allowed(name, (low, high), source)
         for name, value in fixed.items():
             self._require_known(name, source)
             if not 0 < value < math.inf:
                 raise InputError(
                     f"{source}: {name!r} cannot be fixed at {value}; give a positive value"
                 )
+            _require_allowed(name, (value, value), source)
             if name in ranges:
                 raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
         chosen = ranges.keys() | fixed.keys()
@@ -189,6 +193,18 @@ class Bounds:
                 high[pair + 1] = np.minimum(high[pair + 1], tau_s[pair] / c_low)
         # A fixed C leaves one value, which rounding may turn around.
         return low, np.maximum(low, high)
+
+
+def _require_allowed(name: str, ends: Range, source: str) -> None:
+    """Raise `InputError` where a value is none of any cell."""
+    unit = name.rpartition("[")[2].rstrip("]")
+    low, high = ALLOWED[unit]
+    for value in ends:
+        if not low <= value <= high:
+            raise InputError(
+                f"{source}: {name!r} of {value:g} is none of any cell; give values from {low:g} "
+                f"to {high:g}{'' if unit == RATE else ' ' + unit}"
+            )
 
 
 def read_bounds(path: Path) -> dict[str, Range]:

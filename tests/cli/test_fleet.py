@@ -31,7 +31,7 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path, monke
     manifest = tmp_path / "m.csv"
     manifest.write_text("id,records,ocv,initial_soc\na,nowhere.csv,b.csv,\nb,b.csv,b.csv,95\n")
     found = run("fleet", manifest, "--out", tmp_path / "out")
-    assert "a: no file 'nowhere.csv'; correct the name in the manifest" in " ".join(
+    assert "a: nowhere.csv does not exist: correct the name in the manifest" in " ".join(
         found.out.split()
     )
     report = (tmp_path / "out" / "report.html").read_text()

@@ -1,11 +1,14 @@
 """Manifests: three formats, patterns, defaults, what is carried, and what is wrong with them."""
 
+import os
+
 import polars as pl
 import pytest
 
 from barnax.errors import InputError
 from barnax.fleet import read_manifest
 from barnax.fleet.manifest import in_shard, parse_shard
+from barnax.fleet.rows import identify_cell
 
 ROWS = [
     {"id": "007", "record": "a*.csv", "capacity": 2.0, "age": 10, "circuit": "so-rc"},
@@ -51,6 +54,21 @@ def test_every_format_says_the_same(folder, write):
     assert [cell.carried["age"] for cell in cells] == [10, 20]
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("column", ["records", "ocv", "validate", "cell", "bounds"])
+def test_a_pipe_or_a_device_is_told_with_its_row_and_never_read(folder, column):
+    os.mkfifo(folder / "pipe.csv")
+    for name in ("pipe.csv", "p*.csv", "/dev/zero"):
+        row = {"id": "odd", "records": "b.csv", column: name}
+        pl.DataFrame([row]).write_csv(folder / "m.csv")
+        (cell,), _ = read_manifest(folder / "m.csv")
+        assert "is a pipe or a device" in identify_cell(cell, {})["error"]
+    with pytest.raises(
+        InputError, match=r"pipe\.csv: is a pipe or a device; write the manifest to"
+    ):
+        read_manifest(folder / "pipe.csv")
+
+
 def test_defaults_of_a_toml_manifest_are_for_every_cell(folder):
     path = folder / "m.toml"
     path.write_text(
@@ -83,7 +101,7 @@ def test_only_what_a_row_says_is_a_pattern(tmp_path):
 def test_a_pattern_without_a_file_is_missing_and_no_error(folder):
     (folder / "m.csv").write_text("id,records\nx,nowhere*.csv;b.csv\n")
     (cell,), _ = read_manifest(folder / "m.csv")
-    assert cell.missing == ("nowhere*.csv",)
+    assert cell.missing == ("nowhere*.csv does not exist",)
     assert cell.records == (str(folder / "b.csv"),)
 
 

@@ -31,7 +31,7 @@ def test_progress_tells_throughput_and_failures():
 
 def test_what_is_wrong_in_a_row_is_named_with_its_cell_and_column():
     cells = [
-        FleetCell("a", missing=("x.csv",)),
+        FleetCell("a", missing=("x.csv does not exist",)),
         FleetCell("b", window={"initial_soc": 95.0}, options={"model": "2rc"}),
         FleetCell("c", validate_window={"initial_soc": 95.0}),
         FleetCell("d", window={"initial_soc": 0.9}, options={"model": "1rc"}),

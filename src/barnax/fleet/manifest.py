@@ -49,7 +49,7 @@ class FleetCell:
         validate_window: Those that differ for validation records.
         options: Arguments of `identify`.
         carried: Columns copied to its row.
-        missing: Files and patterns that were not found.
+        missing: What is wrong with names of files: not there, or no file but a pipe.
         problem: A problem that replaces all files.
     """
 
@@ -144,8 +144,8 @@ def read_manifest(
         path: The manifest. Paths in it are relative to it and may be patterns.
         defaults: What a row leaves empty.
 
-    Raises `InputError` where the manifest cannot be used; files that are not there are in each
-    cell's `missing`.
+    Raises `InputError` where the manifest cannot be used; files that are none are in each cell's
+    `missing`.
     """
     path = Path(path)
     if path.is_dir():
@@ -186,6 +186,8 @@ def distinct(cells: Iterable[FleetCell], where: str = "") -> Iterator[FleetCell]
 def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """The rows of a manifest as they stand, and its own defaults."""
     suffix = path.suffix.lower()
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is a pipe or a device; write the manifest to a file")
     try:
         if suffix == ".toml":
             document = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -307,9 +309,11 @@ def _found(value: Any, folder: Path, missing: list[str], where: str) -> Iterator
         # The folder's own name is none.
         inside = [] if place.exists() else glob.glob(pattern, root_dir=folder, recursive=True)
         found = [str(place)] if place.exists() else sorted(str(folder / each) for each in inside)
-        if not found:
-            missing.append(pattern)
-        yield from found
+        # To read from a pipe may never end; a folder is for its reader to refuse.
+        odd = [each for each in found if not (os.path.isfile(each) or os.path.isdir(each))]
+        missing += [f"{each} is a pipe or a device" for each in odd]
+        missing += [] if found else [f"{pattern} does not exist"]
+        yield from (each for each in found if each not in odd)
 
 
 def in_shard(cell: FleetCell, shard: tuple[int, int] | None) -> bool:

@@ -62,9 +62,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
         found = identify_problem(cell.problem, Settings(**chosen), trust=trust)
         return found, found.warnings
     if cell.missing:
-        raise InputError(
-            f"no file {', '.join(map(repr, cell.missing))}; correct the name in the manifest"
-        )
+        raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     chosen |= cell.options
     window, windows = Window(**cell.window), _windows(cell)
     reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})
@@ -102,8 +100,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
 
 def reasons_against(cell: FleetCell) -> Iterator[str]:
     """What is wrong with a cell's row, as far as that can be said without reading its files."""
-    for each in cell.missing:
-        yield f"{each} does not exist"
+    yield from cell.missing
     for require in (lambda: _windows(cell), lambda: require_choices(cell.options)):
         try:
             require()

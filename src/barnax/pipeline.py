@@ -21,8 +21,10 @@ from .execution import threads
 from .global_optimum import (
     GlobalOptimum,
     find_global_optimum,
+    hold_warning,
     try_other_hold,
     with_better_directions,
+    with_better_hold,
     without_sweep_drop,
 )
 from .inputs import (
@@ -182,7 +184,7 @@ def identify(
             prepare_record(record, problem.cell, problem.circuit, windows[record.name])
             for record in inputs.validation
         ]
-        problem = with_better_directions(problem)
+        problem = with_better_hold(with_better_directions(problem))
         wanted = None
         if settings.over is not None:
             ranges = {**(ranges_of(bounds)[1] or {}), **tables.bounds}
@@ -351,6 +353,12 @@ def _search_and_assess(
     with watch("Assessing", 0):
         if trust != "none":
             assessment = _attempt("the intervals", warnings, assess, problem, answer.parameters)
+            if assessment is not None and other_hold is not None:
+                known = assessment.uncertainty
+                if "R0 [Ohm]" in known.beyond(other_hold.parameters):
+                    warnings.append(hold_warning(problem, answer.parameters, other_hold))
+                spanning = known.spanning(other_hold.parameters)
+                assessment = replace(assessment, uncertainty=spanning)
         if trust == "full" and assessment is not None:
             key = jax.random.key(settings.key)
             examination = _attempt(

@@ -1,4 +1,4 @@
-"""The global optimum: what it finds, what it proves, what was assumed, and what it costs again."""
+"""The global optimum: what it finds, what it proves, and what it costs again."""
 
 import logging
 from dataclasses import replace
@@ -7,9 +7,8 @@ import jax
 import numpy as np
 import pytest
 
-from barnax.bundled import BUNDLED
 from barnax.cell import characterize
-from barnax.global_optimum import Landscape, find_global_optimum, optimality_gap, try_other_hold
+from barnax.global_optimum import Landscape, find_global_optimum, optimality_gap
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.window import Window
 from barnax.records import read_record
@@ -164,42 +163,3 @@ def test_a_measured_cell_has_the_optimum_an_independent_fit_found(real_data):
     assert optimum.rmse_v == pytest.approx(26.782e-3, abs=1e-6)
     assert optimum.status == "certified"
     assert optimum.proved_gap < 1e-5
-
-
-# What was assumed about a record, tried the other way
-
-
-@pytest.fixture(scope="module")
-def pchip_cell():
-    return characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="interpolated")
-
-
-def held_problem(cell, hold, circuit="so-rc", **window):
-    record = read_record(BUNDLED.record, current_hold=hold)
-    return make_problem(record, cell, circuit, window=Window(score_to_s=3000.0, **window))
-
-
-def test_the_other_hold_is_what_reading_the_file_with_it_gives(pchip_cell):
-    found = try_other_hold(held_problem(pchip_cell, "auto"))
-    assert found is not None
-    assert found.value == "backward"
-    read = find_global_optimum(held_problem(pchip_cell, "backward"), prove=False)
-    assert found.rmse_v == read.rmse_v
-    assert found.parameters == read.parameters
-
-
-def test_a_hold_that_is_known_is_not_tried(pchip_cell):
-    assert try_other_hold(held_problem(pchip_cell, "forward")) is None
-
-
-def test_the_other_hold_starts_in_the_direction_that_was_settled(pchip_cell):
-    problem = held_problem(pchip_cell, "auto", "iso-rc")
-    (own,) = problem.prepared_records
-    direction = -own.start.direction
-    start = replace(own.start, direction=direction, direction_source="better fit")
-    settled = replace(problem, prepared_records=(replace(own, start=start),))
-    read = held_problem(pchip_cell, "backward", "iso-rc", initial_direction=direction)
-    found, unsettled = try_other_hold(settled), try_other_hold(problem)
-    assert found is not None
-    assert unsettled is not None
-    assert found.rmse_v == find_global_optimum(read, prove=False).rmse_v != unsettled.rmse_v

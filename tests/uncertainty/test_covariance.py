@@ -112,3 +112,13 @@ def test_the_noise_of_several_records_is_correlated_no_longer_than_one_of_them_l
             / assessment.uncertainty[name].white_noise_relative_error
         )
         assert narrower == pytest.approx(np.sqrt(2), rel=0.1)
+
+
+def test_an_interval_spans_another_possible_value_by_its_own_relative_width(white):
+    uncertainty, own = white.assessment.uncertainty, white.assessment.uncertainty["R0 [Ohm]"]
+    other = replace(TRUTH, r0=2 * own.value)
+    assert uncertainty.beyond(other)["R0 [Ohm]"] == 2 * own.value
+    wide = uncertainty.spanning(other)["R0 [Ohm]"]
+    assert (wide.value, wide.low, wide.high) == (own.value, own.low, 2 * own.high)
+    within = replace(TRUTH, r0=1.0001 * own.value)
+    assert uncertainty.spanning(within)["R0 [Ohm]"] == own

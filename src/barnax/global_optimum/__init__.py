@@ -1,12 +1,11 @@
 """The best circuit there is in a box: a landscape, a polish and a proof."""
 
+from .other_hold import OtherHold, hold_warning, try_other_hold, with_better_hold
 from .search import (
     GlobalOptimum,
     Landscape,
-    OtherHold,
     find_global_optimum,
     optimality_gap,
-    try_other_hold,
     with_better_directions,
     without_sweep_drop,
 )
@@ -16,8 +15,10 @@ __all__ = [
     "Landscape",
     "OtherHold",
     "find_global_optimum",
+    "hold_warning",
     "optimality_gap",
     "try_other_hold",
     "with_better_directions",
+    "with_better_hold",
     "without_sweep_drop",
 ]

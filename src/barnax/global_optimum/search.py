@@ -14,10 +14,8 @@ from ..cell.model import NEAR_DEGC
 from ..display import Brief
 from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, in_float64
-from ..model.prepared import PreparedRecord, both_directions, prepare_record
+from ..model.prepared import both_directions, prepare_record
 from ..model.problem import Problem
-from ..records import Decision
-from ..records.record import Hold
 from ..search.refine import (
     FINAL_ROUNDS,
     FINAL_TOLERANCE,
@@ -314,42 +312,3 @@ def with_better_directions(problem: Problem) -> Problem:
         records[place] = best.prepared_records[place].fitting_better(rest_v)
         problem = best.keeping_computed(prepared_records=tuple(records))
     return problem
-
-
-@dataclass(frozen=True)
-class OtherHold:
-    """The best circuit if the current flowed as it was not assumed to, and its RMSE."""
-
-    value: Hold
-    rmse_v: float
-    parameters: CircuitParameters
-
-
-def try_other_hold(problem: Problem) -> OtherHold | None:
-    """What the answer would be with the other hold in every record whose own is only assumed.
-
-    None where all are known, or where the box is too wide to look. It tells how much depends on
-    the assumption, and not which hold is right: on simulated and measured cells whose hold is
-    known, the wrong one fits a circuit's voltage as well or better.
-    """
-    assumed = [each.record.hold.strength == "assumed" for each in problem.prepared_records]
-    if not any(assumed):
-        return None
-    first = problem.prepared_records[assumed.index(True)].record.hold.value
-    value: Hold = "backward" if first == "forward" else "forward"
-
-    def turned(prepared: PreparedRecord) -> PreparedRecord:
-        hold = Decision(value, "given", "tried")
-        record = replace(prepared.record, hold=hold)
-        return prepare_record(record, problem.cell, problem.circuit, prepared.settled_window)
-
-    try:
-        records = [
-            turned(each) if is_open else each
-            for each, is_open in zip(problem.prepared_records, assumed, strict=True)
-        ]
-        tried = replace(problem, prepared_records=tuple(records))
-        found = find_global_optimum(tried, prove=False)
-    except InputError:
-        return None
-    return OtherHold(value, found.rmse_v, found.parameters)

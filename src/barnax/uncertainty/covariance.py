@@ -9,7 +9,7 @@ positive.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import jax
@@ -197,8 +197,8 @@ class Estimate:
         relative_error: Relative standard error, under the noise that the residuals show.
         white_noise_relative_error: The same, if the residuals were white noise.
         degrees_of_freedom: Degrees of freedom of the noise level, for Student's t.
-        low: Lower end of the 95 % interval.
-        high: Upper end of the 95 % interval.
+        low: Lower end of the 95 % interval, of both holds of the current where that is not known.
+        high: Upper end of that.
     """
 
     name: str
@@ -226,6 +226,15 @@ class Estimate:
     def is_determined(self) -> bool:
         return self.low is not None
 
+    def spanning(self, value: float) -> "Estimate":
+        """The same with an interval that reaches over that of another value."""
+        if self.low is None or self.high is None:
+            return self
+        share = value / self.value
+        return replace(
+            self, low=min(self.low, share * self.low), high=max(self.high, share * self.high)
+        )
+
 
 @dataclass(frozen=True)
 class NoiseParts:
@@ -248,6 +257,31 @@ class Uncertainty(Brief):
     free: tuple[str, ...]
     correlation: tuple[tuple[float, ...], ...]
     noise: NoiseParts
+
+    def beyond(self, other: CircuitParameters) -> dict[str, float]:
+        """The parameters of another circuit, equally possible, that lie outside the intervals."""
+        values = named_values(other)
+        return {
+            each.name: values[each.name]
+            for each in self.estimates
+            if each.low is not None
+            and each.high is not None
+            and not each.low <= values[each.name] <= each.high
+        }
+
+    def spanning(self, other: CircuitParameters) -> "Uncertainty":
+        """The same with intervals that reach over those of another circuit, equally possible.
+
+        Its own are as wide, relative to its values. Only those that it lies outside of change.
+        """
+        beyond = self.beyond(other)
+        return replace(
+            self,
+            estimates=tuple(
+                each.spanning(beyond[each.name]) if each.name in beyond else each
+                for each in self.estimates
+            ),
+        )
 
     def __getitem__(self, name: str) -> Estimate:
         for estimate in self.estimates:

@@ -1,0 +1,148 @@
+"""The hold of a record's current, where only the voltage can tell it: tried both ways."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..cell import CircuitParameters, get_circuit
+from ..errors import InputError
+from ..model.prepared import PreparedRecord, prepare_record
+from ..model.problem import Problem
+from ..records import Decision
+from ..records.record import Hold
+from ..search.evaluate import evaluate
+from .search import find_global_optimum
+
+# The errors of both holds are compared in so many parts of each record. A mean logarithm beyond so
+# much, at so many standard errors, was never wrong on 120 simulated cells whose voltage does not
+# lag; on an even clock few reach it.
+PARTS, FAR, SHARP = 24, 0.05, 4.0
+
+
+@dataclass(frozen=True)
+class OtherHold:
+    """The best circuit if the current flowed as it was not assumed to, and its RMSE."""
+
+    value: Hold
+    rmse_v: float
+    parameters: CircuitParameters
+
+
+def try_other_hold(problem: Problem) -> OtherHold | None:
+    """What the answer would be with the other hold in every record whose own is only assumed.
+
+    None where all are known, or where the box is too wide to look. On an even clock both holds fit
+    alike: a pair of resistance R and decay a between samples, under a current that flowed before
+    its sample, is one of a R with R (1 - a) more in R0 under a current that flows after it.
+    """
+    turned = _turned(problem, lambda hold, value: Decision(value, "given", "tried"))
+    if turned is None:
+        return None
+    value, tried = turned
+    try:
+        found = find_global_optimum(tried, prove=False)
+    except InputError:
+        return None
+    return OtherHold(value, found.rmse_v, found.parameters)
+
+
+def hold_warning(problem: Problem, own: CircuitParameters, other: OtherHold) -> str:
+    """What to say where the other hold would give an R0 outside the interval."""
+    names = [
+        each.record.name
+        for each in problem.prepared_records
+        if each.record.hold.strength == "assumed"
+    ]
+    return (
+        f"{', '.join(names)}: nothing tells whether a sample's current flowed after or before it: "
+        f"R0 is {1e3 * own.r0:.3g} mOhm as assumed, and {1e3 * other.parameters.r0:.3g} mOhm with "
+        f"`current_hold='{other.value}'`; the intervals span both; give `current_hold`, or a file "
+        "with the tester's Ah counters"
+    )
+
+
+def with_better_hold(problem: Problem) -> Problem:
+    """The problem with the hold that its voltage tells, in the records whose own is only assumed.
+
+    What tells the holds apart is the OCV, whose slope differs along the record, and an uneven
+    clock. Where these say little the problem is as it was, and so it is with a dynamic hysteresis,
+    which can turn within a sample and then follows one hold only.
+    """
+    if get_circuit(problem.circuit).has_rate:
+        return problem
+    reason = "the voltage follows it far better than the other"
+    turned = _turned(problem, lambda hold, value: Decision(value, "weak", reason))
+    if turned is None:
+        return problem
+    _, other = turned
+    try:
+        own_v, other_v = (
+            [
+                np.diff(each.error_v[each.prepared.scored])
+                for each in (evaluate(one, optimum.parameters) for one in tried.prepared_records)
+            ]
+            for tried in (problem, other)
+            for optimum in [find_global_optimum(tried, prove=False)]
+        )
+    except InputError:
+        return problem
+    is_open = [each.record.hold.strength == "assumed" for each in problem.prepared_records]
+    ratios = np.concatenate(
+        [
+            _log_ratios(mine, others)
+            for mine, others, one in zip(own_v, other_v, is_open, strict=True)
+            if one
+        ]
+    )
+    mean, spread = np.mean(ratios), np.std(ratios, ddof=1) / np.sqrt(len(ratios))
+    if not abs(mean) > max(FAR, SHARP * spread):
+        return problem
+    if mean > 0:
+        return other
+    decided = _decided(problem, lambda hold: replace(hold, strength="weak", reason=reason))
+    return problem.keeping_computed(prepared_records=decided)
+
+
+def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:
+    """The logarithm of the squared errors of one hold over the other's, in each part of a record.
+
+    The errors are differences between samples: what is slow depends on the hold no more.
+    """
+    count = min(len(own_v), len(other_v))
+    edges = np.linspace(0, count, min(PARTS, count) + 1).astype(int)[:-1]
+    own, other = (np.add.reduceat(each[:count] ** 2, edges) for each in (own_v, other_v))
+    least = np.finfo(float).tiny
+    return np.log(np.maximum(own, least) / np.maximum(other, least))
+
+
+def _turned(
+    problem: Problem, decide: Callable[[Decision, Hold], Decision]
+) -> tuple[Hold, Problem] | None:
+    """The other hold, and the problem with it where it is open; None where it nowhere is."""
+    holds = [each.record.hold for each in problem.prepared_records]
+    assumed = [each.value for each in holds if each.strength == "assumed"]
+    if not assumed:
+        return None
+    value: Hold = "backward" if assumed[0] == "forward" else "forward"
+    try:
+        records = _decided(problem, lambda hold: decide(hold, value), again=True)
+    except InputError:
+        return None
+    return value, replace(problem, prepared_records=records)
+
+
+def _decided(
+    problem: Problem, decide: Callable[[Decision], Decision], again: bool = False
+) -> tuple[PreparedRecord, ...]:
+    """The records with the hold decided where it is open; prepared again for another."""
+
+    def one(prepared: PreparedRecord) -> PreparedRecord:
+        if prepared.record.hold.strength != "assumed":
+            return prepared
+        record = replace(prepared.record, hold=decide(prepared.record.hold))
+        if not again:
+            return replace(prepared, record=record)
+        return prepare_record(record, problem.cell, problem.circuit, prepared.settled_window)
+
+    return tuple(map(one, problem.prepared_records))

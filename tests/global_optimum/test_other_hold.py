@@ -1,0 +1,122 @@
+"""What was assumed of a record's hold: tried the other way, decided by the voltage, told."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.cell import CircuitParameters, characterize
+from barnax.global_optimum import find_global_optimum, try_other_hold, with_better_hold
+from barnax.model.prepared import prepare_record
+from barnax.model.problem import make_problem
+from barnax.model.window import Window
+from barnax.records import read_record, record_from_frame
+from barnax.search.evaluate import evaluate
+from helpers.records import CURRENT, TIME, VOLTAGE
+
+WINDOW = Window(initial_soc=0.9)
+TRUTH = CircuitParameters(0.05, (0.03, 0.02), (25 / 0.03, 200 / 0.02))
+
+
+@pytest.fixture(scope="module")
+def pchip_cell():
+    return characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="interpolated")
+
+
+def held_problem(cell, hold, circuit="so-rc", **window):
+    record = read_record(BUNDLED.record, current_hold=hold)
+    return make_problem(record, cell, circuit, window=Window(score_to_s=3000.0, **window))
+
+
+def test_the_other_hold_is_what_reading_the_file_with_it_gives(pchip_cell):
+    found = try_other_hold(held_problem(pchip_cell, "auto"))
+    assert found is not None
+    assert found.value == "backward"
+    read = find_global_optimum(held_problem(pchip_cell, "backward"), prove=False)
+    assert found.rmse_v == read.rmse_v
+    assert found.parameters == read.parameters
+
+
+def test_a_hold_that_is_known_is_not_tried(pchip_cell):
+    assert try_other_hold(held_problem(pchip_cell, "forward")) is None
+
+
+def test_the_other_hold_starts_in_the_direction_that_was_settled(pchip_cell):
+    problem = held_problem(pchip_cell, "auto", "iso-rc")
+    (own,) = problem.prepared_records
+    direction = -own.start.direction
+    start = replace(own.start, direction=direction, direction_source="better fit")
+    settled = replace(problem, prepared_records=(replace(own, start=start),))
+    read = held_problem(pchip_cell, "backward", "iso-rc", initial_direction=direction)
+    found, unsettled = try_other_hold(settled), try_other_hold(problem)
+    assert found is not None
+    assert unsettled is not None
+    assert found.rmse_v == find_global_optimum(read, prove=False).rmse_v != unsettled.rmse_v
+
+
+def simulated(cell, time_s, hold):
+    """A record of the true circuit whose current flowed as said, from nearly full."""
+    rng = np.random.default_rng(3)
+    pieces = rng.uniform(-1.0, 2.0, len(time_s))
+    current_a = np.repeat(pieces, rng.integers(1, 8, len(pieces)))[: len(time_s)]
+    table = pl.DataFrame({TIME: time_s, CURRENT: -current_a, VOLTAGE: 3.7 - 0.05 * current_a})
+    drawn = record_from_frame(table, current_hold=hold, current_sign="charge-positive")
+    prepared = prepare_record(drawn, cell, "so-rc", WINDOW)
+    noise_v = 1e-4 * rng.standard_normal(len(time_s))
+    volts = evaluate(prepared, TRUTH).simulated_v + noise_v[: len(prepared.soc)]
+    return table[: len(volts)].with_columns(pl.Series(VOLTAGE, volts))
+
+
+def problem_of(cell, table):
+    return make_problem(record_from_frame(table), cell, "so-rc", window=WINDOW)
+
+
+def test_on_an_even_clock_the_other_hold_moves_the_resistances_by_its_closed_form(pchip_cell):
+    found = find_global_optimum(
+        problem_of(pchip_cell, simulated(pchip_cell, 10.0 * np.arange(700), "backward"))
+    )
+    decay = np.exp(-10 / np.array(TRUTH.tau_s))
+    passed = np.array(TRUTH.r) * (1 - decay)
+    # The sample's own charge moves the OCV by its slope, which is some 0.9 V but changes with SOC.
+    own = 0.9 * 10 / 3600 / pchip_cell.capacity_ah
+    assert found.parameters.r == pytest.approx(tuple(decay * TRUTH.r), rel=0.08)
+    assert found.parameters.r0 == pytest.approx(TRUTH.r0 + passed.sum() + own, rel=0.02)
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_an_uneven_clock_tells_the_hold(pchip_cell, hold):
+    uneven_s = np.cumsum(np.random.default_rng(1).choice([1.0, 4.0, 15.0], 900))
+    problem = problem_of(pchip_cell, simulated(pchip_cell, uneven_s, hold))
+    assert problem.prepared.record.hold.strength == "assumed"
+    settled = with_better_hold(problem)
+    assert settled.prepared.record.hold.strength == "weak"
+    assert settled.prepared.record.hold.value == hold
+    assert try_other_hold(settled) is None
+    assert find_global_optimum(settled, prove=False).parameters.r0 == pytest.approx(0.05, rel=0.02)
+
+
+def test_an_even_clock_leaves_the_hold_open(pchip_cell):
+    problem = problem_of(pchip_cell, simulated(pchip_cell, 1.0 * np.arange(900), "backward"))
+    assert with_better_hold(problem) is problem
+
+
+def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip_cell):
+    table = simulated(pchip_cell, 10.0 * np.arange(700), "backward")
+    given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
+    assumed, known = (
+        barnax.identify(table, current_hold=hold, **given) for hold in ("auto", "backward")
+    )
+    assert assumed.assessment
+    assert known.assessment
+    wide, own = (each.assessment.uncertainty["R0 [Ohm]"] for each in (assumed, known))
+    assert wide.low
+    assert own.low
+    assert own.high
+    assert wide.high
+    assert wide.low <= own.low < 0.05 < own.high < wide.value < wide.high
+    (told,) = [text for text in assumed.warnings if "current_hold" in text]
+    assert f"{1e3 * wide.value:.3g} mOhm as assumed, and {1e3 * own.value:.3g} mOhm" in told
+    assert not any("current_hold" in text for text in known.warnings)

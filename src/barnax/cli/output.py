@@ -214,7 +214,8 @@ def _own_and_others(place: Path, files: Iterable[str]) -> tuple[set[str], set[st
     """What in a folder of results is ours, by its list or else by name, and what is not."""
     own = {*OURS, *files}
     with suppress(OSError, ValueError, TypeError):
-        own = {LIST, *json.loads((place / LIST).read_text())}
+        # A pipe would wait for its other end.
+        own = {LIST, *json.loads((place / LIST).read_text())} if (place / LIST).is_file() else own
     paths = (path for path in place.rglob("*") if path.is_symlink() or not path.is_dir())
     found = {path.relative_to(place).as_posix() for path in paths}
     return found & own, found - own

@@ -4,6 +4,7 @@ A part is written aside and put in place in one step, so that it is there whole 
 final file takes in the parts the same way; what both hold counts once.
 """
 
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -110,8 +111,8 @@ def keep_result(out: Path, name: str, text: str) -> None:
 def _require_no_link(folder: Path) -> None:
     if folder.is_symlink():
         raise InputError(
-            f"{folder}: is a link, and a dataset is written nowhere else; delete the link, or give "
-            "`out` another folder"
+            f"{folder}: is a link, and a dataset is written nowhere else; delete the link, or "
+            "write the dataset to another folder"
         )
 
 
@@ -217,7 +218,8 @@ def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _require_no_link(folder)
-        with (folder / ".lock").open("a") as lock:
+        # Not to wait for the other end of a pipe.
+        with open(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o666), "r+") as lock:
             if fcntl is not None:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield folder

@@ -7,6 +7,7 @@ import struct
 import sys
 import tracemalloc
 import zipfile
+import zlib
 
 import numpy as np
 import polars as pl
@@ -54,6 +55,20 @@ def numbers(rows: int) -> pl.DataFrame:
 
 
 TOO_LONG = CSV + b"1" * (2 * LIMIT)
+
+
+def matlab(numbers: int) -> bytes:
+    """A compressed MATLAB file of a vector of zeros."""
+    packer, piece = zlib.compressobj(), bytes(1_000_000)
+    body = struct.pack("<8I", 6, 8, 6, 0, 5, 8, numbers, 1) + struct.pack("<2I4s4x", 1, 4, b"time")
+    whole = struct.pack("<2I", 14, len(body) + 8 + 8 * numbers) + body
+    parts = [packer.compress(whole + struct.pack("<2I", 9, 8 * numbers))]
+    parts += [packer.compress(piece) for _ in range(8 * numbers // len(piece))]
+    packed = b"".join([*parts, packer.flush()])
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
+    return head + struct.pack("<2I", 15, len(packed)) + packed
+
+
 BOMBS = {
     "gzip": lambda: gzip.compress(TOO_LONG),
     "gzip of members": lambda: gzip.compress(CSV) + gzip.compress(bytes(LIMIT)) * 2,
@@ -65,6 +80,7 @@ BOMBS = {
     "Parquet": lambda: parquet(numbers(LIMIT // 40)),
 }
 TRIED = {
+    "MATLAB": lambda: matlab(60_000_000),
     "far cell": lambda: with_cell("XFD1048576"),
     "texts": lambda: parquet(
         pulse_frame(40).with_columns(

@@ -237,6 +237,12 @@ DIALECTS: tuple[Dialect, ...] = (
             "net capacity": "capacity|容量",
         },
     ),
+    # MATLAB structures of McMaster University and the University of Wisconsin (Kollmeyer).
+    Dialect(
+        "Kollmeyer",
+        marks=("time & voltage & current & ah & wh & power",),
+        names={"temperature": "battery temp|temperature", "net capacity": "ah"},
+    ),
     # Above the names stands a sheet of the test, with small tables of its own.
     Dialect(
         "PEC",

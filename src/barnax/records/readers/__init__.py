@@ -15,11 +15,12 @@ from ...errors import InputError
 from ..columns import NOTHING
 from ..table import Reader, Table
 from .binary import ARBIN_RES, BIOLOGIC_MPR, NEWARE, PARQUET, ZIP
+from .matlab import MATLAB
 from .room import unpack, unpacked
 from .text import TEXT
 from .workbook import WORKBOOK
 
-READERS: tuple[Reader, ...] = (PARQUET, NEWARE, BIOLOGIC_MPR, ARBIN_RES, WORKBOOK, TEXT)
+READERS: tuple[Reader, ...] = (PARQUET, NEWARE, BIOLOGIC_MPR, ARBIN_RES, MATLAB, WORKBOOK, TEXT)
 
 
 _MARKUP = re.compile(

@@ -1,0 +1,251 @@
+"""MATLAB files of versions 5 to 7.3: structures of time, current and voltage.
+
+A structure with such fields is a record, wherever it stands: Kollmeyer's `meas`, Plett's
+`DYNData.script1`, or the workspace itself. The cycles of NASA's Prognostics Center are joined by
+the dates at which they began. scipy reads versions 5 to 7; 7.3 is HDF5 and needs h5py, an extra.
+"""
+
+import datetime
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ...errors import LONGEST_CELL, InputError, counted, cut, printable
+from ..cell_values import DAY_S
+from ..columns import names_record
+from ..table import Reader, Table
+from .room import require_trial
+
+Struct = dict[str, Any]
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", _HDF5)
+_READS_5 = "import io, scipy.io; scipy.io.loadmat(io.BytesIO(content))"
+_READS_73 = """
+import io, h5py
+def read(name, found):
+    if isinstance(found, h5py.Dataset):
+        found[()]
+h5py.File(io.BytesIO(content)).visititems(read)
+"""
+_DEEPEST, _MOST_NAMED = 8, 12
+# Plett's files hold the test at its temperature first, and two at 25 degC that calibrate it.
+_SCRIPTS = re.compile(r"(?:DYNData|OCVData)\.script(\d)")
+
+
+def _recognizes(content: bytes) -> bool:
+    return content.startswith(_MARKS)
+
+
+def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+    is_hdf5 = content.startswith((_MARKS[1], _HDF5))
+    require_trial(_READS_73 if is_hdf5 else _READS_5, content, file)
+    try:
+        tree = _of_hdf5(content, file) if is_hdf5 else _of_matlab_5(content)
+    except ImportError as error:
+        raise InputError(
+            f"{file}: this is a MATLAB file of version 7.3; install the package that reads it with "
+            "pip install 'barnax[matlab]', or save it with '-v7'."
+        ) from error
+    except InputError:
+        raise
+    except Exception as error:
+        # What a damaged file makes the libraries raise is of many kinds.
+        raise InputError(
+            f"{file}: the MATLAB file is damaged or cut short; copy or save it again."
+        ) from error
+    structs = dict(_structs(tree))
+    if chosen := _chosen(structs, given):
+        return _table(chosen)
+    records = {
+        path: own for path, own in map(_columns, structs.items()) if names_record([*own], given)
+    }
+    for path in structs:
+        cycles = [k for k in records if k.startswith(f"{path}.cycle(") and k.endswith(").data")]
+        if cycles and len(cycles) == len(records) and all(map(_start_s, _begun(structs, cycles))):
+            return _joined(structs, {k: records[k] for k in cycles}, f"{path}.cycle")
+    scripts = [path for path in records if _SCRIPTS.fullmatch(path)]
+    if len(records) == 1 or (scripts and len(scripts) == len(records)):
+        first, *others = sorted(records)
+        note = f"the record is '{first}'; {', '.join(others)} not used" if others else ""
+        return _table(records[first], note)
+    raise InputError(_refusal(file, structs, [*records]))
+
+
+def _of_matlab_5(content: bytes) -> Struct:
+    from scipy.io import loadmat
+
+    # Objects of MATLAB's own classes come as bytes, and nothing in the file is run.
+    tree = loadmat(io.BytesIO(content), simplify_cells=True)
+    return {name: value for name, value in tree.items() if not name.startswith("__")}
+
+
+def _of_hdf5(content: bytes, file: str) -> Struct:
+    import h5py  # pyright: ignore[reportMissingImports]
+
+    known: dict[Any, Any] = {}
+
+    def value_of(found: Any, depth: int) -> Any:
+        # What is referred to again is read once, and may refer to itself.
+        if found.id not in known:
+            known[found.id] = None
+            known[found.id] = read(found, depth) if depth <= _DEEPEST else None
+        return known[found.id]
+
+    def read(found: Any, depth: int) -> Any:
+        if isinstance(found, h5py.Group):
+            # What lies in other files is not asked for.
+            own = {
+                name: value_of(found[name], depth + 1)
+                for name in found
+                if name != "#refs#" and isinstance(found.get(name, getlink=True), h5py.HardLink)
+            }
+            held = [each for each in found.values() if isinstance(each, h5py.Dataset)]
+            if (
+                held
+                and all(h5py.check_ref_dtype(each.dtype) for each in held)
+                and not any("MATLAB_class" in each.attrs for each in held)
+            ):
+                # An array of structures holds each field as an array.
+                return [
+                    dict(zip(own, row, strict=True)) for row in zip(*own.values(), strict=False)
+                ]
+            return own
+        if found.external or found.is_virtual:
+            raise InputError(f"{file}: refers to other files; save it as one file.")
+        if h5py.check_ref_dtype(found.dtype):
+            return [value_of(found.file[each], depth + 1) for each in found[()].ravel() if each]
+        if found.attrs.get("MATLAB_class") == b"char":
+            return "".join(map(chr, found[()].ravel().tolist()))
+        return found[()]
+
+    with h5py.File(io.BytesIO(content), "r") as opened:
+        return value_of(opened, 0)
+
+
+def _structs(
+    tree: Any, path: str = "", depth: int = 0, seen: set[int] | None = None
+) -> Iterator[tuple[str, Struct]]:
+    """Every structure, once, with where it stands, as MATLAB writes it: `B0005.cycle(3).data`."""
+    seen = set() if seen is None else seen
+    if depth > _DEEPEST or id(tree) in seen:
+        return
+    seen.add(id(tree))
+    if isinstance(tree, dict):
+        yield path, tree
+        for name, value in tree.items():
+            yield from _structs(value, f"{path}.{name}".lstrip("."), depth + 1, seen)
+    elif isinstance(tree, list) or (isinstance(tree, np.ndarray) and tree.dtype == object):
+        for number, each in enumerate(np.ravel(tree) if isinstance(tree, np.ndarray) else tree, 1):
+            yield from _structs(each, f"{path}({number})", depth + 1, seen)
+
+
+def _is_column(value: Any) -> bool:
+    is_array = isinstance(value, np.ndarray) and value.dtype.kind in "iufb"
+    return is_array and value.size > 1 and value.size == max(value.shape)
+
+
+def _columns(found: tuple[str, Struct]) -> tuple[str, dict[str, np.ndarray]]:
+    """A structure's columns of numbers, of the length that most of them have."""
+    path, struct = found
+    columns = {name: np.ravel(value) for name, value in struct.items() if _is_column(value)}
+    usual = Counter(map(len, columns.values())).most_common(1)
+    return path, {name: value for name, value in columns.items() if len(value) == usual[0][0]}
+
+
+def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """The columns that the user names by where they stand, and those beside the first of them."""
+    chosen, beside = {}, {}
+    for text in given.values():
+        for name in (text, text.rpartition(":")[0]):
+            path, _, field = name.rpartition(".")
+            value: Any = structs.get(path, {}).get(field)
+            if path and _is_column(value):
+                chosen[name] = np.ravel(value)
+                beside = beside or _columns((path, structs[path]))[1]
+                break
+    taken = {name.rpartition(".")[2] for name in chosen}
+    length = len(next(iter(chosen.values()), ()))
+    if any(len(value) != length for value in chosen.values()):
+        return {}
+    others = {name: value for name, value in beside.items() if name not in taken}
+    return chosen | {name: value for name, value in others.items() if len(value) == length}
+
+
+def _table(columns: Mapping[str, np.ndarray], note: str = "", **words: Sequence[str]) -> Table:
+    series = [pl.Series(name, np.asarray(value, float)) for name, value in columns.items()]
+    series += [pl.Series(name, value) for name, value in words.items()]
+    rows = np.arange(2, len(series[0]) + 2)
+    return Table((*columns, *words), tuple(series), rows, notes=(note,) if note else ())
+
+
+def _begun(structs: Mapping[str, Struct], cycles: Sequence[str]) -> list[Struct]:
+    return [structs[path.removesuffix(".data")] for path in cycles]
+
+
+def _start_s(cycle: Struct) -> float:
+    """When a cycle of NASA's began, by its date of six numbers; zero where it has none."""
+    date = np.ravel(cycle.get("time", ()))
+    if len(date) != 6 or date.dtype.kind not in "iuf" or not np.isfinite(date).all():
+        return 0.0
+    try:
+        day = datetime.date(*map(int, date[:3])).toordinal()
+    except ValueError:
+        return 0.0
+    return day * DAY_S + float(date[3] * 3600 + date[4] * 60 + date[5])
+
+
+def _joined(
+    structs: Mapping[str, Struct], records: Mapping[str, dict[str, np.ndarray]], path: str
+) -> Table:
+    """NASA's cycles behind each other, each from when it began."""
+    cycles = _begun(structs, [*records])
+    starts_s = [_start_s(each) for each in cycles]
+    order = np.argsort(starts_s, kind="stable").tolist()
+    own = [[*records.values()][k] for k in order]
+    clocks = [
+        each["Time"] + starts_s[k] - min(starts_s) for k, each in zip(order, own, strict=True)
+    ]
+    shared = [name for name in own[0] if name != "Time" and all(name in each for each in own)]
+    counts = [len(each) for each in clocks]
+    numbers = [int(re.findall(r"\((\d+)\)", [*records][k])[-1]) for k in order]
+    words = [str(cycles[k].get("type", "")) for k in order]
+    columns = {"Time": np.concatenate(clocks), "cycle": np.repeat(numbers, counts)}
+    columns |= {name: np.concatenate([each[name] for each in own]) for name in shared}
+    note = f"{counted(len(own), 'cycle')} of '{path}' joined by the dates at which they began"
+    return _table(columns, note, state=np.repeat(words, counts).tolist())
+
+
+def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -> str:
+    """Why no record is taken, and what the file holds."""
+    option = "`columns='time={0}.NAME:s,current={0}.NAME:A,voltage={0}.NAME:V'`"
+    if records:
+        names = ", ".join(
+            printable(cut(each or "the workspace", LONGEST_CELL)) for each in records[:_MOST_NAMED]
+        )
+        choose = option.format(records[-1]) if records[-1] else "save one of them alone"
+        return (
+            f"{file}: a MATLAB file of {len(records)} records ({names}), but a record is of one "
+            f"test; choose one by where its columns stand, {choose}."
+        )
+    held = [
+        f"{path}.{name}".lstrip(".") + f" ({' x '.join(map(str, np.shape(value)))})"
+        for path, struct in structs.items()
+        for name, value in struct.items()
+        if isinstance(value, np.ndarray) and value.size > 1
+    ]
+    named = printable(cut(", ".join(held[:_MOST_NAMED]), 1000)) or "no arrays of numbers"
+    more = " ..." if len(held) > _MOST_NAMED else ""
+    return (
+        f"{file}: a MATLAB file without a structure of columns of one length for time, current and "
+        f"voltage; it holds {named}{more}. Give the columns as {option.format('STRUCTURE')}, or "
+        "save them as vectors time, current and voltage, or a table of MATLAB's own by writetable."
+    )
+
+
+MATLAB = Reader("MATLAB .mat", _recognizes, _read)

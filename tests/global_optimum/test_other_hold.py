@@ -111,7 +111,8 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
     )
     assert assumed.assessment
     assert known.assessment
-    wide, own = (each.assessment.uncertainty["R0 [Ohm]"] for each in (assumed, known))
+    wide = assumed.assessment.uncertainty["R0 [Ohm]"]
+    own = known.assessment.uncertainty["R0 [Ohm]"]
     assert wide.low
     assert own.low
     assert own.high

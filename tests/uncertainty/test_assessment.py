@@ -98,7 +98,8 @@ def test_rates_are_of_the_capacity_a_record_was_simulated_with(colored):
 
 def test_the_autocorrelation_is_the_residuals_own(colored):
     found = colored.assessment.diagnostics
-    error_v = colored.assessment.covariance.linearization.error_v
+    linearization = colored.assessment.covariance.linearization
+    error_v = linearization.error_v[linearization.informed]
     at_one = np.mean(error_v[1:] * error_v[:-1]) / np.mean(error_v**2)
     assert found.lags_s[:2] == (0.0, 1.0)
     assert found.autocorrelation[:2] == pytest.approx([1.0, at_one])

@@ -3,12 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.optimize import curve_fit
+from scipy.signal import lfilter
 
+import barnax
 from barnax.model.problem import make_problem
+from barnax.model.window import Window
 from barnax.uncertainty import assess
 from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise
+from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 from helpers.reference import drop_v, filtered_response
 
 LOGARITHMS = np.log([TRUTH.r0, TRUTH.r[0], TRUTH.tau_s[0], TRUTH.r[1], TRUTH.tau_s[1]])
@@ -19,9 +24,10 @@ def test_the_white_noise_covariance_is_that_of_curve_fit(white):
 
     def drop(current_a, *logarithms):
         r0, r1, tau1, r2, tau2 = np.exp(logarithms)
-        return 1e3 * drop_v(filtered_response, 1.0, current_a, (r0, (r1, r2), (tau1, tau2)))
+        simulated_v = drop_v(filtered_response, 1.0, current_a, (r0, (r1, r2), (tau1, tau2)))
+        return 1e3 * simulated_v[prepared.informed]
 
-    measured_mv = 1e3 * (prepared.source_v - prepared.voltage_v)
+    measured_mv = 1e3 * (prepared.source_v - prepared.voltage_v)[prepared.informed]
     best, covariance = curve_fit(drop, prepared.current_a, measured_mv, LOGARITHMS, xtol=1e-12)
     assert uncertainty.free == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
     found = white.assessment.covariance.white_noise_matrix
@@ -122,3 +128,23 @@ def test_an_interval_spans_another_possible_value_by_its_own_relative_width(whit
     assert (wide.value, wide.low, wide.high) == (own.value, own.low, 2 * own.high)
     within = replace(TRUTH, r0=1.0001 * own.value)
     assert uncertainty.spanning(within)["R0 [Ohm]"] == own
+
+
+def test_a_rest_before_the_first_load_says_nothing(bundled_cell):
+    """Intervals with it are those without."""
+    rng = np.random.default_rng(0)
+    current_a = np.repeat(rng.uniform(-0.5, 2.0, 200), rng.integers(2, 40, 200))[:3000]
+    voltage_v = simulated_cell(current_a) + 5e-3 * lfilter([0.1], [1, -0.99], rng.normal(size=3000))
+    found = []
+    for rest in (0, 3000):
+        amps = np.append(np.zeros(rest), current_a)
+        volts = np.append(voltage_v[0] + 1e-4 * rng.normal(size=rest), voltage_v)
+        table = pl.DataFrame({TIME: 1.0 * np.arange(len(amps)), CURRENT: -amps, VOLTAGE: volts})
+        options = {"window": Window(initial_soc=0.6), "current_hold": "forward", "seeds": 0}
+        result = barnax.identify(table, cell=bundled_cell, model="so-rc", **options)
+        own = result.run.assessment
+        assert own
+        found.append([(each.low, each.high) for each in own.uncertainty.estimates])
+    lows, highs = np.array(found, float).T
+    np.testing.assert_allclose(lows[:, 0], lows[:, 1], rtol=1e-3)
+    np.testing.assert_allclose(highs[:, 0], highs[:, 1], rtol=1e-3)

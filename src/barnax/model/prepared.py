@@ -99,6 +99,12 @@ class PreparedRecord(Brief):
         return self.record.voltage_v[self.span]
 
     @property
+    def informed(self) -> Bool[np.ndarray, "simulated"]:
+        """The scored samples from the first load on: a rest before it says nothing of a circuit."""
+        loaded = np.abs(self.current_a) >= self.rest_current_a
+        return self.scored & (np.arange(len(loaded)) >= np.argmax(loaded))
+
+    @property
     def scored_duration_s(self) -> float:
         first, after = np.argmax(self.scored), len(self.scored) - np.argmax(self.scored[::-1])
         return float(self.time_s[after - 1] - self.time_s[first])

@@ -147,11 +147,11 @@ def _noise_behind(
     width = ways.shape[1]
     sums = np.zeros((slots.count, width))
     products, squares_v2, first = np.zeros((width, width)), 0.0, 0
-    for columns, base in _linearized(objective, found):
-        error = base + columns[:, : found.values.size] @ found.values.ravel()
-        columns = columns @ ways
-        here = time_s[first : first + len(error)]
-        first += len(error)
+    for columns, base, informed in _linearized(objective, found):
+        here = time_s[first : first + len(base)][informed]
+        first += len(base)
+        error = (base + columns[:, : found.values.size] @ found.values.ravel())[informed]
+        columns = columns[informed] @ ways
         counts += slots.gathered(here, np.ones(len(error)))
         errors += slots.gathered(here, error)
         sums += slots.gathered(here, columns)
@@ -177,7 +177,8 @@ def _noise_behind(
 
 
 def _linearized(objective: Objective, found: Solution):
-    """Columns of all unknowns and of all axes at the scored samples, and the base error."""
+    """Columns of all unknowns and of all axes at the scored samples, the base error, and which of
+    them come after the first load."""
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.place[:pairs], found.place[pairs:]
     layout = replace(layout, in_tau=_around(tau, 1), in_rate=_around(rate, -1) if rate else None)
@@ -203,7 +204,8 @@ def _linearized(objective: Objective, found: Solution):
             if rate:
                 counts = found.values[-1] if layout.has_amplitude else np.ones(1)
                 moved.append((turns[2] - turns[0]) @ counts / (2 * STEP))
-            yield np.concatenate([*tables, np.stack(moved, axis=1)], axis=1), base
+            columns = np.concatenate([*tables, np.stack(moved, axis=1)], axis=1)
+            yield columns, base, prepared.informed[block.here][scored]
 
 
 def _around(places: Sequence[float], direction: int) -> Span:

@@ -14,7 +14,7 @@ from typing import Literal
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
@@ -49,7 +49,8 @@ class Linearization(Brief):
     capacitances, where those are bounded) and gamma; `slope_v` holds dU by d ln of each, over the
     scored samples, measured minus simulated like `error_v`. `held` says of every other parameter
     why it is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
-    the duration of the longest of them.
+    the duration of the longest of them. `informed` are the samples that say something of the
+    circuit: those of a rest before the first load do not.
     """
 
     point: Float[np.ndarray, "coordinates"]
@@ -60,6 +61,7 @@ class Linearization(Brief):
     longest_s: float
     error_v: Float[np.ndarray, "scored"]
     slope_v: Float[np.ndarray, "scored free"]
+    informed: Bool[np.ndarray, "scored"]
 
     @property
     def samples(self) -> int:
@@ -153,6 +155,7 @@ def linearize(
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
         slope_v=slope_v[:, list(free)],
+        informed=np.concatenate([each.informed[each.scored] for each in problem.prepared_records]),
     )
 
 
@@ -306,13 +309,13 @@ class Covariance(Brief):
     @classmethod
     def of(cls, linearization: Linearization) -> "Covariance":
         """The covariance at an optimum."""
-        values, vectors = _basis(linearization.slope_v)
-        noise = fit_noise(
-            linearization.error_v, vectors, linearization.time_s, linearization.longest_s
-        )
+        here = linearization.informed
+        error_v, time_s = linearization.error_v[here], linearization.time_s[here]
+        values, vectors = _basis(linearization.slope_v[here])
+        noise = fit_noise(error_v, vectors, time_s, linearization.longest_s)
         to_noise = np.linalg.inv(values).T
-        free = linearization.samples - len(linearization.names)
-        variance_v2 = float(linearization.error_v @ linearization.error_v) / max(free, 1)
+        free = len(error_v) - len(linearization.names)
+        variance_v2 = float(error_v @ error_v) / max(free, 1)
         return cls(
             linearization=linearization,
             noise=noise,
@@ -330,7 +333,8 @@ class Covariance(Brief):
             for matrix in (self.matrix, self.white_noise_matrix)
         )
         freedom = self.noise.degrees_of_freedom(self._to_noise @ direction)
-        freedom = max(1.0, min(freedom, linearization.samples - len(linearization.names)))
+        samples = int(np.count_nonzero(linearization.informed))
+        freedom = max(1.0, min(freedom, samples - len(linearization.names)))
         half_width = float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
         is_open = not half_width < math.log(WIDEST_FACTOR)
         return Estimate(

@@ -104,7 +104,9 @@ def soc_rows(record: Path, model: str, result: barnax.Result, chosen=FILTERS) ->
 def limit_rows(record: Path, result: barnax.Result) -> Iterator[str]:
     """By tenths of SOC, what the constant circuit misses and what the filter makes of it."""
     prepared = prepare_record(barnax.read_record(record), result.cell_model, result.model, WINDOW)
-    missed_v = prepared.voltage_v - evaluate(prepared, result.circuit_parameters).simulated_v
+    missed_v = (
+        prepared.voltage_v - evaluate(prepared, result.constant.circuit_parameters).simulated_v
+    )
     found = {}
     for estimated in (("offset", "capacity"), ()):
         settings = barnax.FilterSettings(estimate=estimated, tables=False)

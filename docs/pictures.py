@@ -61,7 +61,7 @@ def draw_replay() -> Figure:
 @style.figure_style()
 def draw_intervals() -> Figure:
     """Both intervals of every determined parameter, relative to its value."""
-    assessment = identified().assessment
+    assessment = identified().constant.assessment
     assert assessment is not None
     known = [e for e in assessment.uncertainty.estimates if e.low is not None]
     figure = style.make_figure(height_in=2.6)

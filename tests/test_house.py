@@ -22,6 +22,7 @@ LAYERS = (
     ("search", "inputs", "pulses", "filters"),
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
+    ("candidates",),
     ("results", "table_run"),
     ("run",),
     ("comparison", "export", "plan"),

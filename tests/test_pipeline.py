@@ -17,7 +17,14 @@ from barnax.results import Result
 from helpers.reference import filtered_response, make_record
 
 SHORT = Window(score_to_s=1500.0)
-SMALL = {"seeds": 1, "population": 8, "iterations": 1, "trust": "none"}
+SMALL = {
+    "setup": "li2023",
+    "seeds": 1,
+    "population": 8,
+    "iterations": 1,
+    "trust": "none",
+    "advise": False,
+}
 OCV = list(BUNDLED.ocv)
 
 
@@ -29,13 +36,13 @@ def few():
 
 @pytest.fixture(scope="module")
 def many():
-    return barnax.identify(window=SHORT, seeds=6, population=20, iterations=60)
+    return barnax.identify(window=SHORT, setup="li2023", seeds=6, population=20, iterations=60)
 
 
 def test_nothing_behind_a_result_is_shown_by_pages(few):
     run = few.run
     record = run.problem.prepared.record
-    behind = [few, run, *vars(run).values(), record, few.cell, few.metrics, few.assessment]
+    behind = [few, run, *vars(run).values(), record, few.cell, few.metrics, few.constant.assessment]
     assert all(len(repr(one)) < 1000 for one in behind if not isinstance(one, list | tuple))
     assert f"time_s=<array {record.samples}>" in repr(record)
 
@@ -49,16 +56,16 @@ def test_one_seed_of_one_generation_gives_the_answer_of_many(few, many):
 
 def test_no_answer_lies_above_the_proved_optimum(few, many):
     for result in (few, many):
-        optimum = result.global_optimum
+        optimum = result.constant.global_optimum
         assert optimum.status == "certified"
         assert result.metrics.identification.rmse_v <= optimum.rmse_v * (1 + 1e-9)
-        assert result.refined.rmse_v >= optimum.lower_bound_v
+        assert result.constant.refined.rmse_v >= optimum.lower_bound_v
 
 
 def test_what_the_seeds_did_stays_told(many):
-    assert len(many.search.seeds) == len(many.refined.seeds) == 6
-    assert 1 <= many.global_optimum.seeds_there <= 6
-    assert many.global_optimum.best_gap >= 0
+    assert len(many.constant.search.seeds) == len(many.constant.refined.seeds) == 6
+    assert 1 <= many.constant.global_optimum.seeds_there <= 6
+    assert many.constant.global_optimum.best_gap >= 0
 
 
 def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch):
@@ -67,8 +74,8 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
 
     monkeypatch.setattr(pipeline, "find_global_optimum", too_wide)
     result = barnax.identify(window=SHORT, **SMALL)
-    assert result.global_optimum is None
-    assert result.answer_source == "seeds"
+    assert result.constant.global_optimum is None
+    assert result.constant.source == "seeds"
     assert result.parameters == result.run.refinement.parameters.to_dict()
     assert "not known" in result._repr_html_()
 
@@ -76,7 +83,7 @@ def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch
 def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
     bounds = {"tau1 [s]": (1e-300, 1e3), "R1 [Ohm]": (1e-300, 0.2)}
     result = barnax.identify(window=SHORT, bounds=bounds, **(SMALL | {"trust": "basic"}))
-    assert result.search.objective == "scan"
+    assert result.constant.search.objective == "scan"
     assert math.isfinite(result.metrics.identification.rmse_v)
     assert result.to_json()
 
@@ -174,7 +181,7 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     monkeypatch.setattr(pipeline, "assess", fails)
     result = barnax.identify(window=SHORT, **(SMALL | {"trust": "full"}))
     assert result.parameters == few.parameters
-    assert result.assessment is None
+    assert result.constant.assessment is None
     reason = str(failure) or "LinAlgError"
     assert (
         f"the intervals could not be computed ({reason}); the rest of the result is valid"
@@ -203,7 +210,7 @@ def test_an_initial_soc_against_the_rested_voltage_is_said(few):
 
 def test_a_parameter_at_its_bound_is_a_warning_of_the_result():
     result = barnax.identify(window=SHORT, bounds={"R0 [Ohm]": (0.06, 0.2)}, **SMALL)
-    assert ("R0 [Ohm]", "lower") in {(each.name, each.side) for each in result.at_bound}
+    assert ("R0 [Ohm]", "lower") in {(each.name, each.side) for each in result.constant.at_bound}
     assert any(text.startswith("R0 [Ohm] is at its lower bound") for text in result.warnings)
 
 
@@ -221,7 +228,7 @@ def test_every_input_is_checked_and_every_warning_names_its_file(tmp_path):
         **SMALL,
     )
     for path in (BUNDLED.validation, *OCV):
-        assert any(f"{path.name}: row 42" in text for text in result.warnings), result.warnings
+        assert any(f"{path.name}: row 42" in text for text in result.notes), result.notes
 
 
 def test_a_figure_is_drawn_by_its_name_and_a_stored_result_says_it_has_no_run(many, tmp_path):
@@ -285,7 +292,7 @@ def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
     result = barnax.identify(cut_record, ocv=OCV, **SMALL)
     assert (result.start.direction, result.start.direction_source) == (-1, "better fit")
     assert result.start.other_rmse_v > 2 * result.metrics.identification.rmse_v
-    found = result.circuit_parameters
+    found = result.constant.circuit_parameters
     assert found.r0 == pytest.approx(TRUTH["R0 [Ohm]"], rel=0.02)
     assert found.r == pytest.approx((TRUTH["R1 [Ohm]"], TRUTH["R2 [Ohm]"]), rel=0.02)
     shown = result._repr_html_()

@@ -30,7 +30,7 @@ def test_resistances_and_time_constants_are_those_of_the_cell(result):
         assert tables.at("R0 [Ohm]", at)[0] == pytest.approx(r0_ohm(soc), rel=0.01)
         assert tables.at("R1 [Ohm]", at)[0] == pytest.approx(R1_OHM, rel=0.05)
         assert tables.at("R2 [Ohm]", at)[0] == pytest.approx(R2_OHM, rel=0.05)
-    assert result.tables.metrics.identification.rmse_v < 2e-4
+    assert result.metrics.identification.rmse_v < 2e-4
 
 
 def test_pulse_resistances_are_those_of_the_closed_form(result):

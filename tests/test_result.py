@@ -21,6 +21,8 @@ from helpers.golden import RESULT
 
 OPTIONS = {
     "model": "so-rc",
+    "ocv_fit": "polynomial",
+    "advise": False,
     "method": "bmo",
     "coordinates": "log",
     "window": Window(score_to_s=900.0),
@@ -44,26 +46,27 @@ def document(result):
 
 
 def test_the_search_is_stored_as_it_was_run(document, result):
-    search, found = document["search"], result.run.search
+    constant = document["constant"]
+    search, found = constant["search"], result.run.search
     told = {name: search[name] for name in ("method", "coordinates", "population", "iterations")}
     assert told == {"method": "bmo", "coordinates": "log", "population": 8, "iterations": 4}
     assert (search["key"], search["evaluations"]) == (3, found.evaluations)
     for stored, seed in zip(search["seeds"], found.seeds, strict=True):
         assert stored["rmse [V]"] == seed.rmse_v == pytest.approx(stored["history"][-1], rel=1e-9)
-    assert document["fixed"] == {"tau1 [s]": 10.0}
-    assert document["bounds"]["R0 [Ohm]"] == [0.01, 0.1]
+    assert constant["fixed"] == {"tau1 [s]": 10.0}
+    assert constant["bounds"]["R0 [Ohm]"] == [0.01, 0.1]
 
 
 def test_the_parameters_and_every_metric_are_of_the_one_answer(document, result):
     answer = result.run.answer
-    assert document["parameters"] == answer.parameters.to_dict()
-    assert document["parameters"]["R1 [Ohm]"] * document["parameters"]["C1 [F]"] == (
-        pytest.approx(10.0)
-    )
+    assert document["constant"]["parameters"] == answer.parameters.to_dict()
+    assert document["constant"]["parameters"]["R1 [Ohm]"] * document["constant"]["parameters"][
+        "C1 [F]"
+    ] == (pytest.approx(10.0))
     own = document["metrics"]["identification"]
     assert own["rmse [V]"] == pytest.approx(answer.rmse_v, rel=1e-9)
     assert own["samples"] == 901
-    again = barnax.evaluate(result.run.problem.prepared, result.circuit_parameters)
+    again = barnax.evaluate(result.run.problem.prepared, result.constant.circuit_parameters)
     assert own["rmse [V]"] == again.metrics.rmse_v
 
 
@@ -91,7 +94,9 @@ def test_every_input_is_named_with_the_hash_of_its_bytes(document):
 def test_equal_runs_are_equal_bytes_and_another_key_is_another_search(result):
     assert barnax.identify(**OPTIONS).to_json() == result.to_json()
     other = barnax.identify(**(OPTIONS | {"key": 4}))
-    assert other.search.seeds[0].history_v[0] != result.search.seeds[0].history_v[0]
+    assert (
+        other.constant.search.seeds[0].history_v[0] != result.constant.search.seeds[0].history_v[0]
+    )
     assert other.parameters == pytest.approx(result.parameters, rel=1e-6)
 
 
@@ -120,7 +125,9 @@ def test_an_export_starts_where_the_simulation_does(bundled_cell):
     # From 5,000 s on the cell comes from a discharge, whatever was before the record.
     window = Window(start_time_s=5000.0, score_to_s=5900.0, initial_soc=0.7)
     windows = {"identification.parquet": window, "": Window(score_to_s=900.0)}
-    stored = barnax.identify(window=windows, seeds=1, population=8, iterations=1, trust="none")
+    stored = barnax.identify(
+        window=windows, setup="li2023", seeds=1, population=8, iterations=1, trust="none"
+    )
     assert stored.start.direction_source == "load before"
     assert stored.start_direction == -1
     assert stored.start_rest_current_a == pytest.approx(bundled_cell.capacity_ah / 100)
@@ -153,10 +160,12 @@ def test_a_seed_that_failed_at_first_or_altogether_is_stored(result):
     made = make_result(
         replace(run, search=search, refinement=replace(run.refinement, search=search))
     )
-    stored = json.loads(made.to_json())["search"]["seeds"]
+    stored = json.loads(made.to_json())["constant"]["search"]["seeds"]
     assert (stored[0]["history"][0], stored[1]["rmse [V]"]) == (None, None)
     read = Result.model_validate(json.loads(made.to_json()))
-    assert read.search.seeds[1].rmse_v == read.global_optimum.median_gap == math.inf
+    assert (
+        read.constant.search.seeds[1].rmse_v == read.constant.global_optimum.median_gap == math.inf
+    )
     assert read.to_json() == made.to_json()
 
 

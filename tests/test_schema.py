@@ -35,10 +35,10 @@ def test_what_is_read_is_written_again_byte_for_byte():
 
 def test_what_is_not_finite_is_stored_as_null_and_read_again(read):
     changed = copy.deepcopy(DOCUMENT)
-    changed["search"]["seeds"][0]["history"][0] = None
+    changed["constant"]["search"]["seeds"][0]["history"][0] = None
     result = read(changed)
-    assert not math.isfinite(result.search.seeds[0].history_v[0])
-    assert result.to_dict()["search"]["seeds"][0]["history"][0] is None
+    assert not math.isfinite(result.constant.search.seeds[0].history_v[0])
+    assert result.to_dict()["constant"]["search"]["seeds"][0]["history"][0] is None
 
 
 def test_the_published_schema_is_that_of_the_code():
@@ -87,26 +87,26 @@ def put(place: str, value: Any) -> dict[str, Any]:
 
 TAMPERED = [
     ("surprise", 1),
-    ("search/surprise", 1),
-    ("parameters", ...),
-    ("parameters/R0 [Ohm]", ...),
-    ("parameters/R0 [Ohm]", -0.1),
-    ("parameters/R0 [Ohm]", math.nan),
-    ("parameters/R0 [Ohm]", "low"),
-    ("answer_source", "a guess"),
-    ("refined/optima", []),
-    ("refined/rmse [V]", math.inf),
-    ("refined/rmse [V]", -1.0),
-    ("global_optimum/status", "sure"),
-    ("assessment/uncertainty", 5),
+    ("constant/search/surprise", 1),
+    ("constant/parameters", ...),
+    ("constant/parameters/R0 [Ohm]", ...),
+    ("constant/parameters/R0 [Ohm]", -0.1),
+    ("constant/parameters/R0 [Ohm]", math.nan),
+    ("constant/parameters/R0 [Ohm]", "low"),
+    ("constant/source", "a guess"),
+    ("constant/refined/optima", []),
+    ("constant/refined/rmse [V]", math.inf),
+    ("constant/refined/rmse [V]", -1.0),
+    ("constant/global_optimum/status", "sure"),
+    ("constant/assessment/uncertainty", 5),
     ("metrics/validation", None),
-    ("search/seeds", []),
-    ("search/coordinates", "polar"),
+    ("constant/search/seeds", []),
+    ("constant/search/coordinates", "polar"),
     ("schema_version", 99),
     ("schema_version", ...),
     ("model", "so-rc-2"),
-    ("model", "esc"),
-    ("parameters/gamma", 50.0),
+    ("constant/model", "esc"),
+    ("constant/parameters/gamma", 50.0),
     ("inputs/0/role", "spy"),
     ("inputs/0/sign/strength", "felt"),
     ("inputs/0/window/initial_soc", 3.0),
@@ -114,7 +114,7 @@ TAMPERED = [
     ("inputs/0/window/surprise", 1),
     ("inputs/0/window/score_steps", [1.5]),
     ("inputs", []),
-    ("bounds", {"R0 [Ohm]": [1.0]}),
+    ("constant/bounds", {"R0 [Ohm]": [1.0]}),
     ("cell", {}),
     ("cell/capacity [A.h]", 0),
     ("cell/capacity [A.h]", 10**400),
@@ -136,7 +136,7 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
 
 
 CONTENTS = [
-    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 2', b"[" * 100_000,
+    b"", b"not json", b"null", b"[]", b"{}", b'{"schema_version": 3', b"[" * 100_000,
     b'{"cell": ' * 100_000, b"\x89PNG\r\n\x1a\n\xff\xfe", "{}".encode("utf-16"),
 ]  # fmt: skip
 

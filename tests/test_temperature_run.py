@@ -68,7 +68,7 @@ def test_each_temperature_has_the_resistances_of_the_cell(result):
         assert own == pytest.approx(true, rel=0.02)
     between = part.found.at(15.0).at("R0 [Ohm]", np.array([0.5]))[0]
     assert between == pytest.approx(arrhenius(15.0) * r0_ohm(0.5), rel=0.02)
-    assert part.metrics.validation[0].rmse_v < 1e-3
+    assert result.metrics.validation[0].rmse_v < 1e-3
 
 
 def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(result):
@@ -97,7 +97,7 @@ def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(resu
     assert "Tables over SOC and temperature" in report
     assert "The tables at 45 degC" in report
     evaluation, _ = validate_stored(again, at(15.0))
-    assert evaluation.metrics.rmse_v == pytest.approx(result.tables.metrics.validation[0].rmse_v)
+    assert evaluation.metrics.rmse_v == pytest.approx(result.metrics.validation[0].rmse_v)
     rows = list(csv.DictReader(tables_csv(again).decode().splitlines()))
     assert {float(row["temperature [degC]"]) for row in rows} == set(DEGC)
 

@@ -84,9 +84,13 @@ def identified(cell: Cell, model: str) -> Outcome:
 
 
 def r0_of(result: barnax.Result) -> tuple[float, float | None, float | None]:
-    """R0 in ohm and its interval, None where it is open."""
-    assert result.assessment is not None
-    estimate = result.assessment.uncertainty["R0 [Ohm]"]
+    """R0 in ohm and its interval, None where it is open; of tables in the middle of their nodes."""
+    if result.tables is not None:
+        nodes = result.tables.fit.of_table("R0 [Ohm]")
+        node = nodes[len(nodes) // 2]
+        return node.value, node.low, node.high
+    assert result.constant.assessment is not None
+    estimate = result.constant.assessment.uncertainty["R0 [Ohm]"]
     return estimate.value, estimate.low, estimate.high
 
 

@@ -88,8 +88,8 @@ class Settings:
     """The circuit and how to search for it.
 
     Args:
-        model: The circuit. None: iso-rc; with tables, whose OCV correction replaces a switched
-            hysteresis, so-rc, or esc if hysteresis matters as much as for LFP.
+        model: The circuit. None: so-rc, iso-rc and esc are weighed against each other and against
+            tables over SOC, and what is best on held-out blocks is the answer.
         method: An optimizer of `OPTIMIZERS`.
         objective: The error, by simulation of every sample or from a reduced record; "auto" reduces
             the record where the bounds allow it.
@@ -98,7 +98,7 @@ class Settings:
         population: Candidates of a generation.
         iterations: Generations of a run.
         key: The key of all random numbers.
-        over: Tables over SOC, or over SOC and temperature, besides the constant circuit.
+        over: Tables over SOC, or over SOC and temperature, whatever they gain.
 
     Raises `InputError` for a number out of range and an unknown `over`.
     """
@@ -122,14 +122,6 @@ class Settings:
             raise InputError(
                 f"`over` {self.over!r} is not known; there are 'soc' and {OVER_TEMPERATURE!r}"
             )
-
-    def circuit(self, cell: CellModel, over: str | None = None) -> str:
-        """The name of the circuit for a cell; `over` as if tables had been asked for."""
-        if self.model is not None:
-            return self.model
-        if (over or self.over) is None:
-            return "iso-rc"
-        return "esc" if cell.has_flat_ocv else "so-rc"
 
 
 @dataclass(frozen=True, eq=False)

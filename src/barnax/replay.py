@@ -264,8 +264,8 @@ def replay_soc(
     measured, warnings = read_validation(
         record, reading, window, result.cell_model, result.measured_at
     )
-    used = result if settings.tables else result.model_copy(update={"tables": None})
-    prepared = prepare_record(measured, result.cell_model, result.model, window)
+    used = result if settings.tables else result.without_tables()
+    prepared = prepare_record(measured, used.cell_model, used.model, window)
     degc = prepared.temperature_degc
     if used.tables is not None and used.tables.over_temperature is not None:
         degc = require_temperature(prepared)
@@ -295,7 +295,7 @@ def replay_soc(
     replay = SocReplay(
         record=measured.name,
         sha256=measured.sha256,
-        model=result.model,
+        model=used.model,
         with_tables=used.tables is not None,
         settings=settings,
         states=model.states + len(settings.estimate),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
+from .candidates import Candidate
 from .cell import CellModel, CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
 from .errors import InputError
@@ -32,7 +33,12 @@ if TYPE_CHECKING:
 
     from .run import Run
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
+# What version 2 held of the constant circuit beside the answer.
+CONSTANT_KEYS = (
+    "parameters", "answer_source", "at_bound", "global_optimum", "assessment", "other_hold",
+    "search", "refined", "bounds", "fixed",
+)  # fmt: skip
 
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 # A state of charge; a record may run beyond full and empty, but not far.
@@ -234,20 +240,18 @@ class AssessmentPart(Part):
 
 
 class TablesPart(Part):
-    """The circuit with tables over SOC, how it was fitted, and its errors by scan.
+    """Tables over SOC that are the answer, and how they were fitted.
 
     Attributes:
         settings: How they were fitted.
         fits: The tables, one set for each temperature, from cold to warm.
         over_temperature: The temperatures, None for a single set.
-        metrics: Their errors.
         by_soc: Their errors by SOC.
     """
 
     settings: TableSettings
     fits: tuple[TableFit, ...] = Field(min_length=1)
     over_temperature: OverTemperature | None = None
-    metrics: MetricsBlock
     by_soc: tuple[Band, ...]
 
     @property
@@ -260,74 +264,37 @@ class TablesPart(Part):
         return self.found.reference
 
 
-class Result(Document):
-    """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
-
-    A result that was not read from a file has the objects behind it in `run`.
+class ConstantPart(Part):
+    """The best constant circuit known: the answer itself, or what stands beside tables.
 
     Attributes:
-        schema_version: Version 2 of the file.
         model: Name of the circuit.
-        parameters: The best constant circuit known, under PyBaMM's names in SI units.
-        answer_source: Where it comes from.
+        parameters: Its parameters, under PyBaMM's names in SI units.
+        source: Where it comes from.
         at_bound: Parameters that ended at a bound.
         metrics: Its errors.
         global_optimum: The best circuit in the bounds, None if they are too wide to look for it.
         assessment: Intervals and diagnostics, None if skipped or failed.
-        tables: The circuit with tables over SOC, if `over` was given; exports, figures of errors
-            and validation are then of the tables.
-        expected_tables_v: Without tables, the RMSE that they would reach with this circuit's time
-            constants.
         other_hold: The answer if a sample's current flowed on its other side, where that is
             assumed.
-        pulses: The pulses of records that are pulse tests.
         search: What the seeds found, None without seeds.
         refined: Where Levenberg-Marquardt took them.
-        cell: OCV, hysteresis voltage and capacity.
         bounds: Lowest and highest value of each parameter.
         fixed: Parameters that were held.
-        inputs: Every file, with its digest and what was decided about it.
-        plan: Every file of a folder with its role.
-        warnings: Sentences about what is doubtful, with what to do.
-        command: The command that repeats the run.
-        versions: Versions of barnax and of what it computes with.
-
-    >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[2]
     model: str
     parameters: Parameters
-    answer_source: Literal["seeds", "global optimum"]
+    source: Literal["seeds", "global optimum"]
     at_bound: tuple[AtBound, ...]
     metrics: MetricsBlock
     global_optimum: GlobalPart | None = None
     assessment: AssessmentPart | None = None
-    tables: TablesPart | None = None
-    expected_tables_v: Volts | None = None
     other_hold: OtherHold | None = None
-    pulses: tuple[Pulse, ...] = ()
     search: SearchPart | None = None
     refined: RefinedPart | None = None
-    cell: CellModel
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
-    inputs: tuple[InputPart, ...] = Field(min_length=1)
-    plan: tuple[PlannedFile, ...] = ()
-    warnings: tuple[str, ...]
-    command: tuple[str, ...]
-    versions: dict[str, str]
-
-    _run: "Run | None" = PrivateAttr(None)
-    remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
-
-    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
-        """The circuit and its error: the whole result would be pages."""
-        yield "model", self.model
-        yield "rmse_v", self.metrics.identification.rmse_v
-        yield "parameters", self.parameters
 
     @field_validator("model")
     @classmethod
@@ -347,6 +314,73 @@ class Result(Document):
                 f"the circuit {self.model} has the parameters {', '.join(wanted)}, not "
                 f"{', '.join(self.parameters)}"
             )
+        return self
+
+    @property
+    def circuit_parameters(self) -> CircuitParameters:
+        return CircuitParameters.from_dict(self.parameters)
+
+
+class Result(Document):
+    """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
+
+    A result that was not read from a file has the objects behind it in `run`.
+
+    Attributes:
+        schema_version: Version 3 of the file.
+        model: Name of the answer's circuit.
+        metrics: The answer's errors.
+        candidates: The circuits that were weighed against each other, the answer among them.
+        tables: The tables over SOC that are the answer, None where a constant circuit is.
+        constant: The best constant circuit: the answer, or what stands beside the tables.
+        pulses: The pulses of records that are pulse tests.
+        cell: OCV, hysteresis voltage and capacity.
+        inputs: Every file, with its digest and what was decided about it.
+        plan: Every file of a folder with its role.
+        notes: Sentences about what was done with the inputs; nothing has to be done about them.
+        warnings: Sentences about what is doubtful, with what to do.
+        command: The command that repeats the run.
+        versions: Versions of barnax and of what it computes with.
+
+    >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
+    """
+
+    schema_version: Literal[3]
+    model: str
+    metrics: MetricsBlock
+    candidates: tuple[Candidate, ...] = ()
+    tables: TablesPart | None = None
+    constant: ConstantPart
+    pulses: tuple[Pulse, ...] = ()
+    cell: CellModel
+    inputs: tuple[InputPart, ...] = Field(min_length=1)
+    plan: tuple[PlannedFile, ...] = ()
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...]
+    command: tuple[str, ...]
+    versions: dict[str, str]
+
+    _run: "Run | None" = PrivateAttr(None)
+    remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """The circuit and its error: the whole result would be pages."""
+        yield "model", self.model
+        if self.tables is not None:
+            yield "over", "soc" if self.tables.over_temperature is None else "soc,temperature"
+        yield "rmse_v", self.metrics.identification.rmse_v
+        if self.tables is None:
+            yield "parameters", self.parameters
+
+    @field_validator("model")
+    @classmethod
+    def _name_a_known_circuit(cls, name: str) -> str:
+        return get_circuit(name).name
+
+    @model_validator(mode="after")
+    def _hold_a_record(self) -> Self:
         if not any(each.role == "identification" and each.start for each in self.inputs):
             raise ValueError("no record that was identified on is among the inputs")
         return self
@@ -356,12 +390,23 @@ class Result(Document):
         if document.get("schema_version") == 1:
             raise InputError(
                 f"{file}: this file has schema version 1; run its stored command again to write "
-                "version 2"
+                f"version {SCHEMA_VERSION}"
             )
-        tables = document.get("tables")
-        if isinstance(tables, dict) and isinstance(tables.get("settings"), dict):
-            # The correction was free before this was a choice.
-            tables["settings"].setdefault("rising_ocv", False)
+        if document.get("schema_version") == 2:
+            document = {**document, "schema_version": SCHEMA_VERSION}
+            constant = {key: document.pop(key) for key in CONSTANT_KEYS if key in document}
+            document.pop("expected_tables [V]", None)
+            metrics = document.get("metrics")
+            tables = document.get("tables")
+            if isinstance(tables, dict):
+                document["metrics"] = tables.pop("metrics", None)
+                if isinstance(tables.get("settings"), dict):
+                    # The correction was free before this was a choice.
+                    tables["settings"].setdefault("rising_ocv", False)
+            model, source = document.get("model"), constant.pop("answer_source", None)
+            document["constant"] = {
+                "model": model, "source": source, "metrics": metrics, **constant
+            }  # fmt: skip
         return document
 
     @property
@@ -378,13 +423,21 @@ class Result(Document):
         return self._run
 
     @property
-    def circuit_parameters(self) -> CircuitParameters:
-        return CircuitParameters.from_dict(self.parameters)
+    def parameters(self) -> dict[str, float | tuple[float, ...]]:
+        """The answer's parameters under PyBaMM's names in SI units.
 
-    @property
-    def answer_metrics(self) -> MetricsBlock:
-        """Those of the tables over SOC where there are any, else of the constant circuit."""
-        return self.metrics if self.tables is None else self.tables.metrics
+        A table over SOC is a tuple of values at the states of charge under "SOC"; of tables at
+        several temperatures, those nearest to 25 degC.
+        """
+        if self.tables is None:
+            return dict(self.constant.parameters)
+        tables = self.tables.fit.tables
+        return {"SOC": tables.nodes, **tables.tables, **tables.constants}
+
+    def without_tables(self) -> Self:
+        """The same with its constant circuit as the answer."""
+        own = {"tables": None, "model": self.constant.model, "metrics": self.constant.metrics}
+        return self.model_copy(update=own)
 
     def at_temperature(self, temperature_degc: float) -> Self:
         """The same with the tables over SOC, the OCV and the capacity of one temperature alone."""

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .candidates import Candidate
 from .cell import CircuitParameters, OcvTable
 from .display import Brief
 from .errors import InputError
@@ -22,6 +23,7 @@ from .records.fingerprint import Content
 from .results import (
     SCHEMA_VERSION,
     AssessmentPart,
+    ConstantPart,
     GlobalPart,
     InputPart,
     MetricsBlock,
@@ -84,9 +86,10 @@ class Run(Brief):
         assessment: Intervals and diagnostics.
         examination: What further fits add.
         tables: The circuit with tables over SOC.
-        expected_tables_v: RMSE that tables would reach, where none were fitted.
+        candidates: The circuits that were weighed against each other.
         other_hold: The answer if a sample's current flowed on its other side.
         ocv: The OCV tests.
+        notes: Sentences about what was done with the inputs.
         warnings: Sentences about what is doubtful, with what to do.
     """
 
@@ -100,9 +103,10 @@ class Run(Brief):
     assessment: Assessment | None
     examination: Examination | None
     tables: TableRun | None = None
-    expected_tables_v: float | None = None
+    candidates: tuple[Candidate, ...] = ()
     other_hold: OtherHold | None = None
     ocv: list[Record | OcvTable] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -114,11 +118,10 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
         command: The command that was run, if any.
     """
     problem = run.problem
-    result = Result(
-        schema_version=SCHEMA_VERSION,
+    constant = ConstantPart(
         model=problem.circuit,
         parameters=run.answer.parameters.to_dict(),
-        answer_source=run.answer.source,
+        source=run.answer.source,
         at_bound=run.answer.at_bound,
         metrics=_metrics_block(problem.name, run.identification, run.validation),
         global_optimum=_global_part(run.refinement, run.optimum) if run.optimum else None,
@@ -130,28 +133,37 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
             diagnostics=run.assessment.diagnostics,
             examination=run.examination,
         ),
-        tables=None
-        if run.tables is None
-        else TablesPart(
-            settings=run.tables.settings,
-            fits=run.tables.found.fits,
-            over_temperature=run.tables.found.over_temperature,
-            metrics=_metrics_block(problem.name, run.tables.identification, run.tables.validation),
-            by_soc=bands_by_soc(run.tables.identification),
-        ),
-        pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
-        expected_tables_v=run.expected_tables_v,
         other_hold=run.other_hold,
         search=search_part(run.search) if run.search else None,
         refined=_refined_part(run.refinement) if run.refinement else None,
-        cell=problem.cell,
         bounds=dict(problem.bounds.ranges),
         fixed=dict(problem.bounds.fixed),
+    )
+    tables, model, metrics = None, constant.model, constant.metrics
+    if run.tables is not None:
+        model = run.tables.model
+        metrics = _metrics_block(problem.name, run.tables.identification, run.tables.validation)
+        tables = TablesPart(
+            settings=run.tables.settings,
+            fits=run.tables.found.fits,
+            over_temperature=run.tables.found.over_temperature,
+            by_soc=bands_by_soc(run.tables.identification),
+        )
+    result = Result(
+        schema_version=SCHEMA_VERSION,
+        model=model,
+        metrics=metrics,
+        candidates=run.candidates,
+        tables=tables,
+        constant=constant,
+        pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
+        cell=problem.cell,
         inputs=(
             *(record_part("identification", each) for each in run.identification),
             *(record_part("validation", each) for each in run.validation),
             *(input_part("ocv", record) for record in run.ocv),
         ),
+        notes=run.notes,
         warnings=run.warnings,
         command=tuple(command),
         versions=all_versions(),

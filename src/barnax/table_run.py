@@ -1,33 +1,28 @@
 """Tables over SOC, and over temperature, of a run: fitted, evaluated, and what to beware of."""
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .cell.circuits import RATE
+from .cell import CellModel
 from .display import Brief
-from .errors import InputError
-from .global_optimum import GlobalOptimum
-from .model.prepared import PreparedRecord, prepare_record
-from .model.problem import Problem
+from .model.prepared import PreparedRecord
 from .over_soc import (
     HELD_GAMMA,
     FitWarning,
     Reversal,
     TableFits,
     TableSettings,
-    evaluate_tables,
-    expected_rmse_v,
     fit_tables,
     fit_temperatures,
     group_by_temperature,
 )
-from .search.evaluate import Evaluation
+from .search.evaluate import Evaluation, evaluate_from_either
 
 # Validation may leave the SOC that tables were identified on by this much without a word.
 OUTSIDE_SOC = 0.005
+R0 = "R0 [Ohm]"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,6 +34,11 @@ class TableRun(Brief):
     identification: list[Evaluation]
     validation: list[Evaluation]
 
+    @property
+    def model(self) -> str:
+        """The circuit that the tables are of."""
+        return self.identification[0].prepared.circuit
+
     @classmethod
     def of(
         cls,
@@ -46,13 +46,25 @@ class TableRun(Brief):
         found: TableFits,
         identified: Sequence[PreparedRecord],
         validated: Sequence[PreparedRecord],
+        cell: CellModel,
     ) -> "TableRun":
         """The tables on every record, each at its own temperature."""
-        own, others = (
-            [evaluate_tables(each, found.of(each)) for each in prepared]
-            for prepared in (identified, validated)
-        )
+        own = [found.evaluate(each) for each in identified]
+        others = [evaluate_from_either(each, cell, found.evaluate) for each in validated]
         return cls(settings, found, own, others)
+
+    def spanning(self, shift_ohm: float) -> "TableRun":
+        """The same whose intervals of R0 reach over what another hold of the current makes of it."""
+        fits = tuple(
+            replace(
+                fit,
+                intervals=tuple(
+                    each.spanning(shift_ohm) if each.name == R0 else each for each in fit.intervals
+                ),
+            )
+            for fit in self.found.fits
+        )
+        return replace(self, found=replace(self.found, fits=fits))
 
 
 def fit_over(
@@ -62,35 +74,6 @@ def fit_over(
     if over == "soc":
         return TableFits((fit_tables(prepared_records, settings),))
     return fit_temperatures(group_by_temperature(prepared_records), settings)
-
-
-def fit_beside(
-    problem: Problem,
-    over: str | None,
-    settings: TableSettings | None,
-    circuit: str,
-    looking: "Future[GlobalOptimum | None]",
-    advise: bool,
-) -> tuple[TableFits | None, float | None]:
-    """The tables that were asked for; where none were, the RMSE that those of `circuit`, the one
-    they would be of, would leave."""
-    if over is not None and settings is not None:
-        return fit_over(over, problem.prepared_records, settings), None
-    optimum = looking.result() if advise else None
-    if optimum is None:
-        return None, None
-    found = optimum.parameters
-    constants = {f"tau{pair} [s]": tau_s for pair, tau_s in enumerate(found.tau_s, 1)}
-    if found.gamma is not None:
-        constants[RATE] = found.gamma
-    try:
-        records = [
-            prepare_record(each.record, problem.cell, circuit, each.settled_window)
-            for each in problem.prepared_records
-        ]
-        return None, expected_rmse_v(records, constants)
-    except InputError:
-        return None, None
 
 
 def table_warnings(run: TableRun) -> Iterator[str]:

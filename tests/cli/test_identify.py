@@ -65,9 +65,9 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
     assert len([line for line in lines if line.strip()]) <= 23
     text = " ".join(finished.outcome.out.split())
     own = result.metrics.identification
-    assert f"identification {1e3 * own.rmse_v:.1f} mV" in text
+    assert f"iso-rc {1e3 * own.rmse_v:.1f} mV" in text
     assert f"R0 {1e3 * result.parameters['R0 [Ohm]']:.1f} mOhm" in text
-    assert f"({result.global_optimum.seeds_there} of 3 seeds found it)" in text
+    assert f"refined, {result.constant.global_optimum.seeds_there} of 3 reach it" in text
     assert "identification.parquet" in text
 
 
@@ -75,9 +75,9 @@ def test_one_run_has_one_verdict(run, finished):
     everything = run("show", finished.folder)
     assert everything.status == 0
     told = " ".join(finished.outcome.out.split())
-    (verdict,) = re.findall(r"Best possible: (.*?\.) Weakest", told)
+    (verdict,) = re.findall(r"Best possible: (.*?\.) Search", told)
     shown = " ".join(everything.out.split())
-    assert re.findall(r"Best possible: (.*?\.)(?: -)? Weakest", shown) == [verdict] * 2
+    assert shown.count(f"Best possible: {verdict}") == 2
     assert shown.count("Best possible") == 2
 
 
@@ -85,7 +85,7 @@ def test_what_is_proposed_next_runs_as_printed(monkeypatch, result, tmp_path):
     monkeypatch.chdir(tmp_path)
     words = ["identify", "a b.csv", "--fix", "tau1 [s]=5", "--force", "--out", "old"]
     monkeypatch.setattr(sys, "argv", ["barnax", *words])
-    _, proposed = command._next(result)
+    _, proposed = command._next(result, None)
     assert proposed == (
         "barnax identify 'a b.csv' --fix 'tau1 [s]=5' --ocv-fit interpolated --out barnax-out"
     )

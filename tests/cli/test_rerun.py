@@ -45,12 +45,12 @@ def test_the_same_machine_gives_the_same_bytes(run, finished):
 def test_a_result_that_cannot_be_reached_any_more_is_a_finding(run, altered):
     def change(document):
         document["metrics"]["identification"]["rmse [V]"] *= 1.01
-        document["parameters"]["R0 [Ohm]"] *= 1.5
+        document["constant"]["parameters"]["R0 [Ohm]"] *= 1.5
 
     outcome = run("rerun", altered(change))
     assert outcome.status == 1
     text = " ".join(outcome.out.split())
-    assert "metrics.identification.rmse [V], parameters.R0 [Ohm]" in text
+    assert "constant.parameters.R0 [Ohm], metrics.identification.rmse [V]" in text
     assert "The error differs by -0.99 %" in text
 
 

@@ -8,7 +8,7 @@ import pytest
 from barnax.cell import CIRCUITS as REGISTERED
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, get_exporter
-from helpers.results import CIRCUITS, make_cell, make_result, make_table_result
+from helpers.results import CIRCUITS, make_cell, make_result, make_table_result, with_constant
 
 from .conftest import every_circuit, every_exporter
 
@@ -40,9 +40,8 @@ def test_an_unknown_target_lists_the_known_ones():
 @every_circuit
 def test_equal_results_give_equal_bytes_and_another_gives_others(exporter, circuit):
     result = make_result(circuit)
-    changed = result.model_copy(
-        update={"parameters": result.parameters | {"R0 [Ohm]": np.nextafter(0.0511, 1)}}
-    )
+    other = result.constant.parameters | {"R0 [Ohm]": np.nextafter(0.0511, 1)}
+    changed = with_constant(result, parameters=other)
     written = exporter.write(result)
     assert written == exporter.write(make_result(circuit))
     assert written.content != exporter.write(changed).content

@@ -13,7 +13,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import simulate_tables
 from barnax.search.evaluate import evaluate
-from helpers.results import PAIRS, PAIRS_OF, make_cell, make_record, make_result
+from helpers.results import PAIRS, PAIRS_OF, make_cell, make_record, make_result, with_constant
 
 NODES = (0.0, 0.2, 0.5, 1.0)
 # Between two points of the grid the OCV of this cell bends by less.
@@ -63,6 +63,6 @@ def test_without_corrections_it_simulates_tables_over_soc(circuit):
 
 
 def test_a_result_without_an_assessment_is_refused():
-    result = make_result("so-rc").model_copy(update={"assessment": None})
+    result = with_constant(make_result("so-rc"), assessment=None)
     with pytest.raises(InputError, match="identify again with `trust` 'basic'"):
         model_of(result)

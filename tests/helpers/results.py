@@ -21,7 +21,15 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableSettings
 from barnax.records.record import Record
-from barnax.results import AssessmentPart, InputPart, MetricsBlock, MetricsPart, Result, TablesPart
+from barnax.results import (
+    AssessmentPart,
+    ConstantPart,
+    InputPart,
+    MetricsBlock,
+    MetricsPart,
+    Result,
+    TablesPart,
+)
 from barnax.run import Run, best_answer
 from barnax.run import make_result as store
 from barnax.search.evaluate import Evaluation, evaluate
@@ -163,12 +171,15 @@ def make_result(
         diagnostics=Diagnostics((), (), 100.0, 9.0, 99, bands, (), None),
     )
     given = Start(initial_soc, "given", initial_direction, "given", row=2, voltage_v=4.0)
+    block = MetricsBlock.model_construct(identification=metrics, validation=())
+    constant = ConstantPart.model_construct(
+        model=model, parameters=parameters, metrics=block, assessment=assessment
+    )
     return Result.model_construct(
         model=model,
-        parameters=parameters,
+        metrics=block,
+        constant=constant,
         cell=make_cell(hysteresis_fit),
-        metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
-        assessment=assessment,
         inputs=(
             InputPart(
                 role="identification",
@@ -243,7 +254,15 @@ def make_table_result(circuit: str = "so-rc", kept: slice = slice(None), **given
     part = TablesPart.model_construct(
         settings=TableSettings(nodes=NODES),
         fits=(replace(fit, tables=tables),),
-        metrics=MetricsBlock.model_construct(identification=metrics, validation=()),
         by_soc=(),
     )
-    return make_result(circuit, **given).model_copy(update={"tables": part})
+    block = MetricsBlock.model_construct(identification=metrics, validation=())
+    result = make_result(circuit, **given)
+    return result.model_copy(update={"tables": part, "metrics": block})
+
+
+def with_constant(result: Result, **update: Any) -> Result:
+    """The result with something else in its constant circuit; its errors are the answer's too."""
+    own = {"constant": result.constant.model_copy(update=update)}
+    own |= {name: update[name] for name in ("metrics", "model") if name in update}
+    return result.model_copy(update=own)

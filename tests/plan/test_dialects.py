@@ -13,7 +13,14 @@ FILES = {
     "up": BUNDLED.ocv[0],
     "down": BUNDLED.ocv[1],
 }
-SMALL = {"seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
+SMALL = {
+    "model": "so-rc",
+    "advise": False,
+    "seeds": 2,
+    "population": 8,
+    "iterations": 5,
+    "trust": "none",
+}
 # Its dates are of microseconds, and the bundled clock has both sides of a step closer together.
 TOO_COARSE = ("NewareNDA CSV",)
 # Of makes that are not among the default tests' two.
@@ -32,7 +39,6 @@ def by_hand():
         ocv=BUNDLED.ocv,
         validate=BUNDLED.validation,
         window=barnax.Window(initial_soc=1.0),
-        ocv_fit="interpolated",
         current_hold="forward",
         **SMALL,
     )

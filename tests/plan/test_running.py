@@ -13,8 +13,10 @@ from barnax.reporting.decisions import plan_blocks
 from barnax.reporting.verdict import next_step
 from barnax.results import PlannedFile, Result
 from cli.conftest import BUDGET, run_command
+from helpers.results import make_table_result
 
-SMALL = {"seeds": 3, "population": 8, "iterations": 5, "trust": "none"}
+SMALL = {"model": "so-rc", "seeds": 3, "population": 8, "iterations": 5, "trust": "none"}
+WORDS = ("--model", "so-rc", *BUDGET[2:])
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,6 @@ def by_hand():
         ocv=BUNDLED.ocv,
         validate=BUNDLED.validation,
         window=window,
-        ocv_fit="interpolated",
         **SMALL,
     )
 
@@ -45,7 +46,7 @@ def test_python_takes_a_folder(folder, by_hand):
 
 
 def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_hand, tmp_path):
-    outcome = run_command("identify", folder, *BUDGET, "--out", tmp_path / "out")
+    outcome = run_command("identify", folder, *WORDS, "--out", tmp_path / "out")
     assert outcome.status == 0
     assert "identification.parquet (drive cycle)" in outcome.out
     stored = Result.from_json(tmp_path / "out" / "result.json")
@@ -71,8 +72,8 @@ def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
     path = folder / "plan.toml"
     path.write_text(printed.out)
     assert barnax.identify(path, **SMALL).parameters == by_hand.parameters
-    path.write_text(printed.out.replace('ocv_fit = "interpolated"', 'ocv_fit = "polynomial"'))
-    outcome = run_command("identify", path, *BUDGET[2:], "--out", tmp_path / "out")
+    path.write_text('ocv_fit = "polynomial"\n' + printed.out)
+    outcome = run_command("identify", path, *WORDS[:2], *WORDS[4:], "--out", tmp_path / "out")
     assert outcome.status == 0
     stored = Result.from_json(tmp_path / "out" / "result.json")
     assert stored.parameters != by_hand.parameters
@@ -100,12 +101,12 @@ def test_records_of_other_temperatures_are_the_next_step_towards_tables_over_it(
         return PlannedFile(name=name, role=role, kind=kind, reason=why, temperature_degc=degc)
 
     files = [planned("a", "identification", 25.0), planned("b", "not used", 25.4)]
-    result = by_hand.model_copy(update={"expected_tables_v": 1e-3, "plan": tuple(files)})
-    assert next_step(result)[0] == {"over": "soc"}
+    result = by_hand.model_copy(update={"plan": tuple(files), "tables": make_table_result().tables})
+    assert "over" not in next_step(result).options
     files += [planned("c", "not used", degc) for degc in (45.0, 0.0, None)]
-    options, advice = next_step(result.model_copy(update={"plan": tuple(files)}))
-    assert options == {"over": "soc,temperature"}
-    assert "with the records at 0 and 45 degC" in advice
+    step = next_step(result.model_copy(update={"plan": tuple(files)}))
+    assert step.options == {"over": "soc,temperature"}
+    assert "with the records at 0 and 45 degC" in step.advice
 
 
 @pytest.mark.parametrize(

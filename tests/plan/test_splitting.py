@@ -12,7 +12,14 @@ from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.records import read_record
 from helpers.records import CURRENT, TIME, VOLTAGE
 
-SMALL = {"seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
+SMALL = {
+    "model": "so-rc",
+    "advise": False,
+    "seeds": 2,
+    "population": 8,
+    "iterations": 5,
+    "trust": "none",
+}
 
 
 def charge_to_full():

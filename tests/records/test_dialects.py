@@ -93,7 +93,7 @@ def test_names_of_other_programs_and_languages_are_known(header):
 def test_a_sensor_that_is_not_there_is_left_out():
     record = record_from_frame(TABLE.with_columns(pl.lit(-9999.0).alias("Temperature / degC")))
     assert record.temperature_degc is None
-    assert "the column is left out" in " ".join(record.warnings)
+    assert "the column is left out" in " ".join(record.notes)
 
 
 def test_two_files_joined_are_told_by_their_names(tmp_path):
@@ -307,7 +307,7 @@ def test_lines_of_words_between_the_rows_are_left_out(tmp_path):
         text += f"1,{k // 100},{k},Still,{stamp},{k % 100},{volt!r},{ampere!r},\n"
     record = read(tmp_path, text.encode("gb18030"))
     require_the_record(record)
-    assert "left out 3 lines of words between the rows" in " ".join(record.warnings)
+    assert "left out 3 lines of words between the rows" in " ".join(record.notes)
     assert record.row[[0, 99, 100]].tolist() == [3, 102, 104]
 
 
@@ -331,7 +331,7 @@ def test_cells_of_a_workbook_shown_as_durations_are_times(tmp_path):
         styled.writestr("xl/styles.xml", styles)
     record = read_record(tmp_path / "cell.xlsx")
     np.testing.assert_allclose(record.time_s, TABLE[TIME].to_numpy(), atol=1e-3)
-    assert not any("assumed s" in each for each in record.warnings)
+    assert not any("assumed s" in each for each in [*record.warnings, *record.notes])
 
 
 def test_numbers_cut_by_their_own_commas_are_refused(tmp_path):

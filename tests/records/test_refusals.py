@@ -140,7 +140,8 @@ def test_every_message_is_the_one_that_was_written_down(tmp_path):
     said = {name: [refusal(tmp_path, content)] for name, content in REFUSED.items()}
     for name, content in TOLD.items():
         (tmp_path / "cell.csv").write_bytes(content)
-        said[name] = list(read_record(tmp_path / "cell.csv").warnings)
+        record = read_record(tmp_path / "cell.csv")
+        said[name] = [*record.notes, *record.warnings]
     text = "".join(
         f"{name}\n" + "".join(f"  {line}\n" for line in lines) for name, lines in said.items()
     )

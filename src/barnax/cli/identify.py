@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # Options of the run that a plan may hold; those of records go into its windows.
 PLANNED = (
-    "ocv_capacity", "ocv_fit", "hysteresis_fit", "model", "method", "trust", "over",
+    "ocv_capacity", "ocv_fit", "hysteresis_fit", "setup", "model", "method", "trust", "over",
     "current_hold", "current_sign", "ocv_current_sign", "validate_current_sign", "columns",
     "series",
 )  # fmt: skip
@@ -47,13 +47,19 @@ PLANNED = (
 class Choices:
     """Which circuit, which method, and how far the answer is looked into."""
 
+    setup: Literal["li2023"] | None = option(
+        SEARCH,
+        "li2023",
+        "The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al. "
+        "(2023).",
+    )
     model: str | None = option(
         SEARCH,
         "iso-rc|so-rc|esc|...",
-        "Circuit: two RC pairs with switched (iso-rc), no (so-rc) or dynamic (esc) hysteresis; "
-        "takacs has loops after a turn; 1rc, 3rc and 4rc have one, three and four pairs and no "
-        "hysteresis (default: iso-rc; with tables so-rc, or esc if half the hysteresis voltage is "
-        "worth 8 % SOC or more).",
+        "This circuit, with constants: two RC pairs with switched (iso-rc), no (so-rc) or dynamic "
+        "(esc) hysteresis; takacs has loops after a turn; 1rc, 3rc and 4rc have one, three and "
+        "four pairs and no hysteresis (default: so-rc, iso-rc, esc and tables over SOC are weighed "
+        "on held-out blocks).",
         autocompletion=known_names("cell", "CIRCUITS"),
     )
     method: str = option(
@@ -183,7 +189,7 @@ def _run(
     require_choice("method", chosen.method, OPTIMIZERS)
     given = {
         **options.given(records),
-        **{name: getattr(chosen, name) for name in ("model", "method", "trust")},
+        **{name: getattr(chosen, name) for name in ("setup", "model", "method", "trust")},
         "watch": session.watch,
     }
     planned = plan_of(**given) if command == "identify" else None
@@ -196,6 +202,7 @@ def _run(
     draw = partial(result_files, result, chosen.report, chosen.paper)
     folder, written = output.deliver(session, folder, "result.json", result.to_json(), draw)
     _show(session, result, folder, written, output.verbose)
+    session.tell(result.notes)
     session.warn(result.warnings)
 
 
@@ -229,33 +236,37 @@ def _show(
     if verbose:
         session.show(to_terminal(identification_document(result).spelled(as_flags)))
     session.show(first_screen(result, as_flags))
-    session.show(next_lines(*_next(result)))
+    session.show(next_lines(*_next(result, folder)))
     if folder is not None:
-        names = [f"{folder}/report.html"] if "report.html" in written else []
-        names.append(f"{folder}/result.json")
+        names = ["report.html"] if "report.html" in written else []
+        names.append("result.json")
+        names[0] = f"{folder}/{names[0]}"
         names += [name for name in ("tables.csv", "pulses.csv") if name in written]
         names += ["figures"] if any(name.startswith("figures/") for name in written) else []
-        names.append(f"{session.elapsed_s:.1f} s")
+        names += [f"{session.elapsed_s:.1f} s", f"barnax show {shlex.quote(str(folder))}"]
         session.show(["", parts_line(names)])
-        session.show([parts_line([f"barnax show {shlex.quote(str(folder))} for all details"])])
 
 
-def _next(result: "Result") -> tuple[str, str]:
+def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
     """What to do next, and the command that does it where one does."""
     from ..reporting.verdict import next_step
 
-    options, advice = next_step(result)
-    if not options:
-        return as_flags(advice), ""
-    flags = {flag_of(name): value for name, value in options.items()}
+    step = next_step(result)
+    advice = as_flags(step.advice)
+    if step.exports and folder is not None:
+        return advice, shlex.join(["barnax", "export", str(folder), "--to", "pybamm"])
+    if not step.options and not step.without:
+        return advice, ""
+    flags = {flag_of(name): value for name, value in step.options.items()}
     # What is for one record stands beside what others have, and after what it had itself.
     replaced = {flag: 2 for flag, value in flags.items() if "=" not in value}
+    replaced |= {flag_of(name): 2 for name in step.without}
     given = without_options(sys.argv[1:], {**APPEARANCE, **replaced})
     words = [word for pair in flags.items() for word in pair]
     if any(word == "-" or word.startswith("/dev/") for word in given):
-        return f"{as_flags(advice)}: {shlex.join(words)}, with what was piped saved as a file", ""
+        return f"{advice}: {shlex.join(words)}, with what was piped saved as a file", ""
     command = shlex.join(["barnax", *given, *words, "--out", str(free_name(DEFAULT_FOLDER))])
-    return as_flags(advice), command
+    return advice, command
 
 
 def _changed(

@@ -157,8 +157,7 @@ class Files:
     ocv_fit: Literal["polynomial", "interpolated"] | None = option(
         INPUT,
         "FIT",
-        "OCV curves: polynomial of degree 7, or interpolated (PCHIP) (default: polynomial; in a "
-        "plan, interpolated).",
+        "OCV curves: interpolated (PCHIP) or a polynomial of degree 7 (default: interpolated).",
     )
     hysteresis_fit: Literal["continuous", "independent"] = option(
         INPUT,
@@ -299,8 +298,8 @@ class TableOptions:
     over: str | None = option(
         TABLES,
         "soc|soc,temperature",
-        "Also fit the resistances and an OCV correction as tables over SOC; with temperature, one "
-        "set of tables per temperature, with shared time constants.",
+        "Tables over SOC of the resistances and an OCV correction, whatever they gain; with "
+        "temperature, one set of tables per temperature, with shared time constants.",
     )
     ocv_correction: bool | None = flag(
         TABLES,

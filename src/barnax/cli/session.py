@@ -120,6 +120,11 @@ class Session:
         if not self._is_quiet:
             self._notes.print(shown(as_flags(text)), soft_wrap=True)
 
+    def tell(self, notes: Iterable[str]) -> None:
+        """Print what was done with the inputs to stderr, unless the command is quiet."""
+        for text in () if self._is_quiet else notes:
+            self._notes.print("[dim]note:[/dim]", shown(as_flags(text)), soft_wrap=True)
+
     def warn(self, warnings: Iterable[str]) -> None:
         """Print warnings to stderr, even where the command is quiet."""
         for text in warnings:

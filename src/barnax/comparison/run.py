@@ -4,14 +4,14 @@ import itertools
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
 from ..baselines import METHODS, Answer, Budget, MethodFailure
 from ..baselines.regression import outside_box
-from ..cell import CellModel, get_circuit
+from ..cell import CellModel
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
@@ -24,8 +24,8 @@ from ..global_optimum import (
 )
 from ..inputs import Watch, unwatched
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.problem import Kind, Problem, make_problem
-from ..model.search_space import Bounds, Range, Scale
+from ..model.problem import Kind, Problem, known_to, make_problem
+from ..model.search_space import Range, Scale
 from ..model.window import Window
 from ..records import Record
 from ..search.evaluate import Evaluation, evaluate, evaluate_from_either
@@ -221,19 +221,6 @@ def compare(
     return Comparison(tuple(refined), budget, differences, optima)
 
 
-def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]) -> dict[str, Any]:
-    """The bounds or fixed values that are not of another model alone; one that none of them knows
-    is left for the first to complain of."""
-    others = set().union(*map(_names_of, models)) - _names_of(model)
-    return {name: value for name, value in (values or {}).items() if name not in others}
-
-
-def _names_of(model: str) -> set[str]:
-    """Every name under which a parameter of a model can be bounded or fixed."""
-    circuit = get_circuit(model)
-    return set(Bounds.default(1.0, 1.0, 1.0, pairs=circuit.pairs, has_rate=circuit.has_rate).names)
-
-
 @in_float64
 def _run(
     problem: Problem,
@@ -255,7 +242,8 @@ def _run(
     identified, *others = prepared_records
     parameters = row.median.parameters
     evaluations = [evaluate(identified, parameters)]
-    evaluations += [evaluate_from_either(each, problem.cell, parameters) for each in others]
+    own = partial(evaluate, parameters=parameters)
+    evaluations += [evaluate_from_either(each, problem.cell, own) for each in others]
     bands = [
         errors_by_soc(each.error_v, each.prepared.soc, each.prepared.scored) for each in evaluations
     ]

@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 from ..baselines import Budget
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
+from ..model.problem import known_to
 from ..model.search_space import Range
 from ..over_soc import SocErrors, TableFit, TableFits, TableSettings, errors_on, fit_tables
 from ..over_soc.by_method import SEARCHES, capped, search_by
 from ..over_soc.fit import reduced_objective
 from ..search.evaluate import Evaluation, evaluate
 from ..table_run import TableRun, table_warnings
-from .run import Comparison, known_to
+from .run import Comparison
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def tabulate(
         if optimum is not None:
             parameters = optimum.parameters
         prepared = [each.prepared for each in best.evaluations]
-        run = TableRun.of(wanted, TableFits((fit,)), prepared[:1], prepared[1:])
+        run = TableRun.of(wanted, TableFits((fit,)), prepared[:1], prepared[1:], best.problem.cell)
         methods = [row.method for row in comparison.rows if row.model == model]
         found.append(
             Tabulated(

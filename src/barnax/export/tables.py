@@ -104,7 +104,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
             "iso-rc"
         )
     reference = found.reference_degc if found else None
-    cell, parameters = result.cell_at(reference), result.circuit_parameters
+    cell, parameters = result.cell_at(reference), result.constant.circuit_parameters
     degc, cells, over_soc, place = None, [cell], [], 0
     resistances = np.array([[r] for r in (parameters.r0, *parameters.r)])
     if found and found.tables is not None:
@@ -260,7 +260,7 @@ def _caveats(result: Result, over_soc: Sequence[SocTables], kind: Hysteresis) ->
 def _heading(result: Result) -> str:
     over = " with tables over SOC" if result.tables else ""
     over += " and temperature" if result.tables and result.tables.over_temperature else ""
-    errors = result.answer_metrics.identification
+    errors = result.metrics.identification
     return (
         f"Written by barnax {escaped(result.versions.get('barnax', ''))}: circuit "
         f"{result.model}{over}, identified on {escaped(errors.record)} with an RMSE of "

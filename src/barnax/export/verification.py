@@ -150,7 +150,7 @@ def simulate_here(
     )
     prepared = prepare_record(record, cell, result.model, window)
     if tables is None:
-        simulated_v = evaluate(prepared, result.circuit_parameters).simulated_v
+        simulated_v = evaluate(prepared, result.constant.circuit_parameters).simulated_v
     else:
         if without_hysteresis:
             tables = replace(tables, half_hysteresis_v=None)

@@ -252,13 +252,17 @@ class ErrorModel:
 
         Raises `InputError` for a result without an assessment.
         """
-        if result.assessment is None:
+        constant = result.constant
+        if constant.assessment is None:
             raise InputError(
                 "this result has no residual statistics, which set the filter's noise; "
                 "identify again with `trust` 'basic'"
             )
-        noise = result.assessment.uncertainty.noise
-        rmse_v, bands = result.metrics.identification.rmse_v, result.assessment.diagnostics.by_soc
+        noise = constant.assessment.uncertainty.noise
+        rmse_v, bands = (
+            constant.metrics.identification.rmse_v,
+            constant.assessment.diagnostics.by_soc,
+        )
         if result.tables is not None:
             bands = result.tables.by_soc
         total_v2 = sum(sd**2 for sd in noise.sd_v)
@@ -354,10 +358,10 @@ def model_of(result: "Result", slow: Sequence[str] = ()) -> FilterModel:
     without an assessment.
     """
     errors = ErrorModel.of(result)
-    assert result.assessment is not None, "asked above"
+    assert result.constant.assessment is not None, "asked above"
     fitted = {
         each.name.partition(" [")[0]: each.relative_error
-        for each in result.assessment.uncertainty.estimates
+        for each in result.constant.assessment.uncertainty.estimates
     }
     rest_a, slow_sd = result.start_rest_current_a, []
     known = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]
@@ -369,7 +373,7 @@ def model_of(result: "Result", slow: Sequence[str] = ()) -> FilterModel:
     return make_model(
         result.cell_at(),
         result.model,
-        result.circuit_parameters,
+        result.constant.circuit_parameters,
         errors,
         tables=None if result.tables is None else result.tables.fit.tables,
         rest_current_a=rest_a,

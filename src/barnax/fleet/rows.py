@@ -176,10 +176,11 @@ def _given(path: str) -> Any:
 
 def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
     """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
-    own, run = result.metrics.identification, result.run
+    constant, run = result.constant, result.run
+    own = constant.metrics.identification
     first = result.of_role("identification")[0]
     row: dict[str, Any] = {
-        "circuit": result.model,
+        "circuit": constant.model,
         "records": result.name,
         "samples": own.samples,
         "duration [s]": first.duration_s,
@@ -187,16 +188,16 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
         "temperature [degC]": run.identification[0].prepared.temperature_degc,
         "initial SOC": result.initial_soc,
     }
-    intervals = result.assessment.uncertainty.estimates if result.assessment else ()
+    intervals = constant.assessment.uncertainty.estimates if constant.assessment else ()
     ends = {each.name: (each.low, each.high) for each in intervals}
-    for name, value in named_values(result.circuit_parameters).items():
+    for name, value in named_values(constant.circuit_parameters).items():
         row[name] = value
         if ends:
             row[f"{name} low"], row[f"{name} high"] = ends[name]
     validation = joint_metrics("validation", run.validation) if run.validation else None
     row |= _errors_of("", own) | _errors_of("validation ", validation)
     if result.tables is not None:
-        row["tables RMSE [V]"] = result.tables.metrics.identification.rmse_v
+        row["tables RMSE [V]"] = result.metrics.identification.rmse_v
     rmse_v = {
         round(10 * (band.low or 0.0)): band.rmse_v for band in bands_by_soc(run.identification)
     }
@@ -204,12 +205,12 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
         f"RMSE SOC {10 * tenth} to {10 * tenth + 10} % [V]": rmse_v.get(tenth)
         for tenth in range(10)
     }
-    optimum = result.global_optimum
+    optimum = constant.global_optimum
     return row | {
-        "answer": result.answer_source,
+        "answer": constant.source if result.tables is None else "tables over SOC",
         "certified": optimum is not None and optimum.status == "certified",
         "proved gap": None if optimum is None else optimum.proved_gap,
-        "at bound": "; ".join(f"{each.name} {each.side}" for each in result.at_bound),
+        "at bound": "; ".join(f"{each.name} {each.side}" for each in constant.at_bound),
         "warnings": list(warnings),
         "inputs sha256": _together(each.sha256 for each in result.inputs),
     }

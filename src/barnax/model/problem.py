@@ -174,6 +174,19 @@ class Problem(Brief):
         return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
 
 
+def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]) -> dict[str, Any]:
+    """The bounds or fixed values that are not of another model alone; one that none of them knows
+    is left for the first to complain of."""
+    others = set().union(*map(_names_of, models)) - _names_of(model)
+    return {name: value for name, value in (values or {}).items() if name not in others}
+
+
+def _names_of(model: str) -> set[str]:
+    """Every name under which a parameter of a model can be bounded or fixed."""
+    circuit = get_circuit(model)
+    return set(Bounds.default(1.0, 1.0, 1.0, pairs=circuit.pairs, has_rate=circuit.has_rate).names)
+
+
 @in_float64
 def rmse_by_scan(problem: Problem, circuits: Sequence[CircuitParameters]) -> list[float]:
     """The RMSE of circuits by the reference, in V, whatever the problem's objective."""

@@ -5,8 +5,8 @@ from .cross_validation import SocErrors as SocErrors
 from .fit import HELD_GAMMA as HELD_GAMMA
 from .fit import FitWarning as FitWarning
 from .fit import TableFit as TableFit
+from .fit import constant_held_out as constant_held_out
 from .fit import errors_on as errors_on
-from .fit import expected_rmse_v as expected_rmse_v
 from .fit import fit_tables as fit_tables
 from .intervals import NodeInterval as NodeInterval
 from .objective import TableSettings as TableSettings

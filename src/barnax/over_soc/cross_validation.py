@@ -20,6 +20,8 @@ ABOVE_SOC = 0.1
 FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
 # An extra is worth its parameters where it lowers both held-out errors by more than this share.
 WORTHWHILE = 0.1
+# And by more than this: less than voltmeters tell is no reason for another circuit.
+LEAST_GAIN_V = 1e-4
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,9 @@ class SocErrors:
         """Whether it is lower than a simpler circuit's by more than `WORTHWHILE` in both."""
 
         def falls(own_v: float | None, other_v: float | None) -> bool:
-            return own_v is None or other_v is None or own_v < (1 - WORTHWHILE) * other_v
+            if own_v is None or other_v is None:
+                return True
+            return own_v < min((1 - WORTHWHILE) * other_v, other_v - LEAST_GAIN_V)
 
         return falls(self.rmse_v, simpler.rmse_v) and falls(self.above_v, simpler.above_v)
 
@@ -107,10 +111,7 @@ def cross_validate(objective: Objective, best: Solution) -> CrossValidation | No
     None where nothing is held out, or where all samples lie in one fold.
     """
     settings, parts = objective.settings, objective.parts
-    if not settings.folds:
-        return None
-    scored_in_folds = np.reshape([part.scored for part in parts], (-1, 2)).sum(axis=1)
-    if np.count_nonzero(scored_in_folds) < 2:
+    if not _has_folds(objective):
         return None
     plain = replace(settings, nodes=(0.5,), ocv_correction=False)
     whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
@@ -121,6 +122,18 @@ def cross_validate(objective: Objective, best: Solution) -> CrossValidation | No
         _held_out(objective, best, parts),
         _held_out(whole, find_best(whole), flat),
     )
+
+
+def held_out_errors(objective: Objective, best: Solution) -> SocErrors | None:
+    """The errors on held-out blocks alone; None as `cross_validate` has it."""
+    return _held_out(objective, best, objective.parts) if _has_folds(objective) else None
+
+
+def _has_folds(objective: Objective) -> bool:
+    if not objective.settings.folds:
+        return False
+    scored = np.reshape([part.scored for part in objective.parts], (-1, 2)).sum(axis=1)
+    return bool(np.count_nonzero(scored) > 1)
 
 
 def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> SocErrors:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,7 +19,13 @@ from ..model.prepared import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
 from .certificate import Proof, certify
-from .cross_validation import CrossValidation, SocErrors, blocks_of, cross_validate
+from .cross_validation import (
+    CrossValidation,
+    SocErrors,
+    blocks_of,
+    cross_validate,
+    held_out_errors,
+)
 from .intervals import NodeInterval, intervals_of
 from .objective import (
     FASTEST_TAU_S,
@@ -154,24 +160,20 @@ def fit_of(objective: Objective, proof: Proof) -> TableFit:
     )
 
 
-def expected_rmse_v(
-    prepared_records: Sequence[PreparedRecord], constants: Mapping[str, float]
-) -> float:
-    """The RMSE in V that tables would leave with a constant circuit's tau and gamma, by name.
+def constant_held_out(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> SocErrors | None:
+    """The errors of the constant circuit on the blocks that are held out of tables.
 
-    One exact solution, without search, proof or intervals: what tables are worth before they are
-    asked for. Those outside the tables' box are taken at its ends, those without a value in its
-    geometric middle.
+    Its time constants are those of all samples, as those of tables are. None where nothing is held
+    out.
     """
-    fixed = {
-        name: float(np.clip(constants.get(name, math.sqrt(low * high)), low, high))
-        for name, (low, high) in box_of(prepared_records, TableSettings()).items()
-    }
-    settings = TableSettings(fixed=fixed, folds=0)
-    objective = reduced_objective(prepared_records, settings)
+    plain = replace(
+        settings, nodes=(0.5,), ocv_correction=False, half_hysteresis=False, rising_ocv=False
+    )
+    objective = reduced_objective(prepared_records, plain)
     with one_blas_thread():
-        found = objective.solve(tuple(axis.low for axis in objective.axes))
-    return float(np.sqrt(found.error @ found.error))
+        return held_out_errors(objective, find_best(objective))
 
 
 def reduced_objective(

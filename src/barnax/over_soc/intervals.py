@@ -56,6 +56,13 @@ class NodeInterval:
         """Whether the value may have been moved further than its standard error."""
         return abs(self.bias) > self.standard_error
 
+    def spanning(self, shift: float) -> "NodeInterval":
+        """The same with an interval that reaches over a value as possible, where it does not."""
+        if self.low is None or self.high is None or self.low <= self.value + shift <= self.high:
+            return self
+        low, high = min(self.low, self.low + shift), max(self.high, self.high + shift)
+        return replace(self, low=low, high=high)
+
 
 @in_float64
 def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ...]:

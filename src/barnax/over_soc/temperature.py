@@ -19,11 +19,13 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
 from ..model.window import is_temperature
+from ..search.evaluate import Evaluation
 from .certificate import Proof, certify, certify_together
 from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
 from .objective import Axis, Objective, Solution, TableSettings
 from .search import Place, Solved, find_best, polish
+from .simulate import evaluate_tables
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,10 @@ class TableFits:
             return self.fits[0].tables
         near = self.over_temperature.measured_near(temperature_degc)
         return self.tables.at(temperature_degc if near is None else near)
+
+    def evaluate(self, prepared: PreparedRecord) -> Evaluation:
+        """The tables at a record's temperature, simulated on it."""
+        return evaluate_tables(prepared, self.of(prepared))
 
     def of(self, prepared: PreparedRecord) -> SocTables:
         """The tables at a record's temperature. Raises `InputError` where that is needed and not

@@ -417,8 +417,8 @@ def _options(
     draft: _Draft, record: Seen, window: Window, choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
-    options: dict[str, Any] = {"ocv_fit": "interpolated"}
-    reasons = {"ocv_fit": "the curves pass through every measured point"}
+    options: dict[str, Any] = {}
+    reasons: dict[str, str] = {}
     own_ah = record_capacity_ah(record, window, choice)
     if draft.given_ah is not None:
         options["capacity"] = draft.given_ah

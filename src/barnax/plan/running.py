@@ -156,7 +156,7 @@ def prepare_pulse_tests(
         ocv_tests, cell = listed(ocv), None
         if not ocv_tests:
             given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
-            # A polynomial would swing between ten points.
+            # A polynomial would swing between ten points, whatever was asked for.
             options["ocv_fit"] = "interpolated"
             by_degc = group_near((_degc(each, chosen), each) for each in tests)
             own = {degc: each[:1] for degc, each in by_degc.items()}

@@ -145,10 +145,10 @@ def _runs(
         refined_v = None if refinement is None else refinement.rmse_v
     else:
         result = opened(searches, Result)
-        if result.search is None or result.refined is None:
+        if result.constant.search is None or result.constant.refined is None:
             raise ValueError("this result was found without seeds, so no search converged")
-        seeds, population = result.search.seeds, result.search.population
-        refined_v, found = result.refined.rmse_v, result.global_optimum
+        seeds, population = result.constant.search.seeds, result.constant.search.population
+        refined_v, found = result.constant.refined.rmse_v, result.constant.global_optimum
         optimum_v = None if found is None else found.rmse_v
     aims_v = {OPTIMUM: optimum_v, "refined": refined_v}
     return seeds, population, {name: 1e3 * aim for name, aim in aims_v.items() if aim is not None}

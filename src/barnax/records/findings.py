@@ -25,8 +25,7 @@ class Finding:
     An `error` makes the file unusable as it is, or everything computed from it wrong. A `warning`
     leaves it usable, at a price or with an option given. Both count for the exit status. A `note`
     is what barnax copes with by itself, or a property of the record to know about, and does not
-    count; `is_told` marks the notes of what was assumed or changed, which reading repeats as
-    warnings of the record.
+    count; `is_told` marks the notes of what was assumed or changed, which the record repeats.
 
     `row` is the source row of the first place it was seen, counted as `Record.row` counts, and
     `sheet` that row's sheet where there are several. `remedy` is an option, by its Python name in
@@ -87,8 +86,9 @@ def raise_first_error(findings: Iterable[Finding], file: str) -> None:
 
 def warnings_of(findings: Iterable[Finding], file: str) -> tuple[str, ...]:
     """What reading a record warns of."""
-    return tuple(
-        finding.sentence(file)
-        for finding in findings
-        if finding.severity == "warning" or finding.is_told
-    )
+    return tuple(each.sentence(file) for each in findings if each.severity == "warning")
+
+
+def notes_of(findings: Iterable[Finding], file: str) -> tuple[str, ...]:
+    """What reading a record assumed or changed."""
+    return tuple(each.sentence(file) for each in findings if each.is_told)

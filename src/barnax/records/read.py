@@ -17,7 +17,7 @@ from .column_rules import examine_columns, read_columns
 from .columns import NOTHING
 from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
-from .findings import Finding, named, raise_first_error, warnings_of
+from .findings import Finding, named, notes_of, raise_first_error, warnings_of
 from .hold import decide_hold
 from .quantities import NEEDED
 from .record import Decision, Hold, Record
@@ -168,7 +168,10 @@ def read_record(
     assert samples is not None  # Where there are none, that was an error.
     sign, doubts = decide_sign(samples, current_sign, source.name)
     record = make_record(source, samples, sign, decide_hold(samples, current_hold))
-    return replace(record, warnings=warnings_of((*examined.findings, *doubts), source.name))
+    found = (*examined.findings, *doubts)
+    return replace(
+        record, warnings=warnings_of(found, source.name), notes=notes_of(found, source.name)
+    )
 
 
 def record_from_frame(

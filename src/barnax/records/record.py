@@ -42,6 +42,7 @@ class Record(Brief):
             ("backward"), and why.
         sha256: Digest of the file.
         warnings: Sentences about what is doubtful, with what to do.
+        notes: Sentences about what was assumed or changed in reading.
         charge_ah: The tester's own net charge out of the cell since its counters began, which may
             be before the first sample.
         skipped_ah: What the counters counted in intervals whose load was not logged, beyond what
@@ -62,6 +63,7 @@ class Record(Brief):
     hold: Decision
     sha256: str
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     charge_ah: Float[np.ndarray, "samples"] | None = None
     skipped_ah: Float[np.ndarray, "intervals"] | None = None
     cycle: Int[np.ndarray, "samples"] | None = None

@@ -6,11 +6,11 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from ..cell import CellModel, PolynomialCurve
-from ..uncertainty.covariance import named_values
 from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_table, pairs_table
-from .words import NOTHING, joined, millivolt, percent, significant, symbol, with_unit
+from .words import NOTHING, joined, millivolt, percent, significant, with_unit
 
 if TYPE_CHECKING:
+    from ..cell import CircuitParameters
     from ..comparison import ComparisonResult
     from ..global_optimum.search import OtherHold
     from ..model.start import Start
@@ -34,6 +34,8 @@ ENDS = {1: "full", -1: "empty"}
 HASH_LETTERS = 16
 # What passes this close to its points passes through them.
 THROUGH_V = 1e-6
+# A change of R0 by less than this share is none.
+SAME_OHM = 1e-3
 
 
 def files_table(stored: "Stored") -> Table:
@@ -95,15 +97,11 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
         other = "backward" if value == "forward" else "forward"
         where = f" in {joined([each.name for each in guessed])}" if guessed != simulated else ""
         assumed = f"each sample's current flows {FLOWS[value]}{where}"
-        if stored.other_hold is None:
+        found, optimum = stored.constant.other_hold, stored.constant.global_optimum
+        if found is None or optimum is None:
             yield f"{assumed} (`current_hold={other}` for the other)."
         else:
-            told = _would_be(stored.other_hold)
-            if stored.tables is not None:
-                told = f"the constant circuit's {told}"
-                if stored.global_optimum is not None:
-                    told += f" instead of {millivolt(stored.global_optimum.rmse_v)}"
-            yield f"{assumed}. With `current_hold={other}`, {told}."
+            yield f"{assumed}; with `current_hold={other}` {_would_be(found, optimum.parameters)}."
     for each in simulated:
         start = each.start
         if start is None:
@@ -121,16 +119,13 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
             )
 
 
-def _would_be(found: "OtherHold") -> str:
-    """The parameters and the RMSE that another assumption gives."""
-    values = named_values(found.parameters).items()
-    told = [
-        f"{symbol(name)} would be {with_unit(name, value)}"
-        for name, value in values
-        if not name.startswith("C")
-    ]
-    told = [told[0], *(each.replace(" would be", "") for each in told[1:])]
-    return joined([*told, f"the RMSE {millivolt(found.rmse_v)}"])
+def _would_be(found: "OtherHold", own: "CircuitParameters") -> str:
+    """What another hold changes in the constant circuit: R0, which jumps with the current."""
+    change_ohm = found.parameters.r0 - own.r0
+    if abs(change_ohm) < SAME_OHM * own.r0:
+        return "R0 would be the same"
+    more = "more" if change_ohm > 0 else "less"
+    return f"R0 would be {with_unit('R0 [Ohm]', abs(change_ohm))} {more}"
 
 
 def start_sentence(name: str, start: "Start") -> str:

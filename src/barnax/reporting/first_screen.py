@@ -14,14 +14,11 @@ from .pulses import middle_heads, middle_pulses
 from .soc_tables import (
     expectation,
     middle_of_tables,
-    pay_sentence,
     prediction_sentences,
-    unseen_errors,
 )
 from .terminal import BARE, bare_table, headed_line, indented, plain
 from .words import (
     between,
-    capitalized,
     degrees,
     duration,
     figures,
@@ -31,14 +28,18 @@ from .words import (
 if TYPE_CHECKING:
     from ..results import InputPart, MetricsPart, Result, TablesPart
     from ..uncertainty import Estimate
-from .verdict import best_possible, weakest_point
+from .verdict import best_possible, search_sentences
 
 LONGEST_NAME = 40
+# More files than these are counted.
+MOST_FILES = 5
+# The error above 10 % SOC is told beside the whole where it is lower by this share.
+APART = 0.1
 UNFIT = f": {NOT_SUITABLE} identification: "
 
 
 def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterator[RenderableType]:
-    """How good the answer is, what it is, whether to believe it, and its weakest point.
+    """How good the answer is, what it is, whether to believe it, and what was assumed.
 
     `spell` gives the texts as who reads them names the options.
     """
@@ -54,27 +55,15 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
         yield Text()
     unfit = [("Do not use", text) for text in result.warnings if UNFIT in text]
     lines = [*unfit, ("Best possible", best_possible(result))]
-    lines += _table_lines(result)
-    weakest = weakest_point(result)
-    if weakest:
-        lines.append(("Weakest point", weakest))
+    lines += [("Search", text) for text in search_sentences(result)]
+    over = None if result.tables is None else result.tables.over_temperature
+    if over is not None:
+        lines.append(("Temperatures", f"where none was measured, {expectation(over)}"))
+        lines += [("", told) for told in prediction_sentences(result)]
     lines += [("Start", text) for text in carried_sentences(result)]
     lines += [("Assumed", text) for text in guess_sentences(result)]
     for head, text in lines:
         yield indented(headed_line(head, spell(text)))
-
-
-def _table_lines(result: "Result") -> Iterator[tuple[str, str]]:
-    """What samples, or temperatures, that were left out say of the tables."""
-    if result.tables is None:
-        return
-    over = result.tables.over_temperature
-    if over is not None:
-        yield "Temperatures", f"where none was measured, {expectation(over)}"
-        for told in prediction_sentences(result):
-            yield "", told
-    elif pays := pay_sentence(result.tables.fit, unseen_errors(result)):
-        yield "Benefit", capitalized(pays)
 
 
 def _files_table(result: "Result") -> Shown:
@@ -82,10 +71,14 @@ def _files_table(result: "Result") -> Shown:
     table = Shown(show_header=False, **BARE)
     for _ in range(4 + has_degc):
         table.add_column(no_wrap=True)
-    for each in (*result.of_role("identification"), *result.of_role("validation")):
+    parts = (*result.of_role("identification"), *result.of_role("validation"))
+    shown = parts if len(parts) <= MOST_FILES else parts[: MOST_FILES - 1]
+    for each in shown:
         degc = each.temperature_degc
         at = [] if not has_degc else ["" if degc is None else degrees(degc)]
         table.add_row(plain(_short(each.name, LONGEST_NAME - 9 * has_degc)), *at, *_extent(each))
+    if len(shown) < len(parts):
+        table.add_row(f"and {len(parts) - len(shown)} more")
     return table
 
 
@@ -101,26 +94,60 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
 
 
 def _errors_table(result: "Result") -> Shown:
-    metrics, constant = result.answer_metrics, result.metrics
+    """The circuits that were weighed, the answer first, with their errors on all records."""
+    if result.tables is not None and result.tables.over_temperature is not None:
+        return _errors_over_temperature(result)
+    metrics, validation = result.metrics, result.metrics.validation
+    heads = ["", "identification", *_numbered("validation", len(validation))]
+    above = [each.rmse_above_10_soc_v for each in (metrics.identification, *validation)]
+    own = [each.rmse_v for each in (metrics.identification, *validation)]
+    candidates = sorted(
+        result.candidates,
+        key=lambda each: (not each.is_answer, each.identification.rmse_v),
+    )
+    held = [None if each.held_out is None else each.held_out.rmse_v for each in candidates]
+    if any(value is not None for value in held):
+        heads.append("left out")
+    rows: list[list[str]] = []
+    for each, held_v in zip(candidates, held, strict=True):
+        values = [each.identification.rmse_v, *each.validation_v, held_v][: len(heads) - 1]
+        mark = "<- answer" if each.is_answer and len(candidates) > 1 else ""
+        rows.append([each.name, *map(_millivolt, values), mark])
+        if each.is_answer and any(
+            is_apart(low_v, all_v) for low_v, all_v in zip(above, own, strict=True)
+        ):
+            held_above = None if each.held_out is None else each.held_out.above_v
+            values = [*above, held_above][: len(heads) - 1]
+            rows.append(["  above 10 % SOC", *map(_millivolt, values), ""])
+    are_numbers = [False, *(True for _ in heads[1:]), False]
+    return bare_table([*heads, ""], rows, are_numbers)
+
+
+def is_apart(above_v: float | None, all_v: float) -> bool:
+    """Whether the error above 10 % SOC is worth telling beside that of all samples."""
+    return above_v is not None and above_v < (1 - APART) * all_v
+
+
+def _errors_over_temperature(result: "Result") -> Shown:
+    """The answer's errors record by record, beside those of one constant circuit for all."""
+    metrics, constant = result.metrics, result.constant.metrics
     several, others = metrics.jointly, metrics.validation
     rows: list[tuple[str, MetricsPart]] = []
     rows += zip(_numbered("identification", len(several)), several, strict=True)
     rows.append(("together" if several else "identification", metrics.identification))
     rows += zip(_numbered("validation", len(others)), others, strict=True)
+    before = (*constant.jointly, constant.identification, *constant.validation)
     columns = {
         "RMSE": [each.rmse_v for _, each in rows],
         "above 10 % SOC": [each.rmse_above_10_soc_v for _, each in rows],
-        "max": [each.max_v for _, each in rows],
+        "constant circuit": [each.rmse_v for each in before],
     }
-    if result.tables is not None:
-        before = (*constant.jointly, constant.identification, *constant.validation)
-        columns["constant circuit"] = [each.rmse_v for each in before]
-        parts = {each.name: each for each in result.of_role("validation")}
-        left = [_left_out_v(result.tables, parts.get(each.record)) for _, each in rows]
-        if any(value is not None for value in left):
-            columns["left out"] = left
-    cells = zip(*columns.values(), strict=True)
-    told = (["" if each is None else _millivolt(each) for each in row] for row in cells)
+    parts = {each.name: each for each in result.of_role("validation")}
+    assert result.tables is not None, "asked by the caller"
+    left = [_left_out_v(result.tables, parts.get(each.record)) for _, each in rows]
+    if any(value is not None for value in left):
+        columns["left out"] = left
+    told = (map(_millivolt, row) for row in zip(*columns.values(), strict=True))
     return bare_table(
         [result.model, *columns], ([role, *row] for (role, _), row in zip(rows, told, strict=True))
     )
@@ -145,12 +172,13 @@ def _parameters_table(result: "Result") -> Shown:
         heads, rows = middle_of_tables(result.tables)
         if result.tables.over_temperature is not None:
             return bare_table(heads, rows)
-        return bare_table(heads, rows, [head.startswith("at") for head in heads])
+        return bare_table(heads, rows, [head.startswith("at") or not head for head in heads])
+    constant = result.constant
     estimates: dict[str, Estimate] = {}
-    if result.assessment is not None:
-        estimates = {each.name: each for each in result.assessment.uncertainty.estimates}
-    circuit = result.circuit_parameters
-    bounds = {each.name: each.side for each in result.at_bound}
+    if constant.assessment is not None:
+        estimates = {each.name: each for each in constant.assessment.uncertainty.estimates}
+    circuit = constant.circuit_parameters
+    bounds = {each.name: each.side for each in constant.at_bound}
     longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
     table = Shown(show_header=False, **BARE)
     for justify in ("left", "right", "left", "left", "right", "left"):
@@ -183,8 +211,10 @@ def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str
     return between(name, each.low, each.high)
 
 
-def _millivolt(value_v: float) -> str:
-    """Three figures, zeros too, so that errors line up."""
+def _millivolt(value_v: float | None) -> str:
+    """Three figures, zeros too, so that errors line up; nothing where there is none."""
+    if value_v is None:
+        return ""
     value_mv = 1e3 * value_v
     return f"{value_mv:.0f} mV" if value_mv >= 999.5 else f"{value_mv:#.3g}".rstrip(".") + " mV"
 

@@ -111,9 +111,9 @@ def identification_document(
 
 def verdict_sentences(result: "Result") -> Iterator[str]:
     """How good the answer is, on the records it was fitted to and on others."""
-    own = result.answer_metrics.identification
+    own = result.metrics.identification
     yield f"The RMSE of {circuit_words(result)} on {own.record} is {millivolt(own.rmse_v)}."
-    yield from validation_sentences(own, result.answer_metrics.validation)
+    yield from validation_sentences(own, result.metrics.validation)
     yield from prediction_sentences(result)
     yield f"Best possible: {best_possible(result)}"
     weakest = weakest_point(result)
@@ -144,11 +144,13 @@ def validation_sentences(
 
 def parameters_table(result: "Result") -> Table:
     """The parameters with their intervals, where those were computed."""
-    if result.assessment is None:
-        values = {name: significant(value) for name, value in readable(result.parameters).items()}
+    if result.constant.assessment is None:
+        values = {
+            name: significant(value) for name, value in readable(result.constant.parameters).items()
+        }
         cells = {"parameter": str, "value": values.__getitem__}
         return make_table("The parameters.", values, cells, ["parameter"])
-    found = result.assessment.uncertainty
+    found = result.constant.assessment.uncertainty
     return make_table(
         f"The parameters with {percent(found.confidence)} intervals that account for "
         "residual autocorrelation. SE: relative standard error; white-noise SE: the same if every "
@@ -170,7 +172,7 @@ def parameters_table(result: "Result") -> Table:
 
 def _search_blocks(result: "Result") -> list[Bullets | Table]:
     """How the answer was looked for, and what the seeds found where there were any."""
-    search, refined = result.search, result.refined
+    search, refined = result.constant.search, result.constant.refined
     if search is None or refined is None:
         return [Bullets((*seeds_sentences(result), NO_SEEDS))]
     return [
@@ -182,11 +184,11 @@ def _search_blocks(result: "Result") -> list[Bullets | Table]:
 
 def seeds_table(result: "Result", search: "SearchPart") -> Table:
     """What the seeds found before refinement."""
-    seeds, own_v = search.seeds, result.metrics.identification.rmse_v
+    seeds, own_v = search.seeds, result.constant.metrics.identification.rmse_v
     found = [readable(seed.parameters.to_dict()) for seed in seeds]
     values = {
         name: (value, [each[name] for each in found])
-        for name, value in readable(result.parameters).items()
+        for name, value in readable(result.constant.parameters).items()
     }
     values["RMSE [mV]"] = (1e3 * own_v, [1e3 * seed.rmse_v for seed in seeds])
 
@@ -210,7 +212,7 @@ def seeds_table(result: "Result", search: "SearchPart") -> Table:
 
 def errors_table(result: "Result") -> Table:
     """Errors of the answer on every record (Li et al., 2023, Eq. 22 to 26)."""
-    metrics = result.answer_metrics
+    metrics = result.metrics
     rows = [(each, "identification") for each in metrics.jointly]
     rows.append((metrics.identification, "all of these" if rows else "identification"))
     rows += [(each, "validation") for each in metrics.validation]
@@ -241,7 +243,7 @@ def optima_table(refined: "RefinedPart") -> Table:
 
 def _uncertainty_section(result: "Result") -> list[Section]:
     """What the data determine, and where the errors are, where that was assessed."""
-    found = result.assessment
+    found = result.constant.assessment
     if found is None:
         return []
     sentences = [uncertainty_sentence(found.uncertainty)]
@@ -250,7 +252,7 @@ def _uncertainty_section(result: "Result") -> list[Section]:
     blocks = []
     if found.examination is not None:
         sentences += suggestion_sentences(
-            found.examination.suggestions, result.metrics.identification.rmse_v
+            found.examination.suggestions, result.constant.metrics.identification.rmse_v
         )
         blocks.append(_examination_table(found.examination))
     told = Bullets(tuple(each for each in sentences if each))
@@ -304,7 +306,7 @@ def _bands_table(found: "AssessmentPart") -> Table:
 
 def _decisions(result: "Result") -> Iterator[str]:
     yield from decision_sentences(result)
-    yield from box_sentences({result.model: (result.bounds, result.fixed)})
+    yield from box_sentences({result.model: (result.constant.bounds, result.constant.fixed)})
 
 
 def _search_sentence(search: "SearchPart", refined: "RefinedPart") -> str:

@@ -64,8 +64,8 @@ def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
 def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     """What the tables give, how sure that is, and what to beware of."""
     fit, over = part.fit, part.over_temperature
-    own = millivolt(part.metrics.identification.rmse_v)
-    constant = millivolt(result.metrics.identification.rmse_v)
+    own = millivolt(result.metrics.identification.rmse_v)
+    constant = millivolt(result.constant.metrics.identification.rmse_v)
     if over is not None:
         degc = [degrees(each) for each in over.temperatures_degc]
         yield (
@@ -179,7 +179,7 @@ def unseen_errors(result: "Result") -> "Both | None":
         return None
     constant, tables = (
         [SocErrors(each.rmse_v, each.rmse_above_10_soc_v) for each in metrics.validation]
-        for metrics in (result.metrics, result.tables.metrics)
+        for metrics in (result.constant.metrics, result.metrics)
     )
     return together(constant, tables)
 
@@ -315,17 +315,34 @@ def middle_of_tables(part: "TablesPart") -> tuple[list[str], list[tuple[str, ...
     fit, nodes = part.fit, part.fit.tables.nodes
     visited = _visited(fit)
     middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
-    heads = ["", f"at {100 * nodes[middle]:g} % SOC", "95 % interval", "over SOC"]
+    heads = ["", f"at {100 * nodes[middle]:g} % SOC", "95 % interval", "over SOC", "", "", ""]
     known = {(each.name, each.soc): _between(each, fit) for each in fit.intervals}
+    constants = fit.tables.constants
     rows = []
     for name, values in fit.tables.tables.items():
+        if name == OCV_CORRECTION:
+            continue
         seen = [values[place] for place in visited]
         here = known.get((name, nodes[middle]), "")
-        value = with_unit(name, values[middle])
-        rows.append((_name(name), value, here, between(name, min(seen), max(seen))))
-    for name, value in fit.tables.constants.items():
-        rows.append((symbol(name), with_unit(name, value), known.get((name, None), ""), ""))
+        ranges = between(name, min(seen), max(seen))
+        row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]
+        # The time constant of a pair beside its resistance.
+        tau = f"tau{name[1]} [s]" if name.startswith("R") else ""
+        if tau in constants:
+            value = with_unit(tau, constants[tau])
+            row += [symbol(tau), *_under_one_unit(value, known.get((tau, None), ""))]
+        rows.append((*row, *[""] * (len(heads) - len(row))))
+    for name, value in constants.items():
+        if not name.startswith("tau"):
+            row = (symbol(name), with_unit(name, value), known.get((name, None), ""))
+            rows.append((*row, *[""] * (len(heads) - len(row))))
     return heads, rows
+
+
+def _under_one_unit(value: str, *others: str) -> list[str]:
+    """A value with its unit, and what stands beside it without the same unit."""
+    unit = value.rpartition(" ")[2]
+    return [value, *(each.removesuffix(f" {unit}") for each in others)]
 
 
 def _middle_by_temperature(

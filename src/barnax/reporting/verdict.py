@@ -1,12 +1,12 @@
 """The one verdict of a result: how good it is, where it is weak, and what to do next."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..inputs import OVER_TEMPERATURE
-from ..over_soc.cross_validation import WORTHWHILE
 from ..pipeline import FITTING_AGAIN
 from .sentences import (
     WORTH_TELLING,
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 # Most of the squared error of most cells is where they are nearly empty.
 LOW_SOC = 0.1
+# A smaller gap is told as none.
+LEAST_GAP = 1e-4
 MUCH = 0.5
-# Tables over SOC that would save so much of the error come before any other step.
-HALF = 0.5
 
 
 def circuit_words(result: "Result") -> str:
@@ -47,7 +47,7 @@ def circuit_words(result: "Result") -> str:
 
 def best_possible(result: "Result") -> str:
     """Whether a better circuit exists in the bounds, and how many seeds found this one."""
-    optimum, refined = result.global_optimum, result.refined
+    optimum, refined = result.constant.global_optimum, result.constant.refined
     seeds = 0 if refined is None else len(refined.seeds)
     if result.tables is not None:
         return best_of(result.tables)
@@ -57,16 +57,30 @@ def best_possible(result: "Result") -> str:
             "not known: the bounds are too wide to look for the global optimum; "
             f"{reached} of {counted(seeds, 'seed')} end in the best optimum found."
         )
-    if result.answer_source == "seeds":
-        gap = percent(optimum.rmse_v / result.metrics.identification.rmse_v - 1)
+    if result.constant.source == "seeds":
+        gap = percent(optimum.rmse_v / result.constant.metrics.identification.rmse_v - 1)
         return f"not proved: the seeds found a circuit {gap} better than the grid."
-    found = f" ({optimum.seeds_there} of {counted(seeds, 'seed')} found it)" if seeds else ""
-    return f"{optimum_words(optimum)}{found}. {nearly_as_good(optimum)}".rstrip()
+    return f"{optimum_words(optimum)}. {nearly_as_good(optimum)}".rstrip()
+
+
+def search_sentences(result: "Result") -> Iterator[str]:
+    """How the population search fared, in a line; nothing without seeds or an optimum."""
+    constant = result.constant
+    optimum, search = constant.global_optimum, constant.search
+    if optimum is None or search is None:
+        return
+    seeds = len(search.seeds)
+    whose = f"the best {constant.model}" if result.tables is not None else "the optimum"
+    median = "" if seeds == 1 else f"best {_above(optimum.best_gap)}, median "
+    yield (
+        f"{search.method}, {counted(seeds, 'seed')}: {median}{_above(optimum.median_gap)} above "
+        f"{whose}; refined, {optimum.seeds_there} of {seeds} reach it."
+    )
 
 
 def seeds_sentences(result: "Result") -> Iterator[str]:
     """How far the seeds stayed from the optimum, and where else there is one."""
-    optimum, refined = result.global_optimum, result.refined
+    optimum, refined = result.constant.global_optimum, result.constant.refined
     if optimum is None:
         return
     if refined is None:
@@ -88,8 +102,8 @@ def weakest_point(result: "Result") -> str:
     """Where most of the error is, empty where it is nowhere in particular."""
     if result.tables is not None:
         bands = result.tables.by_soc
-    elif result.assessment is not None:
-        bands = result.assessment.diagnostics.by_soc
+    elif result.constant.assessment is not None:
+        bands = result.constant.assessment.diagnostics.by_soc
     else:
         return ""
     low = [band for band in bands if band.high is not None and band.high <= LOW_SOC + 1e-9]
@@ -100,61 +114,63 @@ def weakest_point(result: "Result") -> str:
             f"{percent(share)} of the squared error is below {percent(LOW_SOC)} SOC, in "
             f"{percent(samples)} of the samples."
         )
-    if result.tables is not None or result.assessment is None:
+    if result.tables is not None or result.constant.assessment is None:
         return ""
-    _, *notable = diagnostics_sentences(result.assessment.diagnostics)
+    _, *notable = diagnostics_sentences(result.constant.assessment.diagnostics)
     return notable[0] if notable else ""
-
-
-def tables_would_pay(result: "Result", share: float = WORTHWHILE) -> bool:
-    """Whether tables over SOC, which were not asked for, would lower the error by that share."""
-    expected_v, own_v = result.expected_tables_v, result.metrics.identification.rmse_v
-    return expected_v is not None and expected_v < (1 - share) * own_v
 
 
 def _no_circuit(result: "Result") -> str:
     """Why the answer cannot be the cell's, empty where it may be."""
     at_bound = [
         symbol(each.name)
-        for each in result.at_bound
+        for each in result.constant.at_bound
         if each.name.endswith("[Ohm]") and each.side == "upper"
     ]
     if len(at_bound) > 1:
         return f"{joined(at_bound)} end at their upper bounds"
-    worse = result.metrics.identification.r2 < 0
+    worse = result.constant.metrics.identification.r2 < 0
     return "a constant voltage would fit as well" if worse else ""
 
 
-def next_step(result: "Result") -> tuple[dict[str, str], str]:
-    """Options to run again with, and why; no options where it takes something else."""
+@dataclass(frozen=True)
+class Next:
+    """What to do next: options to run again with or without, or an export of this result."""
+
+    advice: str
+    options: Mapping[str, str] = field(default_factory=dict)
+    without: tuple[str, ...] = ()
+    exports: bool = False
+
+
+def next_step(result: "Result") -> Next:
+    """What to do next."""
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
         what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
-        return {"ocv_fit": "interpolated"}, what
+        return Next(what, {"ocv_fit": "interpolated"})
     if result.tables is None and (reason := _no_circuit(result)):
-        what = "check the OCV test, `capacity`, the window and `bounds`"
-        return {}, f"{what}: {reason}"
-    if not result.metrics.validation and not tables_would_pay(result, HALF):
-        return {}, "validate on another record of the cell, with `validate`"
+        return Next(f"check the OCV test, `capacity`, the window and `bounds`: {reason}")
     others = _other_temperatures(result)
-    if others and (result.tables is not None or tables_would_pay(result)):
+    if others and result.tables is not None:
         where = joined([f"{degc:.3g}" for degc in others])
         what = f"for tables over temperature too, with the records at {where} degC"
-        return {"over": OVER_TEMPERATURE}, what
+        return Next(what, {"over": OVER_TEMPERATURE})
+    if not result.metrics.validation:
+        return Next("validate on another record of the cell, with `validate`")
     if result.tables is not None and not tables_pay(result.tables.fit, unseen_errors(result)):
-        return {}, "use the constant circuit: identify again without `over`"
+        return Next("use the constant circuit: identify again without `over`", without=("over",))
     if result.tables is not None:
-        return {}, "export the tables with barnax export"
-    if tables_would_pay(result):
-        expected = millivolt(result.expected_tables_v or 0.0)
-        return {"over": "soc"}, f"fit tables over SOC, for an RMSE of about {expected}"
-    found = result.assessment
+        return Next("export the tables", exports=True)
+    if len(result.candidates) > 1 and not any(each.over for each in result.candidates):
+        return Next("weigh tables over SOC too, without `model`", without=("model", "setup"))
+    found = result.constant.assessment
     if found is None:
-        return {"trust": "basic"}, "compute intervals of the parameters"
+        return Next("compute intervals of the parameters", {"trust": "basic"})
     has_failed = any(text.startswith(FITTING_AGAIN) for text in result.warnings)
     if found.examination is None and not has_failed:
-        return {"trust": "full"}, "find out what would lower the error"
+        return Next("find out what would lower the error", {"trust": "full"})
     rmse_v = result.metrics.identification.rmse_v
     suggested = () if found.examination is None else found.examination.suggestions
     for each in suggested:
@@ -164,9 +180,9 @@ def next_step(result: "Result") -> tuple[dict[str, str], str]:
             if "initial_soc" in options and len(names) == 1:
                 # A start is one record's; the others keep theirs.
                 options["initial_soc"] = f"{names[0]}={options['initial_soc']}"
-            return options, f"lower the RMSE to {millivolt(each.rmse_v)}"
+            return Next(f"lower the RMSE to {millivolt(each.rmse_v)}", options)
     names = [each.name for each in result.of_role("validation")]
-    return {}, f"compare circuits and methods with barnax compare; validated on {joined(names)}"
+    return Next(f"compare circuits and methods with barnax compare; validated on {joined(names)}")
 
 
 def _other_temperatures(result: "Result") -> list[float]:
@@ -197,6 +213,10 @@ def _missed_by_the_polynomial_v(cell: "CellModel") -> float:
         if isinstance(curve, PolynomialCurve) and name in cell.errors
     ]
     return max(missed, default=0.0)
+
+
+def _above(gap: float) -> str:
+    return "0 %" if gap < LEAST_GAP else percent(gap)
 
 
 def _gap(gap: float) -> str:

@@ -1,6 +1,6 @@
 """One circuit simulated on one record, with its errors."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -63,14 +63,14 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
 
 
 def evaluate_from_either(
-    prepared: PreparedRecord, cell: CellModel, parameters: CircuitParameters
+    prepared: PreparedRecord, cell: CellModel, evaluated: Callable[[PreparedRecord], Evaluation]
 ) -> Evaluation:
     """A circuit on a record it was not fitted to, from the direction that fits better if open."""
     prepared, other = both_directions(prepared, cell)
-    own = evaluate(prepared, parameters)
+    own = evaluated(prepared)
     if other is None:
         return own
-    tried = evaluate(other, parameters)
+    tried = evaluated(other)
     best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
     return replace(best, prepared=best.prepared.fitting_better(rest.metrics.rmse_v))
 

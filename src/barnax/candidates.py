@@ -1,0 +1,94 @@
+"""Circuits weighed against each other, and which of them the data support."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from .cell import CellModel
+from .over_soc import SocErrors, TableFit
+from .search.evaluate import Evaluation
+
+# Constant circuits, the simplest first: no hysteresis, switched at once, and following the charge.
+WEIGHED = ("so-rc", "iso-rc", "esc")
+# A constant circuit that leaves so many times the error of another is contradicted by the data:
+# its intervals, which take its structure for granted, do not hold.
+CONTRADICTED = 1.5
+# Tables of which samples visit less SOC than this are no answer for the cell: beyond, they follow
+# from their neighbors.
+LEAST_SPAN_SOC = 0.3
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A circuit that was weighed: its errors on what it was fitted to, and on what it was not.
+
+    Attributes:
+        model: Name of the circuit.
+        over: "soc" or "soc,temperature" for tables, None for a constant circuit.
+        identification: Errors on all records identified on together.
+        validation_v: RMSE on each record validated on.
+        held_out: Errors on blocks held out of the fit; None where nothing was.
+        is_answer: True for the one that the result is of.
+    """
+
+    model: str
+    over: str | None
+    identification: SocErrors
+    validation_v: tuple[float, ...]
+    held_out: SocErrors | None
+    is_answer: bool = False
+
+    @property
+    def name(self) -> str:
+        """The circuit as tables and screens call it."""
+        if self.over is None:
+            return self.model
+        what = "tables over SOC" if self.over == "soc" else "tables over SOC and temperature"
+        return f"{what} ({self.model})"
+
+    @classmethod
+    def of(
+        cls,
+        model: str,
+        over: str | None,
+        identified: Iterable[Evaluation],
+        validated: Iterable[Evaluation],
+        held_out: SocErrors | None,
+    ) -> "Candidate":
+        """The candidate with the errors of its evaluations."""
+        validation_v = tuple(each.metrics.rmse_v for each in validated)
+        return cls(model, over, _together(identified), validation_v, held_out)
+
+
+def _together(evaluations: Iterable[Evaluation]) -> SocErrors:
+    scored = [(each, each.prepared.scored) for each in evaluations]
+    return SocErrors.of((each.error_v[at], each.prepared.soc[at]) for each, at in scored)
+
+
+def tabulated_circuit(cell: CellModel) -> str:
+    """The circuit that tables are of: their OCV correction stands in for a switched hysteresis;
+    on an OCV as flat as LFP's the hysteresis matters, and follows the charge."""
+    return "esc" if cell.has_flat_ocv else "so-rc"
+
+
+def spans_enough(fit: TableFit) -> bool:
+    """Whether samples visit so much of the SOC that tables say something of the cell."""
+    tables = fit.tables
+    visited = [
+        soc for soc, is_visited in zip(tables.nodes, tables.visited, strict=True) if is_visited
+    ]
+    return bool(visited) and max(visited) - min(visited) >= LEAST_SPAN_SOC
+
+
+def is_better(one: SocErrors | None, simpler: SocErrors | None) -> bool:
+    """Whether a circuit is worth what it has more than a simpler one, by what was held out."""
+    return one is not None and simpler is not None and one.is_worth(simpler)
+
+
+def best_of(held_out: Sequence[SocErrors | None]) -> int:
+    """The place of the constant circuit to prefer, the simplest of them being first."""
+    worth = [
+        (each.rmse_v, place)
+        for place, each in enumerate(held_out)
+        if each is not None and is_better(each, held_out[0])
+    ]
+    return min(worth, default=(0.0, 0))[1]

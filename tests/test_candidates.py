@@ -1,0 +1,172 @@
+"""Circuits weighed against each other: the answer that the data support, and who contradicts it."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.candidates import WEIGHED, best_of, is_better
+from barnax.cell import CircuitParameters
+from barnax.cli.session import as_flags
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
+from barnax.over_soc import SocErrors
+from barnax.reporting.first_screen import first_screen
+from barnax.results import Result
+from barnax.search.evaluate import evaluate
+from helpers.problems import drive_a
+from helpers.reference import make_record
+
+QUICK = {"seeds": 2, "population": 8, "iterations": 20}
+
+
+@pytest.fixture(scope="module")
+def result():
+    """The bundled cell, as anybody gets it who asks for nothing else."""
+    return barnax.identify(**QUICK)
+
+
+def test_the_answer_is_what_is_better_by_far_on_held_out_blocks(result):
+    assert [each.name for each in result.candidates] == [*WEIGHED, "tables over SOC (so-rc)"]
+    *constants, tables = result.candidates
+    assert tables.is_answer
+    assert not any(each.is_answer for each in constants)
+    assert all(tables.held_out.is_worth(each.held_out) for each in constants)
+    own = result.metrics.identification
+    assert own.rmse_v == pytest.approx(tables.identification.rmse_v, rel=1e-12)
+    # As accepted before tables were the default, on identification and on validation.
+    assert 1e3 * own.rmse_v == pytest.approx(7.04, abs=0.01)
+    assert 1e3 * result.metrics.validation[0].rmse_v == pytest.approx(4.96, abs=0.01)
+
+
+def test_the_best_constant_circuit_stands_beside_the_tables(result):
+    constant = result.constant
+    held = {each.model: each.held_out for each in result.candidates if each.over is None}
+    assert held[constant.model].rmse_v == min(each.rmse_v for each in held.values())
+    assert constant.global_optimum.status == "certified"
+    assert len(constant.search.seeds) == 2
+    alone = result.without_tables()
+    assert (alone.model, alone.tables, alone.metrics) == (constant.model, None, constant.metrics)
+
+
+def test_the_first_screen_fits_a_terminal_and_nothing_is_to_be_mended(result):
+    assert (result.warnings, result.notes) == ((), ())
+    console = Console(file=io.StringIO(), width=80, highlight=False)
+    for block in first_screen(result, as_flags):
+        console.print(block)
+    lines = [line.rstrip() for line in console.file.getvalue().splitlines()]
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+    text = "\n".join(lines)
+    assert "tables over SOC (so-rc)         7.04 mV     4.96 mV   9.11 mV  <- answer" in text
+    assert "…" not in text
+    assert text.count("Assumed:") == 1
+
+
+def test_what_is_stored_says_the_same(result, tmp_path):
+    path = tmp_path / "result.json"
+    path.write_text(result.to_json())
+    stored = Result.from_json(path)
+    assert stored.to_json() == result.to_json()
+    assert stored.parameters["SOC"] == result.tables.fit.tables.nodes
+    assert len(stored.parameters["R0 [Ohm]"]) == len(stored.parameters["SOC"])
+
+
+def test_a_record_of_little_soc_gets_no_tables():
+    result = barnax.identify(window=Window(score_to_s=1500.0), trust="none", **QUICK)
+    (tables,) = [each for each in result.candidates if each.over]
+    assert result.tables is None
+    assert not tables.is_answer
+    assert isinstance(result.parameters["R0 [Ohm]"], float)
+
+
+@pytest.fixture(scope="module")
+def moving_cell(bundled_cell):
+    """The bundled cell with four times its hysteresis."""
+    wider = replace(
+        bundled_cell.hysteresis,
+        ends_v=tuple(tuple(4 * end for end in each) for each in bundled_cell.hysteresis.ends_v),
+    )
+    return replace(bundled_cell, hysteresis=wider)
+
+
+@pytest.fixture(scope="module")
+def moving_record(moving_cell):
+    """A drive on it whose hysteresis follows the charge slowly."""
+    time_s = np.arange(0.0, 8000.0, 2.0)
+    current_a = drive_a(len(time_s), interval=25) / 3
+    current_a[:100] = 0.0
+    record = make_record(time_s, current_a, np.full(len(time_s), 3.7), name="moving.csv")
+    window = Window(initial_soc=0.9, initial_direction=1)
+    truth = CircuitParameters.of_tau(0.05, (0.01, 0.02), (10.0, 200.0), 40.0)
+    made = evaluate_voltage(prepare_record(record, moving_cell, "esc", window), truth)
+    noise_v = 2e-4 * np.random.default_rng(0).standard_normal(len(time_s))
+    return replace(record, voltage_v=made + noise_v), window
+
+
+def evaluate_voltage(prepared, truth):
+    """The circuit's voltage; a ramp keeps the measured one, which is not there yet, from being
+    flat."""
+    ramp = replace(prepared.record, voltage_v=np.linspace(3.8, 3.6, prepared.record.samples))
+    return evaluate(replace(prepared, record=ramp), truth).simulated_v
+
+
+def test_a_circuit_that_the_data_contradict_is_told_with_the_command(moving_cell, moving_record):
+    record, window = moving_record
+    asked = {"cell": moving_cell, "window": window, "seeds": 0}
+    wrong = barnax.identify(record, model="iso-rc", **asked)
+    (told,) = [text for text in wrong.warnings if "contradict" in text]
+    assert "the data contradict iso-rc: esc" in told
+    assert "identify with `model` esc" in told
+    right = barnax.identify(record, model="esc", **asked)
+    assert not any("contradict" in text for text in right.warnings)
+    # And whoever names no circuit gets the right one.
+    free = barnax.identify(record, **asked)
+    assert free.constant.model == "esc"
+    assert free.constant.circuit_parameters.r0 == pytest.approx(0.05, rel=0.02)
+
+
+def test_the_set_up_of_the_paper_is_one_word():
+    few = {**QUICK, "trust": "none", "advise": False, "window": Window(score_to_s=1500.0)}
+    paper = barnax.identify(setup="li2023", **few)
+    by_hand = barnax.identify(model="iso-rc", ocv_fit="polynomial", **few)
+    assert paper.parameters == by_hand.parameters
+    assert paper.model == "iso-rc"
+    over = barnax.identify(setup="li2023", model="so-rc", **few)
+    assert over.model == "so-rc"
+    with pytest.raises(barnax.InputError, match="`setup` 'li2024' is not known"):
+        barnax.identify(setup="li2024", **few)
+
+
+def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
+    for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    found = barnax.identify(tmp_path, seeds=0)
+    assert found.tables is not None
+    assert found.metrics.identification.rmse_v == pytest.approx(
+        result.metrics.identification.rmse_v, rel=1e-6
+    )
+
+
+VOLTS = st.floats(1e-4, 1.0)
+ERRORS = st.builds(SocErrors, VOLTS, VOLTS)
+
+
+@given(st.lists(ERRORS, min_size=1, max_size=5))
+def test_a_constant_circuit_is_preferred_only_where_it_is_worth_it(held_out):
+    place = best_of(held_out)
+    assert place == 0 or is_better(held_out[place], held_out[0])
+    assert held_out[place].rmse_v <= held_out[0].rmse_v
+
+
+@given(ERRORS)
+def test_what_nothing_was_held_out_of_is_never_better(errors):
+    assert not is_better(None, errors)
+    assert not is_better(errors, None)
+    assert best_of([None, errors]) == 0

@@ -25,7 +25,7 @@ LAYERS = (
     ("candidates",),
     ("results", "table_run"),
     ("run",),
-    ("comparison", "export", "plan"),
+    ("comparison", "export", "plan", "weighing"),
     ("pipeline", "plots"),
     ("replay", "fleet"),
     ("reporting",),

@@ -54,7 +54,7 @@ class TableRun(Brief):
         return cls(settings, found, own, others)
 
     def spanning(self, shift_ohm: float) -> "TableRun":
-        """The same whose intervals of R0 reach over what another hold of the current makes of it."""
+        """The same whose intervals of R0 reach over what the other hold makes of it."""
         fits = tuple(
             replace(
                 fit,

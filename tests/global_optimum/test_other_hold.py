@@ -109,10 +109,10 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
     assumed, known = (
         barnax.identify(table, current_hold=hold, **given) for hold in ("auto", "backward")
     )
-    assert assumed.assessment
-    assert known.assessment
-    wide = assumed.assessment.uncertainty["R0 [Ohm]"]
-    own = known.assessment.uncertainty["R0 [Ohm]"]
+    assert assumed.constant.assessment
+    assert known.constant.assessment
+    wide = assumed.constant.assessment.uncertainty["R0 [Ohm]"]
+    own = known.constant.assessment.uncertainty["R0 [Ohm]"]
     assert wide.low
     assert own.low
     assert own.high

@@ -12,7 +12,7 @@ from .words import NOTHING, joined, millivolt, percent, significant, with_unit
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
     from ..comparison import ComparisonResult
-    from ..global_optimum.search import OtherHold
+    from ..global_optimum import OtherHold
     from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..inputs import OVER_TEMPERATURE
-from ..pipeline import FITTING_AGAIN
+from ..weighing import FITTING_AGAIN
 from .sentences import (
     WORTH_TELLING,
     diagnostics_sentences,

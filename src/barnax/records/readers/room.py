@@ -4,6 +4,7 @@ A packed file of some kilobytes may hold more than any memory. What is packed is
 unpacked; what only a library can tell, it tells in a process of its own, which may die.
 """
 
+import gzip
 import io
 import os
 import subprocess
@@ -46,7 +47,9 @@ def require_room(size: float, content: bytes, file: str, doubt: str = "") -> Non
         )
 
 
-def require_room_to_unpack(parts: Iterable[IO[bytes]], content: bytes, file: str) -> None:
+def require_room_to_unpack(
+    parts: Iterable[IO[bytes] | gzip.GzipFile], content: bytes, file: str
+) -> None:
     """Raise InputError where packed files are together too large; nothing of them is kept."""
     size = 0
     for part in parts:
@@ -55,7 +58,7 @@ def require_room_to_unpack(parts: Iterable[IO[bytes]], content: bytes, file: str
             require_room(size, content, file)
 
 
-def unpack(part: IO[bytes], content: bytes, file: str) -> bytes:
+def unpack(part: IO[bytes] | gzip.GzipFile, content: bytes, file: str) -> bytes:
     """A packed file that can be read twice, without a second copy while it is put together."""
     require_room_to_unpack([part], content, file)
     part.seek(0)

@@ -1,0 +1,310 @@
+"""What a run does: circuits are weighed, the best constant one is searched, the answer assessed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from .candidates import (
+    WEIGHED,
+    Candidate,
+    best_of,
+    is_better,
+    spans_enough,
+    tabulated_circuit,
+)
+from .display import Brief
+from .errors import InputError
+from .execution import threads
+from .global_optimum import (
+    GlobalOptimum,
+    find_global_optimum,
+    hold_warning,
+    try_other_hold,
+    with_better_directions,
+    with_better_hold,
+    without_sweep_drop,
+)
+from .inputs import (
+    OVER_TEMPERATURE,
+    Inputs,
+    Settings,
+    Watch,
+    ranges_of,
+)
+from .model.prepared import PreparedRecord, prepare_record
+from .model.problem import Kind, Problem, known_to, make_problem
+from .model.search_space import Range
+from .model.window import Window
+from .over_soc import (
+    SocErrors,
+    TableSettings,
+    constant_held_out,
+)
+from .run import Run, best_answer
+from .search.evaluate import evaluate, evaluate_from_either
+from .search.refine import Descent, refine
+from .search.seeds import search_seeds
+from .table_run import TableRun, fit_over
+from .uncertainty import assess, compile_linearization, examine
+
+# What a warning says first where the full examination failed.
+FITTING_AGAIN = "fitting again"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Weighing(Brief):
+    """What is weighed: constant circuits, of which one may be chosen already, and tables.
+
+    Attributes:
+        problems: Those of the constant circuits, the simplest first.
+        chosen: The problem that the constant answer is of; None leaves it to the held-out errors.
+        tabulated: The problem whose records tables are fitted to, None without tables.
+        tables: How they are fitted, and how blocks are held out; None holds out nothing.
+        validation: The records to validate on, prepared for the circuit of a problem.
+    """
+
+    problems: tuple[Problem, ...]
+    chosen: Problem | None
+    tabulated: Problem | None
+    tables: TableSettings | None
+    validation: Callable[[Problem], list[PreparedRecord]]
+
+    @property
+    def first(self) -> Problem:
+        return self.problems[0]
+
+
+def weigh(
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    tables: TableSettings,
+    bounds: Mapping[str, Range] | str | Path | None,
+    fix: Mapping[str, float] | None,
+    advise: bool,
+) -> Weighing:
+    """The circuits that are weighed, each with its problem; a given one comes first."""
+    over, model = settings.over, settings.model
+    tabulated = model or tabulated_circuit(inputs.cell)
+    if over == OVER_TEMPERATURE:
+        models = (tabulated,)
+    elif model is None:
+        models = WEIGHED
+    else:
+        models = (model, *(each for each in WEIGHED if each != model)) if advise else (model,)
+    source, ranges = ranges_of(bounds)
+    known = [(known_to(each, ranges, models), known_to(each, fix, models)) for each in models]
+    first = without_sweep_drop(_problem(inputs, windows, settings, models[0], source, *known[0]))
+    first = with_better_hold(with_better_directions(first))
+    # All have the OCV that the first circuit finds at rest, and the hold that it tells.
+    records = [each.record for each in first.prepared_records]
+    inputs, problems = replace(inputs, cell=first.cell, records=records), [first]
+    for name, (own_ranges, own_fix) in zip(models[1:], known[1:], strict=True):
+        try:
+            made = _problem(inputs, windows, settings, name, source, own_ranges, own_fix)
+        except InputError:
+            # A box for the circuit that was asked for need not be one for another.
+            if model is None:
+                raise
+            continue
+        problems.append(with_better_directions(made))
+    of = {each.circuit: each for each in problems}
+    has_tables = over is not None or model is None
+    wanted = None
+    if tables.folds or has_tables:
+        place = models.index(tabulated)
+        ranges = {**known[place][0], **tables.bounds}
+        wanted = replace(tables, bounds=ranges, fixed={**known[place][1], **tables.fixed})
+
+    def validation(problem: Problem) -> list[PreparedRecord]:
+        return [
+            prepare_record(record, problem.cell, problem.circuit, windows[record.name])
+            for record in inputs.validation
+        ]
+
+    # A validation record that does not fit its window is refused before the search, not after.
+    _ = validation(first)
+    chosen = of[model] if model is not None else problems[0] if len(problems) == 1 else None
+    return Weighing(
+        tuple(problems), chosen, of[tabulated] if has_tables else None, wanted, validation
+    )
+
+
+def _problem(
+    inputs: Inputs,
+    windows: Mapping[str, Window],
+    settings: Settings,
+    model: str,
+    source: str,
+    ranges: Mapping[str, Range] | None,
+    fix: Mapping[str, float] | None,
+) -> Problem:
+    """The problem, compressed where the box allows it unless the objective is chosen."""
+
+    def make(objective: Kind) -> Problem:
+        return make_problem(
+            inputs.records,
+            inputs.cell,
+            model,
+            window=[windows[record.name] for record in inputs.records],
+            bounds=ranges,
+            fixed=fix,
+            coordinates=settings.coordinates,
+            objective=objective,
+            source=source,
+        )
+
+    if settings.objective != "auto":
+        return make(settings.objective)
+    problem = make("scan")
+    try:
+        _ = problem.compressed
+    except InputError:
+        return problem
+    return problem.keeping_computed(kind="compressed")
+
+
+def search_and_assess(
+    weighing: Weighing,
+    optimizer: Any,
+    settings: Settings,
+    trust: str,
+    watch: Watch,
+    advise: bool,
+) -> Run:
+    """The search, and what does not wait for it beside it. No failure of either is swallowed."""
+    problems, over = weighing.problems, settings.over or "soc"
+    with threads(3) as beside:
+        tables_future = None
+        if weighing.tabulated is not None and weighing.tables is not None:
+            records = weighing.tabulated.prepared_records
+            tables_future = beside.submit(fit_over, over, records, weighing.tables)
+        held_out_futures = [
+            beside.submit(_held_out_or_none, each, weighing.tables)
+            if len(problems) > 1 or tables_future
+            else None
+            for each in problems
+        ]
+        with watch("Weighing circuits", len(problems)) as advance:
+            optima = []
+            for each in problems:
+                optima.append(_optimum_or_none(each))
+                advance(1)
+            held_out = [each.result() if each else None for each in held_out_futures]
+        place = best_of(held_out) if weighing.chosen is None else problems.index(weighing.chosen)
+        problem, optimum = problems[place], optima[place]
+        linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
+        other_hold_future = beside.submit(try_other_hold, problem) if advise else None
+        search = refinement = None
+        if settings.seeds:
+            descent = beside.submit(Descent, problem)
+            with watch("Searching", settings.seeds) as advance:
+                search = search_seeds(
+                    problem,
+                    optimizer,
+                    key=jax.random.key(settings.key),
+                    seeds=settings.seeds,
+                    progress=advance,
+                )
+            with watch("Refining", settings.seeds) as advance:
+                refinement = refine(search, descent=descent.result(), progress=advance)
+        with watch("Waiting for tables over SOC", 0):
+            if linearization is not None:
+                linearization.result()
+            found = tables_future.result() if tables_future else None
+            other_hold = other_hold_future.result() if other_hold_future else None
+    answer = best_answer(refinement, optimum)
+    warnings: list[str] = []
+    candidates: list[Candidate] = []
+    with watch("Evaluating", 0):
+        identified, validated = [], []
+        for each, its, held in zip(problems, optima, held_out, strict=True):
+            parameters = answer.parameters if each is problem else its and its.parameters
+            if parameters is None:
+                continue
+            by_circuit = partial(evaluate, parameters=parameters)
+            own = [by_circuit(record) for record in each.prepared_records]
+            others = [
+                evaluate_from_either(record, each.cell, by_circuit)
+                for record in weighing.validation(each)
+            ]
+            if each is problem:
+                identified, validated = own, others
+            candidates.append(Candidate.of(each.circuit, None, own, others, held))
+        table_run = None
+        if found is not None and weighing.tabulated is not None and weighing.tables is not None:
+            of = weighing.tabulated
+            table_run = TableRun.of(
+                weighing.tables, found, of.prepared_records, weighing.validation(of), of.cell
+            )
+            held = found.fits[0].cross_validation if found.over_temperature is None else None
+            errors = held.tables if held else None
+            candidates.append(
+                Candidate.of(
+                    of.circuit, over, table_run.identification, table_run.validation, errors
+                )
+            )
+            is_worth = is_better(errors, held_out[place]) and spans_enough(found.reference)
+            if settings.over is None and not is_worth:
+                table_run = None
+    is_answer = ("", over) if table_run else (problem.circuit, None)
+    told = tuple(
+        replace(each, is_answer=(each.over == is_answer[1] and is_answer[0] in ("", each.model)))
+        for each in candidates
+    )
+    assessment = examination = None
+    with watch("Assessing", 0):
+        if trust != "none":
+            assessment = _attempt("the intervals", warnings, assess, problem, answer.parameters)
+            if assessment is not None and other_hold is not None:
+                known = assessment.uncertainty
+                if "R0 [Ohm]" in known.beyond(other_hold.parameters):
+                    warnings.append(hold_warning(problem, answer.parameters, other_hold))
+                spanning = known.spanning(other_hold.parameters)
+                assessment = replace(assessment, uncertainty=spanning)
+        if table_run is not None and other_hold is not None:
+            table_run = table_run.spanning(other_hold.parameters.r0 - answer.parameters.r0)
+        if trust == "full" and assessment is not None:
+            key = jax.random.key(settings.key)
+            examination = _attempt(
+                FITTING_AGAIN, warnings, examine, problem, answer.parameters, assessment, key=key
+            )
+    return Run(
+        problem, search, refinement, optimum, answer, identified, validated, assessment,
+        examination, table_run, told, other_hold, warnings=tuple(warnings),
+    )  # fmt: skip
+
+
+def _held_out_or_none(problem: Problem, settings: TableSettings | None) -> SocErrors | None:
+    """A constant circuit's errors on held-out blocks; None where there are none."""
+    if settings is None:
+        return None
+    try:
+        return constant_held_out(problem.prepared_records, settings)
+    except InputError:
+        return None
+
+
+def _optimum_or_none(problem: Problem) -> GlobalOptimum | None:
+    """The global optimum, None where the box is too wide to look for it."""
+    try:
+        return find_global_optimum(problem)
+    except InputError:
+        return None
+
+
+def _attempt(
+    what: str, warnings: list[str], function: Callable[..., Any], *given: Any, **more: Any
+):
+    """What the function gives; where it fails, a warning: the answer stands without it."""
+    try:
+        return function(*given, **more)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
+        reason = str(problem) or type(problem).__name__
+        warnings.append(f"{what} could not be computed ({reason}); the rest of the result is valid")
+        return None

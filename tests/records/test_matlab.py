@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from barnax.cell import read_ocv_test
 from barnax.errors import InputError
 from barnax.records import read_record
 from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame
@@ -178,6 +179,19 @@ def test_what_is_no_record_is_refused_by_what_it_holds(tmp_path, writer, tree, h
     said = refusal(tmp_path, WRITERS[writer](tree))
     assert said.startswith("cell.mat: a MATLAB file without a structure of columns")
     assert held in said or writer == "v7.3"
+
+
+def test_a_table_of_ocv_is_one(tmp_path):
+    soc = np.linspace(0, 1, 20)
+    (tmp_path / "ocv.mat").write_bytes(matlab_5({"model": {"SOC": soc, "OCV": 3 + soc}}))
+    assert len(read_ocv_test(tmp_path / "ocv.mat").branches[0]) == 20
+
+
+def test_dates_in_days_are_told(tmp_path):
+    tree = {"Time": 738_000 + TIMES / 86_400, "Current": AMPS, "Voltage": VOLTS}
+    assert "MATLAB's dates; rename the column" in refusal(tmp_path, matlab_5(tree))
+    record = read(tmp_path, matlab_5(tree), columns="time=Time:d")
+    np.testing.assert_allclose(np.diff(record.time_s), 1, atol=1e-4)
 
 
 @by_writer

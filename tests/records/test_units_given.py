@@ -91,3 +91,10 @@ def test_a_second_voltage_of_the_same_readings_is_no_doubt():
     aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
     table = FRAME.with_columns(aux, pl.lit(1).alias("Step_Index")).rename(arbin)
     assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(record_from_frame(table).warnings)
+
+
+def test_the_voltage_of_a_pack_and_what_is_set_are_no_second_measurement():
+    others = {"Pack Voltage(V)": 96.0, "Set Voltage(V)": 1.02, "Max Voltage(V)": 1.01}
+    columns = [(pl.col(VOLTAGE) * factor).alias(name) for name, factor in others.items()]
+    table = FRAME.with_columns(columns).rename({VOLTAGE: "Cell Voltage(V)"})
+    assert not any("differ" in each for each in record_from_frame(table).warnings)

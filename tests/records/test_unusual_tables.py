@@ -38,7 +38,13 @@ SPLIT = {
     "time": ("time,current,voltage", (1, 0, 0)),
     "current and voltage": ("time,current,voltage", (0, 2, 4)),
     "all": ("time,current,voltage", (1, 1, 4)),
+    "of numbers with exponents": ("time,current,voltage", (0, "E", 4)),
 }
+
+
+def spelled(value, places):
+    form = f"{value:.2E}" if places == "E" else f"{value:.{places}f}"
+    return form.replace(".", ",")
 
 
 @pytest.mark.parametrize("kind", SPLIT)
@@ -48,7 +54,7 @@ def test_decimal_commas_that_split_cells_are_told(tmp_path, kind):
     values["voltage"] = 3.2 + 0.05 * values["current"]
     lines = [
         ",".join(
-            "1" if places is None else f"{values[name][k]:.{places}f}".replace(".", ",")
+            "1" if places is None else spelled(values[name][k], places)
             for name, places in zip(names.split(","), digits, strict=True)
         )
         for k in range(120)
@@ -74,8 +80,12 @@ def test_lines_quoted_whole_are_the_lines(tmp_path, end):
     assert record.row[0] == 5
 
 
+JAPANESE = ("経過時間[s]", "電流(A)", "電圧［V］", "状態", "放電", "充電", "休止")
 ENCODED = {
-    "shift_jis": ("経過時間[s]", "電流(A)", "電圧［V］", "状態", "放電", "充電", "休止"),
+    "euc_jp": JAPANESE,
+    "utf-16-le": JAPANESE,
+    "utf-16-be": ("Zeit[s]", "Strom[A]", "Spannung[V]", "Zustand", "Entladen", "Laden", "Pause"),
+    "shift_jis": JAPANESE,
     "cp949": ("시간(s)", "전류(A)", "전압(V)", "상태", "방전", "충전", "휴지"),
     "gb18030": ("时间(s)", "电流(A)", "电压(V)", "状态", "放电", "充电", "静置"),
     "big5": ("時間(s)", "電流(A)", "電壓(V)", "狀態", "放電", "充電", "靜置"),
@@ -107,6 +117,8 @@ def test_a_slip_of_a_millisecond_is_put_in_order(tmp_path):
     late = read(tmp_path, changed(FRAME, TIME, [59 - 0.0015], [60]))
     require_the_record(late)
     assert "row 62: time falls by 1.5 ms (1 place)" in " ".join(late.warnings)
+    last = read(tmp_path, changed(FRAME, TIME, [118 - 0.0015], [119]))
+    require_the_record(last)
     # One that goes back by more is out of line.
     assert "time is out of line" in refusal(tmp_path, changed(FRAME, TIME, [58.5], [60]))
 
@@ -126,6 +138,12 @@ def test_rows_out_of_order_are_sorted_by_what_counts_them(tmp_path, seed):
     require_the_record(record)
     assert "they are sorted by 'Record'" in " ".join(record.warnings)
     assert "sort the rows by time" in refusal(tmp_path, FRAME.sample(**order))
+
+
+def test_the_newest_row_first_is_turned_around(tmp_path):
+    record = read(tmp_path, FRAME.reverse())
+    require_the_record(record)
+    assert "the newest row stands first" in " ".join(record.warnings)
 
 
 @pytest.mark.parametrize("filled", [None, 0.0])

@@ -54,7 +54,10 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
 
 
 def _by_counter(samples: Samples) -> tuple[Samples, list[Finding]]:
-    """The samples in the order of a column that counts the rows, where time falls less in it."""
+    """The samples in the order of a column that counts the rows, where time falls less in it.
+
+    Without one, what only falls is turned around.
+    """
     falls = int(np.sum(samples.intervals_s < 0))
     used = {column.index for column in samples.columns.values()}
     for index, column in enumerate(samples.table.columns):
@@ -68,6 +71,9 @@ def _by_counter(samples: Samples) -> tuple[Samples, list[Finding]]:
             name, places = samples.table.header[index], counted(falls, "place")
             what = f"the rows stand out of order ({places}); they are sorted by '{name}'"
             return samples.keep(order), [Finding("note", what, is_told=True)]
+    if falls > _SLIPS and falls >= (1 - _FEW) * len(samples.intervals_s):
+        what = "the newest row stands first: the rows are turned around"
+        return samples.keep(np.arange(len(samples))[::-1]), [Finding("note", what, is_told=True)]
     return samples, []
 
 
@@ -83,14 +89,16 @@ def _without_jitter(samples: Samples) -> tuple[Samples, list[Finding]]:
     time, usual_s = samples.time_s, samples.interval_s
     falls = np.flatnonzero(samples.intervals_s < 0)
     fall_s = time[falls] - time[falls + 1]
-    if not 0 < len(falls) <= max(_SLIPS, _FEW * len(time)) or falls[-1] + 2 >= len(time):
+    if not 0 < len(falls) <= max(_SLIPS, _FEW * len(time)):
         return samples, []
-    room_s = time[falls + 2] - time[falls]
+    # Behind the last sample there is room for one more.
+    after = np.append(time, time[-2] + 2 * usual_s)[falls + 2]
+    room_s = after - time[falls]
     if np.any(fall_s > _JITTER_SHARE * usual_s) or np.any(room_s <= 0):
         return samples, []
     behind = time[falls] + np.minimum(_APART_SHARE * room_s, _APART_S)
     mended = time.copy()
-    mended[falls + 1] = np.maximum(time[falls + 2] - usual_s, behind)
+    mended[falls + 1] = np.maximum(after - usual_s, behind)
     what = (
         f"time falls by {1e3 * float(fall_s.max()):.3g} ms ({counted(len(falls), 'place')}), a "
         "small part of the interval: put in order"

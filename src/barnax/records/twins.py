@@ -1,12 +1,13 @@
 """Columns that hold one quantity twice and disagree: two voltages, or currents by a factor."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from .columns import Column, find_columns, likely_column
+from .columns import Column, find_columns, likely_column, normal
 from .findings import Finding, found_at
 from .quantities import QUANTITIES
 from .samples import Samples
@@ -18,6 +19,8 @@ Channel = Float[np.ndarray, "samples"]
 # A voltage of one cell, and the names that nobody's rule puts one of before another.
 _CELL_V, _ANYBODYS = (0.5, 6.0), ("plain", "Battery Data Format", "PyBaMM")
 _TINY = 1e-30
+# What is set, or made of measured values, is no second measurement.
+_NOT_MEASURED = re.compile(r"\b(set|max|min|limit|target|end|start|cut|mean|avg|average)")
 # Two voltages differ by a lead where the current explains so much of their difference, which it
 # moves by so many volts; currents differ where they are proportional to within a percent, but not
 # equal to within one.
@@ -58,12 +61,15 @@ def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
     for index, header in enumerate(table.header[:_MOST_NAMES]):
         found = find_columns([header], QUANTITIES)
         column = found.get(name) or (None if found else likely_column(quantity, [header]))
-        if column is not None and index != own.index and header != own.header:
+        is_other = index != own.index and header != own.header
+        if column is not None and is_other and not _NOT_MEASURED.search(normal(header)):
             yield replace(column, index=index)
 
 
 def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
     """A voltage that differs by the current times a resistance, or otherwise."""
+    if not _CELL_V[0] < np.median(other) < _CELL_V[1]:
+        return
     apart_v = other - own
     header, at = samples.header("voltage"), int(np.argmax(np.abs(apart_v)))
     current_a = samples.current_a - samples.current_a.mean()
@@ -79,7 +85,7 @@ def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) ->
         yield found_at(samples, at, "warning", what, _remedy(column))
         return
     usual_v = float(np.median(np.abs(apart_v)))
-    if usual_v <= _SAME_V or not _CELL_V[0] < np.median(other) < _CELL_V[1]:
+    if usual_v <= _SAME_V:
         return
     if samples.dialect.name in _ANYBODYS and "voltage" in find_columns([column.header], QUANTITIES):
         what = f"{both} {1e3 * usual_v:.3g} mV, and nothing tells which is the cell's"

@@ -117,6 +117,8 @@ _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
 # second the numbers are as good in seconds.
 _SECONDS, _PATTERN, _SHORT_S = (1.0, 2.0, 5.0, 10.0, 30.0), 0.03, 0.2
 _LONG_S = 500.0
+# MATLAB's dates from 1900 to 2100, in days.
+_DATENUMS = (693_962.0, 767_011.0)
 # No record lasts longer.
 _LONGEST_S = 1e8
 # Testers sample no faster.
@@ -171,8 +173,10 @@ def _too_fast(samples: Samples) -> _Suspicion | None:
             severity = "error" if is_pattern or is_fast else "warning"
             reason = f"the current integrates to 1/{1 / ratio:.4g} of the tester's Ah"
             return words, symbol, factor, severity, reason
-        if is_fast and is_pattern:
-            return words, symbol, factor, "error", f"{pattern}; {_bulk(bulk_s)}"
+        is_dated = symbol == "d" and _DATENUMS[0] < samples.time_s[0] < _DATENUMS[1]
+        if is_pattern and (is_fast or is_dated):
+            other = "its values are MATLAB's dates" if is_dated else _bulk(bulk_s)
+            return words, symbol, factor, "error", f"{pattern}; {other}"
         is_mute = bulk_s == 0 or (travel_v < _TRAVEL_V and (is_bare or interval_s < _FINEST_S))
         if is_pattern and is_mute:
             return words, symbol, factor, "warning", pattern

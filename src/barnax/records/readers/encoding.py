@@ -15,6 +15,7 @@ _STRAY_ZEROS = 4
 _TELLTALES = {
     "gb18030": ("电压", "电流", "放电"),
     "cp932": ("電圧", "電流", "放電"),
+    "euc_jp": ("電圧", "電流", "放電"),
     "cp949": ("전압", "전류", "방전"),
     "big5": ("電壓", "電流", "放電"),
 }
@@ -25,17 +26,28 @@ _QUOTED_LINE = re.compile(rb'(?m)^"((?:[^"\r\n]|"")*)"[,;\t ]*(?=\r?$)')
 def is_text(content: bytes) -> bool:
     """Text has no zero bytes but a stray one, and those that a lost power supply left at its end.
 
-    UTF-16 has more, and says so at its start.
+    UTF-16 has more, and as a rule says so at its start.
     """
     head = content[:65536].rstrip(b"\0")
-    return content.startswith(_UTF16) or (bool(head) and head.count(0) <= _STRAY_ZEROS)
+    return _utf16(content) != "" or (bool(head) and head.count(0) <= _STRAY_ZEROS)
+
+
+def _utf16(content: bytes) -> str:
+    """The form of UTF-16 that the content has, if any: most of every other byte is then zero."""
+    if content.startswith(_UTF16):
+        return "utf-16"
+    head = content[:1000]
+    zeros = head[0::2].count(0), head[1::2].count(0)
+    if max(zeros) < 0.3 * len(head) or min(zeros) > 0.02 * len(head):
+        return ""
+    return "utf-16-le" if zeros[1] else "utf-16-be"
 
 
 def as_utf8(content: bytes, file: str) -> bytes:
     """The text in UTF-8 with a plain newline; testers write UTF-8, UTF-16 or Latin-1."""
-    if content.startswith(_UTF16):
+    if form := _utf16(content):
         try:
-            content = content.decode("utf-16").encode()
+            content = content.decode(form).encode()
         except UnicodeDecodeError as error:
             raise InputError(
                 f"{file}: starts as UTF-16 text but does not continue as such; save it as UTF-8."

@@ -17,14 +17,15 @@ import polars as pl
 
 from ...errors import LONGEST_CELL, InputError, counted, cut, printable
 from ..cell_values import DAY_S
-from ..columns import names_record
+from ..columns import is_ocv_table, names_record
 from ..table import Reader, Table
 from .room import require_trial
 
 Struct = dict[str, Any]
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", _HDF5)
+_OCTAVE = b"# Created by Octave"
+_MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", _HDF5, _OCTAVE)
 _READS_5 = "import io, scipy.io; scipy.io.loadmat(io.BytesIO(content))"
 _READS_73 = """
 import io, h5py
@@ -43,6 +44,8 @@ def _recognizes(content: bytes) -> bool:
 
 
 def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
+    if content.startswith(_OCTAVE):
+        raise InputError(f"{file}: Octave's text format; save it with '-v7', or as CSV.")
     is_hdf5 = content.startswith((_MARKS[1], _HDF5))
     require_trial(_READS_73 if is_hdf5 else _READS_5, content, file)
     try:
@@ -62,9 +65,9 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     structs = dict(_structs(tree))
     if chosen := _chosen(structs, given):
         return _table(chosen)
-    records = {
-        path: own for path, own in map(_columns, structs.items()) if names_record([*own], given)
-    }
+    columns = dict(map(_columns, structs.items()))
+    records = {path: own for path, own in columns.items() if names_record([*own], given)}
+    records = records or {path: own for path, own in columns.items() if is_ocv_table([*own])}
     for path in structs:
         cycles = [k for k in records if k.startswith(f"{path}.cycle(") and k.endswith(").data")]
         if cycles and len(cycles) == len(records) and all(map(_start_s, _begun(structs, cycles))):

@@ -37,7 +37,7 @@ _LONGEST_LINE = 1_000_000
 _GUESSED_LINES = 1000
 _CELL_V = 6.0
 # So many lines tell whether numbers are cut in two, at a whole number before the comma.
-_SPLIT_LINES, _WHOLE = 200, re.compile(r"[+-]?\d+")
+_SPLIT_LINES, _WHOLE, _DECIMALS = 200, r"([+-]?|.*:)\d+", r"\d+([eE][+-]?\d+)?"
 _WORD = "[A-Za-z]{3}"
 
 
@@ -258,7 +258,7 @@ def _refuse_split_numbers(lines: list[str], layout: _Layout, file: str) -> None:
     cut = [
         k
         for k in range(width - 1)
-        if all(_WHOLE.fullmatch(row[k]) and row[k + 1].isdecimal() for row in rows)
+        if all(re.fullmatch(_WHOLE, row[k]) and re.fullmatch(_DECIMALS, row[k + 1]) for row in rows)
     ]
     for chosen in itertools.combinations(cut, more):
         if np.any(np.diff(chosen) == 1):

@@ -22,6 +22,7 @@ from barnax.inputs import (
     windows_of,
 )
 from barnax.model.window import Window
+from barnax.pipeline import identify
 from barnax.records import source_from_frame
 from helpers.reference import make_record
 
@@ -172,3 +173,39 @@ def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
     path = tmp_path / "twice.parquet"
     record, warnings = read_validation(path, Reading(), None, bundled_cell)
     assert any("twice.parquet: row 42" in text for text in [*warnings, *record.notes])
+
+
+def refusal(record, **options):
+    with pytest.raises(InputError) as caught:
+        identify(record, ocv=BUNDLED.ocv, seeds=1, trust="none", **options)
+    return str(caught.value).splitlines()[0]
+
+
+def test_forty_samples_are_too_few_and_that_is_said(tmp_path):
+    pl.read_parquet(BUNDLED.validation)[:40].write_csv(tmp_path / "short.csv")
+    assert refusal(tmp_path / "short.csv") == (
+        "short.csv: 40 samples are scored, too few for 5 parameters; give a longer record or a "
+        "wider window, of 50 samples or more"
+    )
+
+
+def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path):
+    for current_a, hours, what in ((1.0, 1.5, "only charges"), (0.1, 19.0, "is a slow sweep")):
+        time_s = np.linspace(0, 3600 * hours, 2000)
+        voltage_v = np.interp(time_s / time_s[-1], [0, 0.1, 0.9, 1], [3.0, 3.5, 4.0, 4.2])
+        current = np.where(time_s > 0, current_a, 0.0)
+        columns = {"Test Time / s": time_s, "Current / A": current, "Voltage / V": voltage_v}
+        pl.DataFrame(columns).write_csv(tmp_path / "charge.csv")
+        told = refusal(tmp_path / "charge.csv", window=Window(initial_soc=0.03))
+        assert told.startswith(f"charge.csv: {what}")
+        assert "give a record under a changing load" in told
+
+
+def test_a_record_of_a_larger_cell_is_called_so(tmp_path):
+    frame = pl.read_parquet(BUNDLED.validation).with_columns(
+        pl.col("Current / A") * 16, pl.col("Voltage / V") - 0.5
+    )
+    frame.write_csv(tmp_path / "larger.csv")
+    told = refusal(tmp_path / "larger.csv")
+    assert told.startswith("larger.csv: it looks like a record of another cell: ")
+    assert "check that the OCV test is of this cell" in told

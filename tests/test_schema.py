@@ -156,3 +156,13 @@ def test_what_is_no_file_is_refused(tmp_path, place):
 def test_a_file_of_version_1_says_how_to_get_version_2(read):
     with pytest.raises(InputError, match="this file has schema version 1; run its stored command"):
         read({"schema_version": 1, "command": ["barnax", "identify"]})
+
+
+@pytest.mark.parametrize(
+    "given", ['{"model": "iso-rc", "secret": 1}', "\n[\n {}]", {"model": 1}, 3]
+)
+def test_what_is_no_name_of_a_file_is_told_without_being_printed(given):
+    with pytest.raises(InputError, match="from_json takes the name of a file, not") as caught:
+        Result.from_json(given)
+    assert "secret" not in str(caught.value)
+    assert "model" not in str(caught.value)

@@ -19,11 +19,13 @@ from .cell import (
 from .cell.curves import HysteresisFit, OcvFit
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
+from .checks.roles import require_load
 from .errors import InputError, printable
 from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, Scale, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
+from .records.findings import raise_first_error
 from .records.fingerprint import Content
 from .records.source import STDIN, STDIN_NAME
 
@@ -235,8 +237,12 @@ def _checked(
         if not is_test:
             # That the OCV test is of another cell may be why the file seems at fault.
             against = compare_with_cell(taken, own_cell, own_ah)
+            if not own.is_chosen:
+                raise_first_error(against, found.file)
             warnings += [each.sentence(found.file) for each in against]
         warnings += input_warnings(found, role, window)
+        if role == "identification" and found.traits:
+            require_load(found.file, found.traits.kind(own_ah))
         # What has no one temperature has that told.
         if found.traits and not any(each.check == "temperature" for each in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))

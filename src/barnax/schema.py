@@ -8,6 +8,7 @@ an array of numbers.
 
 import json
 import math
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -43,6 +44,8 @@ UNITS = {
 }
 # Shorter than their names would give.
 KEYS = {"history_v": "history"}
+# JSON, where a file's name was wanted.
+_TEXT = re.compile(r"\s*[{\[]\s*[\"{\[\]}]")
 _UNIT = re.compile(rf"_({'|'.join(UNITS)})$")
 
 
@@ -130,6 +133,9 @@ class Document(Part):
     @classmethod
     def from_json(cls, path: str | Path) -> Self:
         """What is in a file. Raises `InputError` that names what is wrong with it."""
+        if not isinstance(path, str | os.PathLike) or _TEXT.match(str(path)):
+            given = "its text" if isinstance(path, str) else f"a {type(path).__name__}"
+            raise InputError(f"from_json takes the name of a file, not {given}; {cls.remedy}")
         path = Path(path)
         try:
             with path.open("rb") as file:

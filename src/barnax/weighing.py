@@ -37,7 +37,7 @@ from .inputs import (
     ranges_of,
 )
 from .model.prepared import PreparedRecord, prepare_record
-from .model.problem import Kind, Problem, known_to, make_problem
+from .model.problem import Kind, Problem, known_to, make_problem, require_enough
 from .model.search_space import Range
 from .model.window import Window
 from .over_soc import (
@@ -159,9 +159,10 @@ def _problem(
             source=source,
         )
 
+    problem = make("scan" if settings.objective == "auto" else settings.objective)
+    require_enough(problem)
     if settings.objective != "auto":
-        return make(settings.objective)
-    problem = make("scan")
+        return problem
     try:
         _ = problem.compressed
     except InputError:

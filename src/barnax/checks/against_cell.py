@@ -73,7 +73,8 @@ def _source(
 def compare_with_cell(
     record: Record, cell: CellModel, capacity_ah: float | None = None
 ) -> list[Finding]:
-    """A warning where the record's charge or voltage is not of the cell that the OCV test shows."""
+    """What says that the record's charge or voltage is not of the cell that the OCV test shows: an
+    error where no unit makes its charge fit."""
     capacity_ah = capacity_ah or cell.capacity_ah
     apart_v = follow(record, cell, capacity_ah)
     own_v = apart_v(1.0)
@@ -98,7 +99,9 @@ def compare_with_cell(
         return [Finding("warning", what, remedy)]
     if own_v > _ELSEWHERE_V:
         remedy = "check that the OCV test is of this cell, and the units of both"
-        return [Finding("warning", f"{apart}, whatever its charge", remedy)]
+        what = f"it looks like a record of another cell: {apart}, whatever its unit"
+        # Charge that fits nowhere ends in an error sooner or later.
+        return [Finding("warning" if np.isfinite(own_v) else "error", what, remedy)]
     return []
 
 

@@ -139,6 +139,17 @@ def _temperature_degc(given: CheckInput) -> float | None:
     return float(named[1]) if named else None
 
 
+def require_load(file: str, kind: Kind) -> None:
+    """Raise `InputError` where a record holds no changes of current that a circuit follows from."""
+    if kind in ("charge", "slow sweep"):
+        what = "only charges" if kind == "charge" else "is a slow sweep"
+        raise InputError(
+            f"{file}: {what}, and nothing in it shows how the voltage follows a step of the "
+            "current; give a record under a changing load, such as a drive cycle or pulses, and "
+            "this one with `ocv` if it is an OCV test"
+        )
+
+
 # Current steps that a validation wants.
 _VALIDATION_STEPS = 10
 

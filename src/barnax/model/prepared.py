@@ -321,9 +321,9 @@ def _check_soc(
             )
         raise InputError(
             f"{name}: {row} is scored at a state of charge of {soc[at]:.3f}, but the OCV points "
-            f"span only {low:.3f} to {high:.3f}; check `capacity` ({capacity_ah:.4g} Ah) and "
-            "`initial_soc`, give an OCV test that reaches there, or leave those samples out with "
-            "`score_soc`, `score_steps` or `score_to`"
+            f"span only {low:.3f} to {high:.3f}; check `capacity` ({capacity_ah:.4g} Ah), "
+            "`initial_soc` and that the OCV test is of this cell and reaches there, or leave those "
+            "samples out with `score_soc`, `score_steps` or `score_to`"
         )
     return [
         f"{record.name}: {np.count_nonzero(outside)} of {np.count_nonzero(scored)} scored samples "

@@ -302,3 +302,18 @@ def make_problem(
     # What cannot be searched is refused here, not in the middle of a search.
     _ = problem.objective
     return problem
+
+
+# Fewer, and parameters follow single samples of noise.
+SAMPLES_A_PARAMETER = 10
+
+
+def require_enough(problem: Problem) -> None:
+    """Raise `InputError` where parameters would follow single samples of noise."""
+    wanted = SAMPLES_A_PARAMETER * len(problem.coordinates.names)
+    if problem.scored < wanted:
+        raise InputError(
+            f"{problem.name}: {problem.scored} samples are scored, too few for "
+            f"{len(problem.coordinates.names)} parameters; give a longer record or a wider window, "
+            f"of {wanted} samples or more"
+        )

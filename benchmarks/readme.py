@@ -1,7 +1,7 @@
 """The figure and the screen of the README: `python -m benchmarks.readme`.
 
 Runs `barnax identify` as a user would, on the bundled cell, and keeps what it printed and its
-voltage figure in benchmarks/results/.
+summary figure in benchmarks/results/.
 """
 
 import os
@@ -28,7 +28,7 @@ def main() -> None:
             capture_output=True,
             text=True,
         )
-        figure = Path(folder) / "barnax-out" / "figures" / "identification-voltage.png"
+        figure = Path(folder) / "barnax-out" / "figures" / "summary.png"
         save_file(RESULTS / "readme.png", figure.read_bytes())
     screen = "".join(f"{line.rstrip()}\n" for line in ran.stdout.strip("\n").splitlines())
     page = (

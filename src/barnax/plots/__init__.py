@@ -16,6 +16,7 @@ from .soc_tables import (
     plot_tables_by_temperature,
 )
 from .style import column_width
+from .summary import plot_summary
 from .voltage import plot_compared_voltages, plot_condition, plot_voltage
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "plot_pulse_resistances",
     "plot_pulses",
     "plot_soc_replay",
+    "plot_summary",
     "plot_tables",
     "plot_tables_by_temperature",
     "plot_trajectories",

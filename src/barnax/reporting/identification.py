@@ -74,7 +74,8 @@ def identification_document(
             *pictures.of(*(f"{role}-{kind}" for role in roles for kind in ("voltage", "error"))),
         ),
     )
-    verdict = Section("Verdict", (Bullets(tuple(verdict_sentences(result))),))
+    told = Bullets(tuple(verdict_sentences(result)))
+    verdict = Section("Verdict", (told, *pictures.of("summary")))
     title = f"{result.model} identified on {result.name}"
     if summary_only:
         return Document(title, "", (verdict, answer, errors))

@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 
 # What every kind of figure shows, and words for who cannot see it; {} is a record or a circuit.
 WORDS = {
+    "summary": (
+        "The answer on {}: measured and simulated voltage, the error, and the resistances over the "
+        "state of charge with their 95 % intervals.",
+        "Voltage and error over time, and resistances over the state of charge",
+    ),
     "ocv": (
         "Open-circuit voltage: the measured points, the curve of each branch and their average. "
         "Below, the error of each curve at its points.",
@@ -140,7 +145,7 @@ SPARSE = {
     "over temperature",
 }
 # What is written beside a result even where no report is; drawing takes longer than the search.
-ALWAYS = ("voltage", "error", "tables", "map", "pulses", "resistances", "temperature")
+ALWAYS = ("summary", "voltage", "error", "tables", "map", "pulses", "resistances", "temperature")
 
 
 @dataclass(frozen=True)
@@ -197,6 +202,14 @@ class Figures:
             others = {"constant circuit": run.validation, "tables": run.tables.validation}
             draw = partial(plots.plot_error_map, others)
             self.add("map", "tables-validation-map", "validation", draw)
+
+    def add_summary(self, run: "Run", first: "Evaluation") -> None:
+        """The answer at a glance, on the first record."""
+        found: Any = run.answer.parameters if run.tables is None else run.tables.found.reference
+        known = () if run.assessment is None else run.assessment.uncertainty.estimates
+        intervals = {each.name: each for each in known}
+        draw = partial(plots.plot_summary, first, found, intervals)
+        self.add("summary", "summary", first.prepared.record.name, draw)
 
     def add_pulses(self, roles: "Sequence[str]", evaluations: "Sequence[Evaluation]") -> None:
         """The pulses of each record that is a pulse test."""
@@ -275,8 +288,9 @@ def figure_of(result: "Result", name: str) -> "Figure":
 
 def _identification_figures(run: "Run") -> Figures:
     figures = Figures()
-    figures.add_cell(run.problem.cell)
     answered = run if run.tables is None else run.tables
+    figures.add_summary(run, answered.identification[0])
+    figures.add_cell(run.problem.cell)
     roles = record_roles(len(run.identification), len(run.validation))
     for role, each in zip(roles, [*answered.identification, *answered.validation], strict=True):
         record = each.prepared.record.name

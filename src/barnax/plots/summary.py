@@ -1,0 +1,149 @@
+"""The answer at a glance: measured and simulated voltage, the error, and the resistances."""
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from .soc_tables import drawn_tables
+from .style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY_BLUE,
+    SOC_LABEL,
+    VERMILLION,
+    draw_line,
+    figure_style,
+    finish,
+    is_column,
+    make_figure,
+    title,
+)
+from .voltage import choose_time_unit, shade_unscored
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..cell import CircuitParameters
+    from ..over_soc import TableFit
+    from ..search.evaluate import Evaluation
+    from ..uncertainty.covariance import Estimate
+
+COLORS: Final = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
+# An interval may set the scale up to so many times the largest value.
+WIDEST: Final = 1.5
+# The error's axis shows this share of the samples; what lies beyond is told.
+SHOWN: Final = 0.995
+
+
+@figure_style()
+def plot_summary(
+    evaluation: "Evaluation",
+    found: "TableFit | CircuitParameters",
+    intervals: "Mapping[str, Estimate] | None" = None,
+) -> Figure:
+    """Voltage and error over time, and the resistances with their 95 % intervals over SOC.
+
+    Only nodes that samples visit are drawn. A constant is a line, its interval a band.
+
+    Args:
+        evaluation: The answer on a record.
+        found: The answer: tables over SOC, or a constant circuit.
+        intervals: Of a constant circuit, by parameter.
+
+    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
+    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
+    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
+    >>> record = read_record(bundled_file("identification"))
+    >>> evaluation = validate(record, characterize(tests), "iso-rc", circuit)
+    >>> [axes.get_ylabel() for axes in plot_summary(evaluation, circuit).axes]
+    ['Voltage [V]', 'Error [mV]', 'Resistance [mOhm]']
+    """
+    prepared = evaluation.prepared
+    unit = choose_time_unit(prepared.time_s)
+    time = prepared.time_s / unit.seconds
+    figure = make_figure(height_in=6.0 if is_column() else 3.6)
+    if is_column():
+        grid = figure.add_gridspec(3, 1, height_ratios=[2, 1, 2])
+        places = grid[0], grid[1], grid[2]
+    else:
+        grid = figure.add_gridspec(2, 2, height_ratios=[2, 1], width_ratios=[1.35, 1])
+        places = grid[0, 0], grid[1, 0], grid[:, 1]
+    voltage = figure.add_subplot(places[0])
+    error = figure.add_subplot(places[1], sharex=voltage)
+    over_soc = figure.add_subplot(places[2])
+    draw_line(voltage, time, prepared.voltage_v, color=SKY_BLUE, linewidth=1.8, label="measured")
+    simulated = f"simulated (RMSE {1e3 * evaluation.metrics.rmse_v:.3g} mV)"
+    draw_line(voltage, time, evaluation.simulated_v, color=BLACK, linewidth=0.6, label=simulated)
+    voltage.set_ylabel("Voltage [V]")
+    title(voltage, prepared.record.name)
+    _draw_error(error, evaluation, time)
+    error.set_xlabel(unit.label)
+    for axes in (voltage, error):
+        shade_unscored(axes, time, prepared.scored)
+    voltage.tick_params(labelbottom=False)
+    _draw_resistances(over_soc, evaluation, found, intervals or {})
+    return finish(figure, voltage, error, over_soc, columns=2)
+
+
+def _draw_error(axes: Axes, evaluation: "Evaluation", time: np.ndarray) -> None:
+    error_mv = 1e3 * evaluation.error_v
+    scored = error_mv[evaluation.prepared.scored]
+    draw_line(axes, time, error_mv, color=BLACK, linewidth=0.5)
+    axes.axhline(0.0, color=BLACK, linewidth=0.5)
+    reach = float(np.quantile(np.abs(scored), SHOWN))
+    axes.set_ylim(-1.15 * reach, 1.15 * reach)
+    beyond = float(np.abs(scored).max())
+    if beyond > 1.15 * reach:
+        title(axes, f"up to {beyond:.3g} mV")
+    axes.set_ylabel("Error [mV]")
+
+
+def _draw_resistances(
+    axes: Axes,
+    evaluation: "Evaluation",
+    found: "TableFit | CircuitParameters",
+    intervals: "Mapping[str, Estimate]",
+) -> None:
+    from ..cell import CircuitParameters
+
+    tops: list[float] = []
+    lines: list[Line2D] = []
+    if isinstance(found, CircuitParameters):
+        soc = evaluation.prepared.soc[evaluation.prepared.scored]
+        ends = np.array([soc.min(), soc.max()])
+        for place, (value, color) in enumerate(zip((found.r0, *found.r), COLORS, strict=False)):
+            name = f"R{place} [Ohm]"
+            known = intervals.get(name)
+            if known is not None and known.low is not None and known.high is not None:
+                low, high = (np.full(2, 1e3 * end) for end in (known.low, known.high))
+                _draw_band(axes, ends, low, high, color)
+            tops.append(1e3 * value)
+            lines += axes.plot(ends, np.full(2, 1e3 * value), color=color)
+        tau_s = found.tau_s
+    else:
+        tables = drawn_tables(found).items()
+        resistances = [each for name, each in tables if name.endswith("[Ohm]")]
+        for table, color in zip(resistances, COLORS, strict=False):
+            at = table.is_visited
+            tops.append(float(table.values[at].max()))
+            _draw_band(axes, table.nodes[at], table.low[at], table.high[at], color)
+            style = {"marker": "o", "markersize": 3.0, "color": color}
+            lines += axes.plot(table.nodes[at], table.values[at], **style)
+        tau_s = found.tables.tau_s
+    labels = ["R0", *(f"R{pair}, tau {each:.3g} s" for pair, each in enumerate(tau_s, 1))]
+    axes.legend(lines, labels, loc="upper center")
+    axes.set_ylim(0.0, WIDEST * max(tops))
+    axes.set_xlabel(SOC_LABEL)
+    axes.set_ylabel("Resistance [mOhm]")
+    title(axes, "shaded: 95 % intervals")
+
+
+def _draw_band(axes: Axes, soc: np.ndarray, low: np.ndarray, high: np.ndarray, color: str) -> None:
+    known = np.isfinite(low) & np.isfinite(high)
+    axes.fill_between(soc, low, high, where=known, color=color, alpha=0.2, linewidth=0.0)

@@ -30,6 +30,11 @@ def pulses_a(samples=200, amplitude_a=2.0, seed=0):
     return amplitude_a * np.repeat(levels, 5)[:samples]
 
 
+def told(record):
+    """All that reading a record says of it."""
+    return (*record.warnings, *record.notes)
+
+
 def pulse_frame(samples=200, *, charge_positive=True, interval_s=1.0, seed=0):
     """A pulse record under Battery Data Format labels."""
     current = pulses_a(samples, seed=seed)

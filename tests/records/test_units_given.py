@@ -9,7 +9,7 @@ from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.inputs import Reading, source_of
 from barnax.records import read_record, record_from_frame, source_from_frame
-from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame
+from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, told
 
 FRAME = pulse_frame(300)
 
@@ -40,7 +40,7 @@ def test_one_sign_of_another_unit_is_a_warning_and_the_values_stay():
     voltage_v = pl.Series(VOLTAGE, 3.7 + 1e-3 * current_a)
     record = record_from_frame(scaled(CURRENT, 29.5).with_columns(voltage_v))
     assert np.abs(record.current_a).max() == pytest.approx(59.0)
-    assert "may be in milliamperes" in " ".join(record.warnings)
+    assert "may be in milliamperes" in " ".join(told(record))
 
 
 def test_a_pack_is_no_cell_in_millivolts_and_is_asked_for_its_cells():
@@ -52,7 +52,7 @@ def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
     pack, cell = scaled(VOLTAGE, 96.0), record_from_frame(FRAME)
     record = record_from_frame(pack, series=96)
     np.testing.assert_allclose(record.voltage_v, cell.voltage_v)
-    assert "is divided by 96" in " ".join(record.warnings)
+    assert "is divided by 96" in " ".join(told(record))
     pack.write_csv(tmp_path / "pack.csv")
     FRAME.write_csv(tmp_path / "cell.csv")
     reading = Reading(series=96)
@@ -85,16 +85,16 @@ def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
 
 def test_a_second_voltage_of_the_same_readings_is_no_doubt():
     table = FRAME.with_columns((pl.col(VOLTAGE) + 0.001).alias("Cell Voltage / V"))
-    assert not any("differ" in each for each in record_from_frame(table).warnings)
+    assert not any("differ" in each for each in told(record_from_frame(table)))
     # A tester names its own, and another is told where it reads alike.
     arbin = {TIME: "Test_Time(s)", CURRENT: "Current(A)", VOLTAGE: "Voltage(V)"}
     aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
     table = FRAME.with_columns(aux, pl.lit(1).alias("Step_Index")).rename(arbin)
-    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(record_from_frame(table).warnings)
+    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(told(record_from_frame(table)))
 
 
 def test_the_voltage_of_a_pack_and_what_is_set_are_no_second_measurement():
     others = {"Pack Voltage(V)": 96.0, "Set Voltage(V)": 1.02, "Max Voltage(V)": 1.01}
     columns = [(pl.col(VOLTAGE) * factor).alias(name) for name, factor in others.items()]
     table = FRAME.with_columns(columns).rename({VOLTAGE: "Cell Voltage(V)"})
-    assert not any("differ" in each for each in record_from_frame(table).warnings)
+    assert not any("differ" in each for each in told(record_from_frame(table)))

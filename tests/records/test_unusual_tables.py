@@ -6,7 +6,7 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.records import read_record
-from helpers.records import CURRENT, TIME, VOLTAGE, changed, pulse_frame
+from helpers.records import CURRENT, TIME, VOLTAGE, changed, pulse_frame, told
 
 FRAME = pulse_frame(120).with_columns(pl.col(VOLTAGE).round(4))
 TRUTH = {name: FRAME[name].to_numpy() for name in FRAME.columns}
@@ -84,11 +84,19 @@ JAPANESE = ("経過時間[s]", "電流(A)", "電圧［V］", "状態", "放電",
 ENCODED = {
     "euc_jp": JAPANESE,
     "utf-16-le": JAPANESE,
-    "utf-16-be": ("Zeit[s]", "Strom[A]", "Spannung[V]", "Zustand", "Entladen", "Laden", "Pause"),
+    "utf-16-be": (
+        "Zeit",
+        "Strom",
+        "Spannung",
+        "Modus",
+        "Entladevorgang",
+        "Ladevorgang",
+        "Ruhephase",
+    ),
     "shift_jis": JAPANESE,
     "cp949": ("시간(s)", "전류(A)", "전압(V)", "상태", "방전", "충전", "휴지"),
     "gb18030": ("时间(s)", "电流(A)", "电压(V)", "状态", "放电", "充电", "静置"),
-    "big5": ("時間(s)", "電流(A)", "電壓(V)", "狀態", "放電", "充電", "靜置"),
+    "big5": ("測試時間(s)", "電流(A)", "電壓(V)", "狀態", "放電", "充電", "靜置"),
     "latin-1": ("Zeit[s]", "Strom[A]", "Spannung[V]", "Zustand", "Entladung", "Ladung", "Ruhe"),
 }
 
@@ -110,13 +118,13 @@ def test_codes_of_a_state_are_left_out_and_told_as_such(tmp_path):
     record = read(tmp_path, FRAME.with_columns(pl.Series("State", codes)))
     require_the_record(record)
     assert record.state is None
-    assert "the numbers under 'State' are codes without words" in " ".join(record.warnings)
+    assert "the numbers under 'State' are codes without words" in " ".join(told(record))
 
 
 def test_a_slip_of_a_millisecond_is_put_in_order(tmp_path):
     late = read(tmp_path, changed(FRAME, TIME, [59 - 0.0015], [60]))
     require_the_record(late)
-    assert "row 62: time falls by 1.5 ms (1 place)" in " ".join(late.warnings)
+    assert "row 62: time falls by 1.5 ms (1 place)" in " ".join(told(late))
     last = read(tmp_path, changed(FRAME, TIME, [118 - 0.0015], [119]))
     require_the_record(last)
     # One that goes back by more is out of line.
@@ -136,14 +144,14 @@ def test_rows_out_of_order_are_sorted_by_what_counts_them(tmp_path, seed):
     counted = FRAME.with_columns(pl.Series("Record", np.arange(7, 127))).sample(**order)
     record = read(tmp_path, counted)
     require_the_record(record)
-    assert "they are sorted by 'Record'" in " ".join(record.warnings)
+    assert "they are sorted by 'Record'" in " ".join(told(record))
     assert "sort the rows by time" in refusal(tmp_path, FRAME.sample(**order))
 
 
 def test_the_newest_row_first_is_turned_around(tmp_path):
     record = read(tmp_path, FRAME.reverse())
     require_the_record(record)
-    assert "the newest row stands first" in " ".join(record.warnings)
+    assert "the newest row stands first" in " ".join(told(record))
 
 
 @pytest.mark.parametrize("filled", [None, 0.0])
@@ -156,7 +164,7 @@ def test_columns_of_impedance_without_a_frequency_are_no_spectrum(tmp_path, fill
     mixed = FRAME.with_columns(**empty).with_columns(Freq=pl.Series(measured, dtype=pl.Float64))
     record = read(tmp_path, mixed)
     assert record.samples == 100
-    assert "20 rows of an impedance measurement" in " ".join(record.warnings)
+    assert "20 rows of an impedance measurement" in " ".join(told(record))
 
 
 def test_all_missing_columns_are_told_at_once(tmp_path):

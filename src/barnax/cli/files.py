@@ -139,7 +139,7 @@ def convert(what: Converted) -> None:
     told = [each.sentence(record.name) for each in found if each.counts]
     session.warn(dict.fromkeys([*record.warnings, *told]))
     for each in found:
-        if not each.counts and not each.is_told:
+        if not each.counts:
             session.note(each.sentence(record.name))
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
 

@@ -261,18 +261,18 @@ def _date_unit_s(values: Numbers) -> float:
 _STATES = (
     (
         1,
-        r"^(d|d (cc|cv)|dis|dch|dch?r?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entlad(en|ung)|"
+        r"^(d|d (cc|cv)|dis|dch|dch?r?g|rated|.*dch?g|.*dis-?charg(e|ing)|.*entlad.*|"
         r".*放电|.*放電|.*방전)$",
     ),
     (
         -1,
-        r"^(c|c (cc|cv)|chr?g?|cha|ratec|.*chg|.*charg(e|ing)|.*lad(en|ung)|"
+        r"^(c|c (cc|cv)|chr?g?|cha|ratec|.*chg|.*charg(e|ing)|.*lad[eu].*|"
         r".*充电|.*充電|.*충전)$",
     ),
     (
         0,
-        r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|.*ruhe|静置|搁置|靜置|擱置|休止|"
-        r"휴지|휴식)$",
+        r"^(r|rest|p|pau|pause|idle|ocv|ocp|.*rest|open circuit.*|.*ruhe.*|静置|搁置|靜置|擱置|"
+        r"休止|휴지|휴식)$",
     ),
 )
 

@@ -318,9 +318,9 @@ DIALECTS: tuple[Dialect, ...] = (
     ),
     Dialect(
         "Chinese",
-        marks=("时间 & 电流 & 电压", "時間 & 電流 & 電壓"),
+        marks=("时间 & 电流 & 电压", "電流 & 電壓"),
         names={
-            "time": "时间|時間",
+            "time": "总时间|總時間|测试时间|測試時間|时间|時間",
             "current": "电流|電流",
             "voltage": "电压|電壓",
             "temperature": "温度|溫度",

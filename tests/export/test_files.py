@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 
+import fastexcel
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
@@ -182,6 +183,21 @@ def test_csv_gives_the_circuit_back_as_it_was_identified(circuit):
     assert found["initial SOC"] == (0.9, "1")
     assert found["rest current"] == (0.035, "A")
     assert found.get("gamma") == ((GAMMA, "1") if circuit == "esc" else None)
+
+
+@pytest.mark.parametrize("circuit", ["so-rc", "esc"])
+def test_a_workbook_has_the_parameters_and_both_branches_of_the_ocv(circuit):
+    result = make_result(circuit)
+    workbook = fastexcel.read_excel(EXPORTERS["xlsx"].write(result).content)
+    rows = workbook.load_sheet("parameters").to_polars()
+    lines = list(csv.DictReader(EXPORTERS["csv"].write(result).content.decode().splitlines()))
+    assert rows["name"].to_list() == [line["name"] for line in lines]
+    assert rows["value"].to_list() == pytest.approx([float(line["value"]) for line in lines])
+    ocv, tables = workbook.load_sheet("OCV").to_polars(), tables_of(result)
+    between_v = (ocv["after charging [V]"] - ocv["after discharging [V]"]).to_numpy()
+    expected_v = 0 if tables.hysteresis is None else tables.hysteresis(tables.ocv.soc)
+    assert np.abs(between_v - expected_v).max() < 1e-12
+    assert ("R0(" in " ".join(rows["name"])) == (tables.nodes is not None)
 
 
 @pytest.mark.parametrize("name", ["OCV", "W"])

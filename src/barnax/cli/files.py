@@ -159,7 +159,7 @@ class ExportChoices:
     result: Path = STORED
     to: str = option(
         OUTPUT,
-        "pybamm|thevenin|simscape|c-header|csv|json|c-filter",
+        "pybamm|thevenin|simscape|c-header|csv|xlsx|json|c-filter",
         "The tool or format to export to.",
         ...,
         autocompletion=known_names("export", "EXPORTERS"),
@@ -168,7 +168,7 @@ class ExportChoices:
         OUTPUT,
         "FILE",
         "File to write (default: barnax_pybamm.py, barnax_thevenin.py, barnax_simscape.mat, "
-        "barnax_cell.h, barnax_parameters.csv, barnax_cell.json or barnax_filter.h).",
+        "barnax_cell.h, barnax_parameters.csv or .xlsx, barnax_cell.json or barnax_filter.h).",
     )
     force: bool = FORCE
     verify: bool = flag(

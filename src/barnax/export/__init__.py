@@ -53,6 +53,10 @@ EXPORTERS: Mapping[str, Exporter] = MappingProxyType(
                 "barnax_parameters.csv", files.write_csv,
             ),
             Exporter(
+                "xlsx", "workbook: parameters, and OCV after charging and discharging",
+                "barnax_parameters.xlsx", files.write_xlsx,
+            ),
+            Exporter(
                 "json", "JSON: constants and tables, hysteresis included",
                 "barnax_cell.json", files.write_json,
             ),

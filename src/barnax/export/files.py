@@ -8,9 +8,11 @@ import csv
 import io
 import json
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 
 import numpy as np
 from scipy.io import savemat
+from xlsxwriter import Workbook
 
 from ..cell.circuits import TURN_WIDTH, get_circuit
 from ..execution import in_float64
@@ -75,6 +77,31 @@ def write_csv(result: Result) -> Export:
     tables = tables_of(result)
     writer.writerows((name, repr(value), unit) for name, value, unit in _rows(tables))
     return Export(text.getvalue().encode(), tables.caveats)
+
+
+def write_xlsx(result: Result) -> Export:
+    """A workbook: the parameters as `csv` has them, notes, and the OCV over SOC of a cell that was
+    discharged and of one that was charged."""
+    tables = tables_of(result)
+    soc, ocv_v = tables.ocv.soc, tables.ocv.voltage_v
+    half_v = 0 * soc if tables.hysteresis is None else tables.hysteresis(soc) / 2
+    sheets = {
+        "parameters": [("name", "value", "unit"), *_rows(tables)],
+        "OCV": [
+            ("SOC", "after discharging [V]", "after charging [V]"),
+            *zip(soc.tolist(), (ocv_v - half_v).tolist(), (ocv_v + half_v).tolist(), strict=True),
+        ],
+        "notes": [(text,) for text in (tables.heading, *tables.caveats)],
+    }
+    content = io.BytesIO()
+    # A text is no formula, whatever it begins with; and equal results are equal bytes.
+    with Workbook(content, {"in_memory": True, "strings_to_formulas": False}) as workbook:
+        workbook.set_properties({"created": datetime(2000, 1, 1, tzinfo=UTC)})
+        for name, rows in sheets.items():
+            sheet = workbook.add_worksheet(name)
+            for place, row in enumerate(rows):
+                sheet.write_row(place, 0, row)
+    return Export(content.getvalue(), tables.caveats)
 
 
 def _rows(tables: Tables) -> Iterator[tuple[str, float, str]]:

@@ -1,9 +1,10 @@
-"""Is a simulated cell's R0 found, and where not, told? `python -m benchmarks.simulated_cells [N]`.
+"""Is a simulated cell's R0 found, and where not, told? `python -m benchmarks.simulated_cells`.
 
 120 cells of known truth (one to three RC pairs, three hystereses, slow sweeps and pulses, sampled
 at 0.1 to 30 s, both holds, quantised and offset current), each with its dynamic record and its OCV
-test, identified with defaults, and as `so-rc` and `iso-rc`. Without counters no record proves its
-hold. Writes benchmarks/results/simulated_cells.md, or prints it for other numbers of cells.
+test, identified with defaults. Without counters no record proves its hold. Writes
+benchmarks/results/simulated_cells.md. `python -m benchmarks.simulated_cells FIRST COUNT [MODELS]`
+only prints it, for some cells, and for given circuits or `defaults`.
 """
 
 import re
@@ -13,6 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 import barnax
 from benchmarks.pages import as_markdown, provenance, save_page
 
@@ -20,14 +23,12 @@ from .cells import Cell, draw, dynamic, ocv_test
 
 RESULTS = Path(__file__).parents[1] / "results" / "simulated_cells.md"
 CELLS = 120
-MODELS = ("defaults", "so-rc", "iso-rc")
 OFF = 0.05
-# A warning names the cause of a wrong R0 where it speaks of one of these, and R0 or the circuit.
+# A warning names a cause where it speaks of it in these words.
 CAUSES = {
     "hold": r"current_hold",
     "sampling": r"not suitable for identification|faster than it is sampled|lags by part",
-    "hysteresis": r"hysteresis|[a-z]*-rc\b.*(fits|better)|`model",
-    "pairs": r"RC pairs|3rc|`model",
+    "circuit": r"identify with `model`",
 }
 
 
@@ -55,11 +56,18 @@ class Outcome:
 
     @property
     def causes(self) -> list[str]:
-        """The causes that warnings name."""
+        """What the cell has that makes R0 wrong, of which a warning speaks."""
+        cell = self.cell
+        slow = cell.interval_s >= 10 or cell.load_s < cell.interval_s
+        has = {
+            "hold": cell.hold == "backward",
+            "sampling": slow or cell.lag > 0,
+            "circuit": cell.hysteresis != "none" or len(cell.r) > 2,
+        }
         return [
             cause
             for cause, words in CAUSES.items()
-            if any(re.search(words, text) for text in self.warnings)
+            if has[cause] and any(re.search(words, text) for text in self.warnings)
         ]
 
     @property
@@ -84,14 +92,21 @@ def identified(cell: Cell, model: str) -> Outcome:
 
 
 def r0_of(result: barnax.Result) -> tuple[float, float | None, float | None]:
-    """R0 in ohm and its interval, None where it is open; of tables in the middle of their nodes."""
-    if result.tables is not None:
-        nodes = result.tables.fit.of_table("R0 [Ohm]")
-        node = nodes[len(nodes) // 2]
-        return node.value, node.low, node.high
-    assert result.constant.assessment is not None
-    estimate = result.constant.assessment.uncertainty["R0 [Ohm]"]
-    return estimate.value, estimate.low, estimate.high
+    """R0 in ohm and its interval, None where it is open; of a table, medians over its nodes."""
+    if result.tables is None:
+        assert result.constant.assessment is not None
+        estimate = result.constant.assessment.uncertainty["R0 [Ohm]"]
+        return estimate.value, estimate.low, estimate.high
+    fit = result.tables.fit
+    nodes = [
+        (each.value, each.low, each.high)
+        for each in fit.of_table("R0 [Ohm]")
+        if each.low is not None and each.high is not None
+    ]
+    if not nodes:
+        return float(np.median([each.value for each in fit.of_table("R0 [Ohm]")])), None, None
+    value, low, high = np.median(nodes, axis=0).tolist()
+    return value, low, high
 
 
 def share(part: int, whole: int) -> str:
@@ -106,7 +121,7 @@ def summary(outcomes: Sequence[Outcome], traits: Sequence[tuple[str, str, object
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, field, value in [("all", "", None), *traits]:
-        for model in MODELS if name == "all" else MODELS[:1]:
+        for model in dict.fromkeys(each.model for each in outcomes):
             here = [
                 each
                 for each in outcomes
@@ -186,17 +201,13 @@ def page(outcomes: Sequence[Outcome], cells: int, minutes: float) -> str:
 
 def main(arguments: Sequence[str]) -> None:
     """Identify every cell, print the page, and write it where all were asked for."""
-    first, cells = 0, CELLS
-    if arguments:
-        *start, cells = map(int, arguments)
-        first = start[0] if start else 0
+    first, cells, *models = map(str, arguments) if arguments else ("0", str(CELLS))
     begun, outcomes = time.monotonic(), []
-    for number in range(first, first + cells):
-        cell = draw(number)
-        for model in MODELS:
-            outcomes.append(identified(cell, model))
+    for number in range(int(first), int(first) + int(cells)):
+        for model in models or ["defaults"]:
+            outcomes.append(identified(draw(number), model))
             print(row(outcomes[-1]), file=sys.stderr)
-    text = page(outcomes, cells, (time.monotonic() - begun) / 60)
+    text = page(outcomes, int(cells), (time.monotonic() - begun) / 60)
     print(text)
     if not arguments:
         save_page(RESULTS, text)

@@ -163,9 +163,15 @@ def _most_charge(held_a: np.ndarray, cell: Cell) -> float:
 
 
 def ocv_test(cell: Cell) -> pl.DataFrame:
-    """From full to empty and back: at C/20, or in steps of 5 % with rests of two hours."""
+    """From full to empty and back: at C/20, or in steps of 5 % with rests of two hours.
+
+    A rest is logged as often as the load before it for its first ten minutes.
+    """
     rng = np.random.default_rng([28, cell.number])
-    rest = (np.full(120, 60.0), np.zeros(120))
+    every_s = 60.0 if cell.ocv_test == "slow sweep" else 10.0
+    step_s = np.append(np.full(round(600 / every_s), every_s), np.full(110, 60.0))
+    step_s[-1] = every_s
+    rest = (step_s, np.zeros(len(step_s)))
     blocks = [rest]
     for direction in (1, -1):
         if cell.ocv_test == "slow sweep":

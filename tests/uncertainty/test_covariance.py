@@ -134,7 +134,8 @@ def test_a_rest_before_the_first_load_says_nothing(bundled_cell):
     """Intervals with it are those without."""
     rng = np.random.default_rng(0)
     current_a = np.repeat(rng.uniform(-0.5, 2.0, 200), rng.integers(2, 40, 200))[:3000]
-    voltage_v = simulated_cell(current_a) + 5e-3 * lfilter([0.1], [1, -0.99], rng.normal(size=3000))
+    noise_v = np.asarray(lfilter([5e-4], [1, -0.99], rng.normal(size=3000)))
+    voltage_v = simulated_cell(current_a) + noise_v
     found = []
     for rest in (0, 3000):
         amps = np.append(np.zeros(rest), current_a)

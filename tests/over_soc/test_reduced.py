@@ -29,7 +29,7 @@ def objective_of(prepared, settings=SMALL, gamma_range=None):
 def whole(objective, place):
     """Every sample's columns and the penalty's rows, and the target, for SciPy."""
     found = objective.solve(place)
-    columns, base = map(np.concatenate, zip(*_linearized(objective, found), strict=True))
+    columns, base, _ = map(np.concatenate, zip(*_linearized(objective, found), strict=True))
     unknowns = found.values.size
     matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.table_penalty])
     # An OCV correction that may fall by so much only is the sum of its steps.

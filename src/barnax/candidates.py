@@ -27,6 +27,8 @@ class Candidate:
         identification: Errors on all records identified on together.
         validation_v: RMSE on each record validated on.
         held_out: Errors on blocks held out of the fit; None where nothing was.
+        proved_gap: The largest share of its error that a better circuit of its kind could save;
+            None without a proof.
         is_answer: True for the one that the result is of.
     """
 
@@ -35,6 +37,7 @@ class Candidate:
     identification: SocErrors
     validation_v: tuple[float, ...]
     held_out: SocErrors | None
+    proved_gap: float | None = None
     is_answer: bool = False
 
     @property
@@ -53,10 +56,11 @@ class Candidate:
         identified: Iterable[Evaluation],
         validated: Iterable[Evaluation],
         held_out: SocErrors | None,
+        proved_gap: float | None,
     ) -> "Candidate":
         """The candidate with the errors of its evaluations."""
         validation_v = tuple(each.metrics.rmse_v for each in validated)
-        return cls(model, over, _together(identified), validation_v, held_out)
+        return cls(model, over, _together(identified), validation_v, held_out, proved_gap)
 
 
 def _together(evaluations: Iterable[Evaluation]) -> SocErrors:

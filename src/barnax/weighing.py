@@ -236,7 +236,8 @@ def search_and_assess(
             ]
             if each is problem:
                 identified, validated = own, others
-            candidates.append(Candidate.of(each.circuit, None, own, others, held))
+            gap = None if its is None else its.proved_gap
+            candidates.append(Candidate.of(each.circuit, None, own, others, held, gap))
         table_run = None
         if found is not None and weighing.tabulated is not None and weighing.tables is not None:
             of = weighing.tabulated
@@ -245,11 +246,9 @@ def search_and_assess(
             )
             held = found.fits[0].cross_validation if found.over_temperature is None else None
             errors = held.tables if held else None
-            candidates.append(
-                Candidate.of(
-                    of.circuit, over, table_run.identification, table_run.validation, errors
-                )
-            )
+            proof = found.over_temperature or found.reference
+            tried = (table_run.identification, table_run.validation)
+            candidates.append(Candidate.of(of.circuit, over, *tried, errors, proof.proved_gap))
             is_worth = is_better(errors, held_out[place]) and spans_enough(found.reference)
             if settings.over is None and not is_worth:
                 table_run = None

@@ -63,6 +63,21 @@ def test_a_second_run_needs_force_and_gives_the_same_bytes(compared, tmp_path, m
     assert contents(folder)["comparison.json"] == before["comparison.json"]
 
 
+def test_a_folder_is_planned_and_its_circuits_are_ranked_before_its_methods(run, tmp_path):
+    for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
+        shutil.copy(path, tmp_path)
+    words = ("--models", "so-rc", "--methods", "ls", "--seeds", "1", "--json")
+    outcome = run("compare", tmp_path, *words)
+    assert outcome.status == 0
+    result = json.loads(outcome.out[outcome.out.index("{") :])
+    best = [each for each in result["candidates"] if each["is_answer"]]
+    assert [(each["model"], each["over"]) for each in best] == [("so-rc", "soc")]
+    assert best[0]["proved_gap"] <= 0.01
+    roles = {each["name"]: each["role"] for each in result["inputs"]}
+    assert roles["identification.parquet"] == "identification"
+    assert roles["validation.parquet"] == "validation"
+
+
 def test_json_goes_to_stdout_alone(run, tmp_path):
     outcome = run("compare", "--models", "so-rc", "--methods", "ls", *COMMON, "--json")
     assert json.loads(outcome.out)["rows"][0]["method"] == "ls"
@@ -75,9 +90,9 @@ def test_json_goes_to_stdout_alone(run, tmp_path):
         (("--models", "so-rc,rc"), "--models 'rc' is not known"),
         (("--methods", "ls,guess"), "--methods 'guess' is not known"),
         (("--ocv", "test.csv"), "give a record to identify on"),
-        ((".",), "compare takes one record and its --ocv, not a folder or a plan"),
-        (("plan.toml",), "not a folder or a plan"),
-        (("missing.csv",), "an OCV test of the same cell is also needed"),
+        ((".",), "has no files; give the folder with the records of a cell"),
+        (("plan.toml",), "plan.toml: cannot be read as a plan"),
+        (("missing.csv",), "missing.csv: there is no such file"),
     ],
 )
 def test_bad_input_is_one_message(words, message, refuse):

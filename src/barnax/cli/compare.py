@@ -1,18 +1,18 @@
 """`barnax compare`: models and methods side by side on one cell; `barnax optimizers`."""
 
 import itertools
-import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from ..errors import InputError
 from .options import (
     PAPER,
     SEARCH,
+    SETUP,
     Files,
     RecordOptions,
     SearchOptions,
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     from ..reporting.illustrations import Illustration
 
 # What of the report stands in the terminal unless everything is asked for.
-SHOWN = {*("Verdict", "Parameters", "Search", "Tables over SOC"), *("Identification", "Validation")}
-# After a model's name: with tables over SOC too.
-TABULATED = ":soc"
+SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
 
 
 @group
@@ -42,8 +40,7 @@ class Rows:
     models: str | None = option(
         SEARCH,
         "NAME,NAME",
-        "Circuits, each with every method (default: the five rows of the paper); so-rc:soc adds "
-        "so-rc with tables over SOC.",
+        "Circuits, each with every method (default: the five rows of the paper).",
     )
     methods: str | None = option(
         SEARCH,
@@ -52,7 +49,10 @@ class Rows:
         "pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.",
     )
     record: Path | None = argument(
-        "RECORD", "Dynamic record to identify on; without it, the bundled cell is used.", None
+        "RECORD",
+        "Dynamic record to identify on. For a folder or a plan, files are chosen as by identify. "
+        "Without it, the bundled cell is used.",
+        None,
     )
 
 
@@ -65,23 +65,20 @@ class Comparing:
     search: SearchOptions
     rows: Rows
     output: Output
+    setup: Literal["li2023"] | None = SETUP
     paper: bool = PAPER
 
 
 def compare(options: Comparing) -> None:
-    """Compare models and methods on one cell, and write a report with tables and figures.
+    """Compare circuits and methods on one cell, and write a report with tables and figures.
 
-    All get the same data, bounds, budget and key. A row is a method's own answer,
-    before refinement.
+    First the usual circuits and tables over SOC, each the best of its kind. Then
+    methods, with the same data, bounds, budget and key: a row is a method's own
+    answer, before refinement.
 
     Without arguments, it runs the paper's five rows on the bundled cell.
     """
     record, output = options.rows.record, options.output
-    if record and (record.is_dir() or record.suffix.lower() == ".toml"):
-        raise InputError(
-            f"{record}: compare takes one record and its `ocv`, not a folder or a plan; "
-            f"barnax identify {shlex.quote(str(record))} --plan shows which file serves for what"
-        )
     session, folder = output.begun(DEFAULT_FOLDER)
     with session.watch("Loading JAX"):
         use_compilation_cache()
@@ -89,18 +86,27 @@ def compare(options: Comparing) -> None:
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
         from ..comparison.result import compare_files
+        from ..plan import plan_of
+        from ..plan.running import arguments
+        from ..reporting.terminal import plan_lines
 
-    models, tabulated = split_models(options.rows.models)
-    rows = chosen_rows(models, options.rows.methods, PAPER_ROWS)
+    rows = chosen_rows(options.rows.models, options.rows.methods, PAPER_ROWS)
     for model, method in rows:
         require_choice("models", model, CIRCUITS)
         require_choice("methods", method, METHODS)
     records, search = [record] if record else [], options.search
     given = run_options(options.files, options.of_records, search, records)
+    given |= {"setup": options.setup, "watch": session.watch}
+    planned = plan_of(**given)
+    if planned is not None:
+        if planned.command == "hppc":
+            raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
+        session.show(plan_lines(planned, as_flags))
+        given = arguments(planned, **given)
     total = sum(1 if METHODS[method].is_deterministic else search.seeds for _, method in rows)
     with session.watch("Comparing", total) as advance:
         comparison, result = compare_files(
-            **given, rows=rows, tabulated=tabulated, watch=_row_watch(session, advance)
+            **{**given, "rows": rows, "watch": _row_watch(session, advance)}
         )
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
     draw = partial(_report, result, comparison, seconds, options.paper)
@@ -153,20 +159,6 @@ def chosen_rows(
     chosen_models = usual_models if models is None else _names(models)
     chosen_methods = usual_methods if methods is None else _names(methods)
     return list(itertools.product(chosen_models, chosen_methods))
-
-
-def split_models(models: str | None) -> tuple[str | None, list[str]]:
-    """The models without their tables, and those that are wanted with tables over SOC too.
-
-    >>> split_models("so-rc,esc:soc")
-    ('so-rc,esc', ['esc'])
-    """
-    names = [name.strip() for name in (models or "").split(",")]
-    plain = dict.fromkeys(name.removesuffix(TABULATED) for name in names)
-    tabulated = dict.fromkeys(
-        name.removesuffix(TABULATED) for name in names if name.endswith(TABULATED)
-    )
-    return models and ",".join(plain), list(tabulated)
 
 
 def _names(text: str) -> dict[str, None]:

@@ -15,6 +15,7 @@ from .options import (
     OUTPUT,
     PAPER,
     SEARCH,
+    SETUP,
     Files,
     RecordOptions,
     SearchOptions,
@@ -47,12 +48,7 @@ PLANNED = (
 class Choices:
     """Which circuit, which method, and how far the answer is looked into."""
 
-    setup: Literal["li2023"] | None = option(
-        SEARCH,
-        "li2023",
-        "The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al. "
-        "(2023).",
-    )
+    setup: Literal["li2023"] | None = SETUP
     model: str | None = option(
         SEARCH,
         "iso-rc|so-rc|esc|...",

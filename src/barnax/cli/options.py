@@ -106,6 +106,11 @@ PAPER = flag(
     "Also write figures/paper: every figure as PDF and SVG, one journal column wide (89 mm, 7 pt).",
 )
 STORED = argument("RESULT", "The folder that identify wrote, or its result.json.")
+SETUP = option(
+    SEARCH,
+    "li2023",
+    "The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al. (2023).",
+)
 COLUMNS = option(
     INPUT,
     "NAMES",

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ConfigDict
 
 from ..baselines import METHODS, Budget
+from ..candidates import Candidate
 from ..cell import CellModel, OcvTable
 from ..cell.curves import HysteresisFit, OcvFit
 from ..errors import InputError
@@ -27,14 +28,15 @@ from ..inputs import (
 from ..model.problem import Problem
 from ..model.search_space import Range
 from ..model.window import Window
+from ..over_soc import TableSettings
 from ..records import Record
 from ..results import InputPart, Key, MetricsPart
 from ..run import all_versions, input_part, metrics_part, record_part
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound
+from ..weighing import search_and_assess, weigh
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError, Resampled, SeedPairs
-from .tabulated import Tabulated, tabulate
 
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
@@ -149,7 +151,7 @@ class BudgetPart(ComparisonPart):
     objective: Literal["scan", "compressed"]
 
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 
 class ComparisonResult(Document, ComparisonPart):
@@ -158,10 +160,10 @@ class ComparisonResult(Document, ComparisonPart):
     Times are in `timings.json`; reports take them separately, in s by the name of the row.
 
     Attributes:
-        schema_version: Version 2 of the file.
+        schema_version: Version 3 of the file.
         rows: One method on one model each.
         differences: Differences between rows, and their significance.
-        tabulated: Circuits with tables over SOC.
+        candidates: The usual circuits, each the best of its kind, and tables over SOC.
         models: Box and global optimum of each model.
         budget: What every method could spend.
         cell: OCV, hysteresis voltage and capacity.
@@ -171,10 +173,10 @@ class ComparisonResult(Document, ComparisonPart):
         versions: Versions of barnax and of what it computes with.
     """
 
-    schema_version: Literal[2] = SCHEMA_VERSION
+    schema_version: Literal[3] = SCHEMA_VERSION
     rows: tuple[RowPart, ...]
     differences: tuple[Difference, ...]
-    tabulated: tuple[Tabulated, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
     models: dict[str, ModelPart]
     budget: BudgetPart
     cell: CellModel
@@ -193,7 +195,7 @@ class ComparisonResult(Document, ComparisonPart):
 
 def make_comparison_result(
     comparison: Comparison,
-    tabulated: Sequence[Tabulated] = (),
+    candidates: Sequence[Candidate] = (),
     *,
     ocv: Sequence[Record | OcvTable] = (),
     command: Sequence[str] = (),
@@ -203,7 +205,7 @@ def make_comparison_result(
 
     Args:
         comparison: A comparison from `compare`.
-        tabulated: Circuits with tables over SOC.
+        candidates: The usual circuits, weighed against each other.
         ocv: The OCV tests of the cell.
         command: The command that was run.
         warnings: Those of the inputs.
@@ -223,7 +225,7 @@ def make_comparison_result(
     return ComparisonResult(
         rows=tuple(_row_part(row) for row in comparison.rows),
         differences=comparison.differences,
-        tabulated=tuple(tabulated),
+        candidates=tuple(candidates),
         models={
             model: _model_part(problem, comparison.optima.get(model))
             for model, problem in problems.items()
@@ -307,7 +309,6 @@ def compare_files(
     ocv: Given | Sequence[Given] = (),
     validate: Given | Sequence[Given] = (),
     rows: Sequence[tuple[str, str]] = PAPER_ROWS,
-    tabulated: Sequence[str] = (),
     settings: Settings | None = None,
     window: Window | Mapping[str, Window] | None = None,
     capacity: float | None = None,
@@ -315,7 +316,8 @@ def compare_files(
     bounds: Mapping[str, Range] | str | Path | None = None,
     fix: Mapping[str, float] | None = None,
     reading: Reading | None = None,
-    ocv_fit: OcvFit = "polynomial",
+    setup: Literal["li2023"] | None = None,
+    ocv_fit: OcvFit | None = None,
     hysteresis_fit: HysteresisFit = "continuous",
     command: Sequence[str] = (),
     watch: Watch = unwatched,
@@ -329,7 +331,6 @@ def compare_files(
         ocv: The OCV test of the same cell.
         validate: Files, records or data frames to validate on.
         rows: Pairs of a circuit and a method of `METHODS`, by default those of the paper.
-        tabulated: Circuits of `rows` that are also fitted with tables over SOC.
         settings: The budget, coordinates and objective.
         window: The part of the record that is simulated.
         capacity: Capacity of the cell in Ah when the records were measured.
@@ -337,7 +338,8 @@ def compare_files(
         bounds: Lowest and highest value by PyBaMM's names, or a TOML file of them.
         fix: Parameters that keep a value, by the same names.
         reading: How files are read.
-        ocv_fit: A polynomial of degree seven, or a monotone interpolation.
+        setup: "li2023" for the OCV polynomial of Li et al. (2023), whose rows are the default.
+        ocv_fit: A monotone interpolation, the default, or a polynomial of degree seven.
         hysteresis_fit: Five segments of the hysteresis voltage, joined or each by itself.
         command: The command that was run, kept in the result.
         watch: Called for every row, as in `compare`.
@@ -353,7 +355,8 @@ def compare_files(
     inputs = read_inputs(
         records, ocv, validate, reading or Reading(),
         capacity=capacity, ocv_capacity=ocv_capacity,
-        ocv_fit=ocv_fit, hysteresis_fit=hysteresis_fit,
+        ocv_fit=ocv_fit or ("polynomial" if setup else "interpolated"),
+        hysteresis_fit=hysteresis_fit,
         window=window, watch=watch,
     )  # fmt: skip
     windows = windows_of(inputs, window, capacity)
@@ -373,12 +376,11 @@ def compare_files(
         source=source,
         watch=watch,
     )
-    with watch("Tables over SOC", 0):
-        tables = tabulate(comparison, tabulated, bounds=ranges, fixed=fix)
-    warnings = list(inputs.warnings)
-    for each in tables:
-        warnings += [f"{each.model}: {text}" for text in each.warnings]
+    with watch("Circuits", 0):
+        alone = Settings(seeds=0)
+        weighing = weigh(inputs, windows, alone, TableSettings(), bounds, fix, advise=False)
+        run = search_and_assess(weighing, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(
-        comparison, tables, ocv=inputs.ocv, command=command, warnings=warnings
+        comparison, run.candidates, ocv=inputs.ocv, command=command, warnings=inputs.warnings
     )
     return comparison, result

@@ -1,9 +1,10 @@
 """The report of a comparison, with its tables."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..plots.pictures import Illustration, record_roles
+from .candidates import candidates_section
 from .comparison_verdict import NARROW, OnRecord, answered, on_records, verdict_sentences
 from .decisions import (
     box_sentences,
@@ -24,13 +25,11 @@ from .document import (
     make_table,
     pairs_table,
 )
-from .soc_tables import best_tables, errors_words, pay_sentence, together
 from .words import NOTHING, counted, fixed, joined, millivolts_cell, sentence, significant
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..comparison.result import DifferencePart, RowPart
-    from ..comparison.tabulated import TableSearch, Tabulated
 
 # With more pairs than these only those are shown that a reader asks for first.
 ALL_PAIRS = 15
@@ -58,8 +57,10 @@ def comparison_document(
         *box_sentences({name: (m.bounds, m.fixed) for name, m in result.models.items()}),
         budget_sentence(result),
     )
+    validated = [each.name for each in result.inputs if each.role == "validation"]
     sources = {row.method: row.source for row in result.rows}
     sections = [
+        *candidates_section(result.candidates, validated),
         Section("Verdict", (Bullets(tuple(verdict_sentences(result))),)),
         *warnings_section(result.warnings),
         *([parameters] if parameters else []),
@@ -72,7 +73,6 @@ def comparison_document(
             (Bullets(decisions), pairs_table("The methods.", "method", "source", sources)),
         ),
         *results,
-        *compared_tables(result.tabulated, [each.name for each in records]),
         reproduction_section(result),
     ]
     names = [each.name for each in result.inputs if each.role == "identification"]
@@ -250,65 +250,6 @@ def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:
         + note
     )
     return make_table(caption, found, cells, ["first", "second", "significant"])
-
-
-def compared_tables(found: "Sequence[Tabulated]", names: Sequence[str]) -> list[Section]:
-    """Constant circuits and the same with tables over SOC, side by side."""
-    if not found:
-        return []
-    rows = []
-    for each in found:
-        held = each.fit.cross_validation
-        rows.append(
-            (each.model, each.constant_parameters, held and held.constant, each.constant_errors)
-        )
-        rows.append((f"{each.model}:soc", each.fit.parameters, held and held.tables, each.errors))
-    cells = {
-        "circuit": lambda row: row[0],
-        "values": lambda row: str(row[1]),
-        "held out [mV]": lambda row: errors_words(row[2]),
-    }
-    for place, name in enumerate(names):
-        role = "identification" if place == 0 else "validation"
-        cells[f"{name} ({role}) [mV]"] = lambda row, place=place: errors_words(row[3][place])
-    table = make_table(
-        "RMSE in mV, in brackets that above 10 % SOC: on blocks held out of the fit, and on each "
-        "record. The constant circuit is the best one known, refitted for the held-out blocks.",
-        rows,
-        cells,
-        cells,
-    )
-    told = []
-    for each in found:
-        if pays := pay_sentence(each.fit, together(each.constant_errors[1:], each.errors[1:])):
-            told.append(f"{each.model}: {pays}")
-    told += [f"{each.model}: {best_tables(each.fit)}" for each in found]
-    searches = [_searches_table(found, names)] if any(each.searches for each in found) else []
-    return [Section("Tables over SOC", (Bullets(tuple(told)), table, *searches))]
-
-
-def _searches_table(found: "Sequence[Tabulated]", names: Sequence[str]) -> Table:
-    """What each method makes of the time constants, with the tables solved inside."""
-    cells: Cells[tuple[str, TableSearch]] = {
-        "row": lambda row: f"{row[1].method} {row[0]}:soc",
-        "sqrt(J) [mV]": lambda row: fixed(1e3 * row[1].objective_v, 4),
-        "best [mV]": lambda row: fixed(1e3 * row[1].best_objective_v, 4),
-        "worst [mV]": lambda row: fixed(1e3 * row[1].worst_objective_v, 4),
-        "gap [%]": lambda row: fixed(100 * row[1].gap, 3),
-        "seeds": lambda row: str(row[1].seeds),
-        "evaluations": lambda row: str(row[1].evaluations),
-    }
-    for place in range(len(names)):
-        role = "identification" if place == 0 else f"validation {place if len(names) > 2 else ''}"
-        cells[f"{role.strip()} [mV]"] = lambda row, place=place: errors_words(row[1].errors[place])
-    return make_table(
-        "Each method searches the time constants; for each candidate the best tables are solved "
-        "exactly. The median seed, beside the best and the worst. The gap is relative to the "
-        "optimum that the grid and its descents find.",
-        [(each.model, search) for each in found for search in each.searches],
-        cells,
-        ["row", *list(cells)[7:]],
-    )
 
 
 def _percents(ratio: float | None) -> str:

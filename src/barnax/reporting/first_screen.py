@@ -9,6 +9,7 @@ from rich.table import Table as Shown
 from rich.text import Text
 
 from ..inputs import NOT_SUITABLE
+from .candidates import ranked
 from .decisions import carried_sentences, guess_sentences
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import (
@@ -101,10 +102,7 @@ def _errors_table(result: "Result") -> Shown:
     heads = ["", "identification", *_numbered("validation", len(validation))]
     above = [each.rmse_above_10_soc_v for each in (metrics.identification, *validation)]
     own = [each.rmse_v for each in (metrics.identification, *validation)]
-    candidates = sorted(
-        result.candidates,
-        key=lambda each: (not each.is_answer, each.identification.rmse_v),
-    )
+    candidates = ranked(result.candidates)
     held = [None if each.held_out is None else each.held_out.rmse_v for each in candidates]
     if any(value is not None for value in held):
         heads.append("left out")

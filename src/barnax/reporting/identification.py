@@ -7,6 +7,7 @@ import numpy as np
 
 from ..plots.parameters import readable
 from ..plots.pictures import Illustration, record_roles
+from .candidates import candidates_section
 from .decisions import (
     box_sentences,
     decision_sentences,
@@ -79,8 +80,10 @@ def identification_document(
     title = f"{result.model} identified on {result.name}"
     if summary_only:
         return Document(title, "", (verdict, answer, errors))
+    validated = [each.name for each in result.of_role("validation")]
     sections = (
         verdict,
+        *candidates_section(result.candidates, validated),
         *warnings_section(result.warnings),
         answer,
         *tables_section(result, pictures),

@@ -33,10 +33,13 @@ def result():
 
 
 def test_the_answer_is_what_is_better_by_far_on_held_out_blocks(result):
-    assert [each.name for each in result.candidates] == [*WEIGHED, "tables over SOC (so-rc)"]
-    *constants, tables = result.candidates
+    both = ("tables over SOC (so-rc)", "tables over SOC (esc)")
+    assert [each.name for each in result.candidates] == [*WEIGHED, *both]
+    *constants, tables, following = result.candidates
     assert tables.is_answer
-    assert not any(each.is_answer for each in constants)
+    assert not any(each.is_answer for each in (*constants, following))
+    # More hysteresis is worth it only where it lowers the held-out errors by a tenth.
+    assert following.held_out.rmse_v > 0.9 * tables.held_out.rmse_v
     assert all(tables.held_out.is_worth(each.held_out) for each in constants)
     own = result.metrics.identification
     assert own.rmse_v == pytest.approx(tables.identification.rmse_v, rel=1e-12)
@@ -61,7 +64,8 @@ def test_the_first_screen_fits_a_terminal_and_nothing_is_to_be_mended(result):
     for block in first_screen(result, as_flags):
         console.print(block)
     lines = [line.rstrip() for line in console.file.getvalue().splitlines()]
-    assert len(lines) <= 24
+    # With the command that is next and the list of files there are three more.
+    assert len(lines) <= 21
     assert max(map(len, lines)) <= 80
     text = "\n".join(lines)
     assert "tables over SOC (so-rc)         7.04 mV     4.96 mV   9.11 mV  <- answer" in text

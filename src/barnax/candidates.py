@@ -9,6 +9,9 @@ from .search.evaluate import Evaluation
 
 # Constant circuits, the simplest first: no hysteresis, switched at once, and following the charge.
 WEIGHED = ("so-rc", "iso-rc", "esc")
+# Its hysteresis follows the charge: where that is the best constant circuit, its tables are weighed
+# too.
+FOLLOWING = "esc"
 # A constant circuit that leaves so many times the error of another is contradicted by the data:
 # its intervals, which take its structure for granted, do not hold.
 CONTRADICTED = 1.5

@@ -1,6 +1,7 @@
 """What a run does: circuits are weighed, the best constant one is searched, the answer assessed."""
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,7 @@ import jax
 import numpy as np
 
 from .candidates import (
+    FOLLOWING,
     WEIGHED,
     Candidate,
     best_of,
@@ -42,6 +44,7 @@ from .model.search_space import Range
 from .model.window import Window
 from .over_soc import (
     SocErrors,
+    TableFits,
     TableSettings,
     constant_held_out,
 )
@@ -77,6 +80,11 @@ class Weighing(Brief):
     @property
     def first(self) -> Problem:
         return self.problems[0]
+
+    @property
+    def tabulated_name(self) -> str | None:
+        """The circuit whose tables are weighed; None without tables."""
+        return None if self.tabulated is None else self.tabulated.circuit
 
 
 def weigh(
@@ -181,13 +189,12 @@ def search_and_assess(
     """The search, and what does not wait for it beside it. No failure of either is swallowed."""
     problems, over = weighing.problems, settings.over or "soc"
     with threads(3) as beside:
-        tables_future = None
-        if weighing.tabulated is not None and weighing.tables is not None:
-            records = weighing.tabulated.prepared_records
-            tables_future = beside.submit(fit_over, over, records, weighing.tables)
+        tables_futures = []
+        if weighing.tabulated is not None:
+            tables_futures.append(_fitting(beside, over, weighing, weighing.tabulated))
         held_out_futures = [
             beside.submit(_held_out_or_none, each, weighing.tables)
-            if len(problems) > 1 or tables_future
+            if len(problems) > 1 or tables_futures
             else None
             for each in problems
         ]
@@ -199,6 +206,8 @@ def search_and_assess(
             held_out = [each.result() if each else None for each in held_out_futures]
         place = best_of(held_out) if weighing.chosen is None else problems.index(weighing.chosen)
         problem, optimum = problems[place], optima[place]
+        if weighing.chosen is None and problem.circuit == FOLLOWING != weighing.tabulated_name:
+            tables_futures.append(_fitting(beside, over, weighing, problem))
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         other_hold_future = beside.submit(try_other_hold, problem) if advise else None
         search = refinement = None
@@ -217,7 +226,7 @@ def search_and_assess(
         with watch("Waiting for tables over SOC", 0):
             if linearization is not None:
                 linearization.result()
-            found = tables_future.result() if tables_future else None
+            fits = [(of, future.result()) for of, future in tables_futures]
             other_hold = other_hold_future.result() if other_hold_future else None
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
@@ -238,24 +247,23 @@ def search_and_assess(
                 identified, validated = own, others
             gap = None if its is None else its.proved_gap
             candidates.append(Candidate.of(each.circuit, None, own, others, held, gap))
-        table_run = None
-        if found is not None and weighing.tabulated is not None and weighing.tables is not None:
-            of = weighing.tabulated
-            table_run = TableRun.of(
+        table_run, best_held_out = None, held_out[place]
+        for of, found in fits:
+            assert weighing.tables is not None, "asked for"
+            tried = TableRun.of(
                 weighing.tables, found, of.prepared_records, weighing.validation(of), of.cell
             )
             held = found.fits[0].cross_validation if found.over_temperature is None else None
             errors = held.tables if held else None
             proof = found.over_temperature or found.reference
-            tried = (table_run.identification, table_run.validation)
-            candidates.append(Candidate.of(of.circuit, over, *tried, errors, proof.proved_gap))
-            is_worth = is_better(errors, held_out[place]) and spans_enough(found.reference)
-            if settings.over is None and not is_worth:
-                table_run = None
-    is_answer = ("", over) if table_run else (problem.circuit, None)
+            both = (tried.identification, tried.validation)
+            candidates.append(Candidate.of(of.circuit, over, *both, errors, proof.proved_gap))
+            is_worth = is_better(errors, best_held_out) and spans_enough(found.reference)
+            if settings.over is not None or is_worth:
+                table_run, best_held_out = tried, errors
+    is_answer = (table_run.model, over) if table_run else (problem.circuit, None)
     told = tuple(
-        replace(each, is_answer=(each.over == is_answer[1] and is_answer[0] in ("", each.model)))
-        for each in candidates
+        replace(each, is_answer=(each.model, each.over) == is_answer) for each in candidates
     )
     assessment = examination = None
     with watch("Assessing", 0):
@@ -278,6 +286,14 @@ def search_and_assess(
         problem, search, refinement, optimum, answer, identified, validated, assessment,
         examination, table_run, told, other_hold, warnings=tuple(warnings),
     )  # fmt: skip
+
+
+def _fitting(
+    beside: Executor, over: str, weighing: Weighing, of: Problem
+) -> "tuple[Problem, Future[TableFits]]":
+    """Tables on the records of a problem, as they are being fitted."""
+    assert weighing.tables is not None, "tables have settings"
+    return of, beside.submit(fit_over, over, of.prepared_records, weighing.tables)
 
 
 def _held_out_or_none(problem: Problem, settings: TableSettings | None) -> SocErrors | None:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 from .verdict import best_possible, search_sentences
 
 LONGEST_NAME = 40
+# The report has the others.
+MOST_CANDIDATES = 4
 # More files than these are counted.
 MOST_FILES = 5
 # The error above 10 % SOC is told beside the whole where it is lower by this share.
@@ -102,7 +104,7 @@ def _errors_table(result: "Result") -> Shown:
     heads = ["", "identification", *_numbered("validation", len(validation))]
     above = [each.rmse_above_10_soc_v for each in (metrics.identification, *validation)]
     own = [each.rmse_v for each in (metrics.identification, *validation)]
-    candidates = ranked(result.candidates)
+    candidates = ranked(result.candidates)[:MOST_CANDIDATES]
     held = [None if each.held_out is None else each.held_out.rmse_v for each in candidates]
     if any(value is not None for value in held):
         heads.append("left out")
@@ -170,7 +172,7 @@ def _parameters_table(result: "Result") -> Shown:
         heads, rows = middle_of_tables(result.tables)
         if result.tables.over_temperature is not None:
             return bare_table(heads, rows)
-        return bare_table(heads, rows, [head.startswith("at") or not head for head in heads])
+        return bare_table(heads, rows, [place in (1, 5) for place in range(len(heads))])
     constant = result.constant
     estimates: dict[str, Estimate] = {}
     if constant.assessment is not None:

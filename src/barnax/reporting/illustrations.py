@@ -145,7 +145,7 @@ SPARSE = {
     "over temperature",
 }
 # What is written beside a result even where no report is; drawing takes longer than the search.
-ALWAYS = ("summary", "voltage", "error", "tables", "map", "pulses", "resistances", "temperature")
+ALWAYS = ("summary", "voltage", "error", "tables", "pulses", "resistances", "temperature")
 
 
 @dataclass(frozen=True)

@@ -87,9 +87,11 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
             f"far off this may be: {expectation(over)}"
         )
         return
+    ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
     yield (
         f"With tables over SOC the RMSE is {own}; the constant circuit leaves {constant}. "
-        f"The samples determine {fit.parameters} values."
+        f"The samples determine {fit.parameters} values. Time constants from {joined(ends, 'to')} "
+        "were searched."
     )
     yield f"Best possible: {best_of(part)}"
     if pays := pay_sentence(fit, unseen_errors(result)):
@@ -115,23 +117,18 @@ def best_of(part: "TablesPart") -> str:
     if over.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     short = "" if over.proved_gap <= aim else f"but not to the {percent(aim)} aimed at: "
-    shared = f"{_searched(part.fit)}, the same at each temperature,"
+    shared = "no tables in the bounds, with the same time constants at each temperature,"
     return f"proved, {short}{shared} are {better_than(over.proved_gap)}."
 
 
 def best_tables(fit: "TableFit") -> str:
     """How close the tables of one temperature are to the best possible ones."""
-    gap = f"{_searched(fit)} are more than {percent(fit.proved_gap)} better."
+    gap = f"no tables in the bounds are more than {percent(fit.proved_gap)} better."
     if fit.status == "certified":
-        return f"proved, {gap}"
+        return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     return f"{GRID}; the proof stopped after {fit.cells:,} cells: {gap}"
-
-
-def _searched(fit: "TableFit") -> str:
-    ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
-    return f"no tables with time constants from {joined(ends, 'to')}"
 
 
 def pay_sentence(fit: "TableFit", unseen: "Both | None" = None) -> str:

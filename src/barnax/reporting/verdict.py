@@ -70,11 +70,11 @@ def search_sentences(result: "Result") -> Iterator[str]:
     if optimum is None or search is None:
         return
     seeds = len(search.seeds)
-    whose = f"the best {constant.model}" if result.tables is not None else "the optimum"
-    median = "" if seeds == 1 else f"best {_above(optimum.best_gap)}, median "
+    whose = f"best {constant.model}" if result.tables is not None else "the optimum"
+    median = "" if seeds == 1 else "median "
     yield (
-        f"{search.method}, {counted(seeds, 'seed')}: {median}{_above(optimum.median_gap)} above "
-        f"{whose}; refined, {optimum.seeds_there} of {seeds} reach it."
+        f"{counted(seeds, f'{search.method} seed')}: {median}{_above(optimum.median_gap)} above "
+        f"{whose}, {optimum.seeds_there} refined to it."
     )
 
 

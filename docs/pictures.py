@@ -28,7 +28,7 @@ CELLS = 24
 @cache
 def identified() -> barnax.Result:
     """The answer that the guides show."""
-    return barnax.identify(over="soc", ocv_fit="interpolated")
+    return barnax.identify()
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What a fleet shows as a whole, on rows whose spread, outlier, trend and failures are known."""
+"""What a fleet shows as a whole, on rows whose spread, outlier and failures are known."""
 
 import numpy as np
 import polars as pl
@@ -38,7 +38,7 @@ def rows():
 
 
 def test_the_summary_finds_what_was_put_in(rows):
-    found = summarize(rows, ["age", "maker"])
+    found = summarize(rows)
     assert (found.cells, found.identified, found.certified) == (43, 40, 39)
     assert found.at_bound == 1
     assert [(each.text, len(each.ids)) for each in found.warnings] == [("look", 5)]
@@ -48,25 +48,21 @@ def test_the_summary_finds_what_was_put_in(rows):
     (outlier,) = found.outliers
     assert (outlier.id, outlier.name) == ("cell 17", "tau1 [s]")
     assert outlier.deviations > 5
-    assert {(each.name, each.by) for each in found.trends} == {
-        ("R0 [Ohm]", "age"),
-        ("RMSE [V]", "age"),
-    }
     assert [(len(each.ids), each.ids[0]) for each in found.failures] == [(2, "bad 0"), (1, "bad 2")]
     assert [name for name, _ in found.worst] == [f"cell {n}" for n in range(39, 29, -1)]
 
 
 def test_the_report_tells_it(rows):
-    found = summarize(rows, ["age"])
-    text = to_html(fleet_document(found, fleet_illustrations(found, rows, {})))
+    found = summarize(rows)
+    text = to_html(fleet_document(found, fleet_illustrations(rows, {})))
     assert "40 of 43 cells identified, 39 certified, 1 with a parameter at a bound, 3 fail" in text
     for part in ("cell 17", "row 7 is empty", "bad 0, bad 1", "cell 39", "look"):
         assert part in text
-    assert text.count("<svg") + text.count("data:image") >= 2
+    assert text.count("<svg") + text.count("data:image") == 1
 
 
 def test_a_fleet_that_failed_as_a_whole_has_a_summary_too(rows):
     failed = rows.filter(pl.col("error").is_not_null()).select("id", "error")
-    found = summarize(failed, ["age"])
+    found = summarize(failed)
     assert (found.cells, found.identified, len(found.failures)) == (3, 0, 2)
-    assert "3 failed" in to_html(fleet_document(found, fleet_illustrations(found, failed, {})))
+    assert "3 failed" in to_html(fleet_document(found, fleet_illustrations(failed, {})))

@@ -208,7 +208,7 @@ def fleet(given: FleetOptions) -> None:
     if not engine.shard:
         is_old = not page.exists() or page.stat().st_mtime < manifest.stat().st_mtime
         with session.watch("Writing the report"):
-            lines[1] = _summed_up(cells, carried, settings, out, write=is_old or state.finished > 0)
+            lines[1] = _summed_up(cells, settings, out, write=is_old or state.finished > 0)
     session.show(shown(as_flags(line)) for line in lines)
 
 
@@ -231,7 +231,6 @@ def _ended_from_within() -> Iterator[None]:
 
 def _summed_up(
     cells: "list[FleetCell]",
-    carried: tuple[str, ...],
     settings: dict[str, Any],
     out: Path,
     *,
@@ -251,7 +250,7 @@ def _summed_up(
 
     known = {cell.id: cell for cell in cells}
     rows = read_fleet(out, known)
-    summary = summarize(rows, carried)
+    summary = summarize(rows)
     told = as_keys(fleet_sentence(summary) + failed_sentence(summary))
     if not write:
         return told
@@ -260,7 +259,7 @@ def _summed_up(
         with suppress(InputError, KeyError):
             alone = replace(known[name], validate=())
             worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
-    document = fleet_document(summary, fleet_illustrations(summary, rows, worst))
+    document = fleet_document(summary, fleet_illustrations(rows, worst))
     with replacing(out / "report.html") as file:
         file.write(to_html(document.spelled(as_keys)).encode())
     return told

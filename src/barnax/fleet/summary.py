@@ -1,14 +1,12 @@
-"""What a fleet shows as a whole: distributions, outliers, trends, failures, and the worst fits."""
+"""What a fleet shows as a whole: distributions, outliers, failures, and the worst fits."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.stats import kruskal, spearmanr
 
 from .dataset import read_rows
 
@@ -22,9 +20,6 @@ FEWEST = 8
 TO_SD = 1.4826
 # A median absolute deviation below this is rounding.
 LEAST_SD = 1e-6
-# Trends are told where chance gives one of all that were looked for with this probability.
-CHANCE = 0.01
-MOST_GROUPS = 12
 WORST = 10
 
 
@@ -57,23 +52,6 @@ class Outlier:
 
 
 @dataclass(frozen=True)
-class Trend:
-    """A quantity that changes with a carried column.
-
-    `rank_correlation` is Spearman's, None where the column holds no numbers and groups are compared
-    (Kruskal and Wallis); `medians` are then each group's.
-    """
-
-    circuit: str
-    name: str
-    by: str
-    cells: int
-    p_value: float
-    rank_correlation: float | None = None
-    medians: tuple[tuple[str, float], ...] = ()
-
-
-@dataclass(frozen=True)
 class Cause:
     """Cells that failed or are warned of alike, in the words of the first; numbers differ."""
 
@@ -91,35 +69,32 @@ class Summary:
     at_bound: int
     distributions: tuple[Distribution, ...]
     outliers: tuple[Outlier, ...]
-    trends: tuple[Trend, ...]
     failures: tuple[Cause, ...]
     warnings: tuple[Cause, ...]
     worst: tuple[tuple[str, float], ...]
 
 
 def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFrame:
-    """The rows of a fleet's folder, finished or not, one a cell: of all cells, or of those with
+    """The rows of a fleet's folder, finished or not, one a cell.
 
     Args:
         out: Folder of the dataset.
         ids: The cells to read; by default all.
-    these ids."""
+    """
     rows = read_rows(Path(out))
     return rows if ids is None else rows.filter(pl.col("id").is_in([*ids]))
 
 
-def summarize(rows: pl.DataFrame, carried: Sequence[str] = ()) -> Summary:
-    """The summary of some rows; `carried` are the columns that trends are looked for over.
+def summarize(rows: pl.DataFrame) -> Summary:
+    """The summary of some rows.
 
     Args:
         rows: Rows of a dataset.
-        carried: Columns that were copied to the rows, such as an age.
     """
     failed = rows.filter(pl.col("error").is_not_null())
     good = rows.filter(pl.col("error").is_null())
     distributions: list[Distribution] = []
     outliers: list[Outlier] = []
-    trends: list[Trend] = []
     for (circuit,), group in good.group_by("circuit", maintain_order=True) if len(good) else ():
         for name in summed_up(group):
             known = group.filter(pl.col(name).is_finite() & (pl.col(name) > 0))
@@ -127,8 +102,6 @@ def summarize(rows: pl.DataFrame, carried: Sequence[str] = ()) -> Summary:
                 distribution, far = _distribution(str(circuit), name, known)
                 distributions.append(distribution)
                 outliers += far
-                trends += [_trend(str(circuit), name, by, known) for by in carried if by in known]
-    certain = [each for each in trends if each.p_value < CHANCE / max(len(trends), 1)]
     worst = good.sort("RMSE [V]", descending=True).head(WORST) if len(good) else good
     return Summary(
         cells=len(rows),
@@ -137,7 +110,6 @@ def summarize(rows: pl.DataFrame, carried: Sequence[str] = ()) -> Summary:
         at_bound=int((good["at bound"] != "").sum()) if len(good) else 0,
         distributions=tuple(distributions),
         outliers=tuple(sorted(outliers, key=lambda each: -abs(each.deviations))),
-        trends=tuple(sorted(certain, key=lambda each: each.p_value)),
         failures=_causes(failed.select("id", "error")),
         warnings=_causes(good.select("id", "warnings").explode("warnings").drop_nulls())
         if len(good)
@@ -171,28 +143,6 @@ def _distribution(
         Outlier(known["id"][place], name, float(values[place]), middle, float(deviations[place]))
         for place in np.flatnonzero(np.abs(deviations) > OUTLYING).tolist()
     ]
-
-
-def _trend(circuit: str, name: str, by: str, known: pl.DataFrame) -> Trend:
-    """How a quantity goes with a column; a p of 1 where nothing can be said."""
-    both = known.filter(pl.col(by).is_not_null())
-    nothing = Trend(circuit, name, by, len(both), 1.0)
-    distinct = both[by].n_unique()
-    if len(both) < FEWEST or distinct < 2:
-        return nothing
-    values = both[name].to_numpy()
-    if both[by].dtype.is_numeric() or both[by].dtype.is_temporal():
-        found: Any = spearmanr(both[by].to_physical().to_numpy(), values)
-        return Trend(circuit, name, by, len(both), float(found.pvalue), float(found.statistic))
-    groups = {
-        str(label): group[name].to_numpy()
-        for (label,), group in both.group_by(by, maintain_order=True)
-    }
-    if distinct > MOST_GROUPS or np.ptp(values) == 0:
-        return nothing
-    p_value = float(kruskal(*groups.values()).pvalue)
-    medians = tuple((label, float(np.median(group))) for label, group in sorted(groups.items()))
-    return Trend(circuit, name, by, len(both), p_value, medians=medians)
 
 
 def _causes(told: pl.DataFrame) -> tuple[Cause, ...]:

@@ -273,8 +273,10 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     figure = make_figure(height_in=REPLAY_IN)
     over_time, errors = figure.subplots(2, sharex=True, height_ratios=(2, 3))
     draw_line(over_time, time, 100 * traces.truth, color=BLACK, label="ampere-hour counter")
+    held = replay.scenarios[0].in_band
+    told = "95 % band" if held is None else f"95 % band, holds {100 * held:.0f} % of the time"
     band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[0])
-    errors.fill_between(time, -band, band, color=SHADE, linewidth=0, label="95 % band")
+    errors.fill_between(time, -band, band, color=SHADE, linewidth=0, label=told)
     errors.axhline(0.0, color=BLACK, linewidth=0.6)
     for place, (part, color) in enumerate(zip(replay.scenarios, SCENARIO_COLORS, strict=False)):
         soc = 100 * np.asarray(traces.estimate.soc[place])

@@ -231,18 +231,3 @@ def plot_distributions(quantities: Mapping[str, Values]) -> Figure:
             axes.set_xscale("log")
             label_plainly(axes.xaxis)
     return finish(figure, *panels)
-
-
-@figure_style()
-def plot_fleet_trends(trends: Sequence[tuple[str, Values, str, Values]]) -> Figure:
-    """Quantities over what they change with: name and values of the one, then of the other.
-
-    >>> age, r0_ohm = np.array([1.0, 2.0]), np.array([0.01, 0.02])
-    >>> plot_fleet_trends([("age", age, "R0 [Ohm]", r0_ohm)]).axes[0].get_xlabel()
-    'age'
-    """
-    figure, panels = make_panels(len(trends), COLUMNS, row_in=ROW_IN)
-    for axes, (by, places, name, values) in zip(panels, trends, strict=True):
-        axes.plot(places, values, "o", color=BLUE, markersize=3)
-        axes.set(xlabel=by, ylabel=name)
-    return finish(figure, *panels)

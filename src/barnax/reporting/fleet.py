@@ -18,15 +18,14 @@ if TYPE_CHECKING:
 
 # Of long lists, so many; the dataset has all.
 MOST_TOLD = 50
-MOST_TRENDS = 6
 
 
 def fleet_illustrations(
-    summary: "Summary", rows: pl.DataFrame, worst: "Mapping[str, Evaluation]"
+    rows: pl.DataFrame, worst: "Mapping[str, Evaluation]"
 ) -> "list[Illustration]":
-    """Distributions, the clearest trends, and the worst fits."""
+    """Distributions, and the worst fits."""
     from ..fleet.summary import summed_up
-    from ..plots.parameters import plot_distributions, plot_fleet_trends
+    from ..plots.parameters import plot_distributions
     from ..plots.pictures import Illustration
     from ..plots.voltage import plot_voltage
 
@@ -42,15 +41,6 @@ def fleet_illustrations(
         found.append(
             Illustration("distributions", plot_distributions(spread), caption, caption, False)
         )
-    trends = []
-    for each in [each for each in summary.trends if each.rank_correlation is not None]:
-        both = good.filter(pl.col(each.by).is_not_null() & pl.col(each.name).is_not_null())
-        columns = both[each.by].to_physical().to_numpy(), both[each.name].to_numpy()
-        trends.append((each.by, columns[0], each.name, columns[1]))
-    if trends:
-        caption = "The clearest trends; each point is a cell."
-        figure = plot_fleet_trends(trends[:MOST_TRENDS])
-        found.append(Illustration("trends", figure, caption, caption, False))
     for place, (name, evaluation) in enumerate(worst.items(), 1):
         caption = f"{name}, RMSE {millivolt(evaluation.metrics.rmse_v)}."
         found.append(Illustration(f"worst-{place}", plot_voltage(evaluation), caption, caption))
@@ -63,7 +53,6 @@ def fleet_document(summary: "Summary", illustrations: "Sequence[Illustration]" =
     sections = [
         Section("Distributions", (_distributions(summary), *pictures.of("distributions"))),
         Section("Outliers", (_outliers(summary),)),
-        Section("Trends", (_trends(summary), *pictures.of("trends"))),
         Section("Failures", (_causes(summary.failures, "Cells without an answer"),)),
         Section("Warnings", (_causes(summary.warnings, "Cells with a warning"),)),
         Section("Worst fits", (_worst(summary), *pictures.starting("worst"))),
@@ -127,26 +116,6 @@ def _outliers(summary: "Summary") -> Table | Paragraph:
             "deviations": lambda each: f"{each.deviations:+.1f}",
         },
         ["cell", "because of"],
-    )
-
-
-def _trends(summary: "Summary") -> Table | Paragraph:
-    if not summary.trends:
-        return Paragraph("No quantity has a significant trend over a column of the manifest.")
-    return make_table(
-        "Trends over columns of the manifest: Spearman's rank correlation, or the medians of "
-        "groups (Kruskal and Wallis). Chance alone would give one such line in a hundred fleets.",
-        summary.trends[:MOST_TOLD],
-        {
-            "circuit": lambda each: each.circuit,
-            "quantity": lambda each: each.name,
-            "over": lambda each: each.by,
-            "cells": lambda each: f"{each.cells:,}",
-            "correlation": lambda each: figures(each.rank_correlation, 2),
-            "medians": lambda each: ", ".join(f"{n}: {figures(v)}" for n, v in each.medians),
-            "p": lambda each: figures(each.p_value, 2),
-        },
-        ["circuit", "quantity", "over", "medians"],
     )
 
 

@@ -35,6 +35,8 @@ MIDDLE_SOC = 0.5
 # Errors on all of a record that differ by less than this share are alike.
 ALIKE = 0.02
 NOT_DETERMINED = "not determined"
+# A value within this share of its interval from an end is marked.
+AT_EDGE, EDGE = 0.01, "(*)"
 SHORT = {OCV_CORRECTION: "OCV correction", HALF_HYSTERESIS: "hysteresis"}
 GRID = "verified on a grid of time constants"
 
@@ -213,7 +215,10 @@ def expectation(over: "OverTemperature") -> str:
         worst[each.is_between] = max(each.errors.rmse_v, worst.get(each.is_between, 0.0))
     told = [f"{millivolt(worst[True])} between the measured ones"] if True in worst else []
     told.append(f"{millivolt(worst[False])} beyond")
-    text = f"expect up to {joined(told)}, by leaving out each temperature in turn."
+    text = (
+        f"the error was at most {joined(told)} where each temperature was left out in turn; on "
+        "another record it may be more."
+    )
     if len(over.left_out) == 2:
         text += " Between them it may be less; a third temperature would show it."
     return text
@@ -258,8 +263,8 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     for name, values in fit.tables.tables.items():
         known = {each.soc: each for each in fit.of_table(name)}
 
-        def value(place: int, values: tuple = values) -> str:
-            return figures(1e3 * values[place])
+        def value(place: int, values: tuple = values, known: dict = known) -> str:
+            return figures(1e3 * values[place]) + _edge(known.get(fit.tables.nodes[place]))
 
         def interval(place: int, known: dict = known) -> str:
             return _interval(known.get(fit.tables.nodes[place]), fit, scale=1e3)
@@ -267,8 +272,15 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
         cells[f"{_name(name)} [{'mOhm' if 'Ohm' in name else 'mV'}]"] = value
         cells[f"{_name(name)}, 95 %"] = interval
     heads = [head for head in cells if head.endswith(", 95 %")]
+    mark = ""
+    if any(_edge(each) for each in fit.intervals if each.soc is not None):
+        mark = (
+            f" {EDGE}: the value is at an end of its interval: smoothing over SOC moved it, and "
+            "the interval, of a fit with a hundredth of the smoothing, reaches to it."
+        )
     return make_table(
-        f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them.",
+        f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them."
+        f"{mark}",
         _visited(fit),
         cells,
         heads,
@@ -387,6 +399,14 @@ def _interval(each: "NodeInterval | None", fit: "TableFit", scale: float = 1.0) 
         return NOTHING
     known = _determined(each, fit)
     return NOT_DETERMINED if known is None else " to ".join(figures(scale * end) for end in known)
+
+
+def _edge(each: "NodeInterval | None") -> str:
+    """A mark where a value is at an end of its interval."""
+    if each is None or each.low is None or each.high is None:
+        return ""
+    near = AT_EDGE * (each.high - each.low)
+    return f" {EDGE}" if min(each.value - each.low, each.high - each.value) <= near else ""
 
 
 def _determined(each: "NodeInterval", fit: "TableFit") -> tuple[float, float] | None:

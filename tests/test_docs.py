@@ -102,7 +102,8 @@ def names_in(thing):
         fields = getattr(thing, "model_fields", None) or getattr(thing, "_fields", None)
         return set(fields or getattr(thing, "__dataclass_fields__", ()))
     code = inspect.unwrap(thing).__code__
-    return set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
+    has_more = bool(code.co_flags & inspect.CO_VARARGS)
+    return set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount + has_more])
 
 
 def test_every_public_name_is_in_the_reference():

@@ -24,7 +24,8 @@ LAYERS = (
     ("over_soc",),
     ("candidates",),
     ("results", "table_run"),
-    ("run",),
+    ("run", "simulation"),
+    ("reopening",),
     ("export", "plan", "weighing"),
     ("comparison",),
     ("pipeline", "plots"),
@@ -42,8 +43,8 @@ GENERAL = {
     "execution": set(),
     "blas": set(),
 }
-# In a notebook a result shows itself: the one import to the right, made when it is asked to.
-SHOWN = {("results", "reporting")}
+# What a result does is its methods, which import from their right when they are called.
+SHOWN = {("results", "simulation"), ("results", "reopening"), ("results", "reporting")}
 # Where what users give is read, beside the command line.
 READING = {"records/source.py", "schema.py", "model/search_space.py", "plan/document.py"}
 # Files within a file in memory.

@@ -12,7 +12,6 @@ from barnax import weighing
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.window import Window
-from barnax.pipeline import validate_stored
 from barnax.records import read_record
 from barnax.results import Result
 from helpers.reference import filtered_response, make_record
@@ -145,7 +144,7 @@ def test_the_same_samples_in_other_bytes_are_refused_and_told_of_a_stored_result
     pl.read_parquet(BUNDLED.record)[:15_000].with_columns(in_ma).drop("Current / A").write_csv(part)
     with pytest.raises(InputError, match=r"part\.csv: of the same samples as iden"):
         barnax.identify(BUNDLED.record, ocv=OCV, validate=part)
-    _, warnings = validate_stored(few, part)
+    warnings = few.validate(part).warnings
     told = "part.csv: this is identification.parquet, on which the circuit was identified"
     assert any(text.startswith(told) for text in warnings)
 

@@ -12,7 +12,7 @@ from barnax import Result, identify
 from barnax.errors import InputError
 from barnax.model.prepared import group_tests
 from barnax.model.window import Window
-from barnax.pipeline import hppc, validate_stored
+from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.pulses import tables_csv
@@ -96,8 +96,19 @@ def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(resu
     report = to_markdown(identification_document(again))
     assert "Tables over SOC and temperature" in report
     assert "The tables at 45 degC" in report
-    evaluation, _ = validate_stored(again, at(15.0))
+    evaluation = again.validate(at(15.0))
     assert evaluation.metrics.rmse_v == pytest.approx(result.metrics.validation[0].rmse_v)
+    prepared = evaluation.prepared
+    simulated = again.simulate(
+        prepared.current_a,
+        prepared.time_s,
+        initial_soc=prepared.start.soc,
+        temperature=15.0,
+    )
+    assert simulated["voltage [V]"] == pytest.approx(evaluation.simulated_v, abs=1e-9)
+    with pytest.raises(InputError, match="known from 5 to 45 degC, not at 60 degC"):
+        again.simulate(prepared.current_a, prepared.time_s, temperature=60.0)
+    assert set(again.to_frame()["temperature [degC]"]) == set(DEGC)
     rows = list(csv.DictReader(tables_csv(again).decode().splitlines()))
     assert {float(row["temperature [degC]"]) for row in rows} == set(DEGC)
 

@@ -41,7 +41,6 @@ from .over_soc import simulate_tables as simulate_tables
 from .pipeline import hppc as hppc
 from .pipeline import identify as identify
 from .pipeline import identify_problem as identify_problem
-from .pipeline import validate_stored as validate_stored
 from .plan import Plan as Plan
 from .plan import plan_from_toml as plan_from_toml
 from .plan import plan_to_toml as plan_to_toml
@@ -51,6 +50,8 @@ from .records import record_from_frame as record_from_frame
 from .replay import FilterSettings as FilterSettings
 from .replay import SocReplay as SocReplay
 from .replay import replay_soc as replay_soc
+from .reporting.parameters import SideBySide as SideBySide
+from .reporting.parameters import show as show
 from .results import Result as Result
 from .run import Run as Run
 from .run import make_result as make_result

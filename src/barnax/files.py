@@ -45,6 +45,13 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             written.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Put `content` into the file `path`, or leave what was there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as file:
+        file.write(content)
+
+
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """A block that Ctrl-C and a polite end wait for; a process begun in it never hears Ctrl-C."""

@@ -9,7 +9,6 @@ validated.
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -32,12 +31,10 @@ from .inputs import (
     Watch,
     listed,
     read_inputs,
-    read_validation,
     telling,
     unwatched,
     windows_of,
 )
-from .model.prepared import prepare_record
 from .model.problem import Problem
 from .model.search_space import Range
 from .model.window import Window
@@ -51,10 +48,8 @@ from .over_soc import (
 from .plan import plans_first
 from .plan.running import prepare_pulse_tests
 from .records import Record
-from .records.fingerprint import Content
 from .results import Result
 from .run import Run, make_result
-from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .table_run import table_warnings
 from .weighing import Weighing, search_and_assess, weigh
 
@@ -297,54 +292,3 @@ def _contradictions(run: Run) -> Iterator[str]:
             f"{1e3 * own.identification.rmse_v:.3g} mV, so the intervals of {own.model} do not "
             f"hold; identify with `model` {best.model}"
         )
-
-
-def validate_stored(
-    stored: Result,
-    record: Given,
-    window: Window | None = None,
-    *,
-    current_sign: str = "auto",
-    current_hold: str = "auto",
-    columns: Mapping[str, str] | str = "",
-    series: int = 1,
-) -> tuple[Evaluation, list[str]]:
-    """A stored circuit on another record, as its evaluation and the warnings about that record.
-
-    Args:
-        stored: The result, with tables over SOC or without.
-        record: A file, `Record` or data frame.
-        window: The part of the record that is simulated; by default the window on which the records
-            identified on agree.
-        current_sign: The sign of the file's current; "auto" decides from the data.
-        current_hold: When a sample's current flows; "auto" decides from the data.
-        columns: Names of columns, as for `read_record`.
-        series: How many cells are in series, as for `read_record`.
-
-    Raises `InputError` if the record or its window cannot be used.
-    """
-    reading = Reading(
-        validate_current_sign=current_sign,
-        current_hold=current_hold,
-        columns=columns,
-        series=series,
-    )
-    window = window or stored.common_window
-    cell = stored.cell_model
-    measured, warnings = read_validation(record, reading, window, cell, stored.measured_at)
-    content = Content(measured)
-    for own in stored.of_role("identification"):
-        if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
-            warnings.append(
-                f"{measured.name}: this is {own.name}, on which the circuit was identified; "
-                "validate on another record"
-            )
-    with telling(warnings):
-        prepared = prepare_record(measured, cell, stored.model, window)
-    if stored.tables is not None:
-        by_circuit = stored.tables.found.evaluate
-    else:
-        by_circuit = partial(evaluate, parameters=stored.constant.circuit_parameters)
-    evaluation = evaluate_from_either(prepared, cell, by_circuit)
-    told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
-    return evaluation, list(dict.fromkeys(told))

@@ -5,12 +5,14 @@ files, the settings and the versions they come from.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
+from .bundled import BUNDLED
 from .candidates import Candidate
 from .cell import CellModel, CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
@@ -29,9 +31,12 @@ from .search.seeds import SeedAnswer
 from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncertainty
 
 if TYPE_CHECKING:
+    import polars
     from matplotlib.figure import Figure
 
+    from .reopening import Inputs
     from .run import Run
+    from .search.evaluate import Evaluation
 
 SCHEMA_VERSION = 3
 # What version 2 held of the constant circuit beside the answer.
@@ -324,7 +329,7 @@ class ConstantPart(Part):
 class Result(Document):
     """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    A result that was not read from a file has the objects behind it in `run`.
+    A result that was computed or loaded has the objects behind it in `run`.
 
     Attributes:
         schema_version: Version 3 of the file.
@@ -363,6 +368,7 @@ class Result(Document):
     versions: dict[str, str]
 
     _run: "Run | None" = PrivateAttr(None)
+    _inputs: "Inputs | None" = PrivateAttr(None)
     remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
 
     def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
@@ -413,14 +419,167 @@ class Result(Document):
     def run(self) -> "Run":
         """The objects behind a result that was just computed.
 
-        Raises `InputError` for one that was read from a file.
+        One that was loaded reads its records again the first time. Raises `InputError` where they
+        are not found, and for one that was read by `from_json`.
         """
+        if self._run is None and self._inputs is not None:
+            from .reopening import reopened
+
+            self._run = reopened(self, self._inputs)
         if self._run is None:
             raise InputError(
-                "this result was read from a file, which has no records; identify again to get "
-                "the search, the evaluations and the figures over time"
+                "this result was read from a file without its records; `Result.load` finds them "
+                "for the evaluations and the figures over time"
             )
         return self._run
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        *,
+        data: "str | Path | Sequence[str | Path] | Mapping[str, Any]" = (),
+        columns: Mapping[str, str] | str = "",
+        series: int = 1,
+    ) -> Self:
+        """A stored result that draws every figure again, from the records that it is of.
+
+        They are read when they are first needed, from `data`, the working folder, the result's and
+        the one above it, by name; the content has to be the same.
+
+        Args:
+            path: The folder that identify wrote, or its `result.json`.
+            data: Folders of the measured files, or a mapping from the names of inputs to files or
+                data frames.
+            columns: Names of columns, as for `read_record`, where they were given then.
+            series: How many cells are in series, likewise.
+
+        Raises `InputError` if it is no result; the figures do so where a record is not found.
+
+        >>> import tempfile, barnax
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+        ...     _ = Path(folder, "result.json").write_text(result.to_json())
+        ...     again = Result.load(folder)
+        >>> len(again.figure("voltage").axes)
+        3
+        """
+        from .inputs import Reading
+        from .reopening import Inputs
+
+        path = Path(path)
+        place = path if path.is_dir() else path.parent
+        result = cls.from_json(path / "result.json" if path.is_dir() else path)
+        given = data if isinstance(data, Mapping) else {}
+        folders = [data] if isinstance(data, str | Path) else () if given else data
+        places = (*map(Path, folders), Path(), place, place.parent, BUNDLED.record.parent)
+        reading = Reading(columns=columns, series=series)
+        result._inputs = Inputs(tuple(dict.fromkeys(places)), given, reading)
+        return result
+
+    def simulate(
+        self,
+        current: Any,
+        time: Any = None,
+        *,
+        initial_soc: float | None = None,
+        temperature: float | None = None,
+        initial_direction: Literal[-1, 1] | None = None,
+    ) -> Any:
+        """The voltage of the answer, circuit or tables, on a current of your own.
+
+        Discharge current is positive, and each sample's current flows until the next one. Columns
+        come back as what was given: `time [s]`, `current [A]`, `voltage [V]` and `SOC`, a data
+        frame of the same library, or a mapping to arrays.
+
+        Args:
+            current: A data frame or a mapping with a column of time and one of current, such as
+                `"Time [s]"` and `"Current [A]"`; or currents in A, with `time`.
+            time: Times in s, where `current` are numbers alone.
+            initial_soc: State of charge at the start, a fraction; by default that of the
+                identification.
+            temperature: Temperature of the cell in degC, which tables over temperature need; for
+                others it may be left out.
+            initial_direction: Direction of the load before the start, for hysteresis: +1 charged,
+                -1 discharged; by default that of the identification.
+
+        Raises `InputError` for times that do not rise, a temperature that the result says nothing
+        of, and a current that takes the SOC more than 5 % beyond the OCV.
+
+        >>> import barnax, numpy as np
+        >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+        >>> time_s = np.arange(3.0)
+        >>> found = result.simulate({"Time [s]": time_s, "Current [A]": [0.0, 2.0, 2.0]})
+        >>> found["voltage [V]"].round(2)
+        array([4.17, 4.07, 4.07])
+        """
+        from .simulation import simulate_frame
+
+        known = {"initial_soc": initial_soc, "initial_direction": initial_direction}
+        return simulate_frame(self, current, time, temperature_degc=temperature, **known)
+
+    def validate(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        record: Any,
+        window: Window | None = None,
+        *,
+        current_sign: str = "auto",
+        current_hold: str = "auto",
+        columns: Mapping[str, str] | str = "",
+        series: int = 1,
+    ) -> "Evaluation":
+        """The answer, circuit or tables, simulated on another record, with its errors.
+
+        Args:
+            record: A file, `Record` or data frame.
+            window: The part of the record that is simulated; by default the window on which the
+                records identified on agree.
+            current_sign: The sign of the file's current; "auto" decides from the data.
+            current_hold: When a sample's current flows; "auto" decides from the data.
+            columns: Names of columns, as for `read_record`.
+            series: How many cells are in series, as for `read_record`.
+
+        Raises `InputError` if the record or its window cannot be used.
+
+        >>> import barnax
+        >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
+        >>> found = result.validate(barnax.bundled_file("validation"))
+        >>> round(1e3 * found.metrics.rmse_v, 1), found.warnings
+        (17.1, ())
+        """
+        from .reopening import validated
+
+        read = {"current_sign": current_sign, "current_hold": current_hold}
+        return validated(self, record, window, **read, columns=columns, series=series)
+
+    def to_frame(self) -> "polars.DataFrame":
+        """The parameters of the answer with their 95 % intervals, units in the names.
+
+        Of a constant circuit a row is a parameter, with `value`, `low` and `high`. Of tables a row
+        is a node, at each temperature: its SOC, and of every table the value, such as `R0 [Ohm]`,
+        `R0 low [Ohm]` and `R0 high [Ohm]`. Null is what has no interval.
+        """
+        from .reporting.parameters import parameters_frame
+
+        return parameters_frame(self)
+
+    def report(
+        self, path: str | Path | None = None, *, format: Literal["html", "md"] | None = None
+    ) -> str:
+        """The report with every figure, and where it is written if `path` is given.
+
+        HTML is one file. Markdown has its figures in a folder `figures` beside it, which are
+        written with it.
+
+        Args:
+            path: The file to write.
+            format: "html" or "md"; by default by the suffix of `path`, else "html".
+
+        Raises `InputError` for another format, and where a loaded result's records are not found.
+        """
+        from .reporting.identification import report_of
+
+        return report_of(self, path, format)
 
     @property
     def parameters(self) -> dict[str, float | tuple[float, ...]]:

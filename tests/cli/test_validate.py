@@ -142,3 +142,13 @@ def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_pa
     document["inputs"][0]["window"]["initial_soc"] = 0.5
     (tmp_path / "own.json").write_text(json.dumps(document))
     assert rmse_v(run, "own.json", drive) == rmse_v(run, stored, drive)
+
+
+def test_two_results_are_shown_side_by_side(run, stored, tmp_path):
+    folders = [tmp_path / name for name in ("fresh", "aged")]
+    for folder in folders:
+        folder.mkdir()
+        (folder / "result.json").write_bytes(stored.read_bytes())
+    shown = " ".join(run("show", *folders).out.split())
+    assert "aged: nothing differs from fresh beyond the intervals." in shown
+    assert "+0 %, within" in shown

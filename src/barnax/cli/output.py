@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 import typer
 
 from ..errors import InputError
-from ..files import aside, replacing, undisturbed, unfinished
+from ..files import aside, undisturbed, unfinished, write_whole
 from .options import OUTPUT, QUIET, flag, group, option
 from .session import Session
 
@@ -256,9 +256,7 @@ def write_file(path: Path, content: bytes) -> None:
     """Put `content` into the file `path`, or leave what was there."""
     place = path.resolve()
     with _described(path, "nothing was changed; give `out` another file"):
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(place) as file:
-            file.write(content)
+        write_whole(place, content)
 
 
 def tell_unfinished(session: Session, folder: Path) -> None:

@@ -1,9 +1,7 @@
 """Commands on a stored result: show it, validate it, replay a record with it, run it again."""
 
-import hashlib
 import itertools
 import json
-import re
 import subprocess
 import sys
 import tempfile
@@ -47,13 +45,6 @@ SCORING = ("score_steps", "score_from_s", "score_to_s", "score_soc")
 
 
 @group
-class Stored:
-    """A stored result."""
-
-    result: Path = STORED
-
-
-@group
 class OnRecord:
     """A stored result and another record; the stored window applies, unless options change it."""
 
@@ -89,19 +80,46 @@ def load(path: Path) -> "Result":
     """The result in a file, or in a folder that identify wrote."""
     from ..results import Result
 
-    return Result.from_json(path / "result.json" if path.is_dir() else path)
+    return Result.load(path)
 
 
-def show(of: Stored) -> None:
-    """Print a result in full."""
+@group
+class Shown:
+    """One result, or several."""
+
+    results: list[Path] = argument(
+        "RESULT...",
+        "The folder that identify wrote, or its result.json; two or more are shown side by side.",
+    )
+
+
+def show(of: Shown) -> None:
+    """Print a result in full, or two results side by side, and what differs.
+
+    Two cells, two ages or two temperatures: the parameters with their
+    intervals, and which differ beyond them.
+    """
     from ..reporting.first_screen import first_screen
     from ..reporting.identification import identification_document
     from ..reporting.terminal import to_terminal
 
-    stored = load(of.result)
     session = Session(is_quiet=False)
+    if len(of.results) > 1:
+        from ..reporting.parameters import show as side_by_side
+
+        beside = side_by_side(*of.results, names=_names(of.results))
+        session.show(to_terminal(beside.document.spelled(as_flags)))
+        return
+    stored = load(of.results[0])
     session.show(to_terminal(identification_document(stored).spelled(as_flags)))
     session.show(first_screen(stored, as_flags))
+
+
+def _names(paths: list[Path]) -> tuple[str, ...]:
+    """What results are called: their folders, or the files where one folder holds several."""
+    folders = [path if path.is_dir() else path.resolve().parent for path in paths]
+    names = tuple(each.resolve().name for each in folders)
+    return names if len({*names}) == len(names) else tuple(map(str, paths))
 
 
 @group
@@ -121,7 +139,6 @@ def validate(on: OnRecord, output: Errors) -> None:
     session = Session(is_quiet=output.quiet or output.as_json)
     with session.watch("Loading JAX"):
         use_compilation_cache()
-        from ..pipeline import validate_stored
         from ..reporting.identification import metrics_table
         from ..reporting.soc_tables import prediction_sentence
         from ..reporting.terminal import terminal_table
@@ -130,7 +147,7 @@ def validate(on: OnRecord, output: Errors) -> None:
     stored = load(on.result)
     window = on.window(stored)
     with session.watch("Simulating"):
-        evaluation, warnings = validate_stored(stored, on.record, window, **vars(on.read))
+        evaluation = stored.validate(on.record, window, **vars(on.read))
     metrics = metrics_part(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
@@ -139,7 +156,7 @@ def validate(on: OnRecord, output: Errors) -> None:
         degc = evaluation.prepared.temperature_degc
         told = prediction_sentence(stored.tables, on.record.name, degc)
         session.show([shown(told)] if told else [])
-    session.warn(warnings)
+    session.warn(evaluation.warnings)
 
 
 @group
@@ -252,40 +269,19 @@ def _with_files(result: Path, stored: "Result", folders: list[Path]) -> list[str
         raise InputError(
             f"{result}: has no stored command (it was made from Python); repeat it in Python"
         )
-    # A part of a file is named by its number.
-    hashes = {re.sub(r"#\d+$", "", each.name): each.sha256 for each in stored.inputs}
+    from ..records import find_file
+    from ..reopening import PART
+
+    hashes = {PART.sub("", each.name): each.sha256 for each in stored.inputs}
     words = []
     for before, word in itertools.pairwise(stored.command):
         option, equals, name = word.partition("=") if word.startswith("--") else ("", "", word)
         if (option if equals else before) == "--bounds":
-            name = str(_places(name, folders)[0])
+            name = str(find_file(name, "", folders))
         elif name in hashes:
-            name = str(_find(result, name, hashes[name], folders))
+            name = str(find_file(name, hashes[name], folders))
         words.append(f"{option}{equals}{name}")
     return words
-
-
-def _places(name: str, folders: list[Path]) -> list[Path]:
-    """Where in the folders there is a file of that name, at least one."""
-    places = [folder / name for folder in folders if (folder / name).is_file()]
-    if not places:
-        raise InputError(
-            f"{name}: not found in {', '.join(str(folder) for folder in folders)}; give its "
-            "folder with `data`"
-        )
-    return places
-
-
-def _find(result: Path, name: str, sha256: str, folders: list[Path]) -> Path:
-    """The file of that name and content in one of the folders."""
-    places = _places(name, folders)
-    for place in places:
-        if sha256 == hashlib.sha256(place.read_bytes()).hexdigest():
-            return place
-    raise InputError(
-        f"{places[0]}: not the file that {result} was made from (its SHA-256 differs); give "
-        "the folder of the original with `data`"
-    )
 
 
 def _run(command: list[str], folder: Path) -> "Result":

@@ -8,14 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..cell.curves import SegmentedHysteresis
 from ..errors import InputError
-from ..model.prepared import prepare_record
-from ..model.window import Window
-from ..over_soc import simulate_tables
-from ..records import Decision, Record
 from ..results import Result
-from ..search.evaluate import evaluate
+from ..simulation import simulate_current
 from .exporter import Exporter, Profile, Simulate
 from .tables import tables_of
 
@@ -120,42 +115,12 @@ def simulate_here(
     Where resistances change with SOC, intervals are cut in `FINER`: barnax holds a resistance over
     an interval, and a solver does not.
     """
-    cell, tables = result.cell_at(), result.tables.fit.tables if result.tables else None
-    if without_hysteresis:
-        cell = replace(cell, hysteresis=SegmentedHysteresis.zero())
-    finer = 1 if tables is None else FINER
+    finer = 1 if result.tables is None else FINER
     samples = np.arange(len(profile.time_s))
     time_s = np.interp(np.arange(finer * samples[-1] + 1) / finer, samples, profile.time_s)
     current_a = np.append(np.repeat(profile.current_a[:-1], finer), profile.current_a[-1])
-    discharged_ah = np.cumsum(current_a[:-1] * np.diff(time_s)) / 3600
-    soc = result.initial_soc - np.concatenate([[0.0], discharged_ah]) / cell.capacity_ah
-    given = Decision("forward", "given", "made so")
-    record = Record(
-        name="the profile",
-        time_s=time_s,
-        current_a=current_a,
-        # Nothing is measured here; a simulation does not look at it.
-        voltage_v=cell.average_ocv_v(soc),
-        temperature_degc=None,
-        step=None,
-        row=np.arange(len(soc)) + 2,
-        sign=replace(given, value="discharge-positive"),
-        hold=given,
-        sha256="",
-    )
-    window = Window(
-        initial_soc=result.initial_soc,
-        initial_direction=result.start.direction,
-        rest_current_a=result.start_rest_current_a,
-    )
-    prepared = prepare_record(record, cell, result.model, window)
-    if tables is None:
-        simulated_v = evaluate(prepared, result.constant.circuit_parameters).simulated_v
-    else:
-        if without_hysteresis:
-            tables = replace(tables, half_hysteresis_v=None)
-        simulated_v = simulate_tables(prepared, tables)
-    return simulated_v[::finer]
+    found = simulate_current(result, time_s, current_a, has_hysteresis=not without_hysteresis)
+    return found.voltage_v[::finer]
 
 
 def pulse_profile(result: Result) -> Profile:

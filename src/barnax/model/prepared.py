@@ -156,10 +156,16 @@ class PreparedRecord(Brief):
 
 
 def prepare_record(
-    record: Record, cell: CellModel, circuit: str, window: Window | None = None
+    record: Record,
+    cell: CellModel,
+    circuit: str,
+    window: Window | None = None,
+    *,
+    is_measured: bool = True,
 ) -> PreparedRecord:
     """A record made ready, with the cell as it is at the record's temperature. Raises `InputError`
-    where window, SOC or OCV range do not fit it."""
+    where window, SOC or OCV range do not fit it; nothing is asked of a current that is not
+    measured, for nothing is identified with it."""
     window = window or Window()
     cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah
@@ -170,14 +176,15 @@ def prepare_record(
     scored = scored_samples(record, window, first, soc)
     warnings += _check_soc(record, cell, capacity_ah, soc, scored)
     _require_positive_voltage(record, scored)
-    if not np.any(record.current_a[scored]):
+    if is_measured and not np.any(record.current_a[scored]):
         raise InputError(
             f"{record.name}: the current of every scored sample is zero, so nothing can be "
             "identified; give a record under load, or widen the window"
         )
 
     span = slice(first, int(np.flatnonzero(scored)[-1]) + 1)
-    if np.count_nonzero(scored) < FEWEST_SAMPLES or span.stop - first < FEWEST_SAMPLES:
+    is_short = np.count_nonzero(scored) < FEWEST_SAMPLES or span.stop - first < FEWEST_SAMPLES
+    if is_measured and is_short:
         raise InputError(
             f"{record.name}: fewer than {FEWEST_SAMPLES} samples are left to score; widen the "
             "window"

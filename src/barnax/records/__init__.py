@@ -10,7 +10,7 @@ from .record import (
     rest_blocks,
     rest_current_a,
 )
-from .source import Source, read_source, source_from_frame
+from .source import Source, find_file, read_source, source_from_frame
 
 __all__ = [
     "Decision",
@@ -18,6 +18,7 @@ __all__ = [
     "Record",
     "Source",
     "current_direction",
+    "find_file",
     "is_rested",
     "read_record",
     "read_source",

@@ -3,7 +3,7 @@
 import hashlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
@@ -108,6 +108,25 @@ def read_source(
         sha256 = hashing.result()
     found = examine_suffix(name, content)
     return _clean(Source(name, table, sha256, found, given, series=series))
+
+
+def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
+    """The file of that name in one of the folders, and of that content if its digest is given.
+
+    Raises InputError where there is none.
+    """
+    places = [folder / name for folder in folders if (folder / name).is_file()]
+    if not places:
+        raise InputError(
+            f"{name}: not found in {', '.join(map(str, folders))}; give its folder with `data`"
+        )
+    for place in places:
+        if not sha256 or sha256 == hashlib.sha256(_read_content(place)).hexdigest():
+            return place
+    raise InputError(
+        f"{places[0]}: not the file that the result was made from (its SHA-256 differs); give "
+        "the folder of the original with `data`"
+    )
 
 
 def source_from_frame(

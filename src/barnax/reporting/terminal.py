@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table as Shown
@@ -30,6 +30,9 @@ LAYOUT: dict[str, Any] = {
 MOST_SPACED = 8
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
 
+# Of what is shown outside a terminal.
+TEXT_WIDTH = 110
+
 # The columns of a replay's screen.
 HEADS = (
     *("errors in % SOC", "within 3 %", "RMS", "above 10 %", "max", "in band"),
@@ -53,6 +56,14 @@ def to_terminal(document: Document) -> Iterator[RenderableType]:
                     yield headed_line("-", item, width=2, style=style)
             elif isinstance(block, Table):
                 yield terminal_table(block)
+
+
+def to_text(document: Document) -> str:
+    """The same as plain text."""
+    console = Console(width=TEXT_WIDTH, color_system=None)
+    drawn = console.render(Group(*to_terminal(document)))
+    text = "".join(segment.text for segment in drawn if not segment.control)
+    return "\n".join(line.rstrip() for line in text.strip().splitlines())
 
 
 def plain(text: str, style: str = "") -> Text:

@@ -32,11 +32,13 @@ class Evaluation(Brief):
         prepared: The record in its window.
         simulated_v: The terminal voltage at every simulated sample.
         metrics: Errors over the counted samples only.
+        warnings: Sentences about a record to validate on, with what to do.
     """
 
     prepared: PreparedRecord
     simulated_v: Float[np.ndarray, "simulated"]
     metrics: Metrics
+    warnings: tuple[str, ...] = ()
 
     @property
     def error_v(self) -> Float[np.ndarray, "simulated"]:
@@ -45,6 +47,15 @@ class Evaluation(Brief):
 
 
 @in_float64
+def simulate_circuit(
+    prepared: PreparedRecord, parameters: CircuitParameters
+) -> Float[np.ndarray, "simulated"]:
+    """The terminal voltage at every simulated sample of a record, in V."""
+    inputs = prepared.simulation_input(min(parameters.tau_s), parameters.gamma)
+    padded_v = _simulate(rc_parameters(parameters), to_common_size(inputs))
+    return np.asarray(padded_v)[: len(prepared.soc)]
+
+
 def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluation:
     """A circuit simulated on a prepared record, with its errors.
 
@@ -55,9 +66,7 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
     Raises `InputError` if the measured voltage is constant.
     """
     require_changing_voltage(prepared)
-    inputs = prepared.simulation_input(min(parameters.tau_s), parameters.gamma)
-    padded_v = _simulate(rc_parameters(parameters), to_common_size(inputs))
-    simulated_v = np.asarray(padded_v)[: len(prepared.soc)]
+    simulated_v = simulate_circuit(prepared, parameters)
     metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])
     return Evaluation(prepared, simulated_v, metrics)
 

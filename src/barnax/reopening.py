@@ -1,0 +1,211 @@
+"""A stored result on records: those it was identified on, read again, and others.
+
+Records are found by name and known by content. The circuits are those that are stored: nothing is
+searched again, and what they leave of each record has to be what they left then.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .cell import CellModel
+from .errors import InputError
+from .global_optimum import find_global_optimum
+from .inputs import Given, Reading, read_validation, source_of, telling
+from .model.prepared import PreparedRecord, prepare_record
+from .model.problem import Problem, make_problem
+from .model.window import Window
+from .optimizers import OPTIMIZERS, make_optimizer
+from .records import Record, find_file, read_record
+from .records.fingerprint import Content, read_fingerprint
+from .results import InputPart, MetricsBlock, MetricsPart, Result
+from .run import Answer, Run
+from .search.evaluate import Evaluation, evaluate, evaluate_from_either
+from .search.refine import Refinement
+from .search.seeds import Search
+from .table_run import TableRun
+
+# Across machines and versions a stored circuit's error agrees this closely, relative.
+SAME_ERROR = 1e-6
+# What was read of a part of a file is named by the file and a number.
+PART = re.compile(r"#\d+$")
+
+By = Callable[[PreparedRecord], Evaluation]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Where the inputs of a stored result are: in folders, or given by their names."""
+
+    folders: tuple[Path, ...]
+    given: Mapping[str, Given]
+    reading: Reading
+
+    def read(self, part: InputPart) -> Record:
+        """A record as it was identified on. Raises `InputError` where it is not there any more."""
+        given = self.given.get(part.name)
+        if given is None:
+            given = find_file(PART.sub("", part.name), part.sha256, self.folders)
+        decided: dict[str, Any] = {
+            "current_sign": part.sign.value if part.sign else "auto",
+            "current_hold": part.hold.value if part.hold else "auto",
+        }
+        if not isinstance(given, Record):
+            source = source_of(given, {}, self.reading)
+            if PART.search(part.name) and part.fingerprint:
+                source = replace(source, span_s=read_fingerprint(part.fingerprint)[0])
+            source = replace(source, name=part.name)
+            given = read_record(source, **decided)
+        if part.fingerprint and Content(given).fingerprint != part.fingerprint:
+            raise InputError(
+                f"{part.name}: these are not the samples that the result is of; give what it was "
+                "identified on with `data`, and `columns` and `series` as they were then"
+            )
+        return replace(
+            given, name=part.name, sign=part.sign or given.sign, hold=part.hold or given.hold
+        )
+
+
+def reopened(result: Result, inputs: Inputs) -> Run:
+    """The objects behind a stored result, but for its assessment.
+
+    Raises `InputError` where a record is not found, is another, or no longer gives the stored
+    errors.
+    """
+    own, others = result.of_role("identification"), result.of_role("validation")
+    pairs = [(part, inputs.read(part)) for part in (*own, *others)]
+    constant = result.constant
+    evaluated = partial(_evaluations, pairs, len(own), result.cell)
+    by_constant = partial(evaluate, parameters=constant.circuit_parameters)
+    found = evaluated(constant.model, by_constant, constant.metrics)
+    tables = None
+    if result.tables is not None:
+        fits = result.tables.found
+        of_tables = evaluated(result.model, fits.evaluate, result.metrics)
+        tables = TableRun(result.tables.settings, fits, *of_tables)
+    identification, validation = found
+    problem = make_problem(
+        [each.prepared.record for each in identification],
+        result.cell,
+        constant.model,
+        window=[each.prepared.settled_window for each in identification],
+        bounds=constant.bounds,
+        fixed=constant.fixed,
+        coordinates=constant.search.coordinates if constant.search else "rc",
+        objective=constant.search.objective if constant.search else "scan",
+    )
+    search = _search(result, problem)
+    refined = constant.refined
+    return Run(
+        problem=problem,
+        search=search,
+        refinement=search
+        and refined
+        and Refinement(
+            search,
+            refined.seeds,
+            refined.optima,
+            refined.at_bound,
+            refined.objective,
+            refined.evaluations,
+        ),
+        optimum=find_global_optimum(problem) if constant.global_optimum else None,
+        answer=Answer(
+            constant.circuit_parameters,
+            constant.metrics.identification.rmse_v,
+            constant.source,
+            constant.at_bound,
+        ),
+        identification=identification,
+        validation=validation,
+        assessment=None,
+        examination=None,
+        tables=tables,
+        candidates=result.candidates,
+        other_hold=constant.other_hold,
+        notes=result.notes,
+        warnings=result.warnings,
+    )
+
+
+def _evaluations(
+    pairs: Sequence[tuple[InputPart, Record]],
+    identified: int,
+    cell: CellModel,
+    model: str,
+    by_circuit: By,
+    metrics: MetricsBlock,
+) -> tuple[list[Evaluation], list[Evaluation]]:
+    """A stored circuit on every record, those identified on and those validated on."""
+    stored = [*(metrics.jointly or (metrics.identification,)), *metrics.validation]
+    found = [
+        _again(part, record, cell, model, by_circuit, its)
+        for (part, record), its in zip(pairs, stored, strict=True)
+    ]
+    return found[:identified], found[identified:]
+
+
+def _again(
+    part: InputPart,
+    record: Record,
+    cell: CellModel,
+    model: str,
+    by_circuit: By,
+    stored: MetricsPart,
+) -> Evaluation:
+    """A stored circuit on a record from the direction that was settled, or the other one: each
+    circuit has its own."""
+    window, start = part.window or Window(), part.start
+    rmse_v = stored.rmse_v
+    for way in (start.direction, -start.direction) if start else (None,):
+        own = window if way is None else replace(window, initial_direction=way)
+        found = by_circuit(prepare_record(record, cell, model, own))
+        rmse_v = found.metrics.rmse_v
+        if abs(rmse_v - stored.rmse_v) <= SAME_ERROR * stored.rmse_v:
+            prepared = replace(found.prepared, window=window)
+            if start and way == start.direction:
+                prepared = replace(prepared, start=start)
+            return replace(found, prepared=prepared)
+    raise InputError(
+        f"{part.name}: the stored {model} leaves {1e3 * rmse_v:.4g} mV on it now, where the result "
+        f"says {1e3 * stored.rmse_v:.4g} mV; identify again with this version"
+    )
+
+
+def _search(result: Result, problem: Problem) -> Search | None:
+    """What the seeds found; None where there were none, or their optimizer is not known here."""
+    part = result.constant.search
+    if part is None or part.method not in OPTIMIZERS:
+        return None
+    optimizer = make_optimizer(part.method, part.population, part.iterations)
+    return Search(problem, optimizer, part.key, part.seeds)
+
+
+def validated(
+    stored: Result, record: Given, window: Window | None = None, **read: Any
+) -> Evaluation:
+    """`Result.validate`: a stored circuit on another record."""
+    signs = {"validate_current_sign": read.pop("current_sign", "auto")}
+    reading = Reading(**signs, **read)
+    window = window or stored.common_window
+    cell = stored.cell_model
+    measured, warnings = read_validation(record, reading, window, cell, stored.measured_at)
+    content = Content(measured)
+    for own in stored.of_role("identification"):
+        if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
+            warnings.append(
+                f"{measured.name}: this is {own.name}, on which the circuit was identified; "
+                "validate on another record"
+            )
+    with telling(warnings):
+        prepared = prepare_record(measured, cell, stored.model, window)
+    if stored.tables is not None:
+        by_circuit = stored.tables.found.evaluate
+    else:
+        by_circuit = partial(evaluate, parameters=stored.constant.circuit_parameters)
+    found = evaluate_from_either(prepared, cell, by_circuit)
+    told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
+    return replace(found, warnings=tuple(dict.fromkeys(told)))

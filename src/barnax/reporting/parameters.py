@@ -1,0 +1,265 @@
+"""The parameters of a result with their intervals: as a data frame, and results side by side."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..cell.tables import OCV_CORRECTION
+from ..errors import InputError
+from ..results import Result
+from .document import Bullets, Document, Section, Table, make_table
+from .render import to_fragment
+from .words import NOTHING, between, degrees, joined, millivolt, percent, shown, symbol, with_unit
+
+if TYPE_CHECKING:
+    import polars
+
+    from ..over_soc import TableFit
+
+# Where tables are compared.
+COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
+
+
+class Known(NamedTuple):
+    """A parameter, in its own unit, with the ends of its interval where it has one; at an SOC."""
+
+    name: str
+    soc: float | None
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def words(self) -> str:
+        if self.low is None or self.high is None:
+            return with_unit(self.name, self.value)
+        (value, unit), (low, low_unit), (high, high_unit) = (
+            shown(self.name, each) for each in (self.value, self.low, self.high)
+        )
+        if not unit == low_unit == high_unit:
+            return f"{value} {unit} ({between(self.name, self.low, self.high)})"
+        return f"{value} ({low} to {high}) {unit}".rstrip()
+
+    @property
+    def place(self) -> str:
+        """What it is of."""
+        return symbol(self.name) + ("" if self.soc is None else f" at {percent(self.soc)} SOC")
+
+    def is_beyond(self, other: "Known") -> bool | None:
+        """Whether the intervals have nothing in common; None where one has none."""
+        if None in (self.low, self.high, other.low, other.high):
+            return None
+        return self.low > other.high or self.high < other.low  # pyright: ignore[reportOperatorIssue]
+
+
+def parameters_frame(result: Result) -> "polars.DataFrame":
+    """`Result.to_frame`."""
+    import polars as pl
+
+    if result.tables is None:
+        rows = [(each.name, each.value, each.low, each.high) for each in _constants(result)]
+        number = dict.fromkeys(("value", "low", "high"), pl.Float64)
+        return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
+    part = result.tables
+    over = part.over_temperature
+    degc = [None] if over is None else over.temperatures_degc
+    nodes = [
+        ({} if own is None else {"temperature [degC]": own}) | row
+        for own, fit in zip(degc, part.fits, strict=True)
+        for row in _node_rows(fit)
+    ]
+    return pl.DataFrame(nodes, infer_schema_length=None)
+
+
+def _node_rows(fit: "TableFit") -> Iterator[dict[str, Any]]:
+    """Every node: its SOC, whether samples visit it, and every value with its interval."""
+    tables = fit.tables
+    known = {(each.name, each.soc): each for each in fit.intervals}
+    visited = tables.visited or (True,) * len(tables.nodes)
+    for place, (soc, is_visited) in enumerate(zip(tables.nodes, visited, strict=True)):
+        row: dict[str, Any] = {"SOC": soc, "is visited": is_visited}
+        values = [(name, soc, own[place]) for name, own in tables.tables.items()]
+        values += [(name, None, own) for name, own in tables.constants.items()]
+        for name, at, value in values:
+            found = known.get((name, at))
+            what, bracket, unit = name.partition(" [")
+            row[name] = value
+            for end in ("low", "high"):
+                ended = None if found is None else getattr(found, end)
+                row[f"{what} {end}{bracket}{unit}"] = ended
+        yield row
+
+
+def _constants(result: Result) -> list[Known]:
+    """The constant circuit's parameters and time constants."""
+    if result.constant.assessment is None:
+        return [Known(name, None, own) for name, own in result.constant.parameters.items()]
+    found = result.constant.assessment.uncertainty.estimates
+    return [Known(each.name, None, each.value, each.low, each.high) for each in found]
+
+
+def _tabulated(fit: "TableFit") -> Iterator[Known]:
+    """Tables at a few states of charge between visited nodes, and the constants."""
+    for name in fit.tables.tables:
+        known = [each for each in fit.of_table(name) if each.low is not None]
+        if name == OCV_CORRECTION or not known:
+            # A correction is of an OCV, which is another result's no more.
+            continue
+        soc = np.array([each.soc for each in known], float)
+        for at in COMPARED_SOC:
+            if soc[0] <= at <= soc[-1]:
+                ends = ([getattr(each, of) for each in known] for of in ("value", "low", "high"))
+                yield Known(name, at, *(float(np.interp(at, soc, own)) for own in ends))
+    known_ends = {each.name: (each.low, each.high) for each in fit.intervals if each.soc is None}
+    for name, value in fit.tables.constants.items():
+        yield Known(name, None, value, *known_ends.get(name, (None, None)))
+
+
+@dataclass(frozen=True, repr=False)
+class SideBySide:
+    """Results side by side; a console and a notebook show it as tables.
+
+    Attributes:
+        document: The tables and what they come to.
+        differing: For each result after the first, what differs from that beyond both intervals.
+    """
+
+    document: Document
+    differing: Mapping[str, tuple[str, ...]]
+
+    def __repr__(self) -> str:
+        from .terminal import to_text
+
+        return to_text(self.document)
+
+    def _repr_html_(self) -> str:
+        return to_fragment(self.document)
+
+
+def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySide:
+    """Two or more results side by side, and what differs beyond their intervals.
+
+    Two cells, two ages or two temperatures of one cell: every parameter with its 95 % interval, and
+    the change from the first result. Intervals that do not overlap tell a difference; that they do
+    overlap tells none, which is careful. Tables are compared at some states of charge, with each
+    other; beside a constant circuit, that of the other result is compared.
+
+    Args:
+        results: Results, their folders or their files.
+        names: What each is called; by default its records, numbered where these are alike.
+
+    Raises `InputError` for fewer than two results, and for names that do not fit.
+
+    >>> import barnax
+    >>> result = barnax.identify(setup="li2023", seeds=0, advise=False)
+    >>> barnax.show(result, result, names=("fresh", "aged")).differing
+    {'aged': ()}
+    """
+    found = [each if isinstance(each, Result) else Result.load(each) for each in results]
+    if len(found) < 2:
+        raise InputError(f"{len(found)} result given; give two or more to show side by side")
+    called = names or _names(found)
+    if len({*called}) != len(found):
+        raise InputError(f"the names {', '.join(called)} are not {len(found)} different ones")
+    have_tables = all(each.tables for each in found)
+    known = [
+        {(each.name, each.soc): each for each in own}
+        for own in (
+            _tabulated(result.tables.fit) if have_tables and result.tables else _constants(result)
+            for result in found
+        )
+    ]
+    rows = list(dict.fromkeys(key for own in known for key in own))
+    first, *others = known
+    differing = {
+        name: tuple(
+            first[key].place for key in rows if key in first and key in own
+            and first[key].is_beyond(own[key])
+        )
+        for name, own in zip(called[1:], others, strict=True)
+    }  # fmt: skip
+    said = [
+        f"{name}: {joined(beyond)} {'differ' if len(beyond) > 1 else 'differs'} from {called[0]} "
+        "beyond the intervals."
+        if beyond
+        else f"{name}: nothing differs from {called[0]} beyond the intervals."
+        for name, beyond in differing.items()
+    ]
+    if len({result.model for result in found}) > 1:
+        said.append("The circuits differ, so the same name may stand for another part of the cell.")
+    what = "Tables over SOC" if have_tables else "Constant circuits"
+    sections = (
+        Section("Differences", (Bullets(tuple(said)),)),
+        Section("Results", (_results_table(called, found, have_tables),)),
+        Section(what, (_parameters_table(called, known, rows),)),
+    )
+    return SideBySide(Document(joined(list(called), "beside"), "", sections), differing)
+
+
+def _names(results: list[Result]) -> tuple[str, ...]:
+    names = [each.name for each in results]
+    if len({*names}) == len(names):
+        return tuple(names)
+    return tuple(f"{place}: {name}" for place, name in enumerate(names, 1))
+
+
+def _results_table(called: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
+    """What each is of, and how well it fits."""
+    own = results if have_tables else [each.without_tables() for each in results]
+    of = dict(zip(called, own, strict=True))
+
+    def temperature(name: str) -> str:
+        degc = dict.fromkeys(degrees(at) for _, at in of[name].measured_at if at is not None)
+        over = of[name].tables and of[name].tables.found.reference_degc  # pyright: ignore[reportOptionalMemberAccess]
+        return f"tables at {degrees(over)}" if over else joined(list(degc)) if degc else NOTHING
+
+    def validation(name: str) -> str:
+        errors = [millivolt(each.rmse_v) for each in of[name].metrics.validation]
+        return joined(errors) if errors else NOTHING
+
+    cells = {
+        "result": str,
+        "circuit": lambda name: of[name].model,
+        "temperature": temperature,
+        "capacity [Ah]": lambda name: f"{of[name].cell_at().capacity_ah:.4g}",
+        "RMSE": lambda name: millivolt(of[name].metrics.identification.rmse_v),
+        "validation": validation,
+    }
+    return make_table("", called, cells, ["result", "circuit", "temperature", "validation"])
+
+
+def _parameters_table(
+    called: tuple[str, ...],
+    known: list[dict[tuple[str, float | None], Known]],
+    rows: list[tuple[str, float | None]],
+) -> Table:
+    """Each parameter of each result with its interval, and the change from the first."""
+
+    def value(place: int, key: tuple[str, float | None]) -> str:
+        return known[place][key].words if key in known[place] else NOTHING
+
+    def change(place: int, key: tuple[str, float | None]) -> str:
+        if key not in known[0] or key not in known[place] or not known[0][key].value:
+            return NOTHING
+        one, other = known[0][key], known[place][key]
+        is_beyond = one.is_beyond(other)
+        told = "no interval" if is_beyond is None else "beyond" if is_beyond else "within"
+        return f"{100 * (other.value / one.value - 1):+.3g} %, {told}"
+
+    cells: dict[str, Any] = {
+        "parameter": lambda key: symbol(key[0]),
+        "SOC": lambda key: NOTHING if key[1] is None else percent(key[1]),
+    }
+    for place, name in enumerate(called):
+        cells[name] = partial(value, place)
+        if place:
+            cells["change" if len(called) == 2 else f"change to {name}"] = partial(change, place)
+    caption = (
+        "Values with their 95 % intervals. Beyond: the intervals do not overlap. Within: they do, "
+        "and the results do not tell a difference."
+    )
+    return make_table(caption, rows, cells, list(cells))

@@ -1,0 +1,82 @@
+"""Parameters as frames, and results side by side."""
+
+from dataclasses import replace
+
+import pytest
+
+import barnax
+from barnax.errors import InputError
+from barnax.uncertainty import Estimate, Uncertainty
+from helpers.results import NODES, TABLE_OHM, make_result, make_table_result, with_constant
+
+
+def with_intervals(r0_ohm, half_ohm, **given):
+    """A constant circuit with an interval of R0 alone."""
+    made = make_result("so-rc", **given)
+    ends = {"low": r0_ohm - half_ohm, "high": r0_ohm + half_ohm}
+    estimates = (
+        Estimate("R0 [Ohm]", r0_ohm, relative_error=half_ohm / 2 / r0_ohm, **ends),
+        Estimate("R1 [Ohm]", 0.0123, held="fixed"),
+    )
+    old = made.constant.assessment
+    uncertainty = Uncertainty(0.95, 99, estimates, (), (), old.uncertainty.noise)
+    return with_constant(made, assessment=old.model_copy(update={"uncertainty": uncertainty}))
+
+
+def test_a_constant_circuit_has_a_row_a_parameter():
+    frame = with_intervals(0.05, 0.002).to_frame()
+    assert frame.rows() == [
+        ("R0 [Ohm]", 0.05, 0.05 - 0.002, 0.05 + 0.002),
+        ("R1 [Ohm]", 0.0123, None, None),
+    ]
+
+
+def test_tables_have_a_row_a_node_and_null_where_no_sample_was_near():
+    frame = make_table_result().to_frame()
+    assert frame["SOC"].to_list() == list(NODES)
+    assert frame["R0 [Ohm]"].to_list() == list(TABLE_OHM[0])
+    assert frame["R2 high [Ohm]"].to_list()[:3] == [None, None, pytest.approx(0.032)]
+    assert frame["is visited"].to_list()[1:3] == [False, True]
+    assert frame["tau2 [s]"].unique().to_list() == [110.0]
+    assert "OCV correction low [V]" in frame.columns
+
+
+@pytest.mark.parametrize(
+    ("r0_ohm", "differing", "told"),
+    [(0.0541, (), "+8.2 %, within"), (0.0543, ("R0",), "+8.6 %, beyond")],
+)
+def test_what_differs_is_what_no_interval_of_the_other_reaches(r0_ohm, differing, told):
+    results = with_intervals(0.05, 0.002), with_intervals(r0_ohm, 0.0022)
+    beside = barnax.show(*results, names=("fresh", "aged"))
+    assert beside.differing == {"aged": differing}
+    assert told in repr(beside)
+    assert told in beside._repr_html_()
+    assert "no interval" in repr(beside)
+
+
+def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
+    one, other = make_table_result(), make_table_result()
+    fit = other.tables.fits[0]
+    raised = replace(fit.tables, r0_ohm=tuple(r + 0.005 for r in fit.tables.r0_ohm))
+    intervals = tuple(
+        replace(each, value=each.value + 0.005, low=each.low + 0.005, high=each.high + 0.005)
+        if each.name == "R0 [Ohm]" else each
+        for each in fit.intervals
+    )  # fmt: skip
+    changed = replace(fit, tables=raised, intervals=intervals)
+    other = other.model_copy(
+        update={"tables": other.tables.model_copy(update={"fits": (changed,)})}
+    )
+    beside = barnax.show(one, other)
+    places = tuple(f"R0 at {soc} % SOC" for soc in (10, 30, 50, 70, 90))
+    assert beside.differing == {"2: cycle.csv": places}
+    # Tables and a constant circuit have only the latter in common.
+    assert "Constant circuits" in repr(barnax.show(one, make_result("so-rc", record="b.csv")))
+
+
+def test_one_result_or_one_name_for_two_is_refused():
+    one = make_result("so-rc")
+    with pytest.raises(InputError, match="1 result given; give two"):
+        barnax.show(one)
+    with pytest.raises(InputError, match="the names a, a are not 2 different ones"):
+        barnax.show(one, one, names=("a", "a"))

@@ -1,0 +1,112 @@
+"""`Result.load`: a stored result with its records again draws what it drew when it was made."""
+
+import json
+import shutil
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.errors import InputError
+from barnax.model.window import Window
+from barnax.records import read_record
+from barnax.reporting.illustrations import identification_illustrations
+from barnax.results import Result
+
+SMALL = {"seeds": 2, "population": 8, "iterations": 3, "trust": "none", "advise": False}
+# Names and content that the bundled cell has not.
+FILES = {"drive.parquet": BUNDLED.record, "other.parquet": BUNDLED.validation}
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A result with tables over SOC, its folder, and the folder of its files."""
+    data, folder = tmp_path_factory.mktemp("data"), tmp_path_factory.mktemp("out")
+    for name, path in FILES.items():
+        pl.read_parquet(path)[:6000].write_parquet(data / name)
+    result = barnax.identify(
+        data / "drive.parquet", ocv=list(BUNDLED.ocv), validate=data / "other.parquet",
+        model="iso-rc", over="soc", window=Window(score_to_s=3000.0), **SMALL,
+    )  # fmt: skip
+    (folder / "result.json").write_text(result.to_json())
+    return result, folder, data
+
+
+def same(one, other):
+    np.testing.assert_array_equal(one.simulated_v, other.simulated_v)
+    np.testing.assert_array_equal(one.prepared.soc, other.prepared.soc)
+    assert (one.prepared.start, one.prepared.window) == (
+        other.prepared.start,
+        other.prepared.window,
+    )
+    assert one.metrics == other.metrics
+
+
+def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
+    result, folder, data = kept
+    run, again = result.run, Result.load(folder, data=data).run
+    for kind in ("identification", "validation"):
+        for whose, loaded in ((run, again), (run.tables, again.tables)):
+            for one, other in zip(getattr(whose, kind), getattr(loaded, kind), strict=True):
+                same(one, other)
+    assert again.optimum.rmse_v == pytest.approx(run.optimum.rmse_v, rel=1e-9)
+    assert [each.rmse_v for each in again.search.seeds] == [s.rmse_v for s in run.search.seeds]
+    names = [[each.name for each in identification_illustrations(own)] for own in (run, again)]
+    assert names[0] == names[1]
+    assert {"convergence", "landscape-iso-rc"} < set(names[1])
+
+
+def test_a_loaded_result_writes_the_same_report(kept, tmp_path):
+    result, folder, data = kept
+    page = Result.load(folder / "result.json", data=[data]).report(tmp_path / "new" / "report.md")
+    assert (tmp_path / "new" / "report.md").read_text() == page == result.report(format="md")
+    pictures = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
+    assert pictures
+    assert all(f"(figures/{name})" in page for name in pictures)
+    assert "</html>" in result.report()
+    assert len(repr(result.report())) < 100
+    with pytest.raises(InputError, match="is html or md, not 'docx'"):
+        result.report("report.docx")
+
+
+def test_files_are_looked_for_beside_the_result_and_told_where_they_are_not(kept, tmp_path):
+    _, folder, data = kept
+    stored = Result.load(folder)
+    with pytest.raises(InputError, match=r"drive\.parquet: not found in .*with `data`"):
+        stored.figure("voltage")
+    # What needs no record is there all the same.
+    assert stored.to_frame().height == len(stored.tables.fit.tables.nodes)
+    for path in (folder / "result.json", *data.iterdir()):
+        shutil.copy(path, tmp_path)
+    assert len(Result.load(tmp_path).run.identification) == 1
+    shutil.copy(BUNDLED.record, tmp_path / "drive.parquet")
+    with pytest.raises(InputError, match=r"drive\.parquet: not the file .*SHA-256 differs"):
+        _ = Result.load(tmp_path).run
+
+
+def test_data_frames_are_given_by_the_names_of_the_inputs(kept):
+    _, folder, data = kept
+    given = {name: pl.read_parquet(data / name) for name in FILES}
+    assert Result.load(folder, data=given).figure("error").axes
+    swapped = dict(zip(given, reversed(given.values()), strict=True))
+    with pytest.raises(InputError, match=r"drive\.parquet: these are not the samples"):
+        Result.load(folder, data=swapped).figure("error")
+
+
+def test_what_no_longer_gives_the_stored_error_is_refused(kept, tmp_path):
+    _, folder, data = kept
+    document = json.loads((folder / "result.json").read_text())
+    document["constant"]["parameters"]["R0 [Ohm]"] *= 1.01
+    (tmp_path / "result.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"the stored iso-rc leaves .* identify again"):
+        _ = Result.load(tmp_path, data=data).run
+
+
+def test_validation_is_of_what_is_the_answer(kept):
+    result, folder, data = kept
+    found = Result.load(folder).validate(data / "other.parquet")
+    assert found.metrics.rmse_v == result.metrics.validation[0].rmse_v
+    constant = result.without_tables().validate(read_record(data / "other.parquet"))
+    assert constant.metrics.rmse_v == result.constant.metrics.validation[0].rmse_v

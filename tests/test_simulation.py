@@ -1,0 +1,112 @@
+"""`Result.simulate`: a current of one's own, against closed forms and a loop of the equations."""
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.signal import lfilter
+
+from barnax.errors import InputError
+from helpers.results import (
+    CAPACITY_AH,
+    CORRECTION_V,
+    NODES,
+    PAIRS,
+    TABLE_OHM,
+    TABLE_TAU_S,
+    make_result,
+    make_table_result,
+)
+
+TIME_S = np.arange(200.0)
+CURRENT_A = np.where(TIME_S % 40 < 20, 2.5, -1.0)
+COLUMNS = {"Time [s]": TIME_S, "Current [A]": CURRENT_A}
+SOC = 0.9 - np.append(0.0, np.cumsum(CURRENT_A[:-1])) / 3600 / CAPACITY_AH
+
+
+def closed_form_v(result, soc=SOC):
+    voltage_v = result.cell.average_ocv_v(soc) - 0.0511 * CURRENT_A
+    for r, c in PAIRS[:2]:
+        decay = math.exp(-1 / (r * c))
+        voltage_v -= lfilter([0, r * (1 - decay)], [1, -decay], CURRENT_A)
+    return voltage_v
+
+
+def test_a_constant_circuit_is_simulated_as_its_closed_form():
+    result = make_result("so-rc")
+    found = result.simulate(COLUMNS)
+    assert list(found) == ["time [s]", "current [A]", "voltage [V]", "SOC"]
+    np.testing.assert_allclose(found["voltage [V]"], closed_form_v(result), rtol=1e-12)
+    np.testing.assert_allclose(found["SOC"], SOC, rtol=1e-12)
+
+
+def test_tables_are_simulated_as_their_equations_say():
+    result = make_table_result("so-rc")
+    expected_v, across_v = [], np.zeros(2)
+    for soc, current_a in zip(SOC, CURRENT_A, strict=True):
+        r0, *r = (np.interp(soc, NODES, each) for each in TABLE_OHM)
+        ocv_v = result.cell.average_ocv_v(np.array(soc)) + np.interp(soc, NODES, CORRECTION_V)
+        expected_v.append(ocv_v - r0 * current_a - across_v.sum())
+        decay = np.exp(-1 / np.array(TABLE_TAU_S))
+        across_v = decay * across_v + (1 - decay) * np.array(r) * current_a
+    found = result.simulate(CURRENT_A, TIME_S)
+    np.testing.assert_allclose(found["voltage [V]"], expected_v, rtol=1e-12)
+
+
+@pytest.mark.parametrize("library", ["polars", "pandas", "pyarrow"])
+def test_a_frame_gives_a_frame_of_its_library(library):
+    kind = pytest.importorskip(library)
+    made = {"polars": "DataFrame", "pandas": "DataFrame", "pyarrow": "table"}[library]
+    found = make_result("so-rc").simulate(getattr(kind, made)(COLUMNS))
+    assert type(found).__module__.split(".")[0] == library
+    expected = make_result("so-rc").simulate(COLUMNS)
+    np.testing.assert_array_equal(np.asarray(found["voltage [V]"]), expected["voltage [V]"])
+
+
+def test_units_of_columns_are_read_and_written_in_s_and_a():
+    frame = pl.DataFrame({"Time / min": TIME_S / 60, "Current / mA": 1e3 * CURRENT_A})
+    found = make_result("so-rc").simulate(frame)
+    np.testing.assert_allclose(found["time [s]"], TIME_S)
+    np.testing.assert_allclose(found["voltage [V]"], closed_form_v(make_result("so-rc")))
+
+
+def test_a_start_of_ones_own_is_where_it_starts():
+    result = make_result("iso-rc")
+    found = result.simulate(COLUMNS, initial_soc=0.5, initial_direction=-1)
+    soc = SOC - 0.4
+    np.testing.assert_allclose(found["SOC"], soc, rtol=1e-12)
+    # Discharged before, and discharged at once: half the gap below the average throughout.
+    first_v = closed_form_v(make_result("so-rc"), soc)[:20] - result.cell.hysteresis_v(soc)[:20] / 2
+    np.testing.assert_allclose(found["voltage [V]"][:20], first_v, rtol=1e-12)
+
+
+def test_two_samples_at_rest_are_enough():
+    result = make_result("so-rc")
+    found = result.simulate([0.0, 0.0], [0.0, 3600.0], initial_soc=0.4)
+    np.testing.assert_allclose(
+        found["voltage [V]"], result.cell.average_ocv_v(np.array([0.4, 0.4]))
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "told"),
+    [
+        ({"Current [A]": [1.0, 1.0]}, {}, r"no column of the time among Current \[A\]"),
+        (CURRENT_A, {}, "has no times; give them in s"),
+        (3.0, {}, "not a data frame, but of type float"),
+        ({**COLUMNS, "Time [s]": TIME_S // 2}, {}, "does not rise from sample 0, 0 s, to the next"),
+        ({**COLUMNS, "Current [A]": CURRENT_A * np.nan}, {}, "the current of sample 0 is nan"),
+        ({"Time [s]": [0.0], "Current [A]": [1.0]}, {}, "at least two times"),
+        (COLUMNS, {"initial_soc": 60.0}, "`initial_soc` 60.0 is not a fraction"),
+        (
+            {"Time [s]": [0.0, 3600.0, 7200.0], "Current [A]": [-1.0, -1.0, -1.0]},
+            {},
+            r"state of charge of 1\.400 at 3600 s \(sample 1\).*0\.000 to 1\.000.*sign",
+        ),
+        (COLUMNS, {"temperature": 10.0}, "of no known temperature, and says nothing of 10 degC"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_in_words(given, options, told):
+    with pytest.raises(InputError, match=told):
+        make_result("so-rc").simulate(given, **options)

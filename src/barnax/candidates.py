@@ -48,8 +48,7 @@ class Candidate:
         """The circuit as tables and screens call it."""
         if self.over is None:
             return self.model
-        what = "tables over SOC" if self.over == "soc" else "tables over SOC and temperature"
-        return f"{what} ({self.model})"
+        return table_name(self.model, has_degc=self.over != "soc")
 
     @classmethod
     def of(
@@ -64,6 +63,11 @@ class Candidate:
         """The candidate with the errors of its evaluations."""
         validation_v = tuple(each.metrics.rmse_v for each in validated)
         return cls(model, over, _together(identified), validation_v, held_out, proved_gap)
+
+
+def table_name(model: str, has_degc: bool) -> str:
+    """Tables of a circuit as screens call them."""
+    return f"tables over SOC{' and temperature' if has_degc else ''} ({model})"
 
 
 def _together(evaluations: Iterable[Evaluation]) -> SocErrors:

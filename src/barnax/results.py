@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from .bundled import BUNDLED
-from .candidates import Candidate
+from .candidates import Candidate, table_name
 from .cell import CellModel, CircuitParameters, get_circuit
 from .cell.model import SAME_DEGC
 from .errors import InputError
@@ -592,6 +592,13 @@ class Result(Document):
             return dict(self.constant.parameters)
         tables = self.tables.fit.tables
         return {"SOC": tables.nodes, **tables.tables, **tables.constants}
+
+    @property
+    def answer(self) -> str:
+        """The answer's circuit as tables and screens call it."""
+        if self.tables is None:
+            return self.model
+        return table_name(self.model, has_degc=self.tables.over_temperature is not None)
 
     def without_tables(self) -> Self:
         """The same with its constant circuit as the answer."""

@@ -11,6 +11,8 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from barnax.bundled import BUNDLED
+from barnax.cell import characterize
 from barnax.errors import InputError
 from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
@@ -341,7 +343,13 @@ def test_a_row_says_what_was_found_or_why_nothing_was(alone):
 
 def test_no_column_of_a_manifest_can_be_one_of_the_dataset(alone):
     others = {"id", "age", "circuit", "records"}
-    for name in {*alone.columns, "C4 [F] high", "gamma low", "tables RMSE [V]"} - others:
+    for name in {
+        *alone.columns,
+        "C4 [F] high",
+        "gamma low",
+        "tables RMSE [V]",
+        "tables R1 [Ohm] low",
+    } - others:
         with pytest.raises(InputError, match="the dataset has its own"):
             cell_of({"id": "a", "records": "a.csv", name: 1})
 
@@ -358,10 +366,11 @@ def test_a_row_has_the_same_bits_in_a_batch_and_in_another_order(alone, small_fl
     )
 
 
-def test_a_problem_in_memory_has_a_row_too(small_fleet, bundled_cell, alone, tmp_path):
+def test_a_problem_in_memory_has_a_row_too(small_fleet, alone, tmp_path):
+    cell = characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="interpolated")
     record = read_record(small_fleet / "cell0.parquet")
     problem = make_problem(
-        record, bundled_cell, "1rc", window=Window(initial_soc=0.8), objective="compressed"
+        record, cell, "1rc", window=Window(initial_soc=0.8), objective="compressed"
     )
     identify_fleet([{"id": "here", "problem": problem, "age": 3}], tmp_path, executor=Inline())
     (row,) = read_rows(tmp_path).to_dicts()

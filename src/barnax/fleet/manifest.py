@@ -127,7 +127,8 @@ KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
 OWN = re.compile(
     r"error|samples|answer|certified|proved gap|at bound|warnings|inputs sha256|seconds|fingerprint"
     r"|duration \[s\]|capacity \[A\.h\]|temperature \[degC\]|initial SOC"
-    r"|(validation |tables )?(RMSE|max error).* \[V\]|((R|C|tau)\d \[\w+\]|gamma)( low| high)?"
+    r"|(validation |tables )?(RMSE|max error).* \[V\]|tables at SOC"
+    r"|((tables )?(R|C|tau)\d \[\w+\]|gamma)( low| high)?"
 )
 
 

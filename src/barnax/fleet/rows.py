@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import itertools
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +17,7 @@ from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
 from ..inputs import Reading, Settings, file_names, input_warnings, source_of
 from ..model.window import Window
+from ..over_soc import TableFit
 from ..pipeline import identify, identify_problem
 from ..plan.document import require_choices
 from ..records import Record, source_from_frame
@@ -28,6 +30,8 @@ from .manifest import FleetCell, is_address, short_name, stamp
 # Settings of a fleet that are no arguments of `identify`.
 OWN = ("keep_results",)
 CELLS_KEPT = 16
+# Where tables stand in a row.
+MIDDLE_SOC = 0.5
 
 
 def identify_cell(
@@ -140,7 +144,7 @@ def _known_cell(
     """What many cells of a fleet share is read and fitted once; a changed file is another one."""
     if earlier is not None:
         return _Known(Result.from_json(earlier[0]).cell, [], [], [])
-    options: dict[str, Any] = dict(fits)
+    options: dict[str, Any] = {"ocv_fit": "interpolated", **dict(fits)}
     tests, warnings, temperatures_degc = [], [], []
     sign: Any = reading.ocv_current_sign
     hold: Any = reading.current_hold
@@ -198,6 +202,7 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
     row |= _errors_of("", own) | _errors_of("validation ", validation)
     if result.tables is not None:
         row["tables RMSE [V]"] = result.metrics.identification.rmse_v
+        row |= _middle_of(result.tables.fit)
     rmse_v = {
         round(10 * (band.low or 0.0)): band.rmse_v for band in bands_by_soc(run.identification)
     }
@@ -207,13 +212,28 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
     }
     optimum = constant.global_optimum
     return row | {
-        "answer": constant.source if result.tables is None else "tables over SOC",
+        "answer": constant.source if result.tables is None else result.answer,
         "certified": optimum is not None and optimum.status == "certified",
         "proved gap": None if optimum is None else optimum.proved_gap,
         "at bound": "; ".join(f"{each.name} {each.side}" for each in constant.at_bound),
         "warnings": list(warnings),
         "inputs sha256": _together(each.sha256 for each in result.inputs),
     }
+
+
+def _middle_of(fit: TableFit) -> dict[str, float | None]:
+    """The resistances of tables at the node nearest to 50 % SOC that samples visit."""
+    known = {(each.name, each.soc): each for each in fit.intervals}
+    visited = list(itertools.compress(fit.tables.nodes, fit.tables.visited))
+    soc = min(visited or fit.tables.nodes, key=lambda node: abs(node - MIDDLE_SOC))
+    place, found = fit.tables.nodes.index(soc), {"tables at SOC": soc}
+    for name, values in fit.tables.tables.items():
+        if name.startswith("R"):
+            each = known.get((name, soc))
+            found[f"tables {name}"] = values[place]
+            found[f"tables {name} low"] = each and each.low
+            found[f"tables {name} high"] = each and each.high
+    return found
 
 
 def _errors_of(whose: str, metrics: MetricsPart | None) -> dict[str, float | None]:

@@ -11,7 +11,7 @@ import polars as pl
 from .dataset import read_rows
 
 # What is summed up of every circuit, by the beginning of its column's name; none of the intervals.
-SUMMED_UP = re.compile(r"(R\d \[Ohm\]|tau\d \[s\]|gamma|(validation )?RMSE \[V\])$")
+SUMMED_UP = re.compile(r"((tables )?R\d \[Ohm\]|tau\d \[s\]|gamma|(validation )?RMSE \[V\])$")
 # A value this many robust deviations from the median is an outlier, in the logarithm: parameters
 # and errors are positive. With fewer cells nothing is one.
 OUTLYING = 5.0

@@ -13,7 +13,6 @@ which keeps all weights positive.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -24,7 +23,6 @@ from jaxtyping import Array, Float, Scalar
 from scipy.special import chdtrc
 from scipy.stats import chi2
 
-from .many_cells import filter_in_scalars
 from .model import Drive, Estimate, FilterModel
 
 Kind = Literal["ekf", "ukf"]
@@ -32,8 +30,6 @@ Form = Literal["joint", "dual"]
 Vector = Float[Array, "states"]
 Matrix = Float[Array, "states states"]
 KAPPA = 1.0
-# From so many cells on, numbers over the cells are faster than matrices of each.
-MANY_CELLS = 16
 
 
 class _Belief(NamedTuple):
@@ -75,7 +71,7 @@ def run_filter(
         step = _dual_step(model, kind, adapting)
         rows = lax.scan(step, (beliefs, sensitivity, jnp.ones_like(mean[0])), drive)[1]
         return _estimate(rows, len(slow))
-    return _extended(model, start, drive) if kind == "ekf" else _joint(model, start, drive, kind)
+    return _joint(model, start, drive, kind)
 
 
 def _estimate(rows: Float[Array, "samples kept"], count: int) -> Estimate:
@@ -103,22 +99,6 @@ def _joint(model: FilterModel, start: tuple[Vector, Vector], drive: Drive, kind:
         jnp.diag(jnp.concatenate([variance, model.slow_sd**2])),
     )
     return _estimate(lax.scan(_joint_step(model, kind), belief, drive)[1], len(model.slow_sd))
-
-
-@jax.custom_batching.custom_vmap
-def _extended(model: FilterModel, start: tuple[Vector, Vector], drive: Drive) -> Estimate:
-    return _joint(model, start, drive, "ekf")
-
-
-@_extended.def_vmap
-def _extended_of_cells(axis_size: int, in_batched, *given):
-    def batched(leaf, is_batched):
-        return leaf if is_batched else jnp.broadcast_to(leaf, (axis_size, *leaf.shape))
-
-    cells = jax.tree.map(batched, given, tuple(in_batched))
-    one = filter_in_scalars if axis_size >= MANY_CELLS else partial(_joint, kind="ekf")
-    found = jax.vmap(one)(*cells)
-    return found, jax.tree.map(lambda _: True, found)
 
 
 def _joint_step(model: FilterModel, kind: Kind):

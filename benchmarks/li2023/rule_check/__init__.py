@@ -1,1 +1,0 @@
-"""The optimizers, test functions and baselines against work that nobody here wrote."""

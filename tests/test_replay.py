@@ -14,7 +14,8 @@ from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import FilterSettings, Scenario, SocReplay, _converged, replay_soc
-from barnax.reporting.terminal import soc_lines, soc_screen
+from barnax.reporting.replay import soc_lines
+from barnax.reporting.terminal import soc_screen
 from helpers.results import make_record, make_result
 
 SCENARIOS = (Scenario("right start"), Scenario("lost", soc_error=1e300))

@@ -18,6 +18,10 @@ class ReportReader(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attrs):
+        if tag == "wbr":
+            # A place where a long name may break, in the middle of its text.
+            self.text = self.text.removesuffix("\n")
+            return
         self.tags.append((tag, dict(attrs)))
         if tag not in EMPTY:
             self.open.append(tag)

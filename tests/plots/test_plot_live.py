@@ -1,16 +1,12 @@
 """What interactive figures are drawn from is what was measured, simulated and found."""
 
 import base64
-import json
 
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
-from barnax.global_optimum import Landscape
-from barnax.plots import plot_tables
-from barnax.plots.live import MOST_NUMBERS, live_landscape, live_record, live_tables
-from helpers.results import CIRCUIT, NODES, TABLE_OHM, make_evaluation, make_fit, make_record
+from barnax.plots.live import MOST_NUMBERS, live_record
+from helpers.results import make_evaluation, make_record
 
 
 def columns_of(live):
@@ -84,34 +80,3 @@ def test_rows_of_a_comparison_have_a_line_each_in_their_own_color():
     assert [line["label"] for line in error["lines"]] == ["error of a [mV]", "error of b [mV]"]
     assert voltage["lines"][1]["color"] == error["lines"][0]["color"]
     assert voltage["lines"][1]["color"] != voltage["lines"][2]["color"]
-
-
-def test_tables_stand_with_their_intervals_on_the_still_figure_s_scale():
-    fit = make_fit()
-    live = live_tables(fit, CIRCUIT)
-    still = plot_tables(fit, CIRCUIT).axes
-    assert live["columns"][0] == pytest.approx(NODES)
-    assert live["columns"][1] == pytest.approx(1e3 * np.array(TABLE_OHM[0]))
-    low, high = live["columns"][2:4]
-    assert low[:2] == high[:2] == [None, None]
-    assert high[2:] == pytest.approx(1e3 * (np.array(TABLE_OHM[0][2:]) + 2e-3))
-    for panel, axes in zip(live["panels"], still, strict=True):
-        assert panel["range"] == axes.get_ylim()
-        assert panel["label"].partition(",")[0] == axes.get_ylabel()
-
-
-def test_the_landscape_is_the_grid_and_circuits_stand_at_their_time_constants():
-    tau_s = np.geomspace(1.0, 1000.0, 7)
-    rmse_v = np.where(np.tri(7, k=-1) > 0, np.nan, 0.02 + np.arange(49.0).reshape(7, 7) / 1e3)
-    landscape = Landscape((tau_s, tau_s), None, rmse_v, np.zeros((3, 7, 7)))
-    circuit = CircuitParameters(0.05, (0.01, 0.02), (9_000.0, 2e5))
-    live = live_landscape(
-        landscape, {"ibmo": [circuit]}, {"global optimum": [], "refined": [circuit]}
-    )
-    assert live["rmse"][1][0] is None
-    assert live["rmse"][1][2] == pytest.approx(1e3 * rmse_v[1, 2], rel=1e-5)
-    seeds, refined = live["marks"]
-    assert seeds["label"] == "ibmo"
-    # 90 s and 4000 s, the latter beyond the box.
-    assert refined["points"] == [[90.0, 1000.0]]
-    json.dumps(live, allow_nan=False)

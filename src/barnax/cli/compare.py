@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from ..errors import InputError
 from .options import (
+    LIVE,
     PAPER,
     SEARCH,
     SETUP,
@@ -66,6 +67,7 @@ class Comparing:
     rows: Rows
     output: Output
     setup: Literal["li2023"] | None = SETUP
+    live: bool = LIVE
     paper: bool = PAPER
 
 
@@ -109,7 +111,7 @@ def compare(options: Comparing) -> None:
             **{**given, "rows": rows, "watch": _row_watch(session, advance)}
         )
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
-    draw = partial(_report, result, comparison, seconds, options.paper)
+    draw = partial(_report, result, comparison, seconds, options.paper, options.live)
     folder, written = output.deliver(session, folder, "comparison.json", result.to_json(), draw)
     _show(session, result, seconds, output.verbose)
     if folder is not None:
@@ -167,7 +169,11 @@ def _names(text: str) -> dict[str, None]:
 
 
 def _report(
-    result: "ComparisonResult", comparison: "Comparison", seconds: dict[str, float], paper: bool
+    result: "ComparisonResult",
+    comparison: "Comparison",
+    seconds: dict[str, float],
+    paper: bool,
+    live: bool,
 ) -> dict[str, bytes]:
     """The report in both forms and its figures, by their path below the results folder."""
     from ..plots import column_width
@@ -176,7 +182,7 @@ def _report(
     from ..reporting.render import paper_files, report_files
 
     def draw() -> "list[Illustration]":
-        return comparison_illustrations(result, comparison, comparison.optima)
+        return comparison_illustrations(result, comparison, comparison.optima, live=live)
 
     drawn = draw()
     files = report_files(comparison_document(result, drawn, seconds).spelled(as_flags), drawn)

@@ -12,8 +12,9 @@ import typer
 from ..errors import InputError
 from .options import (
     INPUT,
-    OUTPUT,
+    LIVE,
     PAPER,
+    REPORT,
     SEARCH,
     SETUP,
     Files,
@@ -29,7 +30,15 @@ from .options import (
     run_options,
 )
 from .output import DEFAULT_FOLDER, Output, free_name
-from .session import APPEARANCE, Session, as_flags, flag_of, use_compilation_cache, without_options
+from .session import (
+    APPEARANCE,
+    DRAWN,
+    Session,
+    as_flags,
+    flag_of,
+    use_compilation_cache,
+    without_options,
+)
 
 if TYPE_CHECKING:
     from ..model.window import Window
@@ -73,9 +82,8 @@ class Choices:
         "full also gives profile likelihoods, a block bootstrap, and what would lower the error.",
         "basic",
     )
-    report: bool = flag(
-        OUTPUT, "--report", "Also write report.html and report.md, with every figure."
-    )
+    report: bool = REPORT
+    live: bool = LIVE
     paper: bool = PAPER
 
 
@@ -195,14 +203,16 @@ def _run(
             session.show(plan_lines(planned, as_flags))
         given = _arguments(planned, given, records)
     result = run(**given)
-    draw = partial(result_files, result, chosen.report, chosen.paper)
+    draw = partial(result_files, result, chosen.report, chosen.paper, chosen.live)
     folder, written = output.deliver(session, folder, "result.json", result.to_json(), draw)
     _show(session, result, folder, written, output.verbose)
     session.tell(result.notes)
     session.warn(result.warnings)
 
 
-def result_files(result: "Result", report: bool, paper: bool = False) -> dict[str, bytes]:
+def result_files(
+    result: "Result", report: bool, paper: bool = False, live: bool = False
+) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
     from ..plots import column_width
     from ..reporting.identification import identification_document
@@ -215,10 +225,10 @@ def result_files(result: "Result", report: bool, paper: bool = False) -> dict[st
     if paper:
         with column_width():
             tables |= paper_files(identification_illustrations(result.run))
-    if not report:
+    if not (report or live):
         drawn = identification_illustrations(result.run, is_always)
         return tables | {f"figures/{each.name}.png": each.png for each in drawn}
-    drawn = identification_illustrations(result.run)
+    drawn = identification_illustrations(result.run, live=live)
     return tables | report_files(identification_document(result, drawn).spelled(as_flags), drawn)
 
 
@@ -293,7 +303,7 @@ def _command(planned: "Plan", records: list[Path]) -> list[str]:
     """The command that does the same without planning, of the same files where they are cut."""
     from ..model.window import OPTIONS as WINDOW_OPTIONS
 
-    settled = {**APPEARANCE, "--report": 1, "--paper": 1, "--plan": 1}
+    settled = {**APPEARANCE, **DRAWN, "--plan": 1}
     served = [part for part in planned.parts if part.role != "not used"]
     if any(part.span_s for part in served):
         names = dict.fromkeys(part.path.name for part in served)

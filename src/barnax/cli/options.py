@@ -100,6 +100,8 @@ def _made(group: Any, given: Mapping[str, Any]) -> Any:
 
 FORCE = flag(OUTPUT, "--force", "Replace the file if it exists.")
 QUIET = flag(OUTPUT, "--quiet -q", "Print no tables and no progress; warnings still go to stderr.")
+REPORT = flag(OUTPUT, "--report", "Also write report.html and report.md, with every figure.")
+LIVE = flag(OUTPUT, "--live", "Let records be zoomed in report.html, which is then written too.")
 PAPER = flag(
     OUTPUT,
     "--paper",

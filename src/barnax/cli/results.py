@@ -19,6 +19,7 @@ from .options import (
     OUTPUT,
     PAPER,
     QUIET,
+    REPORT,
     STORED,
     WINDOW,
     HowRead,
@@ -185,6 +186,7 @@ class FilterOptions:
         "Use the tables over SOC if the result has them, or not.",
         True,
     )
+    report: bool = REPORT
     paper: bool = PAPER
 
 
@@ -207,23 +209,28 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     settings = FilterSettings(chosen.filter, chosen.form, names, tables=chosen.tables)
     with session.watch("Replaying"):
         replay = replay_soc(stored, on.record, window, settings, **vars(on.read))
-    draw = partial(_soc_figures, replay, chosen.paper)
-    folder, _ = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
+    draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
+    folder, written = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
     session.show(soc_screen(replay))
     if folder is not None:
-        session.show(["", f"  {folder}/soc.json   figures   {session.elapsed_s:.1f} s"])
+        page = "report.html   soc.json" if "report.html" in written else "soc.json"
+        session.show(["", f"  {folder}/{page}   figures   {session.elapsed_s:.1f} s"])
     session.warn(as_flags(text) for text in replay.warnings)
 
 
-def _soc_figures(replay: "SocReplay", paper: bool) -> dict[str, bytes]:
-    from ..plots import column_width, plot_soc_replay
-    from ..plots.pictures import Illustration, encode
-    from ..reporting.render import paper_files
+def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, bytes]:
+    from ..plots import column_width
+    from ..reporting.illustrations import replay_illustration
+    from ..reporting.render import paper_files, report_files
+    from ..reporting.replay import replay_document
 
-    files = {"figures/soc.png": encode(plot_soc_replay(replay), dpi=180)}
+    drawn = [replay_illustration(replay)]
+    files = {"figures/soc.png": drawn[0].png}
+    if report:
+        files |= report_files(replay_document(replay, drawn).spelled(as_flags), drawn)
     if paper:
         with column_width():
-            files |= paper_files([Illustration("soc", plot_soc_replay(replay), "", "")])
+            files |= paper_files([replay_illustration(replay)])
     return files
 
 

@@ -28,6 +28,7 @@ from rich.text import Text
 from ..errors import OPTION, InputError, printable, reason_of
 
 # Where and how results appear is no part of them.
+DRAWN = {"--report": 1, "--live": 1, "--paper": 1}
 APPEARANCE = {"--out": 2, "--force": 1, "--json": 1, "--quiet": 1, "-q": 1, "--verbose": 1}
 
 
@@ -151,7 +152,7 @@ def command_line(names: Mapping[Path, str]) -> list[str]:
     `names` are what results call the files.
     """
     kept = ["barnax"]
-    for word in without_options(sys.argv[1:], {**APPEARANCE, "--report": 1, "--paper": 1}):
+    for word in without_options(sys.argv[1:], {**APPEARANCE, **DRAWN}):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
         if value != "-" and value.rpartition("=")[0] not in names.values():
             value = names.get(Path(value), _file_name(value))

@@ -4,21 +4,14 @@ import base64
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.colors import to_hex
 
 from .error import LABEL
-from .search import COLOR_MAP, STEPS_PERCENT, least_over_gamma
-from .soc_tables import drawn_tables
-from .style import BLACK, BLUE, GREY, SKY_BLUE, SOC_LABEL, VERMILLION, decimate, row_looks
+from .style import BLACK, BLUE, SKY_BLUE, VERMILLION, decimate, row_looks
 from .voltage import MEASURED, MOST_VOLTAGES, choose_time_unit, most_accurate, unscored_spans
 
 if TYPE_CHECKING:
-    from ..cell import CircuitParameters
-    from ..global_optimum import Landscape
-    from ..over_soc import TableFit
     from ..search.evaluate import Evaluation
 
 Live = dict[str, Any]
@@ -26,10 +19,6 @@ Columns = Sequence[Float[np.ndarray, "samples"]]
 
 # All records of a report share so many numbers, which take 5.3 bytes each in the page.
 MOST_NUMBERS: Final = 480_000
-# How circuits are marked in a landscape.
-SEED: Final = "●"
-SIGNS: Final = {"refined": "✚", "other local optima": "○", "global optimum": "★"}
-BAND: Final = "rgba(86, 180, 233, 0.3)"
 
 
 def live_record(rows: "Mapping[str, Evaluation]", most_numbers: int = MOST_NUMBERS) -> Live:
@@ -65,7 +54,6 @@ def live_record(rows: "Mapping[str, Evaluation]", most_numbers: int = MOST_NUMBE
     current = _line("current [A]", 2, VERMILLION) | {"step": hold}
     rmse_mv = 1e3 * first.metrics.rmse_v
     return {
-        "kind": "time",
         "label": unit.label,
         "origin": float(prepared.time_s[0]),
         "seconds": unit.seconds,
@@ -105,88 +93,5 @@ def enough_samples(
     return np.unique(np.concatenate([decimate(time_s, line, columns) for line in lines]))
 
 
-def live_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) -> Live:
-    """Every table over SOC with the intervals of its nodes, on the scale of the still figure."""
-    nodes = np.array(fit.tables.nodes)
-    columns, panels = [nodes], []
-    for place, table in enumerate(drawn_tables(fit).values()):
-        label = table.label
-        if table.is_resistance and place > 0:
-            label += f", tau{place} = {fit.tables.tau_s[place - 1]:.3g} s"
-        at = len(columns)
-        hollow = np.where(table.is_visited, np.nan, table.values)
-        columns += [table.values, table.low, table.high, hollow]
-        lines = [
-            _line("95 % from", at + 1, SKY_BLUE),
-            _line("to", at + 2, SKY_BLUE),
-            _line("node", at, BLUE, width=1.5) | {"marks": "filled"},
-            _line("near no sample", at + 3, BLUE, width=0.0) | {"marks": "open"},
-        ]
-        if constant is not None and table.is_resistance and place <= constant.pairs:
-            value = 1e3 * (constant.r0, *constant.r)[place]
-            lines.append(_line("constant", len(columns), GREY, width=1.5))
-            columns.append(np.full(len(nodes), value))
-        panel = {"label": label, "height": 230, "lines": lines, "band": [2, 1, BAND]}
-        panels.append(panel | {"range": table.scale})
-    return {
-        "kind": "soc",
-        "label": SOC_LABEL,
-        "columns": [_with_gaps(each) for each in columns],
-        "panels": panels,
-    }
-
-
-def live_landscape(
-    landscape: "Landscape",
-    answers: "Mapping[str, Sequence[CircuitParameters]]",
-    named: "Mapping[str, Sequence[CircuitParameters]]",
-) -> Live:
-    """The RMSE over both time constants, cell by cell, and circuits as marks.
-
-    `answers` are each row's circuits, one a seed, and `named` those with a sign of their own in
-    `SIGNS`. RMSE in mV is a row for each tau1; circuits beyond the box stand at its edge.
-    """
-    tau1_s, tau2_s = landscape.tau_s
-    rmse_mv = 1e3 * least_over_gamma(landscape)
-    is_ordered = bool(np.isnan(rmse_mv[-1, 0]))
-    names = ("Shorter time constant", "Longer time constant") if is_ordered else ("", "")
-    names = [f"{name or 'Time constant'} tau{k} [s]" for k, name in enumerate(names, start=1)]
-    box = ((tau1_s[0], tau2_s[0]), (tau1_s[-1], tau2_s[-1]))
-    looks = row_looks(answers)
-    marks = [(label, SEED, looks[label].color, each) for label, each in answers.items()]
-    marks += [(label, SIGNS[label], "#ffffff", each) for label, each in named.items()]
-    colors = matplotlib.colormaps[COLOR_MAP](np.linspace(0.0, 1.0, len(STEPS_PERCENT)))
-    return {
-        "kind": "map",
-        "labels": [*names, "RMSE [mV]", "above the lowest [%]"],
-        "taus": [_rounded(tau1_s), _rounded(tau2_s)],
-        "rmse": [_rounded(row) for row in rmse_mv],
-        "steps": STEPS_PERCENT,
-        "colors": [to_hex(each) for each in colors],
-        "marks": [
-            {
-                "label": label,
-                "shape": shape,
-                "color": color,
-                "points": [
-                    _rounded(np.clip(sorted(c.tau_s) if is_ordered else c.tau_s, *box))
-                    for c in circuits
-                ],
-            }
-            for label, shape, color, circuits in marks
-            if circuits
-        ],
-    }
-
-
 def _line(label: str, column: int, color: str, width: float = 1.0) -> dict[str, Any]:
     return {"label": label, "column": column, "color": color, "width": width}
-
-
-def _with_gaps(values: Float[np.ndarray, "nodes"]) -> list[float | None]:
-    return [float(each) if np.isfinite(each) else None for each in values]
-
-
-def _rounded(values: Sequence[float] | np.ndarray) -> list[float | None]:
-    """Six digits, more than a screen shows."""
-    return [float(f"{each:.6g}") if np.isfinite(each) else None for each in values]

@@ -44,9 +44,19 @@ from .sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from .soc_tables import prediction_sentences, tables_section
+from .soc_tables import answer_tables, prediction_sentences, tables_section
 from .verdict import best_possible, circuit_words, seeds_sentences, weakest_point
-from .words import NOTHING, counted, fixed, joined, millivolt, percent, significant
+from .words import (
+    NOTHING,
+    counted,
+    degrees,
+    duration,
+    fixed,
+    joined,
+    millivolt,
+    percent,
+    significant,
+)
 
 if TYPE_CHECKING:
     from ..results import AssessmentPart, MetricsPart, RefinedPart, Result, SearchPart
@@ -71,9 +81,9 @@ def identification_document(
     """
     pictures = Pictures(illustrations)
     roles = _roles(result)
-    # The tables over SOC have a section of their own.
-    whose = "Parameters" if result.tables is None else "Parameters of the constant circuit"
-    answer = Section(whose, (parameters_table(result),))
+    constant = parameters_table(result)
+    values = (constant,) if result.tables is None else answer_tables(result.tables)
+    answer = Section("Parameters", (*pictures.of("summary"), *values))
     errors = Section(
         "Errors",
         (
@@ -81,18 +91,20 @@ def identification_document(
             *pictures.of(*(f"{role}-{kind}" for role in roles for kind in ("voltage", "error"))),
         ),
     )
-    told = Bullets(tuple(verdict_sentences(result)))
-    verdict = Section("Verdict", (told, *pictures.of("summary")))
-    title = f"{result.model} identified on {result.name}"
+    verdict = Section("Verdict", (Bullets(tuple(verdict_sentences(result))),))
+    title = f"{circuit_words(result)}, identified on {result.name}"
+    about = _cell_and_record(result)
     if summary_only:
-        return Document(title, "", (verdict, answer, errors))
+        return Document(title, about, (answer, verdict, errors))
+    beside = "The constant circuit beside the tables"
     validated = [each.name for each in result.of_role("validation")]
     sections = (
+        answer,
         verdict,
         *candidates_section(result.candidates, validated),
         *warnings_section(result.warnings),
-        answer,
         *tables_section(result, pictures),
+        *([] if result.tables is None else [Section(beside, (constant,))]),
         *pulses_section(
             result,
             pictures.of(
@@ -116,7 +128,19 @@ def identification_document(
         ),
         reproduction_section(result),
     )
-    return Document(title, "", sections)
+    return Document(title, about, sections)
+
+
+def _cell_and_record(result: "Result") -> str:
+    """The cell and what it was measured on. Files seldom say a date, and a result holds none."""
+    first, *others = result.of_role("identification")
+    degc = [each.temperature_degc for each in (first, *others)]
+    known = sorted({degrees(each) for each in degc if each is not None})
+    at = f", at {joined(known)}" if known else ""
+    low, high = first.soc_range or (0.0, 1.0)
+    extent = "" if others else f", {duration(first.duration_s or 0.0)}"
+    extent += "" if others else f", SOC {100 * low + 0.0:.0f} to {100 * high:.0f} %"
+    return f"A cell of {result.cell.capacity_ah:.3g} Ah: {result.name}{extent}{at}."
 
 
 class Report(str):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from .. import plots
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..plots.live import MOST_NUMBERS, live_landscape, live_record, live_tables
+from ..plots.live import MOST_NUMBERS, live_record
 from ..plots.pictures import Illustration, record_roles
 from ..plots.search import has_landscape
 from ..pulses import pulses_of
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..cell import CellModel
     from ..comparison import Comparison, ComparisonResult
     from ..global_optimum import GlobalOptimum
+    from ..replay import SocReplay
     from ..results import Result
     from ..run import Run
     from ..search.evaluate import Evaluation
@@ -115,6 +116,11 @@ WORDS = {
         "to the ninetieth percentile. A row without a history is a single marker.",
         "Best RMSE of the rows over evaluations, with the spread of the seeds",
     ),
+    "soc": (
+        "State of charge of {}: counted, and estimated by the filter in every scenario. Below, the "
+        "errors of the filter.",
+        "State of charge over time by counting and by the filter, with its errors",
+    ),
     "parameters": (
         "The answer of every seed, before refinement. Bar: the median seed; diamond: the "
         "same after refinement; dotted: a bound.",
@@ -128,10 +134,6 @@ LIVE_WORDS = {
     "and the current, on a common time axis. {} " + DRAG,
     "voltages": "Measured and simulated voltages on {}, the errors of the rows and the current, "
     "on a common time axis. {} " + DRAG,
-    "tables": "The tables over the state of charge with the intervals of their nodes, and the "
-    "constant circuit. {}" + DRAG,
-    "landscape": "The lowest RMSE that {} can reach at every pair of time constants, in percent "
-    "above the lowest of all, with the answer of every seed. {}" + DRAG,
 }
 # All others hold so many points that PNG is the smaller form.
 SPARSE = {
@@ -150,8 +152,12 @@ ALWAYS = ("summary", "voltage", "error", "tables", "pulses", "resistances", "tem
 
 @dataclass(frozen=True)
 class Figures:
-    """How to draw each figure of a report, by its name; `add` says what the words are about."""
+    """How to draw each figure of a report, by its name; `add` says what the words are about.
 
+    Records get an interactive form too where `is_live`.
+    """
+
+    is_live: bool = False
     drawings: dict[str, Callable[[], Illustration]] = field(default_factory=dict)
 
     def add(
@@ -163,7 +169,8 @@ class Figures:
         live: Callable[[], dict[str, Any]] | None = None,
     ) -> None:
         caption, alt = WORDS[kind]
-        moving = None if live is None else partial(_live, live, LIVE_WORDS[kind], subject)
+        is_moving = live is not None and self.is_live
+        moving = partial(_live, live, LIVE_WORDS[kind], subject) if is_moving else None
 
         def drawn() -> Illustration:
             is_dense = kind not in SPARSE
@@ -185,8 +192,7 @@ class Figures:
         """The tables over SOC and where they err, beside the constant circuit."""
         if run.tables is None:
             return
-        shown = (run.tables.found.reference, run.answer.parameters)
-        draw, live = partial(plots.plot_tables, *shown), partial(live_tables, *shown)
+        draw = partial(plots.plot_tables, run.tables.found.reference, run.answer.parameters)
         over, where = run.tables.found.over_temperature, ""
         if over is not None:
             found = run.tables.found
@@ -195,7 +201,7 @@ class Figures:
             self.add("by temperature", "tables-by-temperature", "", draw_all)
             draw_over = partial(plots.plot_over_temperature, found)
             self.add("over temperature", "tables-over-temperature", "", draw_over)
-        self.add("tables", "tables", where, draw, live)
+        self.add("tables", "tables", where, draw)
         own = {"constant circuit": run.identification, "tables": run.tables.identification}
         self.add("map", "tables-map", "identification", partial(plots.plot_error_map, own))
         if run.validation:
@@ -236,13 +242,7 @@ class Figures:
                 plots.plot_landscape, found.landscape,
                 answers=answers, refined=refined, optimum=found.parameters, others=others,
             )  # fmt: skip
-            named = {
-                "refined": refined,
-                "other local optima": others,
-                "global optimum": [found.parameters],
-            }
-            live = partial(live_landscape, found.landscape, answers, named)
-            self.add("landscape", f"landscape-{model}", model, draw, live)
+            self.add("landscape", f"landscape-{model}", model, draw)
 
 
 def _live(
@@ -250,10 +250,8 @@ def _live(
 ) -> tuple[dict[str, Any], str]:
     """What an interactive figure is drawn from, and its caption."""
     data = numbers()
-    samples, held = data.get("samples", 0), data.get("held", 0)
-    if not samples:
-        drawn = ""
-    elif held == samples:
+    samples, held = data["samples"], data["held"]
+    if held == samples:
         drawn = f"All {samples:,} samples are drawn."
     else:
         drawn = f"{held:,} of {samples:,} samples are drawn, including every peak."
@@ -261,10 +259,13 @@ def _live(
 
 
 def identification_illustrations(
-    run: "Run", wanted: Callable[[str], bool] = lambda name: True
+    run: "Run", wanted: Callable[[str], bool] = lambda name: True, *, live: bool = False
 ) -> list[Illustration]:
-    """The figures of an identification whose names are wanted; each is drawn only then."""
-    drawings = _identification_figures(run).drawings
+    """The figures of an identification whose names are wanted; each is drawn only then.
+
+    Where `live`, a record's voltage has an interactive form.
+    """
+    drawings = _identification_figures(run, live).drawings
     return [drawn() for name, drawn in drawings.items() if wanted(name)]
 
 
@@ -286,8 +287,8 @@ def figure_of(result: "Result", name: str) -> "Figure":
     return drawings[found[0]]().figure
 
 
-def _identification_figures(run: "Run") -> Figures:
-    figures = Figures()
+def _identification_figures(run: "Run", live: bool = False) -> Figures:
+    figures = Figures(live)
     answered = run if run.tables is None else run.tables
     figures.add_summary(run, answered.identification[0])
     figures.add_cell(run.problem.cell)
@@ -295,8 +296,9 @@ def _identification_figures(run: "Run") -> Figures:
     for role, each in zip(roles, [*answered.identification, *answered.validation], strict=True):
         record = each.prepared.record.name
         figures.add_condition(role, each)
-        live = partial(live_record, {"simulated": each}, MOST_NUMBERS // len(roles))
-        figures.add("voltage", f"{role}-voltage", record, partial(plots.plot_voltage, each), live)
+        moving = partial(live_record, {"simulated": each}, MOST_NUMBERS // len(roles))
+        draw = partial(plots.plot_voltage, each)
+        figures.add("voltage", f"{role}-voltage", record, draw, moving)
         figures.add("error", f"{role}-error", record, partial(plots.plot_error, each))
     figures.add_tables(run)
     figures.add_pulses(roles, answered.identification)
@@ -312,17 +314,26 @@ def _identification_figures(run: "Run") -> Figures:
     return figures
 
 
+def replay_illustration(replay: "SocReplay") -> Illustration:
+    """The figure of a replay, which has to have its traces."""
+    caption, alt = WORDS["soc"]
+    return Illustration("soc", plots.plot_soc_replay(replay), caption.format(replay.record), alt)
+
+
 def comparison_illustrations(
     result: "ComparisonResult",
     comparison: "Comparison | None" = None,
     optima: "Mapping[str, GlobalOptimum] | None" = None,
+    *,
+    live: bool = False,
 ) -> list[Illustration]:
     """Every figure of a comparison; those over time only with the comparison itself.
 
     A stored comparison holds no records, so from `result` alone come the figures of the cell and
-    of the seeds. `optima` are the global optima by model, for the landscapes.
+    of the seeds. `optima` are the global optima by model, for the landscapes. Where `live`, the
+    voltages of a record have an interactive form.
     """
-    figures = Figures()
+    figures = Figures(live)
     figures.add_cell(result.cell_model)
     if comparison is not None and comparison.answered:
         first = comparison.answered[0].evaluations
@@ -332,8 +343,8 @@ def comparison_illustrations(
             rows = {row.name: row.evaluations[place] for row in comparison.answered}
             record = each.prepared.record.name
             draw = partial(plots.plot_compared_voltages, rows)
-            live = partial(live_record, rows, MOST_NUMBERS // len(roles))
-            figures.add("voltages", f"{role}-voltages", record, draw, live)
+            moving = partial(live_record, rows, MOST_NUMBERS // len(roles))
+            figures.add("voltages", f"{role}-voltages", record, draw, moving)
             figures.add(
                 "errors", f"{role}-errors", record, partial(plots.plot_compared_errors, rows)
             )

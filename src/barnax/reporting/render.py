@@ -10,6 +10,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from ..plots.pictures import Illustration, Kind, encode
 from .document import Bullets, Document, Listing, Paragraph, Picture, Table
@@ -20,6 +21,7 @@ SPECIAL = re.compile(r"[\\`*<|~$]|\](?=[(\[:])|(?<![^\W_])_|_(?![^\W_])")
 # What begins a list, a heading, a quotation or a rule at the start of a line.
 LEADING = re.compile(r"^(\d*)(>|[-+.)=#](?=[\s=#>-]|$))")
 FENCE = "```"
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
 
 def escape_markdown(text: str) -> str:
@@ -170,11 +172,23 @@ def _templates(for_html: bool) -> Environment:
     templates.filters |= {
         "data_uri": _data_uri,
         "suffix": picture_suffix,
+        "breakable": _breakable,
+        "options_whole": _with_options_whole,
         "md": escape_markdown,
         "md_table": table_lines,
         "code_block": code_block,
     }
     return templates
+
+
+def _breakable(text: str) -> Markup:
+    """The text as HTML; a long name of a file may break behind its dots, dashes and underscores."""
+    return Markup(re.sub(r"(?<=\w{4}[._-])(?=\w)", "<wbr>", str(escape(_seen(text)))))
+
+
+def _with_options_whole(text: str) -> Markup:
+    """The text as HTML whose lines do not break inside an option such as --current-hold."""
+    return Markup(OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_seen(text)))))
 
 
 def _is(block: Any, kind: type) -> bool:

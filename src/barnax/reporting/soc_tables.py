@@ -49,18 +49,24 @@ def tables_section(result: "Result", pictures: Pictures) -> list[Section]:
     told, over = Bullets(tuple(_sentences(part, result))), part.over_temperature
     drawn = pictures.starting("tables")
     if over is None:
-        tables = constants_table(part.fit), nodes_table(part.fit)
-        return [Section("Tables over SOC", (told, *tables, *drawn))]
-    degc = [degrees(each) for each in over.temperatures_degc]
-    alone = degc[part.fits.index(part.fit)]
-    tables = (
-        _temperature_table(part, over),
-        constants_table(
-            part.fit, f" and at every temperature; intervals are those of {alone} alone"
-        ),
-        *(nodes_table(fit, f" at {at}") for at, fit in zip(degc, part.fits, strict=True)),
-    )
+        return [Section("Tables over SOC", (told, *drawn))]
+    degc = over.temperatures_degc
+    others = [
+        nodes_table(fit, f" at {degrees(at)}")
+        for at, fit in zip(degc, part.fits, strict=True)
+        if fit is not part.fit
+    ]
+    tables = (_temperature_table(part, over), *others)
     return [Section("Tables over SOC and temperature", (told, *tables, *drawn))]
+
+
+def answer_tables(part: "TablesPart") -> tuple[Table, Table]:
+    """The values of the answer; of several temperatures, those nearest to 25 degC."""
+    if part.over_temperature is None:
+        return constants_table(part.fit), nodes_table(part.fit)
+    alone = degrees(part.over_temperature.temperatures_degc[part.fits.index(part.fit)])
+    both = f" and at every temperature; intervals are those of {alone} alone"
+    return constants_table(part.fit, both), nodes_table(part.fit, f" at {alone}")
 
 
 def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
@@ -271,7 +277,6 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 
         cells[f"{_name(name)} [{'mOhm' if 'Ohm' in name else 'mV'}]"] = value
         cells[f"{_name(name)}, 95 %"] = interval
-    heads = [head for head in cells if head.endswith(", 95 %")]
     mark = ""
     if any(_edge(each) for each in fit.intervals if each.soc is not None):
         mark = (
@@ -283,7 +288,6 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
         f"{mark}",
         _visited(fit),
         cells,
-        heads,
     )
 
 

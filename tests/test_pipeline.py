@@ -43,6 +43,7 @@ def test_nothing_behind_a_result_is_shown_by_pages(few):
     run = few.run
     record = run.problem.prepared.record
     behind = [few, run, *vars(run).values(), record, few.cell, few.metrics, few.constant.assessment]
+    behind += [*vars(few.cell).values(), *vars(few.constant).values(), *few.inputs]
     assert all(len(repr(one)) < 1000 for one in behind if not isinstance(one, list | tuple))
     assert f"time_s=<array {record.samples}>" in repr(record)
 

@@ -30,6 +30,8 @@ from .table_run import TableRun
 
 # Across machines and versions a stored circuit's error agrees this closely, relative.
 SAME_ERROR = 1e-6
+# A fingerprint holds times to twelve digits.
+ROUNDED = 1e-11
 # What was read of a part of a file is named by the file and a number.
 PART = re.compile(r"#\d+$")
 
@@ -56,7 +58,9 @@ class Inputs:
         if not isinstance(given, Record):
             source = source_of(given, {}, self.reading)
             if PART.search(part.name) and part.fingerprint:
-                source = replace(source, span_s=read_fingerprint(part.fingerprint)[0])
+                first_s, last_s = read_fingerprint(part.fingerprint)[0]
+                slack_s = ROUNDED * max(abs(first_s), abs(last_s))
+                source = replace(source, span_s=(first_s - slack_s, last_s + slack_s))
             source = replace(source, name=part.name)
             given = read_record(source, **decided)
         if part.fingerprint and Content(given).fingerprint != part.fingerprint:

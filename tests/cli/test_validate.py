@@ -118,7 +118,7 @@ def test_a_result_of_the_python_interface_validates_alike(stored):
     ("words", "message"),
     [
         (("absent.json", BUNDLED.validation), "absent.json: cannot be read (No such file"),
-        (("{stored}", "backward.csv"), "backward.csv: row 2: time is out of line"),
+        (("{stored}", "backward.csv"), "backward.csv: row 1002: time"),
         (
             ("{stored}", BUNDLED.validation, "--current-sign", "discharge-positive"),
             "validation.parquet: the sign was given as discharge-positive",
@@ -131,8 +131,8 @@ def test_a_result_of_the_python_interface_validates_alike(stored):
     ],
 )
 def test_what_cannot_be_used_is_refused(refuse, stored, tmp_path, words, message):
-    backward = pl.read_parquet(BUNDLED.validation).head(2000).reverse()
-    backward.write_csv(tmp_path / "backward.csv")
+    record = pl.read_parquet(BUNDLED.validation)
+    pl.concat([record[1000:2000], record[:1000]]).write_csv(tmp_path / "backward.csv")
     assert message in refuse("validate", *(stored if w == "{stored}" else w for w in words))
 
 

@@ -81,6 +81,10 @@ def test_a_cut_file_gives_the_circuit_of_its_parts(schedule, tmp_path):
     assert found.metrics.identification.rmse_v == pytest.approx(
         alone.metrics.identification.rmse_v, rel=0.05
     )
+    (tmp_path / "result.json").write_text(found.to_json())
+    loaded = barnax.Result.load(tmp_path, data=schedule.parent)
+    for one, other in zip(found.run.validation, loaded.run.validation, strict=True):
+        np.testing.assert_array_equal(one.simulated_v, other.simulated_v)
     path = tmp_path / "plan.toml"
     path.write_text(plan_to_toml(plan(schedule)))
     read = plan_from_toml(path)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
+from ..display import Brief
 from ..errors import InputError
 
 OcvFit = Literal["polynomial", "interpolated"]
@@ -21,8 +22,8 @@ MISS_TOLERANCE_V = 10e-3
 CHECKS_PER_GAP = 50
 
 
-@dataclass(frozen=True)
-class AbstractCurve(ABC):
+@dataclass(frozen=True, repr=False)
+class AbstractCurve(Brief, ABC):
     """A curve over SOC, constant beyond its end points.
 
     `points` are the (SOC, voltage in V) it was fitted to, SOC strictly increasing. Raises
@@ -61,7 +62,7 @@ class AbstractCurve(ABC):
         """Voltage between the end points, for an array of at least one axis."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PolynomialCurve(AbstractCurve):
     """The seventh-order polynomial of Li et al. (2023), Eq. 21.
 
@@ -94,7 +95,7 @@ class PolynomialCurve(AbstractCurve):
         return np.polynomial.polynomial.polyval(soc, self.coefficients)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class InterpolatedCurve(AbstractCurve):
     """The monotone cubic through the points (PCHIP; Fritsch and Carlson 1980, as in SciPy).
 
@@ -193,8 +194,8 @@ NODE_AT_KNOT = np.array([0, 1, 2, 2, 3, 4])
 TIE = 1e-3
 
 
-@dataclass(frozen=True)
-class SegmentedHysteresis:
+@dataclass(frozen=True, repr=False)
+class SegmentedHysteresis(Brief):
     """W(soc), charge minus discharge OCV in V, linear on five segments, the middle one constant.
 
     `ends_v` holds each segment's values at its left and right end. `continuous` has five nodal

@@ -13,6 +13,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 import barnax
 
 HERE = Path(__file__).parent
+LONGEST_UNBROKEN = 26
 sys.path.insert(0, str(HERE))
 from pictures import draw_pictures  # noqa: E402
 from signatures import add_types, show_call  # noqa: E402
@@ -126,9 +127,10 @@ def _literal(found: re.Match[str]) -> str:
 
 
 def mark_options(app: Any, tree: Any, page: str) -> None:
-    """Names of options do not break at their dashes."""
+    """Names of options and circuits do not break at their dashes."""
     for code in tree.findall(literal):
-        if code.astext().startswith("--") and " " not in code.astext():
+        text = code.astext()
+        if "-" in text and " " not in text and len(text) < LONGEST_UNBROKEN:
             code["classes"].append("option")
 
 

@@ -119,7 +119,7 @@ def identify(
         ocv: Files, records, data frames or tables of the OCV test of the same cell.
         validate: Files, records or data frames to validate on.
         settings: The circuit, and how to search for it.
-        tables: How tables over SOC are fitted; needs `over`.
+        tables: How tables over SOC are fitted; needs `over` where `model` is given.
         window: The part of a record that is simulated: one for all records, or a mapping from
             record names to windows, with "" for the others.
         capacity: Capacity of the cell in Ah when the records were measured.

@@ -71,7 +71,8 @@ class Source:
 
     def of_one_cell(self, voltage_v: np.ndarray) -> np.ndarray:
         """The voltage of one of the cells in series; as it is where it is one cell's already."""
-        middle_v = np.nanmedian(np.abs(voltage_v)) if len(voltage_v) else 0.0
+        known_v = np.abs(voltage_v[np.isfinite(voltage_v)])
+        middle_v = np.median(known_v) if len(known_v) else 0.0
         is_one = middle_v <= _ONE_CELL_V and middle_v / self.series < _LEAST_CELL_V
         return voltage_v if is_one or self.series == 1 else voltage_v / self.series
 

@@ -148,6 +148,11 @@ def test_the_set_up_of_the_paper_is_one_word():
         barnax.identify(setup="li2024", **few)
 
 
+def test_asking_for_tables_takes_the_simpler_ones_too_unless_others_are_worth_it(result):
+    asked = barnax.identify(over="soc", seeds=0, trust="none")
+    assert (asked.model, asked.candidates) == (result.model, result.candidates)
+
+
 def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
     for path in (BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv):
         (tmp_path / path.name).write_bytes(path.read_bytes())

@@ -259,7 +259,7 @@ def search_and_assess(
             both = (tried.identification, tried.validation)
             candidates.append(Candidate.of(of.circuit, over, *both, errors, proof.proved_gap))
             is_worth = is_better(errors, best_held_out) and spans_enough(found.reference)
-            if settings.over is not None or is_worth:
+            if is_worth or (settings.over is not None and table_run is None):
                 table_run, best_held_out = tried, errors
     is_answer = (table_run.model, over) if table_run else (problem.circuit, None)
     told = tuple(

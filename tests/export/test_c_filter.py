@@ -91,6 +91,37 @@ def test_it_is_the_filter_in_python(tmp_path, circuit, with_tables):
         assert np.abs(single[:, 0] - expected[:, 0]).max() < 2e-3
 
 
+BRANCHES = """\
+#include <stdio.h>
+#define BARNAX_BRANCHES
+#include "barnax_filter.h"
+int main(void)
+{
+    barnax_filter f;
+    double soc, out[2];
+    barnax_filter_start(&f, (barnax_real)0.7, (barnax_real)0.1, 0);
+    barnax_filter_step(&f, 0, 0, 0, (barnax_real)3.7);
+    while (fread(&soc, sizeof(double), 1, stdin) == 1) {
+        barnax_branches(soc, &out[0], &out[1]);
+        fwrite(out, sizeof(double), 2, stdout);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("circuit", ["iso-rc", "esc"])
+def test_both_branches_of_the_ocv_are_in_it(tmp_path, circuit):
+    result = make_result(circuit)
+    program = compiled(tmp_path, EXPORTERS["c-filter"], result, BRANCHES, "-std=c99")
+    soc = np.linspace(0.05, 0.95, 19)
+    ran = subprocess.run([program], input=soc.tobytes(), capture_output=True, check=True)
+    found_v, cell = np.frombuffer(ran.stdout).reshape(-1, 2), result.cell_model
+    half_v = cell.hysteresis_v(soc) / 2
+    expected_v = cell.average_ocv_v(soc)[:, None] + half_v[:, None] * [1, -1]
+    assert np.abs(found_v - expected_v).max() < 1e-3
+
+
 @pytest.mark.parametrize("direction", [1, -1])
 def test_an_unknown_direction_leaves_room_for_both(tmp_path, direction):
     """At rest on a branch at 70 % SOC, as believed: the surer of a wrong one, the farther off."""

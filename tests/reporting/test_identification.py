@@ -182,7 +182,7 @@ def pictures_of(section):
 
 
 def test_every_figure_of_a_run_finds_its_place_in_one_page(joint):
-    drawn = identification_illustrations(joint.run)
+    drawn = identification_illustrations(joint)
     document = identification_document(joint, drawn)
     assert {each.name for each in document.pictures} == {each.name for each in drawn}
     assert {f"identification-{n}-{kind}" for n in (1, 2) for kind in ("voltage", "condition")} | {
@@ -191,7 +191,7 @@ def test_every_figure_of_a_run_finds_its_place_in_one_page(joint):
     page = to_html(document)
     assert ReportReader(page).count("img") == len(drawn)
     assert not [each.name for each in drawn if each.live]
-    moving = identification_illustrations(joint.run, lambda name: "-1-" in name, live=True)
+    moving = identification_illustrations(joint, lambda name: "-1-" in name, live=True)
     assert [each.name for each in moving if each.live] == [
         "identification-1-voltage", "validation-1-voltage"
     ]  # fmt: skip
@@ -199,7 +199,7 @@ def test_every_figure_of_a_run_finds_its_place_in_one_page(joint):
     assert titles[0] == "Parameters"
     assert [each.name for each in pictures_of(document.sections[0])] == ["summary"]
     assert len(page) < LARGEST_REPORT
-    assert page == to_html(identification_document(joint, identification_illustrations(joint.run)))
+    assert page == to_html(identification_document(joint, identification_illustrations(joint)))
 
 
 def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):

@@ -267,7 +267,7 @@ def test_letters_stand_out_from_what_is_behind_them():
 def report(tmp_path_factory):
     """The bundled cell's report with every kind of figure, as a file."""
     result = barnax.identify(over="soc", seeds=4, iterations=60)
-    document = identification_document(result, identification_illustrations(result.run, live=True))
+    document = identification_document(result, identification_illustrations(result, live=True))
     path = tmp_path_factory.mktemp("report") / "report.html"
     path.write_text(to_html(document), encoding="utf-8")
     return path

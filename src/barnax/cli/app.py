@@ -10,6 +10,7 @@ from .files import check, convert, export
 from .fleet import fleet
 from .identify import hppc, identify
 from .options import grouped
+from .report import report
 from .results import rerun, show, soc, validate
 
 app = typer.Typer(
@@ -25,6 +26,7 @@ COMMANDS = (
     hppc,
     fleet,
     show,
+    report,
     validate,
     soc,
     compare,

@@ -224,11 +224,11 @@ def result_files(
     tables |= {"pulses.csv": pulses_csv(result.pulses)} if result.pulses else {}
     if paper:
         with column_width():
-            tables |= paper_files(identification_illustrations(result.run))
+            tables |= paper_files(identification_illustrations(result))
     if not (report or live):
-        drawn = identification_illustrations(result.run, is_always)
+        drawn = identification_illustrations(result, is_always)
         return tables | {f"figures/{each.name}.png": each.png for each in drawn}
-    drawn = identification_illustrations(result.run, live=live)
+    drawn = identification_illustrations(result, live=live)
     return tables | report_files(identification_document(result, drawn).spelled(as_flags), drawn)
 
 

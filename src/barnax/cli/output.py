@@ -259,6 +259,16 @@ def write_file(path: Path, content: bytes) -> None:
         write_whole(place, content)
 
 
+def add_file(path: Path, content: bytes) -> None:
+    """`write_file`; in a folder of results the file is listed as one of theirs."""
+    write_file(path, content)
+    listed = path.parent / LIST
+    with suppress(OSError, ValueError, TypeError):
+        if listed.is_file():
+            names = {path.name, *json.loads(listed.read_text())}
+            write_file(listed, _listed(names))
+
+
 def tell_unfinished(session: Session, folder: Path) -> None:
     """Say what killed commands left in a folder, as far as it is there."""
     session.warn(

@@ -162,7 +162,7 @@ def report_of(result: "Result", path: str | Path | None, format: str | None) -> 
     form = format or (Path(path).suffix[1:] if path else "") or "html"
     if form not in ("html", "md"):
         raise InputError(f"a report is html or md, not {form!r}; name its file or its format so")
-    drawn = identification_illustrations(result.run)
+    drawn = identification_illustrations(result)
     document = identification_document(result, drawn)
     text = to_html(document) if form == "html" else to_markdown(document)
     if path is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import plots
 from ..cell import CircuitParameters
+from ..cell.model import SAME_DEGC
 from ..errors import InputError
 from ..plots.live import MOST_NUMBERS, live_record
 from ..plots.pictures import Illustration, record_roles
@@ -20,10 +21,12 @@ if TYPE_CHECKING:
     from ..cell import CellModel
     from ..comparison import Comparison, ComparisonResult
     from ..global_optimum import GlobalOptimum
+    from ..over_soc import TableFits
     from ..replay import SocReplay
     from ..results import Result
     from ..run import Run
     from ..search.evaluate import Evaluation
+    from ..table_run import TableRun
 
 
 # What every kind of figure shows, and words for who cannot see it; {} is a record or a circuit.
@@ -169,8 +172,9 @@ class Figures:
         live: Callable[[], dict[str, Any]] | None = None,
     ) -> None:
         caption, alt = WORDS[kind]
-        is_moving = live is not None and self.is_live
-        moving = partial(_live, live, LIVE_WORDS[kind], subject) if is_moving else None
+        moving = None
+        if live is not None and self.is_live:
+            moving = partial(_live, live, LIVE_WORDS[kind], subject)
 
         def drawn() -> Illustration:
             is_dense = kind not in SPARSE
@@ -188,31 +192,37 @@ class Figures:
         draw = partial(plots.plot_condition, prepared)
         self.add("condition", f"{role}-condition", prepared.record.name, draw)
 
-    def add_tables(self, run: "Run") -> None:
-        """The tables over SOC and where they err, beside the constant circuit."""
-        if run.tables is None:
-            return
-        draw = partial(plots.plot_tables, run.tables.found.reference, run.answer.parameters)
-        over, where = run.tables.found.over_temperature, ""
+    def add_tables(self, found: "TableFits", constant: CircuitParameters) -> None:
+        """The tables over SOC, beside the constant circuit."""
+        over, where = found.over_temperature, ""
         if over is not None:
-            found = run.tables.found
             where = f" at {over.temperatures_degc[found.fits.index(found.reference)]:.3g} degC"
             draw_all = partial(plots.plot_tables_by_temperature, found)
             self.add("by temperature", "tables-by-temperature", "", draw_all)
             draw_over = partial(plots.plot_over_temperature, found)
             self.add("over temperature", "tables-over-temperature", "", draw_over)
+        draw = partial(plots.plot_tables, found.reference, constant)
         self.add("tables", "tables", where, draw)
-        own = {"constant circuit": run.identification, "tables": run.tables.identification}
+
+    def add_maps(self, run: "Run", tables: "TableRun") -> None:
+        """Where the tables and the constant circuit err."""
+        own = {"constant circuit": run.identification, "tables": tables.identification}
         self.add("map", "tables-map", "identification", partial(plots.plot_error_map, own))
         if run.validation:
-            others = {"constant circuit": run.validation, "tables": run.tables.validation}
+            others = {"constant circuit": run.validation, "tables": tables.validation}
             draw = partial(plots.plot_error_map, others)
             self.add("map", "tables-validation-map", "validation", draw)
 
-    def add_summary(self, run: "Run", first: "Evaluation") -> None:
-        """The answer at a glance, on the first record."""
-        found: Any = run.answer.parameters if run.tables is None else run.tables.found.reference
-        known = () if run.assessment is None else run.assessment.uncertainty.estimates
+    def add_summary(self, result: "Result", evaluations: "Sequence[Evaluation]") -> None:
+        """The answer at a glance, on the first record, or the first at the tables' temperature."""
+        own, tables, first = result.constant, result.tables, evaluations[0]
+        found: Any = own.circuit_parameters if tables is None else tables.fit
+        if tables is not None and (over := tables.over_temperature) is not None:
+            degc = over.temperatures_degc[tables.fits.index(tables.fit)]
+            known = [(each.prepared.temperature_degc, each) for each in evaluations]
+            near = [each for at, each in known if at is not None and abs(at - degc) <= SAME_DEGC]
+            first = [*near, first][0]
+        known = () if own.assessment is None else own.assessment.uncertainty.estimates
         intervals = {each.name: each for each in known}
         draw = partial(plots.plot_summary, first, found, intervals)
         self.add("summary", "summary", first.prepared.record.name, draw)
@@ -259,13 +269,14 @@ def _live(
 
 
 def identification_illustrations(
-    run: "Run", wanted: Callable[[str], bool] = lambda name: True, *, live: bool = False
+    result: "Result", wanted: Callable[[str], bool] = lambda name: True, *, live: bool = False
 ) -> list[Illustration]:
     """The figures of an identification whose names are wanted; each is drawn only then.
 
-    Where `live`, a record's voltage has an interactive form.
+    Where `live`, a record's voltage has an interactive form. Raises `InputError` for a result that
+    was read from a file and whose records are not found.
     """
-    drawings = _identification_figures(run, live).drawings
+    drawings = _identification_figures(result, live).drawings
     return [drawn() for name, drawn in drawings.items() if wanted(name)]
 
 
@@ -279,7 +290,7 @@ def figure_of(result: "Result", name: str) -> "Figure":
 
     Raises `InputError` where there is none of that name.
     """
-    drawings = _identification_figures(result.run).drawings
+    drawings = _identification_figures(result).drawings
     found = [each for each in drawings if each == name or each.rpartition("-")[2] == name]
     found += [each for each in drawings if each.startswith(name)]
     if not found:
@@ -287,10 +298,19 @@ def figure_of(result: "Result", name: str) -> "Figure":
     return drawings[found[0]]().figure
 
 
-def _identification_figures(run: "Run", live: bool = False) -> Figures:
-    figures = Figures(live)
+def stored_illustrations(result: "Result") -> list[Illustration]:
+    """The figures of a stored result that need none of its records."""
+    figures = Figures()
+    figures.add_cell(result.cell)
+    if result.tables is not None:
+        figures.add_tables(result.tables.found, result.constant.circuit_parameters)
+    return [drawn() for drawn in figures.drawings.values()]
+
+
+def _identification_figures(result: "Result", live: bool = False) -> Figures:
+    figures, run = Figures(live), result.run
     answered = run if run.tables is None else run.tables
-    figures.add_summary(run, answered.identification[0])
+    figures.add_summary(result, answered.identification)
     figures.add_cell(run.problem.cell)
     roles = record_roles(len(run.identification), len(run.validation))
     for role, each in zip(roles, [*answered.identification, *answered.validation], strict=True):
@@ -300,7 +320,9 @@ def _identification_figures(run: "Run", live: bool = False) -> Figures:
         draw = partial(plots.plot_voltage, each)
         figures.add("voltage", f"{role}-voltage", record, draw, moving)
         figures.add("error", f"{role}-error", record, partial(plots.plot_error, each))
-    figures.add_tables(run)
+    if run.tables is not None:
+        figures.add_tables(run.tables.found, run.answer.parameters)
+        figures.add_maps(run, run.tables)
     figures.add_pulses(roles, answered.identification)
     answers = {}
     if run.search is not None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .decisions import warnings_section
 from .document import Bullets, Column, Document, Pictures, Section, Table
-from .words import NOTHING, capitalized, duration, joined
+from .words import NOTHING, duration, joined
 
 if TYPE_CHECKING:
     from ..plots.pictures import Illustration
@@ -29,7 +29,7 @@ def replay_document(replay: "SocReplay", illustrations: "Iterable[Illustration]"
         Section("Verdict", (Bullets(told),)),
         *warnings_section(replay.warnings),
     )
-    summary = f"{capitalized('; '.join(facts_of(replay)).replace('   ', ', '))}."
+    summary = f"{'; '.join(facts_of(replay)).replace('   ', ', ')}."
     return Document(f"State of charge of {replay.record}, tracked by a filter", summary, sections)
 
 

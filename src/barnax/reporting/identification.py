@@ -139,7 +139,7 @@ def _cell_and_record(result: "Result") -> str:
     at = f", at {joined(known)}" if known else ""
     low, high = first.soc_range or (0.0, 1.0)
     extent = "" if others else f", {duration(first.duration_s or 0.0)}"
-    extent += "" if others else f", SOC {100 * low + 0.0:.0f} to {100 * high:.0f} %"
+    extent += "" if others else f", SOC {round(100 * low)} to {round(100 * high)} %"
     return f"A cell of {result.cell.capacity_ah:.3g} Ah: {result.name}{extent}{at}."
 
 

@@ -31,9 +31,12 @@ from .search.seeds import SeedAnswer
 from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncertainty
 
 if TYPE_CHECKING:
+    import numpy as np
     import polars
     from matplotlib.figure import Figure
 
+    from .inputs import Given
+    from .records.read import Frame
     from .reopening import Inputs
     from .run import Run
     from .search.evaluate import Evaluation
@@ -438,7 +441,7 @@ class Result(Document):
         cls,
         path: str | Path,
         *,
-        data: "str | Path | Sequence[str | Path] | Mapping[str, Any]" = (),
+        data: "str | Path | Sequence[str | Path] | Mapping[str, Given]" = (),
         columns: Mapping[str, str] | str = "",
         series: int = 1,
     ) -> Self:
@@ -479,13 +482,13 @@ class Result(Document):
 
     def simulate(
         self,
-        current: Any,
-        time: Any = None,
+        current: "Frame | Mapping[str, Sequence[float]] | Sequence[float]",
+        time: "Sequence[float] | np.ndarray | None" = None,
         *,
         initial_soc: float | None = None,
         temperature: float | None = None,
         initial_direction: Literal[-1, 1] | None = None,
-    ) -> Any:
+    ) -> "Frame":
         """The voltage of the answer, circuit or tables, on a current of your own.
 
         Discharge current is positive, and each sample's current flows until the next one. Columns
@@ -520,7 +523,7 @@ class Result(Document):
 
     def validate(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
-        record: Any,
+        record: "Given",
         window: Window | None = None,
         *,
         current_sign: str = "auto",

@@ -165,8 +165,8 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
     foreign = imported - sys.stdlib_module_names - optional - {"barnax"}
     needed = {distribution(providers[name][0]) for name in foreign}
     declared = {distribution(requirement) for requirement in PROJECT["dependencies"]}
-    # pydantic's own page on custom types imports its core, and it pins the version.
-    assert needed - {"pydantic-core"} == declared
+    # What pages of pydantic and of jinja2 import of their own, which they bring along.
+    assert needed - {"pydantic-core", "markupsafe"} == declared
 
 
 def build(folder, *targets):

@@ -409,7 +409,7 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
     with pytest.raises(
         InputError,
         match=rf"made.csv: row {row} is scored at a state of charge of -0.05\d, but .*"
-        rf"`capacity` \({shown} Ah\) and `initial_soc`, give an OCV test .*`score_soc`, `score_st",
+        rf"`capacity` \({shown} Ah\), `initial_soc` and that the OCV .*`score_soc`, `score_st",
     ):
         prepared(bundled_cell, Window(initial_soc=0.01, capacity_ah=capacity_ah), voltage_v=2.7)
     # What is not scored is let pass.

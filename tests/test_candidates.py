@@ -11,7 +11,7 @@ from rich.console import Console
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.candidates import WEIGHED, best_of, is_better
+from barnax.candidates import WEIGHED, best_of, is_alike, is_better
 from barnax.cell import CircuitParameters
 from barnax.cli.session import as_flags
 from barnax.model.prepared import prepare_record
@@ -179,3 +179,12 @@ def test_what_nothing_was_held_out_of_is_never_better(errors):
     assert not is_better(None, errors)
     assert not is_better(errors, None)
     assert best_of([None, errors]) == 0
+
+
+def test_circuits_are_alike_within_a_tenth_of_the_larger_held_out_error():
+    one, near, far = (SocErrors(rmse_v, None) for rmse_v in (10e-3, 10.9e-3, 11.2e-3))
+    assert is_alike(one, near)
+    assert is_alike(near, one)
+    assert not is_alike(one, far)
+    assert not is_alike(far, one)
+    assert not is_alike(one, None)

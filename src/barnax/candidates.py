@@ -15,6 +15,8 @@ FOLLOWING = "esc"
 # A constant circuit that leaves so many times the error of another is contradicted by the data:
 # its intervals, which take its structure for granted, do not hold.
 CONTRADICTED = 1.5
+# A circuit whose held-out error differs from the answer's by less is no less possible.
+ALIKE = 0.1
 # Tables of which samples visit less SOC than this are no answer for the cell: beyond, they follow
 # from their neighbors.
 LEAST_SPAN_SOC = 0.3
@@ -93,6 +95,14 @@ def spans_enough(fit: TableFit) -> bool:
 def is_better(one: SocErrors | None, simpler: SocErrors | None) -> bool:
     """Whether a circuit is worth what it has more than a simpler one, by what was held out."""
     return one is not None and simpler is not None and one.is_worth(simpler)
+
+
+def is_alike(one: SocErrors | None, other: SocErrors | None) -> bool:
+    """Whether what was held out tells two circuits apart by less than `ALIKE`."""
+    if one is None or other is None:
+        return False
+    low, high = sorted((one.rmse_v, other.rmse_v))
+    return (1 - ALIKE) * high <= low
 
 
 def best_of(held_out: Sequence[SocErrors | None]) -> int:

@@ -53,13 +53,37 @@ class TableRun(Brief):
         others = [evaluate_from_either(each, cell, found.evaluate) for each in validated]
         return cls(settings, found, own, others)
 
-    def spanning(self, shift_ohm: float) -> "TableRun":
-        """The same whose intervals of R0 reach over what the other hold makes of it."""
+    def median_ohm(self, name: str) -> float:
+        """The median of a table over the nodes that have an interval, 0 without such."""
+        named = [each for fit in self.found.fits for each in fit.of_table(name)]
+        return float(np.median([each.value for each in named if each.low is not None] or [0.0]))
+
+    @property
+    def hold_shift_ohm(self) -> float:
+        """By how much R0 would be another if a sample's current flowed on its other side.
+
+        On an even clock a pair R, tau moves under the other hold by R (exp(T / tau) - 1) from R0,
+        or by R (1 - exp(-T / tau)) to it if the current flowed before its sample.
+        """
+        prepared = self.identification[0].prepared
+        sign = 1 if prepared.record.hold.value == "forward" else -1
+        (tau, *_) = [
+            {each.name: each.value for each in fit.intervals if each.name.startswith("tau")}
+            for fit in self.found.fits
+        ]
+        return -sum(
+            self.median_ohm(f"R{name[3]} [Ohm]")
+            * float(np.expm1(sign * prepared.median_interval_s / tau_s))
+            for name, tau_s in tau.items()
+        )
+
+    def spanning(self, shifts_ohm: Sequence[float]) -> "TableRun":
+        """The same whose intervals of R0 reach over what else may be true, so far from it."""
         fits = tuple(
             replace(
                 fit,
                 intervals=tuple(
-                    each.spanning(shift_ohm) if each.name == R0 else each for each in fit.intervals
+                    each.spanning(shifts_ohm) if each.name == R0 else each for each in fit.intervals
                 ),
             )
             for fit in self.found.fits

@@ -1,6 +1,6 @@
 """What a run does: circuits are weighed, the best constant one is searched, the answer assessed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,10 +15,12 @@ from .candidates import (
     WEIGHED,
     Candidate,
     best_of,
+    is_alike,
     is_better,
     spans_enough,
     tabulated_circuit,
 )
+from .checks.sampling import late_answers_ohm
 from .display import Brief
 from .errors import InputError
 from .execution import threads
@@ -26,6 +28,7 @@ from .global_optimum import (
     GlobalOptimum,
     find_global_optimum,
     hold_warning,
+    r0_with_one_more_pair,
     try_other_hold,
     with_better_directions,
     with_better_hold,
@@ -52,9 +55,11 @@ from .run import Run, best_answer
 from .search.evaluate import evaluate, evaluate_from_either
 from .search.refine import Descent, refine
 from .search.seeds import search_seeds
-from .table_run import TableRun, fit_over
+from .table_run import R0, TableRun, fit_over
 from .uncertainty import assess, compile_linearization, examine
 
+# One more pair follows the noise where its likelihood ratio is below this: chi2 of two, 95 %.
+PAIR_SURE = 5.99
 # What a warning says first where the full examination failed.
 FITTING_AGAIN = "fitting again"
 
@@ -210,6 +215,11 @@ def search_and_assess(
             tables_futures.append(_fitting(beside, over, weighing, problem))
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         other_hold_future = beside.submit(try_other_hold, problem) if advise else None
+        jumps = [late_answers_ohm(each.record) for each in problem.prepared_records]
+        late_ohm = [each[0] + each[1] for each in jumps if each is not None]
+        # Where the voltage lags, one more pair would only take that up.
+        has_more = trust != "none" and not late_ohm
+        more_future = beside.submit(r0_with_one_more_pair, problem) if has_more else None
         search = refinement = None
         if settings.seeds:
             descent = beside.submit(Descent, problem)
@@ -228,6 +238,7 @@ def search_and_assess(
                 linearization.result()
             fits = [(of, future.result()) for of, future in tables_futures]
             other_hold = other_hold_future.result() if other_hold_future else None
+            more = more_future.result() if more_future else ()
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     candidates: list[Candidate] = []
@@ -269,14 +280,26 @@ def search_and_assess(
     with watch("Assessing", 0):
         if trust != "none":
             assessment = _attempt("the intervals", warnings, assess, problem, answer.parameters)
-            if assessment is not None and other_hold is not None:
-                known = assessment.uncertainty
-                if "R0 [Ohm]" in known.beyond(other_hold.parameters):
-                    warnings.append(hold_warning(problem, answer.parameters, other_hold))
-                spanning = known.spanning(other_hold.parameters)
-                assessment = replace(assessment, uncertainty=spanning)
-        if table_run is not None and other_hold is not None:
-            table_run = table_run.spanning(other_hold.parameters.r0 - answer.parameters.r0)
+        if assessment is not None:
+            known, own = assessment.uncertainty, answer.parameters
+            if other_hold is not None and R0 in known.beyond(other_hold.parameters):
+                warnings.append(hold_warning(problem, own, other_hold))
+            # A circuit that was asked for is not weighed against others.
+            weighed = problems if weighing.chosen is None else ()
+            alike = partial(_alike_r0, weighed, optima, held_out)
+            samples = assessment.diagnostics.effective_samples
+            more_ohm = [r0 for r0, gain in more if samples * gain > PAIR_SURE]
+            r0_ohm = [*more_ohm, *late_ohm, *alike(held_out[place])]
+            others = [replace(own, r0=each) for each in r0_ohm]
+            others += [other_hold.parameters] if other_hold else []
+            assessment = replace(assessment, uncertainty=known.spanning(others))
+            if table_run is not None:
+                shifts_ohm = [
+                    each - table_run.median_ohm(R0) for each in (*late_ohm, *alike(best_held_out))
+                ]
+                if other_hold is not None:
+                    shifts_ohm += [other_hold.parameters.r0 - own.r0, table_run.hold_shift_ohm]
+                table_run = table_run.spanning(shifts_ohm)
         if trust == "full" and assessment is not None:
             key = jax.random.key(settings.key)
             examination = _attempt(
@@ -294,6 +317,20 @@ def _fitting(
     """Tables on the records of a problem, as they are being fitted."""
     assert weighing.tables is not None, "tables have settings"
     return of, beside.submit(fit_over, over, of.prepared_records, weighing.tables)
+
+
+def _alike_r0(
+    problems: Sequence[Problem],
+    optima: Sequence[GlobalOptimum | None],
+    held_out: Sequence[SocErrors | None],
+    held: SocErrors | None,
+) -> list[float]:
+    """R0 in ohm of the circuits that what was held out tells no better or worse than one."""
+    return [
+        optimum.parameters.r0
+        for each, optimum, errors in zip(problems, optima, held_out, strict=False)
+        if optimum is not None and is_alike(held, errors)
+    ]
 
 
 def _held_out_or_none(problem: Problem, settings: TableSettings | None) -> SocErrors | None:

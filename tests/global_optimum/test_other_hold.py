@@ -9,7 +9,12 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
-from barnax.global_optimum import find_global_optimum, try_other_hold, with_better_hold
+from barnax.global_optimum import (
+    find_global_optimum,
+    r0_with_one_more_pair,
+    try_other_hold,
+    with_better_hold,
+)
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
@@ -57,7 +62,7 @@ def test_the_other_hold_starts_in_the_direction_that_was_settled(pchip_cell):
     assert found.rmse_v == find_global_optimum(read, prove=False).rmse_v != unsettled.rmse_v
 
 
-def simulated(cell, time_s, hold):
+def simulated(cell, time_s, hold, truth=TRUTH):
     """A record of the true circuit whose current flowed as said, from nearly full."""
     rng = np.random.default_rng(3)
     pieces = rng.uniform(-1.0, 2.0, len(time_s))
@@ -66,7 +71,7 @@ def simulated(cell, time_s, hold):
     drawn = record_from_frame(table, current_hold=hold, current_sign="charge-positive")
     prepared = prepare_record(drawn, cell, "so-rc", WINDOW)
     noise_v = 1e-4 * rng.standard_normal(len(time_s))
-    volts = evaluate(prepared, TRUTH).simulated_v + noise_v[: len(prepared.soc)]
+    volts = evaluate(prepared, truth).simulated_v + noise_v[: len(prepared.soc)]
     return table[: len(volts)].with_columns(pl.Series(VOLTAGE, volts))
 
 
@@ -121,3 +126,55 @@ def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip
     (told,) = [text for text in assumed.warnings if "current_hold" in text]
     assert f"{1e3 * wide.value:.3g} mOhm as assumed, and {1e3 * own.value:.3g} mOhm" in told
     assert not any("current_hold" in text for text in known.warnings)
+
+
+THREE_PAIRS = CircuitParameters(0.05, (0.02, 0.03, 0.03), (8 / 0.02, 80 / 0.03, 600 / 0.03))
+
+
+@pytest.mark.parametrize("hold", ["forward", "backward"])
+def test_an_interval_of_r0_spans_the_pair_that_two_pairs_leave_out(pchip_cell, hold):
+    table = simulated(pchip_cell, 4.0 * np.arange(1500), hold, THREE_PAIRS)
+    problem = problem_of(pchip_cell, table)
+    wider = dict(zip(["forward", "backward"], r0_with_one_more_pair(problem), strict=True))
+    assert wider[hold][0] == pytest.approx(0.05, rel=0.03)
+    given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
+    assessment = barnax.identify(table, current_hold=hold, **given).constant.assessment
+    assert assessment
+    r0 = assessment.uncertainty["R0 [Ohm]"]
+    assert r0.low
+    assert r0.high
+    # Two pairs alone would not reach so low.
+    assert r0.low < 1.02 * 0.05
+    assert r0.low < 0.999 * r0.value**2 / r0.high
+
+
+def test_an_interval_of_r0_reaches_up_to_what_comes_a_sample_late(pchip_cell):
+    table = simulated(pchip_cell, 1.0 * np.arange(3000), "forward")
+    late = table[VOLTAGE].to_numpy().copy()
+    late[1:] -= 0.4 * np.diff(late)
+    given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
+    result = barnax.identify(table.with_columns(pl.Series(VOLTAGE, late)), **given)
+    assert result.constant.assessment
+    r0 = result.constant.assessment.uncertainty["R0 [Ohm]"]
+    assert r0.value < 0.8 * 0.05
+    assert r0.high
+    # What comes in the second sample: of the pairs, a sample and a half of their own.
+    passed = np.sum(-np.array(TRUTH.r) * np.expm1(-1.5 / np.array(TRUTH.tau_s)))
+    assert 0.05 < r0.high < 1.05 * (0.05 + passed)
+
+
+def test_tables_move_under_the_other_hold_by_the_closed_form_of_their_own_pairs(pchip_cell):
+    tables = {
+        hold: barnax.identify(
+            simulated(pchip_cell, 10.0 * np.arange(700), "backward"),
+            current_hold=hold, cell=pchip_cell, over="soc", model="so-rc", seeds=0, window=WINDOW,
+        ).run.tables
+        for hold in ("forward", "backward")
+    }  # fmt: skip
+    forward, backward = tables["forward"], tables["backward"]
+    assert forward
+    assert backward
+    r0 = [each.median_ohm("R0 [Ohm]") for each in (forward, backward)]
+    own = 0.9 * 10 / 3600 / pchip_cell.capacity_ah
+    assert forward.hold_shift_ohm == pytest.approx(r0[1] - r0[0] + own, rel=0.15)
+    assert backward.hold_shift_ohm == pytest.approx(r0[0] - r0[1] - own, rel=0.15)

@@ -113,10 +113,12 @@ def test_the_noise_of_several_records_is_correlated_no_longer_than_one_of_them_l
     # Twice the data, independent: intervals are narrower by the square root of two.
     alone = fit(one).assessment.uncertainty
     for name in linearization.names:
-        narrower = (
-            alone[name].white_noise_relative_error
-            / assessment.uncertainty[name].white_noise_relative_error
+        one_error, both_error = (
+            each[name].white_noise_relative_error for each in (alone, assessment.uncertainty)
         )
+        assert one_error
+        assert both_error
+        narrower = one_error / both_error
         assert narrower == pytest.approx(np.sqrt(2), rel=0.1)
 
 
@@ -124,10 +126,12 @@ def test_an_interval_spans_another_possible_value_by_its_own_relative_width(whit
     uncertainty, own = white.assessment.uncertainty, white.assessment.uncertainty["R0 [Ohm]"]
     other = replace(TRUTH, r0=2 * own.value)
     assert uncertainty.beyond(other)["R0 [Ohm]"] == 2 * own.value
-    wide = uncertainty.spanning(other)["R0 [Ohm]"]
+    wide = uncertainty.spanning([other])["R0 [Ohm]"]
     assert (wide.value, wide.low, wide.high) == (own.value, own.low, 2 * own.high)
-    within = replace(TRUTH, r0=1.0001 * own.value)
-    assert uncertainty.spanning(within)["R0 [Ohm]"] == own
+    below, above = (replace(TRUTH, r0=share * own.value) for share in (0.9999, 1.0002))
+    within = uncertainty.spanning([below, above])["R0 [Ohm]"]
+    assert (within.low, within.high) == (0.9999 * own.low, 1.0002 * own.high)
+    assert uncertainty.spanning([])["R0 [Ohm]"] == own
 
 
 def test_a_rest_before_the_first_load_says_nothing(bundled_cell):

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import counted
+from ..records import Record
 from ..records.findings import Finding
 from .check_input import CheckInput
 from .roles import FINE_S
@@ -162,31 +163,31 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
     yield given.at(int(np.argmax(is_coarse)) + 1, "note", what, remedy)
 
 
-def find_late_voltage(given: CheckInput) -> Iterator[Finding]:
-    """A voltage that shows part of a step of the current only in the next sample.
+def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
+    """What the voltage shows of a step of the current at once, one sample later and after that.
 
-    The answers of the samples from a step on, in ohm, by least squares on the differences between
-    samples: R0 and what follows at once in the first, in the others what the RC pairs add, which
-    falls off with their time constants. A second answer far above what the third leaves it is late.
+    None where nothing is late. The answers of the samples from a step on are least squares on the
+    differences between samples: R0 and what follows at once in the first, in the others what the RC
+    pairs add, which falls off with their time constants. A second answer far above what the third
+    leaves it is late.
     """
-    record = given.record
     interval_s, moved_a = record.interval_s, np.diff(record.current_a)
     usual_s = float(np.median(interval_s))
     near = np.lib.stride_tricks.sliding_window_view
     if len(moved_a) < _ANSWERS + _FEWEST_STEPS:
-        return
+        return None
     is_even = np.all(np.abs(near(interval_s, _ANSWERS) - usual_s) < 0.1 * usual_s, axis=1)
     steps_a = near(moved_a, _ANSWERS)[:, ::-1]
-    least_a = _STEP_SHARE * given.samples.peak_a
+    least_a = _STEP_SHARE * float(np.max(np.abs(record.current_a)))
     is_used = is_even & (np.max(np.abs(steps_a), axis=1) > least_a)
     if is_used.sum() < _FEWEST_STEPS:
-        return
+        return None
     # The current before and a constant stand for what is slow.
     before_a = record.current_a[: len(steps_a)]
     design = np.column_stack([steps_a, before_a, np.ones(len(steps_a))])[is_used]
     moved_v = np.diff(record.voltage_v)[_ANSWERS - 1 :][is_used]
     if np.linalg.matrix_rank(design) < design.shape[1]:
-        return
+        return None
     inverse = np.linalg.inv(design.T @ design)
     answers = -inverse @ (design.T @ moved_v)
     late = np.zeros(len(answers))
@@ -195,13 +196,24 @@ def find_late_voltage(given: CheckInput) -> Iterator[Finding]:
     variance = float(error_v @ error_v) / (len(moved_v) - len(answers)) * (late @ inverse @ late)
     ohm, whole = float(late @ answers), float(answers[0] + answers[1])
     if not ohm > max(_LATE_SHARE * whole, _LATE_SURE * np.sqrt(variance)) or answers[0] <= 0:
+        return None
+    first, second, third = answers[:3].tolist()
+    return first, second, third
+
+
+def find_late_voltage(given: CheckInput) -> Iterator[Finding]:
+    """A voltage that shows part of a step of the current only in the next sample."""
+    answers_ohm = late_answers_ohm(given.record)
+    if answers_ohm is None:
         return
-    first, second, third = 1e3 * answers[:3]
+    usual_s = float(np.median(given.record.interval_s))
+    first, second, third = (1e3 * each for each in answers_ohm)
+    late = second - _LASTING * third
     what = (
         f"of a step of the current the voltage shows {first:.3g} mOhm at once, {second:.3g} mOhm "
         f"one sample ({usual_s:.3g} s) later and {third:.3g} mOhm after that: it lags by part of a "
         f"sample, or pairs are faster than the log, and R0 is up to "
-        f"{100 * ohm / (answers[0] + ohm):.0f} % too low"
+        f"{100 * late / (first + late):.0f} % too low"
     )
     remedy = "use a record that logs current and voltage at one moment, or one sampled faster"
     yield Finding("warning", what, remedy)

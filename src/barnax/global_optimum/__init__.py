@@ -1,6 +1,12 @@
 """The best circuit there is in a box: a landscape, a polish and a proof."""
 
-from .other_hold import OtherHold, hold_warning, try_other_hold, with_better_hold
+from .other_hold import (
+    OtherHold,
+    hold_warning,
+    r0_with_one_more_pair,
+    try_other_hold,
+    with_better_hold,
+)
 from .search import (
     GlobalOptimum,
     Landscape,
@@ -17,6 +23,7 @@ __all__ = [
     "find_global_optimum",
     "hold_warning",
     "optimality_gap",
+    "r0_with_one_more_pair",
     "try_other_hold",
     "with_better_directions",
     "with_better_hold",

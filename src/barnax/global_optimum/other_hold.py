@@ -6,18 +6,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..cell import CircuitParameters, get_circuit
+from ..checks.sampling import late_answers_ohm
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.problem import Problem
+from ..model.problem import Problem, with_one_more_pair
 from ..records import Decision
 from ..records.record import Hold
 from ..search.evaluate import evaluate
-from .search import find_global_optimum
+from .search import best_on_grid, find_global_optimum
 
 # The errors of both holds are compared in so many parts of each record. A mean logarithm beyond so
 # much, at so many standard errors, was never wrong on 120 simulated cells whose voltage does not
 # lag; on an even clock few reach it.
 PARTS, FAR, SHARP = 24, 0.05, 4.0
+# On a clock so even, at intervals so short, both holds fit alike, and nothing tells them apart.
+EVEN, SHORT_S = 0.01, 1.5
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,31 @@ def try_other_hold(problem: Problem) -> OtherHold | None:
     return OtherHold(value, found.rmse_v, found.parameters)
 
 
+def r0_with_one_more_pair(problem: Problem) -> tuple[tuple[float, float], ...]:
+    """R0 in ohm if the circuit had a pair more, on a grid; also with the other hold where one is
+    only assumed. With each the logarithm of the squared errors without and with that pair. Empty
+    where the box is too wide to look.
+
+    A pair that is missing is shared between R0 and the other pairs, which moves R0 by more than the
+    residuals tell.
+    """
+    turned = _turned(problem, lambda hold, value: Decision(value, "given", "tried"))
+    found = []
+    for each in (problem, *(() if turned is None else turned[1:])):
+        wider = with_one_more_pair(each)
+        if wider is None:
+            continue
+        try:
+            (_, own_v), (circuit, wider_v) = best_on_grid(each), best_on_grid(wider)
+        except InputError:
+            continue
+        # A pair that is over within a sample is hardly told from R0.
+        if min(circuit.tau_s) < each.prepared.median_interval_s:
+            continue
+        found.append((circuit.r0, 2 * float(np.log(own_v / wider_v))))
+    return tuple(found)
+
+
 def hold_warning(problem: Problem, own: CircuitParameters, other: OtherHold) -> str:
     """What to say where the other hold would give an R0 outside the interval."""
     names = [
@@ -72,6 +100,8 @@ def with_better_hold(problem: Problem) -> Problem:
     if get_circuit(problem.circuit).has_rate:
         return problem
     reason = "the voltage follows it far better than the other"
+    if not any(_can_tell(each) for each in problem.prepared_records):
+        return problem
     turned = _turned(problem, lambda hold, value: Decision(value, "weak", reason))
     if turned is None:
         return problem
@@ -102,6 +132,13 @@ def with_better_hold(problem: Problem) -> Problem:
         return other
     decided = _decided(problem, lambda hold: replace(hold, strength="weak", reason=reason))
     return problem.keeping_computed(prepared_records=decided)
+
+
+def _can_tell(prepared: PreparedRecord) -> bool:
+    """Whether the voltage of a record may tell its hold: one that lags speaks for one of them."""
+    interval_s, usual_s = prepared.record.interval_s, prepared.median_interval_s
+    is_even = np.quantile(np.abs(interval_s - usual_s), 0.99) <= EVEN * usual_s
+    return usual_s > SHORT_S or not is_even or late_answers_ohm(prepared.record) is not None
 
 
 def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:

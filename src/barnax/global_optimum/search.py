@@ -272,6 +272,13 @@ def without_sweep_drop(problem: Problem) -> Problem:
     return found
 
 
+def best_on_grid(problem: Problem) -> tuple[CircuitParameters, float]:
+    """The best circuit of the landscape's grid, not polished, and its RMSE in V."""
+    landscape = landscape_of(Reduced.of(problem))
+    (lowest, *_) = landscape.minima(1.0)
+    return landscape.circuit(lowest), float(landscape.rmse_v[lowest])
+
+
 def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> float:
     """What the best circuit of the records nearest to a temperature resists after `DROP_S`."""
     records = problem.prepared_records
@@ -280,9 +287,7 @@ def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> fl
         apart = np.nan_to_num(np.abs(degc - temperature_degc))
         is_near = apart <= apart.min() + NEAR_DEGC
         records = tuple(itertools.compress(records, is_near))
-    landscape = landscape_of(Reduced.of(replace(problem, prepared_records=records)))
-    (lowest, *_) = landscape.minima(1.0)
-    found = landscape.circuit(lowest)
+    found, _ = best_on_grid(replace(problem, prepared_records=records))
     shown = -np.expm1(-DROP_S / np.array(found.tau_s))
     return found.r0 + float(shown @ found.r)
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
+from ..cell.circuits import MOST_PAIRS
 from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
@@ -19,7 +20,7 @@ from ..records import Record
 from .compressed import Compressed, compress
 from .padding import to_common_size
 from .prepared import PreparedRecord, prepare_record, require_changing_voltage
-from .search_space import Bounds, Coordinates, Range, Scale
+from .search_space import PAIRS, RESISTANCES, Bounds, Coordinates, Range, Scale
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 from .window import Window
 
@@ -172,6 +173,18 @@ class Problem(Brief):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
             found.append(CircuitParameters.of_tau(one.r0, one.r, one.tau, one.gamma))
         return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
+
+
+def with_one_more_pair(problem: Problem) -> Problem | None:
+    """The problem with a pair more, in the default box; None where a circuit has no more."""
+    pairs = problem.bounds.pairs
+    if pairs == MOST_PAIRS:
+        return None
+    capacity_ah, limits = problem.prepared.capacity_ah, problem.bounds.tau_limits_s
+    fresh = Bounds.default(capacity_ah, 2 * limits[0], limits[1], pairs=pairs + 1)
+    ranges = dict(problem.bounds.ranges)
+    ranges |= {name: fresh.ranges[name] for name in (RESISTANCES[pairs + 1], PAIRS[pairs][0])}
+    return replace(problem, bounds=replace(problem.bounds, ranges=ranges, pairs=pairs + 1))
 
 
 def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]) -> dict[str, Any]:

@@ -56,12 +56,12 @@ class NodeInterval:
         """Whether the value may have been moved further than its standard error."""
         return abs(self.bias) > self.standard_error
 
-    def spanning(self, shift: float) -> "NodeInterval":
-        """The same with an interval that reaches over a value as possible, where it does not."""
-        if self.low is None or self.high is None or self.low <= self.value + shift <= self.high:
+    def spanning(self, shifts: Sequence[float]) -> "NodeInterval":
+        """The same with an interval that reaches over those of values so far off, as possible."""
+        if self.low is None or self.high is None:
             return self
-        low, high = min(self.low, self.low + shift), max(self.high, self.high + shift)
-        return replace(self, low=low, high=high)
+        low = max(self.low + min([0.0, *shifts]), 0.0)
+        return replace(self, low=low, high=self.high + max([0.0, *shifts]))
 
 
 @in_float64

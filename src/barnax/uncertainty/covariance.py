@@ -229,14 +229,12 @@ class Estimate:
     def is_determined(self) -> bool:
         return self.low is not None
 
-    def spanning(self, value: float) -> "Estimate":
-        """The same with an interval that reaches over that of another value."""
+    def spanning(self, values: Sequence[float]) -> "Estimate":
+        """The same with an interval that reaches over those of other values."""
         if self.low is None or self.high is None:
             return self
-        share = value / self.value
-        return replace(
-            self, low=min(self.low, share * self.low), high=max(self.high, share * self.high)
-        )
+        shares = [1.0, *(value / self.value for value in values)]
+        return replace(self, low=min(shares) * self.low, high=max(shares) * self.high)
 
 
 @dataclass(frozen=True)
@@ -272,19 +270,16 @@ class Uncertainty(Brief):
             and not each.low <= values[each.name] <= each.high
         }
 
-    def spanning(self, other: CircuitParameters) -> "Uncertainty":
-        """The same with intervals that reach over those of another circuit, equally possible.
+    def spanning(self, others: Sequence[CircuitParameters]) -> "Uncertainty":
+        """The same with intervals that reach over those of other circuits, equally possible.
 
-        Its own are as wide, relative to its values. Only those that it lies outside of change.
+        Their intervals are as wide, relative to their values.
         """
-        beyond = self.beyond(other)
-        return replace(
-            self,
-            estimates=tuple(
-                each.spanning(beyond[each.name]) if each.name in beyond else each
-                for each in self.estimates
-            ),
+        values = [named_values(each) for each in others]
+        estimates = tuple(
+            each.spanning([of[each.name] for of in values]) for each in self.estimates
         )
+        return replace(self, estimates=estimates)
 
     def __getitem__(self, name: str) -> Estimate:
         for estimate in self.estimates:

@@ -13,12 +13,12 @@ from jaxtyping import Array, Float
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from ..cell import CircuitParameters
-from ..cell.circuits import CIRCUITS, MOST_PAIRS, get_circuit
+from ..cell.circuits import CIRCUITS, get_circuit
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import prepare_record
-from ..model.problem import Problem, rc_parameters, rmse_by_scan
-from ..model.search_space import PAIRS, RATE, RATE_RANGE, RESISTANCES, Bounds
+from ..model.problem import Problem, rc_parameters, rmse_by_scan, with_one_more_pair
+from ..model.search_space import PAIRS, RATE, RATE_RANGE
 from ..model.simulate import SimulationInput, unit_response
 from ..search.refine import Descent
 from .refit import Refit
@@ -91,15 +91,11 @@ def suggestions(
 
 
 def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Suggestion]:
-    pairs = problem.bounds.pairs
-    if pairs == MOST_PAIRS:
+    wider = with_one_more_pair(problem)
+    if wider is None:
         return []
-    capacity_ah, limits = problem.prepared.capacity_ah, problem.bounds.tau_limits_s
-    fresh = Bounds.default(capacity_ah, 2 * limits[0], limits[1], pairs=pairs + 1)
-    ranges = dict(problem.bounds.ranges)
-    ranges |= {name: fresh.ranges[name] for name in (RESISTANCES[pairs + 1], PAIRS[pairs][0])}
-    wider = replace(problem, bounds=replace(problem.bounds, ranges=ranges, pairs=pairs + 1))
-    low, high = ranges[PAIRS[pairs][0]]
+    pairs = problem.bounds.pairs
+    low, high = wider.bounds.ranges[PAIRS[pairs][0]]
     r = float(np.mean(parameters.r)) / 3
     c = [float(tau) / r for tau in np.geomspace(low, high, STARTS + 2)[1:-1]]
     starts = [replace(parameters, r=(*parameters.r, r), c=(*parameters.c, each)) for each in c]

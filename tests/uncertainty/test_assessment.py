@@ -107,6 +107,7 @@ def test_temperature_bands_appear_where_it_was_measured(colored):
         return diagnostics(warm, colored.assessment.covariance).by_temperature
 
     found = bands_of(np.linspace(20.0, 26.0, prepared.record.samples))
+    assert found
     assert sum(band.samples for band in found) == SAMPLES
     assert (found[0].low, found[0].high) == (20.0, 21.0)
     assert bands_of(np.full(prepared.record.samples, np.nan)) is None

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .document import Bullets, Cells, Section, Table, make_table
 from .soc_tables import errors_words
-from .words import NOTHING, fixed, percent
+from .words import fixed, percent
 
 if TYPE_CHECKING:
     from ..candidates import Candidate
@@ -40,7 +40,9 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
         cells[f"{name} [mV]"] = lambda each, place=place: fixed(1e3 * each.validation_v[place], 1)
     cells["left out [mV]"] = lambda each: errors_words(each.held_out)
     cells["better ones are at most"] = lambda each: (
-        NOTHING if each.proved_gap is None else f"{percent(each.proved_gap)} better"
+        "not proved"
+        if each.proved_gap is None or each.proved_gap >= 1
+        else f"{percent(each.proved_gap)} better"
     )
     cells[""] = lambda each: "the answer" if each.is_answer else ""
     return make_table(

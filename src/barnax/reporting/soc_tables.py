@@ -133,7 +133,7 @@ def best_tables(fit: "TableFit") -> str:
     """How close the tables of one temperature are to the best possible ones."""
     gap = f"no tables in the bounds are more than {percent(fit.proved_gap)} better."
     if fit.status == "certified":
-        return f"proved: {gap}"
+        return f"proved, {gap}"
     if fit.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     return f"{GRID}; the proof stopped after {fit.cells:,} cells: {gap}"
@@ -159,6 +159,9 @@ def pay_sentence(fit: "TableFit", unseen: "Both | None" = None) -> str:
         return f"tables help above 10 % SOC: RMSE from {''.join(told)}."
     if pays:
         return f"tables lower the RMSE from {''.join(told)}."
+    shown = unseen or (held and (held.constant, held.tables))
+    if shown and shown[1].rmse_v < (1 - ALIKE) * shown[0].rmse_v:
+        return f"tables help below 10 % SOC only: RMSE from {''.join(told)}."
     return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
 
 

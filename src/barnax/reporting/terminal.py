@@ -118,7 +118,7 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
 
 def parts_line(parts: Sequence[str]) -> RenderableType:
     """Short facts in one line."""
-    return indented(plain("   ".join(parts)))
+    return indented(plain("  ".join(parts)))
 
 
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:

@@ -149,7 +149,7 @@ def next_step(result: "Result") -> Next:
     if missed_v > MISS_TOLERANCE_V:
         missed = millivolt(missed_v)
         what = f"interpolate the OCV; the polynomial misses its points by up to {missed}"
-        return Next(what, {"ocv_fit": "interpolated"})
+        return Next(what, {"ocv_fit": "interpolated"}, without=("setup",))
     if result.tables is None and (reason := _no_circuit(result)):
         return Next(f"check the OCV test, `capacity`, the window and `bounds`: {reason}")
     others = _other_temperatures(result)

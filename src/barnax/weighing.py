@@ -58,8 +58,6 @@ from .search.seeds import search_seeds
 from .table_run import R0, TableRun, fit_over
 from .uncertainty import assess, compile_linearization, examine
 
-# One more pair follows the noise where its likelihood ratio is below this: chi2 of two, 95 %.
-PAIR_SURE = 5.99
 # What a warning says first where the full examination failed.
 FITTING_AGAIN = "fitting again"
 
@@ -238,7 +236,7 @@ def search_and_assess(
                 linearization.result()
             fits = [(of, future.result()) for of, future in tables_futures]
             other_hold = other_hold_future.result() if other_hold_future else None
-            more = more_future.result() if more_future else ()
+            more_ohm = more_future.result() if more_future else ()
     answer = best_answer(refinement, optimum)
     warnings: list[str] = []
     candidates: list[Candidate] = []
@@ -287,8 +285,6 @@ def search_and_assess(
             # A circuit that was asked for is not weighed against others.
             weighed = problems if weighing.chosen is None else ()
             alike = partial(_alike_r0, weighed, optima, held_out)
-            samples = assessment.diagnostics.effective_samples
-            more_ohm = [r0 for r0, gain in more if samples * gain > PAIR_SURE]
             r0_ohm = [*more_ohm, *late_ohm, *alike(held_out[place])]
             others = [replace(own, r0=each) for each in r0_ohm]
             others += [other_hold.parameters] if other_hold else []

@@ -50,10 +50,9 @@ def try_other_hold(problem: Problem) -> OtherHold | None:
     return OtherHold(value, found.rmse_v, found.parameters)
 
 
-def r0_with_one_more_pair(problem: Problem) -> tuple[tuple[float, float], ...]:
+def r0_with_one_more_pair(problem: Problem) -> tuple[float, ...]:
     """R0 in ohm if the circuit had a pair more, on a grid; also with the other hold where one is
-    only assumed. With each the logarithm of the squared errors without and with that pair. Empty
-    where the box is too wide to look.
+    only assumed, and empty where the box is too wide to look.
 
     A pair that is missing is shared between R0 and the other pairs, which moves R0 by more than the
     residuals tell.
@@ -62,16 +61,10 @@ def r0_with_one_more_pair(problem: Problem) -> tuple[tuple[float, float], ...]:
     found = []
     for each in (problem, *(() if turned is None else turned[1:])):
         wider = with_one_more_pair(each)
-        if wider is None:
-            continue
         try:
-            (_, own_v), (circuit, wider_v) = best_on_grid(each), best_on_grid(wider)
+            found += [] if wider is None else [best_on_grid(wider).r0]
         except InputError:
             continue
-        # A pair that is over within a sample is hardly told from R0.
-        if min(circuit.tau_s) < each.prepared.median_interval_s:
-            continue
-        found.append((circuit.r0, 2 * float(np.log(own_v / wider_v))))
     return tuple(found)
 
 

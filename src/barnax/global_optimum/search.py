@@ -272,11 +272,11 @@ def without_sweep_drop(problem: Problem) -> Problem:
     return found
 
 
-def best_on_grid(problem: Problem) -> tuple[CircuitParameters, float]:
-    """The best circuit of the landscape's grid, not polished, and its RMSE in V."""
+def best_on_grid(problem: Problem) -> CircuitParameters:
+    """The best circuit of the landscape's grid, not polished."""
     landscape = landscape_of(Reduced.of(problem))
     (lowest, *_) = landscape.minima(1.0)
-    return landscape.circuit(lowest), float(landscape.rmse_v[lowest])
+    return landscape.circuit(lowest)
 
 
 def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> float:
@@ -287,7 +287,7 @@ def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> fl
         apart = np.nan_to_num(np.abs(degc - temperature_degc))
         is_near = apart <= apart.min() + NEAR_DEGC
         records = tuple(itertools.compress(records, is_near))
-    found, _ = best_on_grid(replace(problem, prepared_records=records))
+    found = best_on_grid(replace(problem, prepared_records=records))
     shown = -np.expm1(-DROP_S / np.array(found.tau_s))
     return found.r0 + float(shown @ found.r)
 

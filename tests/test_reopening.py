@@ -46,14 +46,15 @@ def same(one, other):
 
 def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
     result, folder, data = kept
-    run, again = result.run, Result.load(folder, data=data).run
+    loaded = Result.load(folder, data=data)
+    run, again = result.run, loaded.run
     for kind in ("identification", "validation"):
-        for whose, loaded in ((run, again), (run.tables, again.tables)):
-            for one, other in zip(getattr(whose, kind), getattr(loaded, kind), strict=True):
+        for whose, theirs in ((run, again), (run.tables, again.tables)):
+            for one, other in zip(getattr(whose, kind), getattr(theirs, kind), strict=True):
                 same(one, other)
     assert again.optimum.rmse_v == pytest.approx(run.optimum.rmse_v, rel=1e-9)
     assert [each.rmse_v for each in again.search.seeds] == [s.rmse_v for s in run.search.seeds]
-    names = [[each.name for each in identification_illustrations(own)] for own in (run, again)]
+    names = [[each.name for each in identification_illustrations(own)] for own in (result, loaded)]
     assert names[0] == names[1]
     assert {"convergence", "landscape-iso-rc"} < set(names[1])
 

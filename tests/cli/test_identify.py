@@ -195,8 +195,8 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
         table.write_parquet(f"{folder}/drive.parquet")
     outcome = run_command(
         "identify", "a/drive.parquet", "b/drive.parquet", *OCV, "--validate", BUNDLED.validation,
-        "--seeds", "1", "--population", "8", "--iterations", "1", "--trust", "none",
-        "--score-to", "1500", "--score-to", "b/drive.parquet=1000",
+        "--model", "iso-rc", "--seeds", "1", "--population", "8", "--iterations", "1", "--trust",
+        "none", "--score-to", "1500", "--score-to", "b/drive.parquet=1000",
         "--capacity", "b/drive.parquet=1.9", "--initial-soc", "validation.parquet=0.98",
         "--out", "o",
     )  # fmt: skip

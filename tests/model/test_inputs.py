@@ -408,8 +408,8 @@ def test_samples_far_outside_the_ocv_points_are_refused_with_row_and_remedies(
     row = 2 + int(np.flatnonzero(taken > 0.01 - bundled_cell.soc_range[0] + 0.05)[0])
     with pytest.raises(
         InputError,
-        match=rf"made.csv: row {row} is scored at a state of charge of -0.05\d, but .*"
-        rf"`capacity` \({shown} Ah\), `initial_soc` and that the OCV .*`score_soc`, `score_st",
+        match=rf"made.csv: it looks like a record of another cell, unless `capacity` \({shown} Ah\)"
+        rf" or `initial_soc` .* charge of -0.05\d at row {row}, .*`score_soc`, `score_st",
     ):
         prepared(bundled_cell, Window(initial_soc=0.01, capacity_ah=capacity_ah), voltage_v=2.7)
     # What is not scored is let pass.

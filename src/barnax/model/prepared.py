@@ -327,10 +327,11 @@ def _check_soc(
                 f"({capacity_ah:.4g} Ah) or the current's unit is wrong"
             )
         raise InputError(
-            f"{name}: {row} is scored at a state of charge of {soc[at]:.3f}, but the OCV points "
-            f"span only {low:.3f} to {high:.3f}; check `capacity` ({capacity_ah:.4g} Ah), "
-            "`initial_soc` and that the OCV test is of this cell and reaches there, or leave those "
-            "samples out with `score_soc`, `score_steps` or `score_to`"
+            f"{name}: it looks like a record of another cell, unless `capacity` "
+            f"({capacity_ah:.4g} Ah) or `initial_soc` is wrong: its charge takes this cell to a "
+            f"state of charge of {soc[at]:.3f} at {row}, and the OCV points span only {low:.3f} to "
+            f"{high:.3f}; give this cell's OCV test, or leave those samples out with `score_soc`, "
+            "`score_steps` or `score_to`"
         )
     return [
         f"{record.name}: {np.count_nonzero(outside)} of {np.count_nonzero(scored)} scored samples "

@@ -226,7 +226,8 @@ def _middle_of(fit: TableFit) -> dict[str, float | None]:
     known = {(each.name, each.soc): each for each in fit.intervals}
     visited = list(itertools.compress(fit.tables.nodes, fit.tables.visited))
     soc = min(visited or fit.tables.nodes, key=lambda node: abs(node - MIDDLE_SOC))
-    place, found = fit.tables.nodes.index(soc), {"tables at SOC": soc}
+    place = fit.tables.nodes.index(soc)
+    found: dict[str, float | None] = {"tables at SOC": soc}
     for name, values in fit.tables.tables.items():
         if name.startswith("R"):
             each = known.get((name, soc))

@@ -21,7 +21,8 @@ from .model.window import Window
 from .optimizers import OPTIMIZERS, make_optimizer
 from .records import Record, find_file, read_record
 from .records.fingerprint import Content, read_fingerprint
-from .results import InputPart, MetricsBlock, MetricsPart, Result
+from .result_parts import InputPart, MetricsBlock, MetricsPart
+from .results import Result
 from .run import Answer, Run
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .search.refine import Refinement

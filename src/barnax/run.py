@@ -20,8 +20,7 @@ from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .pulses import pulses_of
 from .records import Record
 from .records.fingerprint import Content
-from .results import (
-    SCHEMA_VERSION,
+from .result_parts import (
     AssessmentPart,
     ConstantPart,
     GlobalPart,
@@ -29,10 +28,10 @@ from .results import (
     MetricsBlock,
     MetricsPart,
     RefinedPart,
-    Result,
     SearchPart,
     TablesPart,
 )
+from .results import SCHEMA_VERSION, Result
 from .search.evaluate import Evaluation, pooled
 from .search.refine import SAME_RMSE, AtBound, Refinement
 from .search.seeds import Search

@@ -19,7 +19,7 @@ from barnax.comparison.result import (
     SpreadPart,
 )
 from barnax.records import Decision
-from barnax.results import InputPart, MetricsPart
+from barnax.result_parts import InputPart, MetricsPart
 
 DRIVE, CITY = "drive.csv", "city.csv"
 PARAMETERS = {

@@ -21,15 +21,15 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.over_soc import NodeInterval, SocErrors, TableFit, TableSettings
 from barnax.records.record import Record
-from barnax.results import (
+from barnax.result_parts import (
     AssessmentPart,
     ConstantPart,
     InputPart,
     MetricsBlock,
     MetricsPart,
-    Result,
     TablesPart,
 )
+from barnax.results import Result
 from barnax.run import Run, best_answer
 from barnax.run import make_result as store
 from barnax.search.evaluate import Evaluation, evaluate

@@ -11,7 +11,8 @@ from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.reporting.decisions import plan_blocks
 from barnax.reporting.verdict import next_step
-from barnax.results import PlannedFile, Result
+from barnax.result_parts import PlannedFile
+from barnax.results import Result
 from cli.conftest import BUDGET, run_command
 from helpers.results import make_table_result
 

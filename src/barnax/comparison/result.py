@@ -30,7 +30,7 @@ from ..model.search_space import Range
 from ..model.window import Window
 from ..over_soc import TableSettings
 from ..records import Record
-from ..results import InputPart, Key, MetricsPart
+from ..result_parts import InputPart, Key, MetricsPart
 from ..run import all_versions, input_part, metrics_part, record_part
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound

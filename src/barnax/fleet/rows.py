@@ -21,7 +21,8 @@ from ..over_soc import TableFit
 from ..pipeline import identify, identify_problem
 from ..plan.document import require_choices
 from ..records import Record, source_from_frame
-from ..results import MetricsPart, Result
+from ..result_parts import MetricsPart
+from ..results import Result
 from ..run import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
 from .dataset import keep_result

@@ -21,7 +21,7 @@ from ..optimizers import OPTIMIZERS
 from ..records import Source
 from ..records.dialects import Sign
 from ..records.record import Hold
-from ..results import PlannedFile, Use
+from ..result_parts import PlannedFile, Use
 
 ROLES: tuple[Use, ...] = get_args(Use)
 # What says where a simulation starts: one such option of the user's replaces all planned ones.

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision
-    from ..results import InputPart, PlannedFile, Result
+    from ..result_parts import InputPart, PlannedFile
+    from ..results import Result
 
     Stored = Result | ComparisonResult
 

@@ -9,7 +9,7 @@ from .words import figures, fixed, millivolts_cell
 
 if TYPE_CHECKING:
     from ..plots.pictures import Illustration
-    from ..results import MetricsPart
+    from ..result_parts import MetricsPart
 
 Role = Literal["text", "number"]
 MediaType = Literal["image/png", "image/svg+xml"]

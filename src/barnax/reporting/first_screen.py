@@ -27,7 +27,8 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..results import InputPart, MetricsPart, Result, TablesPart
+    from ..result_parts import InputPart, MetricsPart, TablesPart
+    from ..results import Result
     from ..uncertainty import Estimate
 from .verdict import best_possible, search_sentences
 

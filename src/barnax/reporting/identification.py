@@ -59,7 +59,8 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..results import AssessmentPart, MetricsPart, RefinedPart, Result, SearchPart
+    from ..result_parts import AssessmentPart, MetricsPart, RefinedPart, SearchPart
+    from ..results import Result
     from ..uncertainty import Band, Estimate, Examination
     from ..uncertainty.refitted import Profile
 

@@ -18,7 +18,7 @@ from .words import between, capitalized, counted, figures, joined, percent, symb
 
 if TYPE_CHECKING:
     from ..global_optimum import GlobalOptimum
-    from ..results import GlobalPart
+    from ..result_parts import GlobalPart
 
 # A claim may not say more than was proved.
 ROUNDED_UP = Context(prec=2, rounding=ROUND_CEILING)

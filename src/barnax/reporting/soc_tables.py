@@ -25,7 +25,8 @@ from .words import (
 
 if TYPE_CHECKING:
     from ..over_soc import LeftOut, NodeInterval, OverTemperature, SocErrors, TableFit
-    from ..results import Result, TablesPart
+    from ..result_parts import TablesPart
+    from ..results import Result
 
     # The errors of a constant circuit, and of the tables beside it.
     Both = tuple[SocErrors, SocErrors]

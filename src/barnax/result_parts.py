@@ -1,0 +1,299 @@
+"""The parts of `result.json`: what is stored of the search, the answer, the errors and the inputs."""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from .cell import CircuitParameters, get_circuit
+from .global_optimum import OtherHold
+from .model.problem import Kind
+from .model.start import Start
+from .model.window import Window
+from .over_soc import OverTemperature, TableFit, TableFits, TableSettings
+from .records import Decision
+from .records.fingerprint import read_fingerprint
+from .schema import Count, MaybeInfinite, Parameters, Part, Volts
+from .search.refine import AtBound, Optimum, RefinedSeed
+from .search.seeds import SeedAnswer
+from .uncertainty import Band, Diagnostics, Examination, Identifiability, Uncertainty
+
+Key = Annotated[int, Field(ge=0, lt=2**64)]
+# A state of charge; a record may run beyond full and empty, but not far.
+Soc = Annotated[float, Field(ge=-10, le=10)]
+# What a file of a folder serves for.
+Use = Literal["identification", "OCV test", "validation", "not used"]
+Setting = bool | int | float | str
+
+
+class SearchPart(Part):
+    """The search as it was set up, and what each seed found before refinement.
+
+    Attributes:
+        method: The optimizer.
+        settings: Its own settings.
+        coordinates: Search coordinates: "rc", or logarithms of R and tau.
+        objective: How errors were computed: by "scan" or "compressed".
+        population: Candidates of a generation.
+        iterations: Generations of a run.
+        key: The key of all random numbers.
+        evaluations: Simulated candidates of all seeds.
+        seeds: Each seed's answer.
+    """
+
+    method: str
+    settings: dict[str, Setting]
+    coordinates: Literal["rc", "log"]
+    objective: Kind
+    population: Count
+    iterations: Count
+    key: Key
+    evaluations: Count
+    seeds: tuple[SeedAnswer, ...] = Field(min_length=1)
+
+
+class RefinedPart(Part):
+    """Where Levenberg-Marquardt took the seeds, and the distinct optima they ended in.
+
+    Attributes:
+        rmse_v: The best, by scan.
+        objective: How errors were computed on the way.
+        evaluations: Simulations, a Jacobian as one per free parameter.
+        at_bound: Parameters of the best at a bound.
+        optima: The distinct optima, the best first.
+        seeds: Each seed's answer.
+    """
+
+    rmse_v: Volts
+    objective: Kind
+    evaluations: Count
+    at_bound: tuple[AtBound, ...]
+    optima: tuple[Optimum, ...] = Field(min_length=1)
+    seeds: tuple[RefinedSeed, ...] = Field(min_length=1)
+
+
+class GlobalPart(Part):
+    """The best circuit in the box, how sure that is, and how far the seeds stayed from it.
+
+    An optimality gap is an RMSE over the optimum's, minus one; without seeds it is infinite.
+
+    Attributes:
+        rmse_v: The optimum's RMSE.
+        parameters: The optimum.
+        status: "certified" by branch and bound, or "grid-verified".
+        lower_bound_v: No circuit in the box has a lower RMSE.
+        proved_gap: The largest share of the RMSE that a better circuit could save.
+        cells: Boxes of time constants that the proof took.
+        local_optima: The other optima.
+        at_bound: Parameters at a bound.
+        median_gap: Optimality gap of the median seed before refinement.
+        best_gap: That of the best seed before refinement.
+        refined_gap: That of the best refined seed.
+        seeds_there: Refined seeds that reached the optimum.
+    """
+
+    rmse_v: Volts
+    parameters: CircuitParameters
+    status: Literal["certified", "grid-verified"]
+    lower_bound_v: Volts
+    proved_gap: float
+    cells: Count | None
+    local_optima: tuple[Optimum, ...]
+    at_bound: tuple[AtBound, ...]
+    median_gap: MaybeInfinite = math.inf
+    best_gap: MaybeInfinite = math.inf
+    refined_gap: MaybeInfinite = math.inf
+    seeds_there: Count = 0
+
+
+class MetricsPart(Part):
+    """Errors on one record over its counted samples.
+
+    Attributes:
+        record: Name of the record.
+        rmse_v: Root of the mean squared error.
+        r2: One minus the squared error over the squared deviation of the voltage from its mean.
+        r2_paper: The same as printed in Li et al. (2023).
+        mape_percent: Mean absolute error, relative to the measured voltage.
+        ce_v: Sum of the absolute errors.
+        max_v: The largest error.
+        samples: Number of counted samples.
+        rmse_above_10_soc_v: RMSE above 10 % SOC.
+    """
+
+    record: str
+    rmse_v: Volts
+    r2: float
+    r2_paper: float
+    mape_percent: float
+    ce_v: Volts
+    max_v: Volts
+    samples: Count
+    rmse_above_10_soc_v: Volts | None = None
+
+
+class MetricsBlock(Part):
+    """Errors of the answer.
+
+    Attributes:
+        identification: Over all samples identified on.
+        jointly: Where these are of several records, on each of them.
+        validation: On each record validated on.
+    """
+
+    identification: MetricsPart
+    jointly: tuple[MetricsPart, ...] = ()
+    validation: tuple[MetricsPart, ...]
+
+
+class InputPart(Part):
+    """One file that was read, what was decided about it, and for a record how it was simulated.
+
+    Attributes:
+        role: What it served as.
+        name: Its name.
+        sha256: Its digest.
+        fingerprint: Some of a record's samples, to tell it again in whatever file: its first and
+            last time, and behind semicolons runs of samples, each with its time, current
+            (discharge positive) and voltage, in s, A and V.
+        sign: The sign of its current, and why.
+        hold: When a sample's current flows, and why.
+        window: The part that was simulated.
+        start: Where and from which SOC, and why.
+        rest_current_a: The cell rests below this current.
+        capacity_ah: Capacity in the simulation.
+        duration_s: Length of the simulation.
+        samples: Number of counted samples.
+        soc_range: Lowest and highest SOC.
+        temperature_degc: Temperature of the record.
+    """
+
+    role: Literal["identification", "validation", "ocv"]
+    name: str
+    sha256: str
+    fingerprint: str = ""
+    sign: Decision | None = None
+    hold: Decision | None = None
+    window: Window | None = None
+    start: Start | None = None
+    rest_current_a: float | None = None
+    capacity_ah: float | None = None
+    duration_s: float | None = None
+    samples: Count | None = None
+    soc_range: tuple[float, float] | None = None
+    temperature_degc: float | None = None
+
+    @field_validator("fingerprint")
+    @classmethod
+    def _hold_samples(cls, text: str) -> str:
+        if text:
+            read_fingerprint(text)
+        return text
+
+
+class PlannedFile(Part):
+    """A file of a folder, what a plan found it to be, what it serves for, and why."""
+
+    name: str
+    role: Use
+    kind: str
+    reason: str
+    temperature_degc: float | None = None
+
+
+class AssessmentPart(Part):
+    """How well the data determine the answer.
+
+    Attributes:
+        uncertainty: Intervals of all parameters.
+        identifiability: What the data cannot determine.
+        diagnostics: Residuals over time, SOC, current and temperature.
+        examination: What further fits add.
+    """
+
+    uncertainty: Uncertainty
+    identifiability: Identifiability
+    diagnostics: Diagnostics
+    examination: Examination | None = None
+
+
+class TablesPart(Part):
+    """Tables over SOC that are the answer, and how they were fitted.
+
+    Attributes:
+        settings: How they were fitted.
+        fits: The tables, one set for each temperature, from cold to warm.
+        over_temperature: The temperatures, None for a single set.
+        by_soc: Their errors by SOC.
+    """
+
+    settings: TableSettings
+    fits: tuple[TableFit, ...] = Field(min_length=1)
+    over_temperature: OverTemperature | None = None
+    by_soc: tuple[Band, ...]
+
+    @property
+    def found(self) -> TableFits:
+        return TableFits(self.fits, self.over_temperature)
+
+    @property
+    def fit(self) -> TableFit:
+        """The only one, or that of the temperature nearest to 25 degC."""
+        return self.found.reference
+
+
+class ConstantPart(Part):
+    """The best constant circuit known: the answer itself, or what stands beside tables.
+
+    Attributes:
+        model: Name of the circuit.
+        parameters: Its parameters, under PyBaMM's names in SI units.
+        source: Where it comes from.
+        at_bound: Parameters that ended at a bound.
+        metrics: Its errors.
+        global_optimum: The best circuit in the bounds, None if they are too wide to look for it.
+        assessment: Intervals and diagnostics, None if skipped or failed.
+        other_hold: The answer if a sample's current flowed on its other side, where that is
+            assumed.
+        search: What the seeds found, None without seeds.
+        refined: Where Levenberg-Marquardt took them.
+        bounds: Lowest and highest value of each parameter.
+        fixed: Parameters that were held.
+    """
+
+    model: str
+    parameters: Parameters
+    source: Literal["seeds", "global optimum"]
+    at_bound: tuple[AtBound, ...]
+    metrics: MetricsBlock
+    global_optimum: GlobalPart | None = None
+    assessment: AssessmentPart | None = None
+    other_hold: OtherHold | None = None
+    search: SearchPart | None = None
+    refined: RefinedPart | None = None
+    bounds: dict[str, tuple[float, float]]
+    fixed: Parameters
+
+    @field_validator("model")
+    @classmethod
+    def _name_a_known_circuit(cls, name: str) -> str:
+        return get_circuit(name).name
+
+    @field_validator("parameters")
+    @classmethod
+    def _name_a_circuit(cls, values: Parameters) -> Parameters:
+        return CircuitParameters.from_dict(values).to_dict()
+
+    @model_validator(mode="after")
+    def _hold_what_the_circuit_has(self) -> Self:
+        wanted = get_circuit(self.model).parameter_names
+        if set(self.parameters) != set(wanted):
+            raise ValueError(
+                f"the circuit {self.model} has the parameters {', '.join(wanted)}, not "
+                f"{', '.join(self.parameters)}"
+            )
+        return self
+
+    @property
+    def circuit_parameters(self) -> CircuitParameters:
+        return CircuitParameters.from_dict(self.parameters)

@@ -1,4 +1,4 @@
-"""The parts of `result.json`: what is stored of the search, the answer, the errors and the inputs."""
+"""The parts of `result.json`: what is stored of the search, the answer, its errors and inputs."""
 
 import math
 from typing import Annotated, Literal, Self

@@ -17,6 +17,7 @@ from barnax.cli.session import as_flags
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import SocErrors
+from barnax.records import source_from_frame
 from barnax.reporting.first_screen import first_screen
 from barnax.results import Result
 from barnax.search.evaluate import evaluate
@@ -161,6 +162,25 @@ def test_files_and_a_folder_get_the_same_answer(result, tmp_path):
     assert found.metrics.identification.rmse_v == pytest.approx(
         result.metrics.identification.rmse_v, rel=1e-6
     )
+
+
+def test_what_is_held_is_held_in_every_circuit_that_has_it():
+    few = {"window": Window(score_to_s=1500.0), "trust": "none", "seeds": 0}
+    held = barnax.identify(fix={"gamma": 50.0}, **few)
+    assert [each.model for each in held.candidates if each.over is None] == [*WEIGHED]
+    # Tables have no capacitance.
+    farads = barnax.identify(fix={"C1 [F]": 1000.0}, **few)
+    assert farads.constant.parameters["C1 [F]"] == pytest.approx(1000.0)
+    assert not any(each.over for each in farads.candidates)
+    with pytest.raises(barnax.InputError, match="'gamma' is not a parameter of this circuit"):
+        barnax.identify(model="so-rc", fix={"gamma": 50.0}, **few)
+
+
+def test_numbers_whole_and_not_are_one_column():
+    table = {"Time [s]": [0, 1, 2], "Current [A]": [0, 2.5, 2.5], "Voltage [V]": [4, 3.9, 3.9]}
+    assert source_from_frame(table, "mixed").table is not None
+    with pytest.raises(barnax.InputError, match="its columns make no table"):
+        source_from_frame({"Time [s]": [0, 1], "Current [A]": [0]}, "short")
 
 
 VOLTS = st.floats(1e-4, 1.0)

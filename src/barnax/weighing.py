@@ -70,14 +70,15 @@ class Weighing(Brief):
         problems: Those of the constant circuits, the simplest first.
         chosen: The problem that the constant answer is of; None leaves it to the held-out errors.
         tabulated: The problem whose records tables are fitted to, None without tables.
-        tables: How they are fitted, and how blocks are held out; None holds out nothing.
+        tables: How they are fitted, and how blocks are held out, by circuit; a circuit without
+            holds out nothing.
         validation: The records to validate on, prepared for the circuit of a problem.
     """
 
     problems: tuple[Problem, ...]
     chosen: Problem | None
     tabulated: Problem | None
-    tables: TableSettings | None
+    tables: Mapping[str, TableSettings]
     validation: Callable[[Problem], list[PreparedRecord]]
 
     @property
@@ -109,7 +110,13 @@ def weigh(
     else:
         models = (model, *(each for each in WEIGHED if each != model)) if advise else (model,)
     source, ranges = ranges_of(bounds)
-    known = [(known_to(each, ranges, models), known_to(each, fix, models)) for each in models]
+    # The circuit that was asked for complains of what it does not have.
+    known = [
+        (dict(ranges or {}), dict(fix or {}))
+        if each == model
+        else (known_to(each, ranges, models), known_to(each, fix, models))
+        for each in models
+    ]
     first = without_sweep_drop(_problem(inputs, windows, settings, models[0], source, *known[0]))
     first = with_better_hold(with_better_directions(first))
     # All have the OCV that the first circuit finds at rest, and the hold that it tells.
@@ -119,18 +126,22 @@ def weigh(
         try:
             made = _problem(inputs, windows, settings, name, source, own_ranges, own_fix)
         except InputError:
-            # A box for the circuit that was asked for need not be one for another.
-            if model is None:
+            # A box for the circuit that was asked for need not be one for another, and a short
+            # record may be enough for a simpler one.
+            if model is None and (own_ranges, own_fix) != known[0]:
                 raise
             continue
         problems.append(with_better_directions(made))
     of = {each.circuit: each for each in problems}
-    has_tables = over is not None or model is None
-    wanted = None
-    if tables.folds or has_tables:
-        place = models.index(tabulated)
-        ranges = {**known[place][0], **tables.bounds}
-        wanted = replace(tables, bounds=ranges, fixed={**known[place][1], **tables.fixed})
+    # Tables have no capacitance to bound or hold.
+    has_farads = any(name.endswith("[F]") for name in {**(ranges or {}), **(fix or {})})
+    has_tables = over is not None or (model is None and not has_farads)
+    wanted = {}
+    if has_tables or (tables.folds and not has_farads):
+        wanted = {
+            name: replace(tables, bounds={**own, **tables.bounds}, fixed={**held, **tables.fixed})
+            for name, (own, held) in zip(models, known, strict=True)
+        }
 
     def validation(problem: Problem) -> list[PreparedRecord]:
         return [
@@ -142,7 +153,11 @@ def weigh(
     _ = validation(first)
     chosen = of[model] if model is not None else problems[0] if len(problems) == 1 else None
     return Weighing(
-        tuple(problems), chosen, of[tabulated] if has_tables else None, wanted, validation
+        tuple(problems),
+        chosen,
+        of.get(tabulated, first) if has_tables else None,
+        wanted,
+        validation,
     )
 
 
@@ -196,7 +211,7 @@ def search_and_assess(
         if weighing.tabulated is not None:
             tables_futures.append(_fitting(beside, over, weighing, weighing.tabulated))
         held_out_futures = [
-            beside.submit(_held_out_or_none, each, weighing.tables)
+            beside.submit(_held_out_or_none, each, weighing.tables.get(each.circuit))
             if len(problems) > 1 or tables_futures
             else None
             for each in problems
@@ -258,9 +273,12 @@ def search_and_assess(
             candidates.append(Candidate.of(each.circuit, None, own, others, held, gap))
         table_run, best_held_out = None, held_out[place]
         for of, found in fits:
-            assert weighing.tables is not None, "asked for"
             tried = TableRun.of(
-                weighing.tables, found, of.prepared_records, weighing.validation(of), of.cell
+                weighing.tables[of.circuit],
+                found,
+                of.prepared_records,
+                weighing.validation(of),
+                of.cell,
             )
             held = found.fits[0].cross_validation if found.over_temperature is None else None
             errors = held.tables if held else None
@@ -311,8 +329,7 @@ def _fitting(
     beside: Executor, over: str, weighing: Weighing, of: Problem
 ) -> "tuple[Problem, Future[TableFits]]":
     """Tables on the records of a problem, as they are being fitted."""
-    assert weighing.tables is not None, "tables have settings"
-    return of, beside.submit(fit_over, over, of.prepared_records, weighing.tables)
+    return of, beside.submit(fit_over, over, of.prepared_records, weighing.tables[of.circuit])
 
 
 def _alike_r0(

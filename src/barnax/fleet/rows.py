@@ -211,15 +211,24 @@ def row_of(result: Result, warnings: Sequence[str]) -> dict[str, Any]:
         f"RMSE SOC {10 * tenth} to {10 * tenth + 10} % [V]": rmse_v.get(tenth)
         for tenth in range(10)
     }
-    optimum = constant.global_optimum
+    is_certified, gap = _proof_of(result)
     return row | {
         "answer": constant.source if result.tables is None else result.answer,
-        "certified": optimum is not None and optimum.status == "certified",
-        "proved gap": None if optimum is None else optimum.proved_gap,
+        "certified": is_certified,
+        "proved gap": gap,
         "at bound": "; ".join(f"{each.name} {each.side}" for each in constant.at_bound),
         "warnings": list(warnings),
         "inputs sha256": _together(each.sha256 for each in result.inputs),
     }
+
+
+def _proof_of(result: Result) -> tuple[bool, float | None]:
+    """Whether the answer is proved, and the largest share of its error that another could save."""
+    optimum, part = result.constant.global_optimum, result.tables
+    if part is not None:
+        gap = (part.over_temperature or part.fit).proved_gap
+        return gap <= part.settings.proved_share, gap
+    return (False, None) if optimum is None else (optimum.status == "certified", optimum.proved_gap)
 
 
 def _middle_of(fit: TableFit) -> dict[str, float | None]:

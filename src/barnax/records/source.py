@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ..errors import LONGEST_NAME, InputError, cut, printable
+from ..errors import LONGEST_NAME, InputError, cut, printable, reason_of
 from .column_rules import read_columns
 from .columns import NOTHING
 from .findings import Finding
@@ -141,7 +141,11 @@ def source_from_frame(
     # Only data frames need it, and it takes longer to load than a file to read.
     import narwhals as nw
 
-    table = pl.DataFrame(frame) if isinstance(frame, Mapping) else frame
+    try:
+        # Whole numbers beside others are numbers.
+        table = pl.DataFrame(frame, strict=False) if isinstance(frame, Mapping) else frame
+    except pl.exceptions.PolarsError as error:
+        raise InputError(f"{name}: its columns make no table ({reason_of(error)})") from error
     try:
         whole = nw.from_native(table)
     except TypeError as error:

@@ -110,6 +110,9 @@ def _errors_table(result: "Result") -> Shown:
     if any(value is not None for value in held):
         heads.append("left out")
     rows: list[list[str]] = []
+    if not candidates:
+        # A result of an earlier version.
+        rows.append([result.answer, *map(_millivolt, own), ""])
     for each, held_v in zip(candidates, held, strict=True):
         values = [each.identification.rmse_v, *each.validation_v, held_v][: len(heads) - 1]
         mark = "<- answer" if each.is_answer and len(candidates) > 1 else ""

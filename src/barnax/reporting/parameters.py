@@ -215,7 +215,13 @@ def _results_table(called: tuple[str, ...], results: list[Result], have_tables: 
     def temperature(name: str) -> str:
         degc = dict.fromkeys(degrees(at) for _, at in of[name].measured_at if at is not None)
         over = of[name].tables and of[name].tables.found.reference_degc  # pyright: ignore[reportOptionalMemberAccess]
-        return f"tables at {degrees(over)}" if over else joined(list(degc)) if degc else NOTHING
+        return (
+            f"tables at {degrees(over)}"
+            if over is not None
+            else joined(list(degc))
+            if degc
+            else NOTHING
+        )
 
     def validation(name: str) -> str:
         errors = [millivolt(each.rmse_v) for each in of[name].metrics.validation]

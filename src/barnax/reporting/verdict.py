@@ -160,7 +160,8 @@ def next_step(result: "Result") -> Next:
     if not result.metrics.validation:
         return Next("validate on another record of the cell, with `validate`")
     if result.tables is not None and not tables_pay(result.tables.fit, unseen_errors(result)):
-        return Next("use the constant circuit: identify again without `over`", without=("over",))
+        model = result.constant.model
+        return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
     if result.tables is not None:
         return Next("export the tables", exports=True)
     if len(result.candidates) > 1 and not any(each.over for each in result.candidates):

@@ -25,7 +25,8 @@ def candidates_section(
     told = (
         "Each is the best circuit of its kind, refined and proved as far as the last column says. "
         "Blocks left out of the fit decide: the simplest circuit is preferred unless another "
-        "lowers their error, and that above 10 % SOC, by more than 10 %."
+        "lowers their error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
+        "that was given is the answer."
     )
     return [Section(title, (Bullets((told,)), candidates_table(candidates, validation)))]
 

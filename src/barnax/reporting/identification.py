@@ -373,7 +373,9 @@ def _bands_table(found: "AssessmentPart") -> Table:
 
 def _decisions(result: "Result") -> Iterator[str]:
     yield from decision_sentences(result)
-    yield from box_sentences({result.model: (result.constant.bounds, result.constant.fixed)})
+    yield from box_sentences(
+        {result.constant.model: (result.constant.bounds, result.constant.fixed)}
+    )
 
 
 def _search_sentence(search: "SearchPart", refined: "RefinedPart") -> str:

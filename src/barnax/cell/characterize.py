@@ -14,9 +14,8 @@ from ..errors import InputError
 from ..records import Hold, Record, Source, read_record, read_source
 from ..records.columns import find_columns, is_ocv_table
 from ..records.dialects import Sign
-from ..records.findings import found_at
 from ..records.quantities import OCV_QUANTITIES
-from ..records.table import Lines, take_lines
+from ..records.table import Lines, found_at, take_lines
 from .curves import (
     AbstractCurve,
     Curve,

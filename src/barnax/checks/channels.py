@@ -7,9 +7,10 @@ from jaxtyping import Bool, Float, Int
 
 from ..errors import counted
 from ..records.dialects import CHARGE, DISCHARGE
-from ..records.findings import Finding, Severity, found_at
+from ..records.findings import Finding, Severity
 from ..records.samples import Samples
 from ..records.sign import step_votes
+from ..records.table import found_at
 from .check_input import CheckInput
 
 # How many steps of either kind make a pattern, at an end of the record and within it, and how far

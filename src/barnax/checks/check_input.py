@@ -11,8 +11,9 @@ from ..cell.ocv_points import NoOcvTest, find_sweeps
 from ..cell.soc_axis import Sweep
 from ..errors import InputError
 from ..records import Record, is_rested, rest_current_a
-from ..records.findings import Finding, Severity, found_at
+from ..records.findings import Finding, Severity
 from ..records.samples import Samples
+from ..records.table import found_at
 
 _FEWEST_READINGS, _MOST_STEPS = 20, 0.9
 

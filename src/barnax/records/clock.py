@@ -5,8 +5,9 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from ..errors import counted
-from .findings import Finding, found_at
+from .findings import Finding
 from .samples import Samples
+from .table import found_at
 
 _DAY_S = 86_400.0
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that

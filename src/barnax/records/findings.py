@@ -5,15 +5,9 @@ Reading a record raises the first error; checking a file lists everything.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
-from jaxtyping import Bool
+from typing import Any, Literal
 
 from ..errors import InputError
-
-if TYPE_CHECKING:
-    from .table import Lines
 
 Severity = Literal["error", "warning", "note"]
 
@@ -56,20 +50,6 @@ class Finding:
         """The finding as plain values."""
         names = ("severity", "check", "row", "sheet", "what", "remedy")
         return {name: getattr(self, name) for name in names} | {"remedy": self.remedy or None}
-
-
-def found_at(
-    source: "Lines",
-    where: "int | Bool[np.ndarray, 'lines']",
-    severity: Severity,
-    what: str,
-    remedy: str = "",
-    **more: Any,
-) -> Finding:
-    """A finding at one line, or the first of several, with the row and sheet it stands in."""
-    line = int(np.argmax(where)) if isinstance(where, np.ndarray) else where
-    row, sheet = source.table.place(int(source.at[line]))
-    return Finding(severity, what, remedy, row, sheet, **more)
 
 
 def named(check: str, findings: Iterable[Finding]) -> list[Finding]:

@@ -12,9 +12,10 @@ from jaxtyping import Float, Int
 
 from ..errors import InputError, counted
 from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
-from .findings import Finding, found_at
+from .findings import Finding
 from .record import Decision, runs
 from .samples import Samples, some, voltage_noise_v
+from .table import found_at
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import polars as pl
@@ -14,7 +14,7 @@ from ..errors import LONGEST_CELL, counted, cut
 from .cell_values import DAY_S, numbers
 from .columns import Column, normal, other_table
 from .counters import inner
-from .findings import Finding, found_at
+from .findings import Finding, Severity
 from .quantities import NEEDED
 from .record import OTHER_STATE
 
@@ -135,6 +135,20 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     if not table.columns or not all(column.null_count() for column in table.columns):
         return lines
     return lines.keep(~np.all([column.is_null().to_numpy() for column in table.columns], axis=0))
+
+
+def found_at(
+    source: Lines,
+    where: int | Bool[np.ndarray, "lines"],
+    severity: Severity,
+    what: str,
+    remedy: str = "",
+    **more: Any,
+) -> Finding:
+    """A finding at one line, or the first of several, with the row and sheet it stands in."""
+    line = int(np.argmax(where)) if isinstance(where, np.ndarray) else where
+    row, sheet = source.table.place(int(source.at[line]))
+    return Finding(severity, what, remedy, row, sheet, **more)
 
 
 def table_sha256(table: Table) -> str:

@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import Column, find_columns, likely_column, normal
-from .findings import Finding, found_at
+from .findings import Finding
 from .quantities import QUANTITIES
 from .samples import Samples
 from .source import Source
-from .table import Table, take_lines
+from .table import Table, found_at, take_lines
 
 Channel = Float[np.ndarray, "samples"]
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..errors import counted
 from .counters import gain_ah
-from .findings import Finding, Severity, found_at
+from .findings import Finding, Severity
 from .samples import Samples, few
+from .table import found_at
 
 # One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 1000 V a cell in
 # millivolts, and past 10,000 V no pack at all; 100 V is no reading of a single cell.

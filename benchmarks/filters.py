@@ -19,9 +19,10 @@ import numpy as np
 
 import barnax
 from barnax.execution import in_float64
-from barnax.filters import Drive, model_of, run_filter
+from barnax.filters import Drive, run_filter
 from barnax.model.prepared import prepare_record
 from barnax.replay import SCENARIOS
+from barnax.result_filter import model_of
 from barnax.search.evaluate import evaluate
 from benchmarks.pages import provenance, save_page
 
@@ -41,7 +42,7 @@ LIMIT = (
     "with offset and capacity estimated and with nothing. What the circuit misses is a function "
     "of SOC that changes sign and lasts for hours; where the OCV is flat, some millivolts of it "
     "are some percent SOC, and what lasts looks like another capacity. The size of the error in a "
-    "tenth is therefore taken over three (`ErrorModel.of`). With that of each tenth alone the "
+    "tenth is therefore taken over three (`errors_of`). With that of each tenth alone the "
     "filter believed the voltage most where it crosses zero on US06, and left 5.24 % RMS and 10.2 "
     "% at most from 20 % off, 20.6 % and 55.6 % with a capacity 5 % high. That three tenths mend "
     "it was found on these very drives."

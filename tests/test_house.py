@@ -25,7 +25,7 @@ LAYERS = (
     ("candidates",),
     ("result_parts", "table_run"),
     ("results",),
-    ("run", "simulation"),
+    ("run", "simulation", "result_filter"),
     ("reopening",),
     ("export", "plan", "weighing"),
     ("comparison",),

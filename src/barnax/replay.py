@@ -26,7 +26,6 @@ from .filters import (
     Innovations,
     Kind,
     examine_innovations,
-    model_of,
     run_filter,
 )
 from .filters.model import CAPACITY, OFFSET
@@ -34,6 +33,7 @@ from .inputs import Given, Reading, read_validation
 from .model.prepared import PreparedRecord, prepare_record
 from .model.window import Window
 from .over_soc import require_temperature
+from .result_filter import model_of
 from .results import Result
 from .schema import Count, Document, Part
 

@@ -10,9 +10,10 @@ import pytest
 
 from barnax.execution import in_float64
 from barnax.export import EXPORTERS
-from barnax.filters import Drive, model_of, run_filter
+from barnax.filters import Drive, run_filter
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
+from barnax.result_filter import model_of
 from helpers.results import PAIRS_OF, make_record, make_result, make_table_result
 
 from .conftest import compiled, needs_a_compiler

@@ -8,10 +8,11 @@ import pytest
 from barnax.cell import CircuitParameters, SocTables
 from barnax.errors import InputError
 from barnax.execution import in_float64
-from barnax.filters import Drive, ErrorModel, make_model, model_of
+from barnax.filters import Drive, ErrorModel, make_model
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import simulate_tables
+from barnax.result_filter import model_of
 from barnax.search.evaluate import evaluate
 from helpers.results import PAIRS, PAIRS_OF, make_cell, make_record, make_result, with_constant
 

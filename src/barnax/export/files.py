@@ -16,7 +16,8 @@ from xlsxwriter import Workbook
 
 from ..cell.circuits import TURN_WIDTH, get_circuit
 from ..execution import in_float64
-from ..filters.model import CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S, model_of
+from ..filters.model import CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S
+from ..result_filter import model_of
 from ..results import Result
 from .exporter import Export, from_template, hysteresis_is_left_out, note_lines
 from .tables import Table, Tables, tables_of

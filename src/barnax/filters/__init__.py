@@ -1,7 +1,7 @@
 """Kalman filters on an identified circuit: what a battery manager would know of its cell."""
 
 from .kalman import Form, Innovations, Kind, examine_innovations, mean_bounds, run_filter
-from .model import Drive, ErrorModel, Estimate, FilterModel, make_model, model_of
+from .model import Drive, ErrorModel, Estimate, FilterModel, make_model
 
 __all__ = [
     "Drive",
@@ -14,6 +14,5 @@ __all__ = [
     "examine_innovations",
     "make_model",
     "mean_bounds",
-    "model_of",
     "run_filter",
 ]

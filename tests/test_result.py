@@ -16,7 +16,8 @@ from barnax.export.tables import tables_of
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.results import Result
-from barnax.run import best_answer, describe, make_result
+from barnax.run import best_answer
+from barnax.storing import describe, make_result
 from helpers.golden import RESULT
 
 OPTIONS = {

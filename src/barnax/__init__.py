@@ -6,5 +6,19 @@ device. The public names are listed in `__init__.pyi`.
 
 import lazy_loader
 
+from .display import HOOKS
+
 __version__ = "0.2.0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+HOOKS |= {
+    "Result.load": "barnax.reopening:loaded",
+    "Result.run": "barnax.reopening:reopened",
+    "Result.validate": "barnax.reopening:validated",
+    "Result.simulate": "barnax.simulation:simulate_frame",
+    "Result.figure": "barnax.reporting.illustrations:figure_of",
+    "Result.report": "barnax.reporting.report:report_of",
+    "Result.to_frame": "barnax.reporting.parameters:parameters_frame",
+    "Result._repr_html_": "barnax.reporting.report:fragment_of",
+    "SocReplay.figure": "barnax.plots:plot_soc_replay",
+    "SocReplay._repr_png_": "barnax.plots.pictures:encode",
+}

@@ -54,7 +54,6 @@ from .reporting.parameters import SideBySide as SideBySide
 from .reporting.parameters import show as show
 from .results import Result as Result
 from .run import Run as Run
-from .run import make_result as make_result
 from .search.evaluate import Evaluation as Evaluation
 from .search.evaluate import evaluate as evaluate
 from .search.evaluate import validate as validate
@@ -63,6 +62,7 @@ from .search.refine import refine as refine
 from .search.seeds import Search as Search
 from .search.seeds import search_many as search_many
 from .search.seeds import search_seeds as search_seeds
+from .storing import make_result as make_result
 from .uncertainty import Assessment as Assessment
 from .uncertainty import Examination as Examination
 from .uncertainty import assess as assess

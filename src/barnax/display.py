@@ -1,13 +1,26 @@
-"""Objects as a console or a notebook shows them: a few lines, where all that they hold is pages."""
+"""Objects as a console or a notebook shows them: a few lines, where all that they hold is pages.
 
-from collections.abc import Mapping
+What a result can do is found on the result, its figures and its report too, which are made in
+layers above it. No module imports from above: the package's `__init__`, over all layers, says in
+`HOOKS` which function is behind which method, and each is imported when it is first called.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from numbers import Number
+from pkgutil import resolve_name
 from typing import Any, cast
 
 LONGEST_TEXT = 60
 LONGEST_PART = 120
 FEW = 4
+# Full names of functions, by method.
+HOOKS: dict[str, str] = {}
+
+
+def hook(method: str) -> Callable[..., Any]:
+    """The function behind a method, such as "Result.report"."""
+    return resolve_name(HOOKS[method])
 
 
 class Shown(str):

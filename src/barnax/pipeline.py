@@ -49,7 +49,8 @@ from .plan import plans_first
 from .plan.running import prepare_pulse_tests
 from .records import Record
 from .results import Result
-from .run import Run, make_result
+from .run import Run
+from .storing import make_result
 from .table_run import table_warnings
 from .weighing import Weighing, search_and_assess, weigh
 

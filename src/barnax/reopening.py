@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from .bundled import BUNDLED
 from .cell import CellModel
 from .errors import InputError
 from .global_optimum import find_global_optimum
@@ -72,6 +73,25 @@ class Inputs:
         return replace(
             given, name=part.name, sign=part.sign or given.sign, hold=part.hold or given.hold
         )
+
+
+def loaded(
+    kind: type[Result],
+    path: str | Path,
+    data: str | Path | Sequence[str | Path] | Mapping[str, Given],
+    columns: Mapping[str, str] | str,
+    series: int,
+) -> Result:
+    """`Result.load`: a stored result that knows where its records are looked for."""
+    path = Path(path)
+    place = path if path.is_dir() else path.parent
+    result = kind.from_json(path / "result.json" if path.is_dir() else path)
+    given = data if isinstance(data, Mapping) else {}
+    folders = [data] if isinstance(data, str | Path) else () if given else data
+    places = (*map(Path, folders), Path(), place, place.parent, BUNDLED.record.parent)
+    reading = Reading(columns=columns, series=series)
+    result._inputs = Inputs(tuple(dict.fromkeys(places)), given, reading)
+    return result
 
 
 def reopened(result: Result, inputs: Inputs) -> Run:

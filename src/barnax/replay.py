@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import Field, PrivateAttr
 
-from .display import Brief
+from .display import Brief, hook
 from .errors import InputError
 from .execution import compile_for, in_float64
 from .filters import (
@@ -199,14 +199,10 @@ class SocReplay(Document):
 
         Raises `InputError` for a replay that was read from a file.
         """
-        from .plots import plot_soc_replay
-
-        return plot_soc_replay(self)
+        return hook("SocReplay.figure")(self)
 
     def _repr_png_(self) -> bytes | None:
-        from .plots.pictures import encode
-
-        return None if self._traces is None else encode(self.figure())
+        return None if self._traces is None else hook("SocReplay._repr_png_")(self.figure())
 
 
 @dataclass(frozen=True, eq=False, repr=False)

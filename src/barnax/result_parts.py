@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from .cell import CircuitParameters, get_circuit
+from .cell.model import SAME_DEGC
 from .global_optimum import OtherHold
 from .model.problem import Kind
 from .model.start import Start
@@ -189,6 +190,11 @@ class InputPart(Part):
         if text:
             read_fingerprint(text)
         return text
+
+    def is_at(self, temperature_degc: float) -> bool:
+        """Whether it is a record of this temperature, as far as one is told from another."""
+        own_degc = self.temperature_degc
+        return own_degc is not None and abs(own_degc - temperature_degc) <= SAME_DEGC
 
 
 class PlannedFile(Part):

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from .bundled import BUNDLED
 from .candidates import Candidate, table_name
 from .cell import CellModel, get_circuit
-from .cell.model import SAME_DEGC
+from .display import hook
 from .errors import InputError
 from .model.start import Start
 from .model.window import Window
 from .pulses import Pulse
 from .result_parts import ConstantPart, InputPart, MetricsBlock, PlannedFile, TablesPart
+from .run import Run
 from .schema import Document
+from .search.evaluate import Evaluation
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,9 +30,6 @@ if TYPE_CHECKING:
 
     from .inputs import Given
     from .records.read import Frame
-    from .reopening import Inputs
-    from .run import Run
-    from .search.evaluate import Evaluation
 
 SCHEMA_VERSION = 3
 # What version 2 held of the constant circuit beside the answer.
@@ -82,8 +80,9 @@ class Result(Document):
     command: tuple[str, ...]
     versions: dict[str, str]
 
-    _run: "Run | None" = PrivateAttr(None)
-    _inputs: "Inputs | None" = PrivateAttr(None)
+    _run: Run | None = PrivateAttr(None)
+    # Where its records are, for `reopening`.
+    _inputs: Any = PrivateAttr(None)
     remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
 
     def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
@@ -131,16 +130,14 @@ class Result(Document):
         return document
 
     @property
-    def run(self) -> "Run":
+    def run(self) -> Run:
         """The objects behind a result that was just computed.
 
         One that was loaded reads its records again the first time. Raises `InputError` where they
         are not found, and for one that was read by `from_json`.
         """
         if self._run is None and self._inputs is not None:
-            from .reopening import reopened
-
-            self._run = reopened(self, self._inputs)
+            self._run = hook("Result.run")(self, self._inputs)
         if self._run is None:
             raise InputError(
                 "this result was read from a file without its records; `Result.load` finds them "
@@ -179,18 +176,7 @@ class Result(Document):
         >>> len(again.figure("voltage").axes)
         3
         """
-        from .inputs import Reading
-        from .reopening import Inputs
-
-        path = Path(path)
-        place = path if path.is_dir() else path.parent
-        result = cls.from_json(path / "result.json" if path.is_dir() else path)
-        given = data if isinstance(data, Mapping) else {}
-        folders = [data] if isinstance(data, str | Path) else () if given else data
-        places = (*map(Path, folders), Path(), place, place.parent, BUNDLED.record.parent)
-        reading = Reading(columns=columns, series=series)
-        result._inputs = Inputs(tuple(dict.fromkeys(places)), given, reading)
-        return result
+        return hook("Result.load")(cls, path, data, columns, series)
 
     def simulate(
         self,
@@ -228,10 +214,8 @@ class Result(Document):
         >>> found["voltage [V]"].round(2)
         array([4.17, 4.07, 4.07])
         """
-        from .simulation import simulate_frame
-
         known = {"initial_soc": initial_soc, "initial_direction": initial_direction}
-        return simulate_frame(self, current, time, temperature_degc=temperature, **known)
+        return hook("Result.simulate")(self, current, time, temperature_degc=temperature, **known)
 
     def validate(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
@@ -242,7 +226,7 @@ class Result(Document):
         current_hold: str = "auto",
         columns: Mapping[str, str] | str = "",
         series: int = 1,
-    ) -> "Evaluation":
+    ) -> Evaluation:
         """The answer, circuit or tables, simulated on another record, with its errors.
 
         Args:
@@ -262,10 +246,8 @@ class Result(Document):
         >>> round(1e3 * found.metrics.rmse_v, 1), found.warnings
         (17.1, ())
         """
-        from .reopening import validated
-
         read = {"current_sign": current_sign, "current_hold": current_hold}
-        return validated(self, record, window, **read, columns=columns, series=series)
+        return hook("Result.validate")(self, record, window, **read, columns=columns, series=series)
 
     def to_frame(self) -> "polars.DataFrame":
         """The parameters of the answer with their 95 % intervals, units in the names.
@@ -274,9 +256,7 @@ class Result(Document):
         is a node, at each temperature: its SOC, and of every table the value, such as `R0 [Ohm]`,
         `R0 low [Ohm]` and `R0 high [Ohm]`. Null is what has no interval.
         """
-        from .reporting.parameters import parameters_frame
-
-        return parameters_frame(self)
+        return hook("Result.to_frame")(self)
 
     def report(
         self, path: str | Path | None = None, *, format: Literal["html", "md"] | None = None
@@ -292,9 +272,7 @@ class Result(Document):
 
         Raises `InputError` for another format, and where a loaded result's records are not found.
         """
-        from .reporting.identification import report_of
-
-        return report_of(self, path, format)
+        return hook("Result.report")(self, path, format)
 
     @property
     def parameters(self) -> dict[str, float | tuple[float, ...]]:
@@ -344,12 +322,7 @@ class Result(Document):
         if temperature_degc is None:
             temperature_degc, near = self._first.temperature_degc, records[:1]
         else:
-            near = [
-                each
-                for each in records
-                if each.temperature_degc is not None
-                and abs(each.temperature_degc - temperature_degc) <= SAME_DEGC
-            ]
+            near = [part for part in records if part.is_at(temperature_degc)]
         cell = self.cell.at(temperature_degc)
         capacity_ah = (near[0].capacity_ah if near else None) or cell.capacity_ah
         return replace(cell, capacity_ah=capacity_ah, elsewhere=())
@@ -373,13 +346,8 @@ class Result(Document):
         if self.tables is not None and self.tables.over_temperature is not None:
             return []
         planned = {each.name: each.temperature_degc for each in self.plan}
-        return [
-            (
-                each.name,
-                planned.get(each.name) if each.temperature_degc is None else each.temperature_degc,
-            )
-            for each in self.of_role("identification")
-        ]
+        own = [(part.name, part.temperature_degc) for part in self.of_role("identification")]
+        return [(name, planned.get(name) if degc is None else degc) for name, degc in own]
 
     @property
     def start(self) -> Start:
@@ -424,12 +392,7 @@ class Result(Document):
 
         Raises `InputError` for a name that this result has no figure of.
         """
-        from .reporting.illustrations import figure_of
-
-        return figure_of(self, name)
+        return hook("Result.figure")(self, name)
 
     def _repr_html_(self) -> str:
-        from .reporting.identification import identification_document
-        from .reporting.render import to_fragment
-
-        return to_fragment(identification_document(self, summary_only=True))
+        return hook("Result._repr_html_")(self)

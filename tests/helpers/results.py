@@ -31,10 +31,10 @@ from barnax.result_parts import (
 )
 from barnax.results import Result
 from barnax.run import Run, best_answer
-from barnax.run import make_result as store
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import Optimum, Refinement
 from barnax.search.seeds import Search, SeedAnswer
+from barnax.storing import make_result as store
 from barnax.uncertainty import Band, Diagnostics, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of

@@ -143,7 +143,7 @@ def validate(on: OnRecord, output: Errors) -> None:
         from ..reporting.identification import metrics_table
         from ..reporting.soc_tables import prediction_sentence
         from ..reporting.terminal import terminal_table
-        from ..run import metrics_part
+        from ..storing import metrics_part
 
     stored = load(on.result)
     window = on.window(stored)

@@ -31,9 +31,9 @@ from ..model.window import Window
 from ..over_soc import TableSettings
 from ..records import Record
 from ..result_parts import InputPart, Key, MetricsPart
-from ..run import all_versions, input_part, metrics_part, record_part
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound
+from ..storing import all_versions, input_part, metrics_part, record_part
 from ..weighing import search_and_assess, weigh
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError, Resampled, SeedPairs

@@ -23,7 +23,7 @@ from ..plan.document import require_choices
 from ..records import Record, source_from_frame
 from ..result_parts import MetricsPart
 from ..results import Result
-from ..run import bands_by_soc, joint_metrics
+from ..storing import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
 from .dataset import keep_result
 from .manifest import FleetCell, is_address, short_name, stamp

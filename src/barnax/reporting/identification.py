@@ -1,14 +1,10 @@
 """The report of one identification."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import write_whole
 from ..plots.parameters import readable
 from ..plots.pictures import Illustration, record_roles
 from .candidates import candidates_section
@@ -32,9 +28,7 @@ from .document import (
     circuits_table,
     make_table,
 )
-from .illustrations import identification_illustrations
 from .pulses import pulses_section
-from .render import picture_suffix, to_html, to_markdown
 from .sentences import (
     BandQuantity,
     band_label,
@@ -142,38 +136,6 @@ def _cell_and_record(result: "Result") -> str:
     extent = "" if others else f", {duration(first.duration_s or 0.0)}"
     extent += "" if others else f", SOC {round(100 * low)} to {round(100 * high)} %"
     return f"A cell of {result.cell.capacity_ah:.3g} Ah: {result.name}{extent}{at}."
-
-
-class Report(str):
-    """The text of a report, which a notebook shows as the page that it is."""
-
-    __slots__ = ()
-
-    def __repr__(self) -> str:
-        return f"Report(<{len(self):,} characters>)"
-
-    def _repr_html_(self) -> str | None:
-        if not self.startswith("<!"):
-            return None
-        return f'<iframe srcdoc="{escape(self)}" style="width:100%;height:40em;border:0"></iframe>'
-
-
-def report_of(result: "Result", path: str | Path | None, format: str | None) -> Report:
-    """`Result.report`."""
-    form = format or (Path(path).suffix[1:] if path else "") or "html"
-    if form not in ("html", "md"):
-        raise InputError(f"a report is html or md, not {form!r}; name its file or its format so")
-    drawn = identification_illustrations(result)
-    document = identification_document(result, drawn)
-    text = to_html(document) if form == "html" else to_markdown(document)
-    if path is not None:
-        place = Path(path)
-        if form == "md":
-            for each in document.pictures:
-                name = f"{each.name}{picture_suffix(each)}"
-                write_whole(place.parent / "figures" / name, each.content)
-        write_whole(place, text.encode())
-    return Report(text)
 
 
 def verdict_sentences(result: "Result") -> Iterator[str]:

@@ -13,7 +13,7 @@ from ..plots.live import MOST_NUMBERS, live_record
 from ..plots.pictures import Illustration, record_roles
 from ..plots.search import has_landscape
 from ..pulses import pulses_of
-from ..run import describe
+from ..storing import describe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,0 +1,249 @@
+"""What is stored of a run: a `Run` as a `Result`, and its parts."""
+
+import functools
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from .cell import OcvTable
+from .global_optimum import GlobalOptimum, optimality_gap
+from .metrics import Metrics
+from .model.problem import Problem
+from .optimizers import OPTIMIZERS, AbstractPopulationMinimiser
+from .pulses import pulses_of
+from .records import Record
+from .records.fingerprint import Content
+from .result_parts import (
+    AssessmentPart,
+    ConstantPart,
+    GlobalPart,
+    InputPart,
+    MetricsBlock,
+    MetricsPart,
+    RefinedPart,
+    SearchPart,
+    TablesPart,
+)
+from .results import SCHEMA_VERSION, Result
+from .run import Run
+from .search.evaluate import Evaluation, pooled
+from .search.refine import SAME_RMSE, Refinement
+from .search.seeds import Search
+from .uncertainty.assessment import Band, soc_bands
+
+VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy", "polars")
+
+
+def make_result(run: Run, command: Sequence[str] = ()) -> Result:
+    """A run as a `Result`, which can be stored.
+
+    Args:
+        run: The objects.
+        command: The command that was run, if any.
+    """
+    problem = run.problem
+    constant = ConstantPart(
+        model=problem.circuit,
+        parameters=run.answer.parameters.to_dict(),
+        source=run.answer.source,
+        at_bound=run.answer.at_bound,
+        metrics=_metrics_block(problem.name, run.identification, run.validation),
+        global_optimum=_global_part(run.refinement, run.optimum) if run.optimum else None,
+        assessment=None
+        if run.assessment is None
+        else AssessmentPart(
+            uncertainty=run.assessment.uncertainty,
+            identifiability=run.assessment.identifiability,
+            diagnostics=run.assessment.diagnostics,
+            examination=run.examination,
+        ),
+        other_hold=run.other_hold,
+        search=search_part(run.search) if run.search else None,
+        refined=_refined_part(run.refinement) if run.refinement else None,
+        bounds=dict(problem.bounds.ranges),
+        fixed=dict(problem.bounds.fixed),
+    )
+    tables, model, metrics = None, constant.model, constant.metrics
+    if run.tables is not None:
+        model = run.tables.model
+        metrics = _metrics_block(problem.name, run.tables.identification, run.tables.validation)
+        tables = TablesPart(
+            settings=run.tables.settings,
+            fits=run.tables.found.fits,
+            over_temperature=run.tables.found.over_temperature,
+            by_soc=bands_by_soc(run.tables.identification),
+        )
+    result = Result(
+        schema_version=SCHEMA_VERSION,
+        model=model,
+        metrics=metrics,
+        candidates=run.candidates,
+        tables=tables,
+        constant=constant,
+        pulses=tuple(pulse for each in run.identification for pulse in pulses_of(each.prepared)),
+        cell=problem.cell,
+        inputs=(
+            *(record_part("identification", each) for each in run.identification),
+            *(record_part("validation", each) for each in run.validation),
+            *(input_part("ocv", record) for record in run.ocv),
+        ),
+        notes=run.notes,
+        warnings=run.warnings,
+        command=tuple(command),
+        versions=all_versions(),
+    )
+    result._run = run
+    return result
+
+
+def _metrics_block(
+    name: str, identified: Sequence[Evaluation], validated: Sequence[Evaluation]
+) -> MetricsBlock:
+    return MetricsBlock(
+        identification=joint_metrics(name, identified),
+        jointly=tuple(metrics_part(each) for each in identified if len(identified) > 1),
+        validation=tuple(metrics_part(each) for each in validated),
+    )
+
+
+def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
+    """The errors of several records together in each tenth of the state of charge."""
+    scored = [each.prepared.scored for each in evaluations]
+    soc = [each.prepared.soc[s] for each, s in zip(evaluations, scored, strict=True)]
+    error_v = [each.error_v[s] for each, s in zip(evaluations, scored, strict=True)]
+    return soc_bands(np.concatenate(soc), np.concatenate(error_v))
+
+
+def search_part(search: Search) -> SearchPart:
+    """A search as it is stored."""
+    problem: Problem = search.problem
+    method, settings = describe(search.optimizer)
+    return SearchPart(
+        method=method,
+        settings=settings,
+        coordinates=problem.scale,
+        objective=problem.kind,
+        population=search.optimizer.population,
+        iterations=search.optimizer.iterations,
+        key=search.key,
+        evaluations=search.evaluations,
+        seeds=search.seeds,
+    )
+
+
+def _refined_part(refinement: Refinement) -> RefinedPart:
+    return RefinedPart(
+        rmse_v=refinement.rmse_v,
+        objective=refinement.objective,
+        evaluations=refinement.evaluations,
+        at_bound=refinement.at_bound,
+        optima=refinement.optima,
+        seeds=refinement.refined,
+    )
+
+
+def _global_part(refinement: Refinement | None, optimum: GlobalOptimum) -> GlobalPart:
+    """The global optimum as it is stored, with the optimality gap of every answer.
+
+    Local optima are counted once, whoever found them: the seeds or the grid.
+    """
+    part = GlobalPart(
+        rmse_v=optimum.rmse_v,
+        parameters=optimum.parameters,
+        status=optimum.status,
+        lower_bound_v=optimum.lower_bound_v,
+        proved_gap=optimum.proved_gap,
+        cells=optimum.cells,
+        local_optima=optimum.local_optima,
+        at_bound=optimum.at_bound,
+    )
+    if refinement is None:
+        return part
+    gaps = [optimality_gap(seed.rmse_v, optimum.rmse_v) for seed in refinement.search.seeds]
+    local = list(optimum.local_optima)
+    for each in refinement.optima:
+        known = [optimum.rmse_v, *(other.rmse_v for other in local)]
+        if all(abs(each.rmse_v / other - 1) > SAME_RMSE for other in known if other):
+            local.append(each)
+    return part.model_copy(
+        update={
+            "local_optima": tuple(sorted(local, key=lambda each: each.rmse_v)),
+            "median_gap": float(np.median(gaps)),
+            "best_gap": min(gaps),
+            "refined_gap": optimality_gap(refinement.rmse_v, optimum.rmse_v),
+            "seeds_there": sum(
+                seed.rmse_v <= optimum.rmse_v * (1 + SAME_RMSE) for seed in refinement.refined
+            ),
+        }
+    )
+
+
+def joint_metrics(name: str, evaluations: Sequence[Evaluation]) -> MetricsPart:
+    """The metrics of several records together, under one name."""
+    return _metrics(name, pooled(evaluations), evaluations)
+
+
+def metrics_part(evaluation: Evaluation) -> MetricsPart:
+    """The metrics of one record under its name."""
+    return _metrics(evaluation.prepared.record.name, evaluation.metrics, [evaluation])
+
+
+def _metrics(name: str, metrics: Metrics, evaluations: Sequence[Evaluation]) -> MetricsPart:
+    above = [
+        each.error_v[each.prepared.scored & (each.prepared.soc >= 0.1)] for each in evaluations
+    ]
+    errors_v = np.concatenate(above)
+    above_v = float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else None
+    return MetricsPart(record=name, **vars(metrics), rmse_above_10_soc_v=above_v)
+
+
+def describe(optimizer: AbstractPopulationMinimiser) -> tuple[str, dict[str, Any]]:
+    """An optimizer's registered name, or its class's, and its settings."""
+    settings = {
+        field.name: getattr(optimizer, field.name)
+        for field in fields(optimizer)
+        if isinstance(getattr(optimizer, field.name), bool | int | float | str)
+    }
+    budget = {"population": optimizer.population, "iterations": optimizer.iterations}
+    for name, make in OPTIMIZERS.items():
+        if make(**budget) == optimizer:
+            return name, settings
+    return type(optimizer).__name__, settings
+
+
+@functools.cache
+def all_versions() -> dict[str, str]:
+    """The versions that can change a result's digits."""
+    return {"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED}
+
+
+def input_part(role: Any, record: Record | OcvTable) -> InputPart:
+    """A file that was read, with what was decided about it."""
+    if isinstance(record, OcvTable):
+        return InputPart(role=role, name=record.name, sha256=record.sha256)
+    return InputPart(
+        role=role, name=record.name, sha256=record.sha256, sign=record.sign, hold=record.hold
+    )
+
+
+def record_part(role: Any, evaluation: Evaluation) -> InputPart:
+    """A record that was simulated."""
+    prepared = evaluation.prepared
+    soc = prepared.soc[prepared.scored]
+    return input_part(role, prepared.record).model_copy(
+        update={
+            "fingerprint": Content(prepared.record).fingerprint,
+            "window": prepared.window,
+            "start": prepared.start,
+            "rest_current_a": float(prepared.rest_current_a),
+            "capacity_ah": float(prepared.capacity_ah),
+            "duration_s": prepared.scored_duration_s,
+            "samples": int(np.count_nonzero(prepared.scored)),
+            "soc_range": (float(soc.min()), float(soc.max())),
+            "temperature_degc": prepared.temperature_degc,
+        }
+    )

@@ -80,3 +80,14 @@ def test_one_result_or_one_name_for_two_is_refused():
         barnax.show(one)
     with pytest.raises(InputError, match="the names a, a are not 2 different ones"):
         barnax.show(one, one, names=("a", "a"))
+
+
+def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():
+    results = with_intervals(0.05, 0.002), with_intervals(0.07, 0.03)
+    beside = barnax.show(*results, names=("fresh", "aged"))
+    assert beside.differing == {"aged": ()}
+    assert beside.too_wide == {"aged": ("R0",)}
+    assert "nothing differs from fresh beyond the intervals; they are too wide to tell of R0." in (
+        " ".join(repr(beside).split())
+    )
+    assert "+40 %, too wide to tell" in repr(beside)

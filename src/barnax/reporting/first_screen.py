@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.table import Table as Shown
 from rich.text import Text
 
 from ..inputs import NOT_SUITABLE
@@ -17,7 +16,7 @@ from .soc_tables import (
     middle_of_tables,
     prediction_sentences,
 )
-from .terminal import BARE, bare_table, headed_line, indented, plain
+from .terminal import Whole, bare_table, headed_line, indented
 from .words import (
     between,
     degrees,
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from ..uncertainty import Estimate
 from .verdict import best_possible, search_sentences
 
-LONGEST_NAME = 40
+LONGEST_NAME = 34
 # The report has the others.
 MOST_CANDIDATES = 4
 # More files than these are counted.
@@ -70,20 +69,18 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
         yield indented(headed_line(head, spell(text)))
 
 
-def _files_table(result: "Result") -> Shown:
+def _files_table(result: "Result") -> Whole:
     has_degc = result.tables is not None and result.tables.over_temperature is not None
-    table = Shown(show_header=False, **BARE)
-    for _ in range(4 + has_degc):
-        table.add_column(no_wrap=True)
+    rows = []
     parts = (*result.of_role("identification"), *result.of_role("validation"))
     shown = parts if len(parts) <= MOST_FILES else parts[: MOST_FILES - 1]
     for each in shown:
         degc = each.temperature_degc
         at = [] if not has_degc else ["" if degc is None else degrees(degc)]
-        table.add_row(plain(_short(each.name, LONGEST_NAME - 9 * has_degc)), *at, *_extent(each))
+        rows.append([_short(each.name, LONGEST_NAME - 9 * has_degc), *at, *_extent(each)])
     if len(shown) < len(parts):
-        table.add_row(f"and {len(parts) - len(shown)} more")
-    return table
+        rows.append([f"and {len(parts) - len(shown)} more", *[""] * (3 + has_degc)])
+    return bare_table((), rows, [False] * (4 + has_degc))
 
 
 def _extent(part: "InputPart") -> tuple[str, str, str]:
@@ -97,7 +94,7 @@ def _extent(part: "InputPart") -> tuple[str, str, str]:
     )
 
 
-def _errors_table(result: "Result") -> Shown:
+def _errors_table(result: "Result") -> Whole:
     """The circuits that were weighed, the answer first, with their errors on all records."""
     if result.tables is not None and result.tables.over_temperature is not None:
         return _errors_over_temperature(result)
@@ -132,7 +129,7 @@ def is_apart(above_v: float | None, all_v: float) -> bool:
     return above_v is not None and above_v < (1 - APART) * all_v
 
 
-def _errors_over_temperature(result: "Result") -> Shown:
+def _errors_over_temperature(result: "Result") -> Whole:
     """The answer's errors record by record, beside those of one constant circuit for all."""
     metrics, constant = result.metrics, result.constant.metrics
     several, others = metrics.jointly, metrics.validation
@@ -170,7 +167,7 @@ def _numbered(role: str, count: int) -> list[str]:
     return [role] if count == 1 else [f"{role} {number}" for number in range(1, count + 1)]
 
 
-def _parameters_table(result: "Result") -> Shown:
+def _parameters_table(result: "Result") -> Whole:
     """Resistances at the left, the time constants of their pairs at the right."""
     if result.tables is not None:
         heads, rows = middle_of_tables(result.tables)
@@ -184,9 +181,7 @@ def _parameters_table(result: "Result") -> Shown:
     circuit = constant.circuit_parameters
     bounds = {each.name: each.side for each in constant.at_bound}
     longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
-    table = Shown(show_header=False, **BARE)
-    for justify in ("left", "right", "left", "left", "right", "left"):
-        table.add_column(justify=justify, no_wrap=True)
+    rows = []
     resistances = (circuit.r0, *circuit.r)
     for pair, r_ohm in enumerate(resistances):
         name = f"R{pair} [Ohm]"
@@ -197,11 +192,11 @@ def _parameters_table(result: "Result") -> Shown:
             right = (f"tau{pair}", with_unit(name, tau_s), _interval(name, estimates, bounds))
             if bounds.get(name) == "upper" and tau_s >= longest_s * (1 - 1e-3):
                 right = (f"tau{pair}", f"> {duration(longest_s)}", "longer than the record")
-        table.add_row(*left, *right)
+        rows.append((*left, *right))
     if circuit.gamma is not None:
         value = f"{figures(circuit.gamma)} /SOC"
-        table.add_row("gamma", value, _interval("gamma", estimates, bounds), "", "", "")
-    return table
+        rows.append(("gamma", value, _interval("gamma", estimates, bounds), "", "", ""))
+    return bare_table((), rows, [place in (1, 4) for place in range(6)])
 
 
 def _interval(name: str, estimates: "dict[str, Estimate]", bounds: dict[str, str]) -> str:

@@ -1,6 +1,6 @@
 """The parameters of a result with their intervals: as a data frame, and results side by side."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # Where tables are compared.
 COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
+# An interval over more than this factor would hide a doubling.
+TOO_WIDE = 2.0
 
 
 class Known(NamedTuple):
@@ -54,6 +56,23 @@ class Known(NamedTuple):
         if None in (self.low, self.high, other.low, other.high):
             return None
         return self.low > other.high or self.high < other.low  # pyright: ignore[reportOperatorIssue]
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether its interval would hide a doubling."""
+        if self.low is None or self.high is None:
+            return False
+        return self.low <= 0 or self.high > TOO_WIDE * self.low
+
+    def change_words(self, other: "Known") -> str:
+        """What comes of comparing it with another."""
+        match self.is_beyond(other):
+            case None:
+                return "no interval"
+            case True:
+                return "beyond"
+            case _:
+                return "too wide to tell" if self.is_wide or other.is_wide else "within"
 
 
 def parameters_frame(result: Result) -> "polars.DataFrame":
@@ -126,10 +145,13 @@ class SideBySide:
     Attributes:
         document: The tables and what they come to.
         differing: For each result after the first, what differs from that beyond both intervals.
+        too_wide: Likewise, of what the intervals are too wide to tell: one of them spans more than
+            a factor of two.
     """
 
     document: Document
     differing: Mapping[str, tuple[str, ...]]
+    too_wide: Mapping[str, tuple[str, ...]]
 
     def __repr__(self) -> str:
         from .terminal import to_text
@@ -145,7 +167,8 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
 
     Two cells, two ages or two temperatures of one cell: every parameter with its 95 % interval, and
     the change from the first result. Intervals that do not overlap tell a difference; that they do
-    overlap tells none, which is careful. Tables are compared at some states of charge, with each
+    overlap tells none, which is careful, and nothing at all where one of them spans more than a
+    factor of two. Tables are compared at some states of charge, with each
     other; beside a constant circuit, that of the other result is compared.
 
     Args:
@@ -175,20 +198,25 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     ]
     rows = list(dict.fromkeys(key for own in known for key in own))
     first, *others = known
-    differing = {
-        name: tuple(
-            first[key].place for key in rows if key in first and key in own
-            and first[key].is_beyond(own[key])
-        )
+    told = {
+        name: {
+            key: first[key].change_words(own[key]) for key in rows if key in first and key in own
+        }
         for name, own in zip(called[1:], others, strict=True)
-    }  # fmt: skip
-    said = [
-        f"{name}: {joined(beyond)} {'differ' if len(beyond) > 1 else 'differs'} from {called[0]} "
-        "beyond the intervals."
-        if beyond
-        else f"{name}: nothing differs from {called[0]} beyond the intervals."
-        for name, beyond in differing.items()
-    ]
+    }
+    differing, too_wide = (
+        {
+            name: tuple(first[key].place for key, each in words.items() if each == said)
+            for name, words in told.items()
+        }
+        for said in ("beyond", "too wide to tell")
+    )
+    said = []
+    for name, words in told.items():
+        beyond, wide = differing[name], _places(key for key in words if words[key][:3] == "too")
+        verb = "differ" if len(beyond) > 1 else "differs"
+        text = f"{name}: {joined(beyond) or 'nothing'} {verb} from {called[0]} beyond the intervals"
+        said.append(f"{text}; they are too wide to tell of {wide}." if wide else f"{text}.")
     if len({result.model for result in found}) > 1:
         said.append("The circuits differ, so the same name may stand for another part of the cell.")
     what = "Tables over SOC" if have_tables else "Constant circuits"
@@ -197,7 +225,16 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         Section("Results", (_results_table(called, found, have_tables),)),
         Section(what, (_parameters_table(called, known, rows),)),
     )
-    return SideBySide(Document(joined(list(called), "beside"), "", sections), differing)
+    document = Document(joined(list(called), "beside"), "", sections)
+    return SideBySide(document, differing, too_wide)
+
+
+def _places(keys: Iterable[tuple[str, float | None]]) -> str:
+    """Parameters, each with all its states of charge."""
+    found: dict[str, list[str]] = {}
+    for name, soc in keys:
+        found.setdefault(symbol(name), []).extend([] if soc is None else [f"{100 * soc:g}"])
+    return joined([f"{name} at {joined(at)} % SOC" if at else name for name, at in found.items()])
 
 
 def _names(results: list[Result]) -> tuple[str, ...]:
@@ -252,9 +289,7 @@ def _parameters_table(
         if key not in known[0] or key not in known[place] or not known[0][key].value:
             return NOTHING
         one, other = known[0][key], known[place][key]
-        is_beyond = one.is_beyond(other)
-        told = "no interval" if is_beyond is None else "beyond" if is_beyond else "within"
-        return f"{100 * (other.value / one.value - 1):+.3g} %, {told}"
+        return f"{100 * (other.value / one.value - 1):+.3g} %, {one.change_words(other)}"
 
     cells: dict[str, Any] = {
         "parameter": lambda key: symbol(key[0]),
@@ -266,6 +301,7 @@ def _parameters_table(
             cells["change" if len(called) == 2 else f"change to {name}"] = partial(change, place)
     caption = (
         "Values with their 95 % intervals. Beyond: the intervals do not overlap. Within: they do, "
-        "and the results do not tell a difference."
+        "and the results do not tell a difference. Too wide to tell: they do, and one spans more "
+        "than a factor of two."
     )
     return make_table(caption, rows, cells, list(cells))

@@ -1,11 +1,13 @@
 """What a terminal shows: any document in full, a plan, and a record replayed by a filter."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from rich import box
-from rich.console import Console, Group, RenderableType
-from rich.markup import escape
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.padding import Padding
 from rich.table import Table as Shown
 from rich.text import Text
@@ -18,17 +20,17 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..replay import SocReplay
 
-# Seven figures and a file's name in 80 columns.
-LAYOUT: dict[str, Any] = {
+# Lines below the heads, and one column between the columns.
+LINED: dict[str, Any] = {
     "box": box.SIMPLE_HEAD,
     "padding": (0, 1, 0, 0),
     "pad_edge": False,
     "title_style": "bold cyan",
     "header_style": "cyan",
 }
-# More columns than these stand closer together.
-MOST_SPACED = 8
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
+# A longer word, such as the name of a file, may go on in the next line.
+LONGEST_WORD = 24
 
 # Of what is shown outside a terminal.
 TEXT_WIDTH = 110
@@ -39,7 +41,9 @@ def to_terminal(document: Document) -> Iterator[RenderableType]:
     for section in document.sections:
         yield plain(f"\n{section.title}", style="bold cyan")
         for block in section.blocks:
-            if isinstance(block, Paragraph | Listing):
+            if isinstance(block, Listing):
+                yield from (Text(printable(line), no_wrap=True) for line in block.text.split("\n"))
+            elif isinstance(block, Paragraph):
                 yield plain(block.text)
             elif isinstance(block, Bullets):
                 style = "yellow" if block.are_warnings else ""
@@ -62,44 +66,121 @@ def plain(text: str, style: str = "") -> Text:
     return Text("\n".join(map(printable, text.split("\n"))), style=style)
 
 
+@dataclass(frozen=True)
+class Whole:
+    """Columns of which no character is ever cut, however narrow the terminal.
+
+    Texts go on in the next line. Where numbers are wider than the terminal all the same, the
+    further columns stand below, beside the first one again.
+
+    Attributes:
+        heads: What stands above the columns; empty for none.
+        joined: The columns that stay beside the one before them.
+    """
+
+    heads: tuple[Text, ...]
+    rows: tuple[tuple[Text, ...], ...]
+    are_numbers: tuple[bool, ...]
+    layout: Mapping[str, Any]
+    joined: frozenset[int] = frozenset()
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        spaced, gaps = self.layout, [self.layout["padding"][1]]
+        # A line between columns is as wide as a space, and a table is closed by two.
+        lines = 0 if self.layout["box"] is None else 1
+        gap = gaps[0] + lines
+        parts = self._parts(options.max_width - lines, gap)
+        if lines and len(parts) > 1:
+            closer = self._parts(options.max_width - lines, lines)
+            if len(closer) < len(parts):
+                parts, gap, spaced = closer, lines, {**self.layout, "padding": 0}
+        for places in parts:
+            yield self._part(places, options.max_width - lines, gap, spaced)
+
+    def _column(self, place: int) -> list[Text]:
+        return [*self.heads[place : place + 1], *(row[place] for row in self.rows)]
+
+    def _least(self, place: int) -> int:
+        """The width below which a column would cut."""
+        if self.are_numbers[place]:
+            return self._most(place)
+        words = [word for text in self._column(place) for word in text.plain.split()]
+        return max((min(cell_len(word), LONGEST_WORD) for word in words), default=0)
+
+    def _most(self, place: int) -> int:
+        lines = [line for text in self._column(place) for line in text.plain.split("\n")]
+        return max(map(cell_len, lines), default=0)
+
+    def _parts(self, width: int, gap: int) -> list[list[int]]:
+        """The columns that stand beside each other, each time after the first."""
+        parts: list[list[int]] = [[0]]
+        for place in range(1, len(self.are_numbers)):
+            if place in self.joined:
+                continue
+            group = [place]
+            while group[-1] + 1 in self.joined:
+                group.append(group[-1] + 1)
+            wanted = [*parts[-1], *group]
+            if len(parts[-1]) > 1 and sum(self._least(each) + gap for each in wanted) > width:
+                parts.append([0, *group])
+            else:
+                parts[-1] = wanted
+        return parts
+
+    def _part(self, places: list[int], width: int, gap: int, layout: Mapping[str, Any]) -> Shown:
+        widths = {place: self._most(place) for place in places}
+        least = {place: self._least(place) for place in places}
+        while sum(widths.values()) + gap * len(places) > width:
+            loose = [place for place in places if widths[place] > least[place]]
+            if not loose:
+                break
+            widths[max(loose, key=widths.__getitem__)] -= 1
+        table = Shown(show_header=bool(self.heads), **layout)
+        for place in places:
+            is_number = self.are_numbers[place]
+            table.add_column(
+                self.heads[place] if self.heads else "",
+                justify="right" if is_number else "left",
+                overflow="fold",
+                width=widths[place],
+            )
+        for row in self.rows:
+            table.add_row(*(row[place] for place in places))
+        return table
+
+
 def terminal_table(table: Table) -> RenderableType:
     """A document's table as a terminal shows it, its caption as wide as the terminal."""
-    shown = Shown(**LAYOUT)
-    if len(table.columns) > MOST_SPACED:
-        shown.padding = 0
+    heads = []
     for column in table.columns:
         is_number = column.role == "number"
         # Narrow, so that names stay whole beside seven figures in 80 columns.
         name = column.name.replace("-", "-\n").replace(" ", "\n") if is_number else column.name
-        head = f"{name}\n[{column.unit}]" if column.unit else name
-        shown.add_column(
-            escape(head),
-            justify="right" if is_number else "left",
-            overflow="fold",
-            # Where the terminal is too narrow, names are folded, and numbers stay whole.
-            no_wrap=is_number,
+        heads.append(plain(f"{name}\n[{column.unit}]" if column.unit else name))
+    rows = tuple(
+        tuple(
+            plain(cell, style="bold" if (place, index) in table.best else "")
+            for index, cell in enumerate(row)
         )
-    for place, row in enumerate(table.rows):
-        shown.add_row(
-            *(
-                plain(cell, style="bold" if (place, index) in table.best else "")
-                for index, cell in enumerate(row)
-            )
-        )
+        for place, row in enumerate(table.rows)
+    )
+    are_numbers = tuple(column.role == "number" for column in table.columns)
+    # "R0, 95 %" is of "R0".
+    pairs = enumerate(pairwise(table.columns), 1)
+    joined = {place for place, (one, other) in pairs if other.name.startswith(f"{one.name},")}
+    shown = Whole(tuple(heads), rows, are_numbers, LINED, frozenset(joined))
     return Group(shown, plain(table.caption, style="italic dim")) if table.caption else shown
 
 
 def bare_table(
     heads: Sequence[str], rows: Iterable[Sequence[str]], are_numbers: Sequence[bool] | None = None
-) -> Shown:
-    """Columns without lines; all but the first are numbers, unless told otherwise."""
-    table = Shown(**BARE)
-    for place, head in enumerate(heads):
-        is_number = place > 0 if are_numbers is None else are_numbers[place]
-        table.add_column(plain(head), justify="right" if is_number else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*map(plain, row))
-    return table
+) -> Whole:
+    """Columns without lines, and without heads where these are none; all but the first are
+    numbers, unless told otherwise."""
+    cells = tuple(tuple(map(plain, row)) for row in rows)
+    if are_numbers is None:
+        are_numbers = [place > 0 for place in range(len(heads))]
+    return Whole(tuple(map(plain, heads)), cells, tuple(are_numbers), BARE)
 
 
 def indented(block: RenderableType) -> RenderableType:
@@ -117,8 +198,8 @@ def headed_line(head: str, text: str, width: int = 15, style: str = "") -> Rende
 
 
 def parts_line(parts: Sequence[str]) -> RenderableType:
-    """Short facts in one line."""
-    return indented(plain("  ".join(parts)))
+    """Short facts and a command in one line, so that it can be copied."""
+    return Text("  " + printable("  ".join(parts)), no_wrap=True)
 
 
 def next_lines(advice: str, command: str) -> Iterator[RenderableType]:

@@ -1,0 +1,78 @@
+"""What a terminal shows of tables, whole at any width, and of what is to be copied."""
+
+from collections import Counter
+
+import pytest
+from rich.console import Console, Group
+
+from barnax.reporting.document import Document, Listing, Section, make_table
+from barnax.reporting.first_screen import first_screen
+from barnax.reporting.terminal import next_lines, parts_line, terminal_table, to_terminal
+from barnax.results import Result
+from helpers.golden import RESULT
+
+
+def lines_of(block, width):
+    console = Console(width=width, color_system=None)
+    with console.capture() as seen:
+        console.print(block)
+    lines = [line.rstrip() for line in seen.get().splitlines()]
+    assert max(map(len, lines)) <= width
+    return lines
+
+
+def soc_table():
+    """As wide as any: four tables over SOC, each with its interval."""
+    cells = {"SOC [%]": lambda row: f"{10 + 5 * row}"}
+    for name in ("R0", "R1", "R2", "R3"):
+        cells[f"{name} [mOhm]"] = lambda row, name=name: f"{name[1]}{row}.4 (*)"
+        cells[f"{name}, 95 %"] = lambda row, name=name: (
+            "not determined" if row == 1 else f"8{row}.{name[1]} to 9{row}.{name[1]}"
+        )
+    return make_table("", range(5), cells)
+
+
+@pytest.mark.parametrize("width", range(60, 121))
+def test_no_digit_of_a_table_is_cut_at_any_width(width):
+    table = soc_table()
+    seen = Counter(word for line in lines_of(terminal_table(table), width) for word in line.split())
+    wanted = Counter(word for row in table.rows for cell in row[1:] for word in cell.split())
+    assert {word: seen[word] for word in wanted} == wanted
+    assert all(seen[row[0]] >= 1 for row in table.rows)
+
+
+def test_a_value_stays_beside_its_interval_and_its_state_of_charge():
+    lines = lines_of(terminal_table(soc_table()), 60)
+    (line,) = (line for line in lines if "80.3 to 90.3" in line)
+    assert line.split()[0] == "10"
+    assert line.endswith("30.4 (*)    80.3 to 90.3")
+
+
+def test_only_a_very_long_word_goes_on_in_the_next_line():
+    cells = {
+        "parameter": lambda _: "tau1",
+        "record": lambda _: 40 * "x",
+        "RMSE": lambda _: "1.2345",
+    }
+    lines = lines_of(terminal_table(make_table("", [0], cells, ["parameter", "record"])), 44)
+    assert any("parameter" in line and "RMSE" in line for line in lines)
+    assert "".join(lines).count("x") == 40
+
+
+@pytest.mark.parametrize("width", [60, 66, 72, 80])
+def test_no_digit_of_the_first_screen_is_cut(width):
+    whole, narrow = (
+        " ".join(lines_of(Group(*first_screen(Result.from_json(RESULT))), each)).split()
+        for each in (200, width)
+    )
+    numbers = {word for word in whole if any(map(str.isdigit, word))}
+    assert len(numbers) > 10
+    assert numbers <= {*narrow}
+
+
+def test_what_is_to_be_copied_is_in_one_line():
+    command = f"barnax identify {12 * 'drive.csv '}--out out"
+    document = Document("", "", (Section("", (Listing(command),)),))
+    for blocks in (to_terminal(document), next_lines("do it", command), [parts_line([command])]):
+        (shown,) = (each for each in blocks if command in getattr(each, "plain", ""))
+        assert shown.no_wrap

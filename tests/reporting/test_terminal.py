@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 from rich.console import Console, Group
 
-from barnax.reporting.document import Document, Listing, Section, make_table
+from barnax.reporting.document import Bullets, Document, Listing, Section, make_table
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.terminal import next_lines, parts_line, terminal_table, to_terminal
 from barnax.results import Result
@@ -76,3 +76,17 @@ def test_what_is_to_be_copied_is_in_one_line():
     for blocks in (to_terminal(document), next_lines("do it", command), [parts_line([command])]):
         (shown,) = (each for each in blocks if command in getattr(each, "plain", ""))
         assert shown.no_wrap
+
+
+@pytest.mark.parametrize("width", [60, 72, 80])
+def test_options_to_be_copied_stay_in_one_line_in_a_table_and_in_a_sentence(width):
+    options = "--start-after-step 12 --columns 'current=I / A:mA'"
+    cells = {"found": lambda _: 9 * "much text ", "remedy": lambda _: f"for all give {options}, so"}
+    document = Document("", "", (Section("", (
+        make_table("", [0], cells, cells), Bullets((f"What is wrong: give {options} here.",)),
+    )),))  # fmt: skip
+    console = Console(width=width, color_system=None)
+    with console.capture() as seen:
+        for block in to_terminal(document):
+            console.print(block, crop=False)
+    assert sum(options in line for line in seen.get().splitlines()) == 2

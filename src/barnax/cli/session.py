@@ -114,7 +114,7 @@ class Session:
             for block in blocks:
                 # What is to be copied stays in one line, however narrow the terminal.
                 is_whole = isinstance(block, Text) and bool(block.no_wrap)
-                self._console.print(block, soft_wrap=is_whole)
+                self._console.print(block, soft_wrap=is_whole, crop=False)
 
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""

@@ -1,5 +1,6 @@
 """What a terminal shows: any document in full, a plan, and a record replayed by a filter."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.measure import Measurement
 from rich.padding import Padding
 from rich.table import Table as Shown
 from rich.text import Text
@@ -29,6 +31,10 @@ LINED: dict[str, Any] = {
     "header_style": "cyan",
 }
 BARE: dict[str, Any] = {"box": None, "padding": (0, 2, 0, 0), "pad_edge": False}
+# Options with their values, and what holds them together where lines are broken.
+ONE_OPTION = r"--[a-z][\w-]*(?: (?!--)(?:'[^']*'|[^\s']+))?"
+OPTIONS = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*")
+GLUE = "\ue000"
 # A longer word, such as the name of a file, may go on in the next line.
 LONGEST_WORD = 24
 
@@ -61,9 +67,42 @@ def to_text(document: Document) -> str:
     return "\n".join(line.rstrip() for line in text.strip().splitlines())
 
 
-def plain(text: str, style: str = "") -> Text:
-    """A text without markup, and without what a terminal would obey; its lines stay."""
-    return Text("\n".join(map(printable, text.split("\n"))), style=style)
+@dataclass(frozen=True)
+class Words:
+    """A text without markup, and without what a terminal would obey; its lines stay, and options
+    with their values stay in one line, so that they can be copied."""
+
+    plain: str
+    style: str = ""
+
+    @property
+    def glued(self) -> Text:
+        return Text(OPTIONS.sub(lambda found: found[0].replace(" ", GLUE), self.plain), self.style)
+
+    @property
+    def longest(self) -> int:
+        """The width below which it would be cut."""
+        words = self.glued.plain.split()
+        return max(
+            (width if GLUE in word else min(width, LONGEST_WORD))
+            for word in (*words, "")
+            for width in [cell_len(word)]
+        )
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        width = max(options.max_width, self.longest)
+        lines = self.glued.wrap(console, width, justify=options.justify, overflow=options.overflow)
+        text = Text("\n").join(lines)
+        text.plain = text.plain.replace(GLUE, " ")
+        yield from text.render(console, end="\n")
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement.get(console, options, self.glued)
+
+
+def plain(text: str, style: str = "") -> Words:
+    """A text as a terminal shows it."""
+    return Words("\n".join(map(printable, text.split("\n"))), style)
 
 
 @dataclass(frozen=True)
@@ -78,40 +117,37 @@ class Whole:
         joined: The columns that stay beside the one before them.
     """
 
-    heads: tuple[Text, ...]
-    rows: tuple[tuple[Text, ...], ...]
+    heads: tuple[Words, ...]
+    rows: tuple[tuple[Words, ...], ...]
     are_numbers: tuple[bool, ...]
     layout: Mapping[str, Any]
     joined: frozenset[int] = frozenset()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        spaced, gaps = self.layout, [self.layout["padding"][1]]
-        # A line between columns is as wide as a space, and a table is closed by two.
-        lines = 0 if self.layout["box"] is None else 1
-        gap = gaps[0] + lines
-        parts = self._parts(options.max_width - lines, gap)
-        if lines and len(parts) > 1:
-            closer = self._parts(options.max_width - lines, lines)
-            if len(closer) < len(parts):
-                parts, gap, spaced = closer, lines, {**self.layout, "padding": 0}
-        for places in parts:
-            yield self._part(places, options.max_width - lines, gap, spaced)
+        # A line between columns is as wide as a space.
+        pad, lines = self.layout["padding"][1], int(self.layout["box"] is not None)
+        fitted = self._parts(options.max_width, pad, lines)
+        if lines and len(fitted) > 1:
+            closer = self._parts(options.max_width, 0, lines)
+            if len(closer) < len(fitted):
+                pad, fitted = 0, closer
+        for places in fitted:
+            yield self._part(places, options.max_width, pad, lines)
 
-    def _column(self, place: int) -> list[Text]:
+    def _column(self, place: int) -> list[Words]:
         return [*self.heads[place : place + 1], *(row[place] for row in self.rows)]
 
     def _least(self, place: int) -> int:
         """The width below which a column would cut."""
         if self.are_numbers[place]:
             return self._most(place)
-        words = [word for text in self._column(place) for word in text.plain.split()]
-        return max((min(cell_len(word), LONGEST_WORD) for word in words), default=0)
+        return max((text.longest for text in self._column(place)), default=0)
 
     def _most(self, place: int) -> int:
         lines = [line for text in self._column(place) for line in text.plain.split("\n")]
         return max(map(cell_len, lines), default=0)
 
-    def _parts(self, width: int, gap: int) -> list[list[int]]:
+    def _parts(self, width: int, pad: int, lines: int) -> list[list[int]]:
         """The columns that stand beside each other, each time after the first."""
         parts: list[list[int]] = [[0]]
         for place in range(1, len(self.are_numbers)):
@@ -121,20 +157,22 @@ class Whole:
             while group[-1] + 1 in self.joined:
                 group.append(group[-1] + 1)
             wanted = [*parts[-1], *group]
-            if len(parts[-1]) > 1 and sum(self._least(each) + gap for each in wanted) > width:
+            taken = sum(map(self._least, wanted)) + _between(wanted, pad, lines)
+            if len(parts[-1]) > 1 and taken > width:
                 parts.append([0, *group])
             else:
                 parts[-1] = wanted
         return parts
 
-    def _part(self, places: list[int], width: int, gap: int, layout: Mapping[str, Any]) -> Shown:
+    def _part(self, places: list[int], width: int, pad: int, lines: int) -> Shown:
         widths = {place: self._most(place) for place in places}
         least = {place: self._least(place) for place in places}
-        while sum(widths.values()) + gap * len(places) > width:
+        while sum(widths.values()) + _between(places, pad, lines) > width:
             loose = [place for place in places if widths[place] > least[place]]
             if not loose:
                 break
             widths[max(loose, key=widths.__getitem__)] -= 1
+        layout = {**self.layout, "padding": (0, pad, 0, 0)}
         table = Shown(show_header=bool(self.heads), **layout)
         for place in places:
             is_number = self.are_numbers[place]
@@ -147,6 +185,11 @@ class Whole:
         for row in self.rows:
             table.add_row(*(row[place] for place in places))
         return table
+
+
+def _between(places: Sequence[int], pad: int, lines: int) -> int:
+    """What stands between and beside columns."""
+    return (pad + lines) * len(places) - pad + lines
 
 
 def terminal_table(table: Table) -> RenderableType:

@@ -59,7 +59,7 @@ READING |= {WRITING, DATASET, "fleet/manifest.py"}
 FLAGS_OF_OTHERS = {"fleet/worker.py"}
 # These say where names live and where the command starts; they are no layer.
 DOORS = {"__init__", "__main__"}
-SHORTEST = 20
+SHORTEST, LONGEST = 20, 400
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -229,6 +229,11 @@ def test_a_file_is_more_than_a_function_that_has_not_found_its_home():
         if path.name != "__init__.py"
     }
     assert {path: count for path, count in lines.items() if count < SHORTEST} == {}
+
+
+def test_a_file_is_about_one_thing():
+    lines = {place(path): path.read_text(encoding="utf-8").count("\n") for path in MODULES}
+    assert {path: count for path, count in lines.items() if count > LONGEST} == {}
 
 
 def test_a_check_of_files_loads_neither_jax_nor_matplotlib():

@@ -13,6 +13,7 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from barnax.over_soc import NodeInterval, SocErrors
+from barnax.reporting.candidates import pay_sentence
 from barnax.reporting.sentences import (
     diagnostics_sentences,
     finding_sentence,
@@ -22,7 +23,7 @@ from barnax.reporting.sentences import (
     suggestion_sentences,
     uncertainty_sentence,
 )
-from barnax.reporting.soc_tables import constants_table, nodes_table, pay_sentence
+from barnax.reporting.soc_tables import constants_table, nodes_table
 from barnax.search.refine import Optimum
 from barnax.uncertainty import Band, Diagnostics, Estimate, Finding, Identifiability
 from barnax.uncertainty import Suggestion as Change

@@ -1,13 +1,6 @@
 """One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
 
-from .characterize import (
-    OcvTable,
-    characterize,
-    characterize_over_temperature,
-    read_ocv_table,
-    read_ocv_test,
-    without_drop,
-)
+from .characterize import characterize, characterize_over_temperature, without_drop
 from .circuits import CIRCUITS, Circuit, CircuitParameters, get_circuit, parameter_names
 from .curves import (
     AbstractCurve,
@@ -18,6 +11,7 @@ from .curves import (
     SegmentedHysteresis,
 )
 from .model import CellModel, FitError
+from .ocv_table import OcvTable, read_ocv_table, read_ocv_test
 from .soc_axis import OcvPoint
 from .tables import SocTables, TemperatureTables
 

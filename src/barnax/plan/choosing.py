@@ -1,14 +1,11 @@
 """The plan of some files: which temperature, which OCV test, and what is identified on what."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ..cell.model import SAME_DEGC
 from ..errors import InputError
 from ..inputs import (
     OVER_TEMPERATURE,
@@ -23,18 +20,17 @@ from ..inputs import (
 from ..model.window import Window
 from ..records.fingerprint import Content
 from .document import ROLES, Part, Plan, Use
-from .looking import Seen, files_of, look, split
+from .looking import Seen, by_temperature, files_of, is_same_degc, look, split
 from .ocv import (
     DIGITS,
     OCV_KINDS,
     OcvChoice,
-    choose_ocv,
+    ocv_at,
     ocv_reason,
     record_capacity_ah,
     started,
 )
 
-ROOM_DEGC = 25.0
 # Ranges of charge within this share of the widest are as good, and other things decide.
 _AS_WIDE = 0.9
 # Steps of current that a validation wants.
@@ -185,9 +181,9 @@ def _decide(draft: _Draft, tests: Sequence[Seen], others: Sequence[Seen]) -> Pla
     is_pulsed = not dynamic
     if is_pulsed:
         dynamic = [each for each in free if each.kind(None) == "pulse test"]
-    groups = list(_by_temperature(dynamic or free))
+    groups = list(by_temperature(dynamic or free))
     # An OCV test of its own temperature comes before many records.
-    chosen = [(group, _ocv_at(draft, degc, free, tests)) for degc, group in groups]
+    chosen = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
     with_test = [(group, each) for group, each in chosen if each]
     if not with_test:
         return _without_ocv(draft, dynamic, free)
@@ -216,54 +212,6 @@ def _decide(draft: _Draft, tests: Sequence[Seen], others: Sequence[Seen]) -> Pla
     if is_own:
         return Plan("hppc", draft.parts())
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
-
-
-def _by_temperature(seen: Sequence[Seen]) -> Iterator[tuple[float | None, list[Seen]]]:
-    """The files of each temperature: the most first, and of equally many those nearest to room."""
-    groups: list[list[Seen]] = []
-    for each in sorted(seen, key=lambda one: (one.temperature_degc or 0.0, one.name)):
-        for group in groups:
-            if _is_same(group[0].temperature_degc, each.temperature_degc, is_strict=True):
-                group.append(each)
-                break
-        else:
-            groups.append([each])
-
-    def rank(group: list[Seen]) -> tuple[int, float]:
-        degc = group[0].temperature_degc
-        return -len(group), np.inf if degc is None else abs(degc - ROOM_DEGC)
-
-    for group in sorted(groups, key=rank):
-        degc = group[0].temperature_degc
-        # What was measured nobody knows where may have been measured here.
-        unknown = [each for each in seen if degc is not None and each.temperature_degc is None]
-        yield degc, [*group, *unknown]
-
-
-def _is_same(one: float | None, other: float | None, is_strict: bool = False) -> bool:
-    """Whether two temperatures are one; what is not known may be any, unless that is strict."""
-    if one is None or other is None:
-        return one is other or not is_strict
-    return abs(one - other) <= SAME_DEGC
-
-
-def _ocv_at(
-    draft: _Draft, degc: float | None, free: Sequence[Seen], tests: Sequence[Seen]
-) -> OcvChoice | None:
-    """The OCV test of a temperature: the given one, else the best that there is."""
-    near = [each for each in free if _is_same(each.temperature_degc, degc)]
-    most_ah = max((each.traits.longest_discharge_ah for each in near if each.traits), default=None)
-    capacities_ah = dict.fromkeys((draft.given_ah, None, most_ah))
-    if tests:
-        own = [each for each in tests if _is_same(each.temperature_degc, degc)]
-        return choose_ocv(own or tests, capacities_ah, is_given=True)
-    own = [each for each in near if _is_same(each.temperature_degc, degc, is_strict=True)]
-    for candidates in (own, near):
-        of_kind = [each for each in candidates if each.kind(None) in OCV_KINDS]
-        choice = choose_ocv(of_kind, capacities_ah)
-        if choice is not None:
-            return choice
-    return None
 
 
 def _without_ocv(draft: _Draft, dynamic: Sequence[Seen], free: Sequence[Seen]) -> Plan:
@@ -361,20 +309,16 @@ def _take_other_temperatures(
     """The best record of each further temperature, for tables over it, with its own OCV test."""
     for group, test in chosen:
         degc = group[0].temperature_degc
-        if degc is None or _is_same(degc, record.temperature_degc):
+        if degc is None or is_same_degc(degc, record.temperature_degc):
             continue
         own = [each for each in group if each.temperature_degc is not None]
-        if test is None or not _tells_temperature(test) or not _tells_temperature(choice):
+        if test is None or not (test.tells_temperature and choice.tells_temperature):
             test = choice
         for each, window in _runnable(draft, own, test, is_pulsed)[:1]:
             why = f"for tables over temperature too: {_words(draft, each)}"
             draft.take(each, "identification", why, window)
             draft.take_tests(test)
     draft.tell_temperatures()
-
-
-def _tells_temperature(choice: OcvChoice) -> bool:
-    return all(each.temperature_degc is not None for each in choice.tests)
 
 
 def _leave_others(
@@ -387,7 +331,7 @@ def _leave_others(
     for each in draft.seen:
         if each in draft.taken:
             continue
-        if not _is_same(each.temperature_degc, degc):
+        if not is_same_degc(each.temperature_degc, degc):
             at, of = _named_degc(each.temperature_degc), _named_degc(degc)
             reason = f"measured{at}, the OCV test{of}"
             if each in usable:

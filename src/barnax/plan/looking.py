@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import OcvTable, read_ocv_test
+from ..cell.model import SAME_DEGC
 from ..checks import FileCheck, Role, check_file
 from ..checks.roles import STEPS, Traits
 from ..errors import InputError, printable
@@ -23,6 +24,7 @@ from ..records import Record, Source, read_record, rest_current_a
 from ..records.columns import is_ocv_table
 from .document import merged
 
+ROOM_DEGC = 25.0
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
 # What lies in a folder beside measured files, and is no candidate for one.
@@ -269,3 +271,32 @@ def _is_long(record: Record, first: int, last: int) -> bool:
     is_loaded = np.any(record.current_a[first : last + 1])
     length_s = record.time_s[last] - record.time_s[first]
     return bool(is_loaded and last - first >= _FEWEST and length_s >= _SHORTEST_S)
+
+
+def by_temperature(seen: Sequence[Seen]) -> Iterator[tuple[float | None, list[Seen]]]:
+    """The files of each temperature: the most first, and of equally many those nearest to room."""
+    groups: list[list[Seen]] = []
+    for each in sorted(seen, key=lambda one: (one.temperature_degc or 0.0, one.name)):
+        for group in groups:
+            if is_same_degc(group[0].temperature_degc, each.temperature_degc, is_strict=True):
+                group.append(each)
+                break
+        else:
+            groups.append([each])
+
+    def rank(group: list[Seen]) -> tuple[int, float]:
+        degc = group[0].temperature_degc
+        return -len(group), np.inf if degc is None else abs(degc - ROOM_DEGC)
+
+    for group in sorted(groups, key=rank):
+        degc = group[0].temperature_degc
+        # What was measured nobody knows where may have been measured here.
+        unknown = [each for each in seen if degc is not None and each.temperature_degc is None]
+        yield degc, [*group, *unknown]
+
+
+def is_same_degc(one: float | None, other: float | None, is_strict: bool = False) -> bool:
+    """Whether two temperatures are one; what is not known may be any, unless that is strict."""
+    if one is None or other is None:
+        return one is other or not is_strict
+    return abs(one - other) <= SAME_DEGC

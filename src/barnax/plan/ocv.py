@@ -10,7 +10,7 @@ from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
 from ..model.prepared import prepare_record
 from ..model.window import Window
-from .looking import Seen
+from .looking import Seen, is_same_degc
 
 OCV_KINDS = ("OCV test", "slow sweep", "pulse test", "OCV table")
 # A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
@@ -34,8 +34,34 @@ class OcvChoice:
     cell: CellModel
     capacity_ah: float | None = None
 
+    @property
+    def tells_temperature(self) -> bool:
+        return all(each.temperature_degc is not None for each in self.tests)
 
-def choose_ocv(
+
+def ocv_at(
+    degc: float | None, free: Sequence[Seen], tests: Sequence[Seen], given_ah: float | None
+) -> OcvChoice | None:
+    """The OCV test of a temperature: the given one, else the best that there is.
+
+    `given_ah` is the capacity that was given.
+    """
+    near = [each for each in free if is_same_degc(each.temperature_degc, degc)]
+    most_ah = max((each.traits.longest_discharge_ah for each in near if each.traits), default=None)
+    capacities_ah = dict.fromkeys((given_ah, None, most_ah))
+    if tests:
+        own = [each for each in tests if is_same_degc(each.temperature_degc, degc)]
+        return _choose_ocv(own or tests, capacities_ah, is_given=True)
+    own = [each for each in near if is_same_degc(each.temperature_degc, degc, is_strict=True)]
+    for candidates in (own, near):
+        of_kind = [each for each in candidates if each.kind(None) in OCV_KINDS]
+        choice = _choose_ocv(of_kind, capacities_ah)
+        if choice is not None:
+            return choice
+    return None
+
+
+def _choose_ocv(
     candidates: Sequence[Seen], capacities_ah: Iterable[float | None], is_given: bool = False
 ) -> OcvChoice | None:
     """The best OCV test of some files, None where none of them makes a cell; all where given.

@@ -249,7 +249,8 @@ def _convergence(row: "RowPart", population: int) -> tuple[np.ndarray, np.ndarra
 def _draw_convergence(
     axes: Axes, name: str, look: RowLook, spent: np.ndarray, values: np.ndarray
 ) -> None:
-    style = {"color": look.color, "marker": look.marker, "markersize": 4.0, "label": name}
+    style: dict[str, Any] = {"label": name, "color": look.color}
+    style |= {"marker": look.marker, "markersize": 4.0}
     if len(spent) == 1:
         axes.plot(spent, values[0], linestyle="none", **style)
         return
@@ -257,20 +258,13 @@ def _draw_convergence(
     with np.errstate(invalid="ignore"):
         low, median, high = np.percentile(values, [BAND[0], 50, BAND[1]], axis=0)
     if len(values) > 1:
-        axes.fill_between(
-            spent, finite(low), finite(high), color=look.color, alpha=0.16, linewidth=0.0
-        )
+        band = {"color": look.color, "alpha": 0.16, "linewidth": 0.0}
+        axes.fill_between(spent, finite(low), finite(high), **band)
     # Evenly along a logarithmic axis.
     places = np.searchsorted(spent, np.geomspace(spent[0], spent[-1], MARKERS_PER_LINE))
-    axes.plot(
-        spent,
-        finite(median),
-        linestyle=look.line,
-        linewidth=1.3,
-        markerfacecolor="white",
-        markevery=np.unique(np.minimum(places, len(spent) - 1)).tolist(),
-        **style,
-    )
+    style["markevery"] = np.unique(np.minimum(places, len(spent) - 1)).tolist()
+    style |= {"linestyle": look.line, "linewidth": 1.3, "markerfacecolor": "white"}
+    axes.plot(spent, finite(median), **style)
 
 
 # Excess over the lowest RMSE, in percent: narrow steps near the bottom, where basins part.

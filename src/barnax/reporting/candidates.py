@@ -1,14 +1,22 @@
-"""The circuits that were weighed against each other, in a table and in words."""
+"""The circuits that were weighed against each other, and tables against the constant one."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .document import Bullets, Cells, Section, Table, make_table
-from .soc_tables import errors_words
-from .words import fixed, percent
+from .words import NOTHING, fixed, percent
 
 if TYPE_CHECKING:
     from ..candidates import Candidate
+    from ..over_soc import SocErrors, TableFit
+    from ..results import Result
+
+    # The errors of a constant circuit, and of the tables beside it.
+    Both = tuple[SocErrors, SocErrors]
+
+# Errors on all of a record that differ by less than this share are alike.
+ALIKE = 0.02
 
 
 def ranked(candidates: "Sequence[Candidate]") -> "list[Candidate]":
@@ -52,3 +60,85 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
         cells,
         ["circuit", "left out [mV]", "identification [mV]", "better ones are at most", ""],
     )
+
+
+def pay_sentence(fit: "TableFit", unseen: "Both | None" = None) -> str:
+    """Whether tables pay; empty where nothing was held out and no other record is there.
+
+    `unseen` are the errors on the validation records, which decide where there are any; else
+    blocks held out of the fit do.
+    """
+    told, pays = [], tables_pay(fit, unseen)
+    if unseen is not None:
+        told.append(f"{_change(*unseen)} on the validation records")
+    held = fit.cross_validation
+    if held is not None:
+        is_alike = (held.tables.rmse_v < held.constant.rmse_v) == pays
+        joint = "" if not told else ", and from " if is_alike else ", but from "
+        told.append(f"{joint}{_change(held.constant, held.tables)} on held-out blocks")
+    if not told:
+        return ""
+    if pays and unseen is not None and unseen[1].rmse_v >= unseen[0].rmse_v:
+        return f"tables help above 10 % SOC: RMSE from {''.join(told)}."
+    if pays:
+        return f"tables lower the RMSE from {''.join(told)}."
+    shown = unseen or (held and (held.constant, held.tables))
+    if shown and shown[1].rmse_v < (1 - ALIKE) * shown[0].rmse_v:
+        return f"tables help below 10 % SOC only: RMSE from {''.join(told)}."
+    return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
+
+
+def tables_pay(fit: "TableFit", unseen: "Both | None" = None) -> bool:
+    """Whether tables are better where they were not fitted, as `pay_sentence` says it."""
+    if unseen is None:
+        held = fit.cross_validation
+        return held is not None and held.tables.is_worth(held.constant)
+    constant, tables = unseen
+    if constant.above_v is None or tables.above_v is None:
+        return tables.rmse_v < constant.rmse_v
+    if abs(tables.rmse_v / constant.rmse_v - 1) > ALIKE:
+        return tables.rmse_v < constant.rmse_v
+    # Nearly empty both may fail alike; what is above it decides.
+    return tables.above_v < constant.above_v
+
+
+def unseen_errors(result: "Result") -> "Both | None":
+    """The constant circuit's errors and the tables' over all validation records, if any: root mean
+    squares, each record counting alike."""
+    from ..over_soc import SocErrors
+
+    if result.tables is None:
+        return None
+    constant, tables = (
+        [SocErrors(each.rmse_v, each.rmse_above_10_soc_v) for each in metrics.validation]
+        for metrics in (result.constant.metrics, result.metrics)
+    )
+    return (_over_all(constant), _over_all(tables)) if constant else None
+
+
+def _over_all(errors: "Sequence[SocErrors]") -> "SocErrors":
+    from ..over_soc import SocErrors
+
+    def of(values: list[float]) -> float:
+        return math.sqrt(sum(each**2 for each in values) / len(values))
+
+    above = [each.above_v for each in errors if each.above_v is not None]
+    all_v = of([each.rmse_v for each in errors])
+    return SocErrors(all_v, of(above) if len(above) == len(errors) else None)
+
+
+def _change(constant: "SocErrors", tables: "SocErrors") -> str:
+    """From the constant circuit's error to the tables'."""
+    change = f"{fixed(1e3 * constant.rmse_v, 1)} to {fixed(1e3 * tables.rmse_v, 1)} mV"
+    if tables.above_v is not None and constant.above_v is not None:
+        above = (fixed(1e3 * each, 1) for each in (constant.above_v, tables.above_v))
+        change += f" ({' to '.join(above)} above 10 % SOC)"
+    return change
+
+
+def errors_words(errors: "SocErrors | None") -> str:
+    """An RMSE in mV, in brackets that above 10 % SOC; a dash where there is none."""
+    if errors is None:
+        return NOTHING
+    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
+    return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"

@@ -1,11 +1,11 @@
 """Tables over SOC, and over temperature, in words and tables: how good they are, every node."""
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from ..uncertainty.covariance import WIDEST_FACTOR
+from .candidates import errors_words, pay_sentence, unseen_errors
 from .document import Bullets, Cells, Pictures, Section, Table, make_table
 from .sentences import better_than
 from .words import (
@@ -15,7 +15,6 @@ from .words import (
     degrees,
     duration,
     figures,
-    fixed,
     joined,
     millivolt,
     percent,
@@ -28,13 +27,8 @@ if TYPE_CHECKING:
     from ..result_parts import TablesPart
     from ..results import Result
 
-    # The errors of a constant circuit, and of the tables beside it.
-    Both = tuple[SocErrors, SocErrors]
-
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
-# Errors on all of a record that differ by less than this share are alike.
-ALIKE = 0.02
 NOT_DETERMINED = "not determined"
 # A value within this share of its interval from an end is marked.
 AT_EDGE, EDGE = 0.01, "(*)"
@@ -138,84 +132,6 @@ def best_tables(fit: "TableFit") -> str:
     if fit.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     return f"{GRID}; the proof stopped after {fit.cells:,} cells: {gap}"
-
-
-def pay_sentence(fit: "TableFit", unseen: "Both | None" = None) -> str:
-    """Whether tables pay; empty where nothing was held out and no other record is there.
-
-    `unseen` are the errors on the validation records, which decide where there are any; else
-    blocks held out of the fit do.
-    """
-    told, pays = [], tables_pay(fit, unseen)
-    if unseen is not None:
-        told.append(f"{_change(*unseen)} on the validation records")
-    held = fit.cross_validation
-    if held is not None:
-        is_alike = (held.tables.rmse_v < held.constant.rmse_v) == pays
-        joint = "" if not told else ", and from " if is_alike else ", but from "
-        told.append(f"{joint}{_change(held.constant, held.tables)} on held-out blocks")
-    if not told:
-        return ""
-    if pays and unseen is not None and unseen[1].rmse_v >= unseen[0].rmse_v:
-        return f"tables help above 10 % SOC: RMSE from {''.join(told)}."
-    if pays:
-        return f"tables lower the RMSE from {''.join(told)}."
-    shown = unseen or (held and (held.constant, held.tables))
-    if shown and shown[1].rmse_v < (1 - ALIKE) * shown[0].rmse_v:
-        return f"tables help below 10 % SOC only: RMSE from {''.join(told)}."
-    return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
-
-
-def tables_pay(fit: "TableFit", unseen: "Both | None" = None) -> bool:
-    """Whether tables are better where they were not fitted, as `pay_sentence` says it."""
-    if unseen is None:
-        held = fit.cross_validation
-        return held is not None and held.tables.is_worth(held.constant)
-    constant, tables = unseen
-    if constant.above_v is None or tables.above_v is None:
-        return tables.rmse_v < constant.rmse_v
-    if abs(tables.rmse_v / constant.rmse_v - 1) > ALIKE:
-        return tables.rmse_v < constant.rmse_v
-    # Nearly empty both may fail alike; what is above it decides.
-    return tables.above_v < constant.above_v
-
-
-def unseen_errors(result: "Result") -> "Both | None":
-    """The constant circuit's errors and the tables' over all validation records, if any."""
-    from ..over_soc import SocErrors
-
-    if result.tables is None:
-        return None
-    constant, tables = (
-        [SocErrors(each.rmse_v, each.rmse_above_10_soc_v) for each in metrics.validation]
-        for metrics in (result.constant.metrics, result.metrics)
-    )
-    return together(constant, tables)
-
-
-def together(constant: "Sequence[SocErrors]", tables: "Sequence[SocErrors]") -> "Both | None":
-    """The root mean squares over records, each counting alike; None without any."""
-    return (_over_all(constant), _over_all(tables)) if constant else None
-
-
-def _over_all(errors: "Sequence[SocErrors]") -> "SocErrors":
-    from ..over_soc import SocErrors
-
-    def of(values: list[float]) -> float:
-        return math.sqrt(sum(each**2 for each in values) / len(values))
-
-    above = [each.above_v for each in errors if each.above_v is not None]
-    all_v = of([each.rmse_v for each in errors])
-    return SocErrors(all_v, of(above) if len(above) == len(errors) else None)
-
-
-def _change(constant: "SocErrors", tables: "SocErrors") -> str:
-    """From the constant circuit's error to the tables'."""
-    change = f"{fixed(1e3 * constant.rmse_v, 1)} to {fixed(1e3 * tables.rmse_v, 1)} mV"
-    if tables.above_v is not None and constant.above_v is not None:
-        above = (fixed(1e3 * each, 1) for each in (constant.above_v, tables.above_v))
-        change += f" ({' to '.join(above)} above 10 % SOC)"
-    return change
 
 
 def expectation(over: "OverTemperature") -> str:
@@ -431,11 +347,3 @@ def _determined(each: "NodeInterval", fit: "TableFit") -> tuple[float, float] | 
             each.high > WIDEST_FACTOR * each.low if is_positive else each.name != HALF_HYSTERESIS
         )
     return None if is_wide else (each.low, each.high)
-
-
-def errors_words(errors: "SocErrors | None") -> str:
-    """An RMSE in mV, in brackets that above 10 % SOC; a dash where there is none."""
-    if errors is None:
-        return NOTHING
-    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
-    return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"

@@ -8,6 +8,7 @@ from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..inputs import OVER_TEMPERATURE
 from ..weighing import FITTING_AGAIN
+from .candidates import tables_pay, unseen_errors
 from .sentences import (
     WORTH_TELLING,
     diagnostics_sentences,
@@ -18,8 +19,6 @@ from .sentences import (
 )
 from .soc_tables import (
     best_of,
-    tables_pay,
-    unseen_errors,
 )
 from .words import (
     counted,

@@ -339,10 +339,8 @@ def _guessed(content: bytes, names: list[str], delimiter: str) -> Schema:
         encoding="utf8-lossy",
         infer_schema_length=None,
     )
-    return {
-        name: pl.Float64 if dtype.is_numeric() else pl.String
-        for name, dtype in frame.schema.items()
-    }
+    types = frame.schema.items()
+    return {name: pl.Float64 if dtype.is_numeric() else pl.String for name, dtype in types}
 
 
 def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], noun: str, which: str) -> Table:

@@ -12,6 +12,7 @@ from scipy.stats import t as student
 
 import barnax
 from barnax.model.problem import Problem
+from barnax.uncertainty.batch_fit import Ends, Refit
 from barnax.uncertainty.covariance import (
     CONFIDENCE,
     Covariance,
@@ -19,7 +20,6 @@ from barnax.uncertainty.covariance import (
     Uncertainty,
     linearize,
 )
-from barnax.uncertainty.refit import Ends, Refit
 
 
 @dataclass(frozen=True)

@@ -32,14 +32,14 @@ Matrix = Float[Array, "states states"]
 KAPPA = 1.0
 
 
-class _Belief(NamedTuple):
+class Gaussian(NamedTuple):
     """Mean and covariance."""
 
     mean: Vector
     covariance: Matrix
 
 
-class _Seen(NamedTuple):
+class Observation(NamedTuple):
     """A predicted voltage, its variance without that of the measurement, and its covariances."""
 
     voltage_v: Scalar
@@ -64,8 +64,8 @@ def run_filter(
     slow = jnp.zeros_like(model.slow_sd)
     if form == "dual" and model.slow:
         beliefs = (
-            _Belief(mean, jnp.diag(variance)),
-            _Belief(slow, jnp.diag(model.slow_sd**2)),
+            Gaussian(mean, jnp.diag(variance)),
+            Gaussian(slow, jnp.diag(model.slow_sd**2)),
         )
         sensitivity = jnp.zeros((len(mean), len(slow)))
         step = _dual_step(model, kind, adapting)
@@ -82,7 +82,7 @@ def _estimate(rows: Float[Array, "samples kept"], count: int) -> Estimate:
     )
 
 
-def _row(belief: _Belief, slow: _Belief, innovation_v: Scalar, variance_v2: Scalar) -> Vector:
+def _row(belief: Gaussian, slow: Gaussian, innovation_v: Scalar, variance_v2: Scalar) -> Vector:
     """All that is kept of a sample in one array: each further one costs as much as a product."""
     return jnp.concatenate(
         [
@@ -94,7 +94,7 @@ def _row(belief: _Belief, slow: _Belief, innovation_v: Scalar, variance_v2: Scal
 
 def _joint(model: FilterModel, start: tuple[Vector, Vector], drive: Drive, kind: Kind) -> Estimate:
     mean, variance = start
-    belief = _Belief(
+    belief = Gaussian(
         jnp.concatenate([mean, jnp.zeros_like(model.slow_sd)]),
         jnp.diag(jnp.concatenate([variance, model.slow_sd**2])),
     )
@@ -104,9 +104,11 @@ def _joint(model: FilterModel, start: tuple[Vector, Vector], drive: Drive, kind:
 def _joint_step(model: FilterModel, kind: Kind):
     """One sample of a filter whose state holds the slow parameters too."""
     count = model.states
-    predict, see = (_extended_move, _extended_see) if kind == "ekf" else (_move, _see)
+    is_extended = kind == "ekf"
+    predict = _predict_extended if is_extended else _predict_unscented
+    observe = _observe_extended if is_extended else _observe_unscented
 
-    def step(belief: _Belief, drive: Drive) -> tuple[_Belief, Vector]:
+    def step(belief: Gaussian, drive: Drive) -> tuple[Gaussian, Vector]:
         def advance(both):
             moved = model.advance(both[:count], both[count:], drive)
             return jnp.concatenate([moved, both[count:]])
@@ -116,11 +118,11 @@ def _joint_step(model: FilterModel, kind: Kind):
 
         walk = jnp.concatenate(model.walk(belief.mean[count:], drive.interval_s))
         belief = predict(advance, belief, walk)
-        seen = see(voltage, belief)
-        innovation_v = drive.voltage_v - seen.voltage_v
-        variance_v2 = seen.variance_v2 + model.noise_v2(belief.mean[0])
-        belief = _correct(belief, seen.with_state, innovation_v, variance_v2)
-        slow = _Belief(belief.mean[count:], belief.covariance[count:, count:])
+        observed = observe(voltage, belief)
+        innovation_v = drive.voltage_v - observed.voltage_v
+        variance_v2 = observed.variance_v2 + model.noise_v2(belief.mean[0])
+        belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
+        slow = Gaussian(belief.mean[count:], belief.covariance[count:, count:])
         return belief, _row(belief, slow, innovation_v, variance_v2)
 
     return step
@@ -148,38 +150,38 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
             return model.voltage(state, slow.mean, drive)
 
         if kind == "ekf":
-            belief = _extended_move(advance, belief, state_walk)
-            seen = _extended_see(voltage, belief)
+            belief = _predict_extended(advance, belief, state_walk)
+            observed = _observe_extended(voltage, belief)
             by_slow = jax.jacfwd(model.advance, 1)(before, slow.mean, drive)
             sensitivity = by_slow + jax.jacfwd(advance)(before) @ sensitivity
             total = jax.grad(model.voltage, 1)(belief.mean, slow.mean, drive)
             total = total + jax.grad(voltage)(belief.mean) @ sensitivity
             covaried = slow.covariance @ total
-            slow_seen = _Seen(seen.voltage_v, total @ covaried, covaried)
+            slow_observed = Observation(observed.voltage_v, total @ covaried, covaried)
         else:
-            belief = _move(advance, belief, state_walk)
-            seen = _see(voltage, belief)
+            belief = _predict_unscented(advance, belief, state_walk)
+            observed = _observe_unscented(voltage, belief)
             total = jnp.zeros_like(slow.mean)
-            slow_seen = _see(
+            slow_observed = _observe_unscented(
                 lambda other: model.voltage(model.advance(before, other, drive), other, drive), slow
             )
-        innovation_v = drive.voltage_v - seen.voltage_v
+        innovation_v = drive.voltage_v - observed.voltage_v
         fitted_v2 = model.noise_v2(belief.mean[0])
         noise_v2 = scale * fitted_v2
-        variance_v2 = seen.variance_v2 + noise_v2
-        gain = seen.with_state / variance_v2
-        belief = _correct(belief, seen.with_state, innovation_v, variance_v2)
+        variance_v2 = observed.variance_v2 + noise_v2
+        gain = observed.with_state / variance_v2
+        belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
         sensitivity = sensitivity - jnp.outer(gain, total)
         slow = _correct(
             slow,
-            slow_seen.with_state,
-            drive.voltage_v - slow_seen.voltage_v,
-            slow_seen.variance_v2 + variance_v2,
+            slow_observed.with_state,
+            drive.voltage_v - slow_observed.voltage_v,
+            slow_observed.variance_v2 + variance_v2,
         )
         row = _row(belief, slow, innovation_v, variance_v2)
         if adapting:
             residual_v = drive.voltage_v - voltage(belief.mean)
-            left_v2 = seen.variance_v2 * noise_v2 / variance_v2
+            left_v2 = observed.variance_v2 * noise_v2 / variance_v2
             scale = scale + adapting * ((residual_v**2 + left_v2) / fitted_v2 - scale)
         return ((belief, slow), sensitivity, scale), row
 
@@ -187,50 +189,54 @@ def _dual_step(model: FilterModel, kind: Kind, adapting: float):
 
 
 def _correct(
-    belief: _Belief, with_state: Vector, innovation_v: Scalar, variance_v2: Scalar
-) -> _Belief:
+    belief: Gaussian, with_state: Vector, innovation_v: Scalar, variance_v2: Scalar
+) -> Gaussian:
     """The belief after a measurement; equal factors keep the covariance symmetric."""
     gain = with_state / variance_v2
-    return _Belief(
+    return Gaussian(
         belief.mean + gain * innovation_v,
         belief.covariance - with_state[:, None] * with_state[None, :] / variance_v2,
     )
 
 
-def _extended_move(advance: Callable[[Vector], Vector], belief: _Belief, walk: Vector) -> _Belief:
+def _predict_extended(
+    advance: Callable[[Vector], Vector], belief: Gaussian, walk: Vector
+) -> Gaussian:
     slope, mean = jax.jacfwd(lambda state: (advance(state),) * 2, has_aux=True)(belief.mean)
     # Sums of products compile into one kernel with what is around them; products of such small
     # matrices are a kernel each, and the filter takes half as long again.
     half = jnp.sum(slope[:, :, None] * belief.covariance, axis=1)
     moved = jnp.sum(half[:, None, :] * slope, axis=2)
-    return _Belief(mean, moved + jnp.diag(walk))
+    return Gaussian(mean, moved + jnp.diag(walk))
 
 
-def _extended_see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen:
+def _observe_extended(voltage: Callable[[Vector], Scalar], belief: Gaussian) -> Observation:
     voltage_v, slope = jax.value_and_grad(voltage)(belief.mean)
     with_state = jnp.sum(belief.covariance * slope, axis=1)
-    return _Seen(voltage_v, jnp.sum(slope * with_state), with_state)
+    return Observation(voltage_v, jnp.sum(slope * with_state), with_state)
 
 
-def _move(advance: Callable[[Vector], Vector], belief: _Belief, walk: Vector) -> _Belief:
+def _predict_unscented(
+    advance: Callable[[Vector], Vector], belief: Gaussian, walk: Vector
+) -> Gaussian:
     points, weights = _sigma_points(belief)
     moved = jax.vmap(advance)(points)
     mean = jnp.sum(weights[:, None] * moved, axis=0)
     away = moved - mean
     spread = jnp.sum((weights[:, None] * away)[:, :, None] * away[:, None, :], axis=0)
-    return _Belief(mean, spread + jnp.diag(walk))
+    return Gaussian(mean, spread + jnp.diag(walk))
 
 
-def _see(voltage: Callable[[Vector], Scalar], belief: _Belief) -> _Seen:
+def _observe_unscented(voltage: Callable[[Vector], Scalar], belief: Gaussian) -> Observation:
     points, weights = _sigma_points(belief)
     voltages_v = jax.vmap(voltage)(points)
     voltage_v = jnp.sum(weights * voltages_v)
     away_v = weights * (voltages_v - voltage_v)
     with_state = jnp.sum(away_v[:, None] * (points - belief.mean), axis=0)
-    return _Seen(voltage_v, jnp.sum(away_v * (voltages_v - voltage_v)), with_state)
+    return Observation(voltage_v, jnp.sum(away_v * (voltages_v - voltage_v)), with_state)
 
 
-def _sigma_points(belief: _Belief) -> tuple[Float[Array, "points states"], Float[Array, "points"]]:
+def _sigma_points(belief: Gaussian) -> tuple[Float[Array, "points states"], Float[Array, "points"]]:
     """The mean, and points a scaled deviation to either side along every axis of the covariance."""
     count = len(belief.mean)
     steps = jnp.sqrt(count + KAPPA) * _root(belief.covariance).T

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from ..result_parts import AssessmentPart, MetricsPart, RefinedPart, SearchPart
     from ..results import Result
     from ..uncertainty import Band, Estimate, Examination
-    from ..uncertainty.refitted import Profile
+    from ..uncertainty.profiles import Profile
 
 # Errors that agree this closely, relative, are told to be the same.
 ALIKE = 0.01

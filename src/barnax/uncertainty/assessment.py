@@ -15,10 +15,11 @@ from ..cell import CircuitParameters
 from ..display import Brief
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
+from .batch_fit import Refit
+from .bootstraps import Bootstrap, bootstrap
 from .covariance import Covariance, Uncertainty, linearize
 from .identifiability import Identifiability, identifiability
-from .refit import Refit
-from .refitted import Bootstrap, Profile, bootstrap, profile
+from .profiles import Profile, profile
 from .suggestions import Suggestion, suggestions
 
 SOC_EDGES = np.linspace(0, 1, 11)

@@ -21,7 +21,7 @@ from ..model.problem import Problem, rc_parameters, rmse_by_scan, with_one_more_
 from ..model.search_space import PAIRS, RATE, RATE_RANGE
 from ..model.simulate import SimulationInput, unit_response
 from ..search.refine import Descent
-from .refit import Refit
+from .batch_fit import Refit
 
 KNOTS = 6
 # Over a narrower range of SOC a table has nothing to tell.

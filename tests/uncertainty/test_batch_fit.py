@@ -12,7 +12,7 @@ from barnax.errors import InputError
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.window import Window
 from barnax.uncertainty import Refit, profile
-from barnax.uncertainty.refitted import block_length, bootstrap
+from barnax.uncertainty.bootstraps import block_length, bootstrap
 from helpers.noisy_fits import TRUTH, fit, made_problem, white_noise
 from helpers.reference import drop_v, filtered_response
 

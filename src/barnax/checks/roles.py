@@ -67,7 +67,7 @@ class Traits:
             points = sum(len(sweep.points) - 1 for sweep in self.sweeps)
             has_pulses = self.steps >= max(STEPS, _STEPS_A_POINT * points)
             return "slow sweep" if self.is_slow else "pulse test" if has_pulses else "OCV test"
-        if not self.lacks(capacity_ah):
+        if not self.missing_for(capacity_ah):
             return "drive cycle"
         whole_ah = capacity_ah or self.span_ah
         if self.steep_v or self.span_ah < LEAST_SHARE * whole_ah:
@@ -76,7 +76,7 @@ class Traits:
             return "capacity test"
         return "charge" if self.charged_ah > self.discharged_ah else "nothing"
 
-    def lacks(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
+    def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
         """What it lacks to identify or validate a circuit on, in words; nothing if it is fit."""
         if self.is_slow and self.steps >= STEPS:
             steps = counted(self.steps, "current step")
@@ -188,10 +188,10 @@ def roles_of_table(table: OcvTable) -> tuple[Role, ...]:
         for direction, points in table.branches.items()
     )
     others = ("identification", "validation")
-    lacks = "a table of OCV has no load"
+    missing = "a table of OCV has no load"
     return (
         Role("OCV test", True, f"{reason}; give it with `ocv`"),
-        *(Role(name, False, lacks) for name in others),
+        *(Role(name, False, missing) for name in others),
     )
 
 
@@ -239,6 +239,6 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     moves = f"{seen}; it moves {given.span_ah:.3g} Ah; {window.reason}"
     roles = []
     for name, fewest in (("identification", STEPS), ("validation", _VALIDATION_STEPS)):
-        lacks = traits.lacks(given.capacity_ah, fewest)
-        roles.append(Role(name, False, lacks) if lacks else Role(name, True, moves, window))
+        missing = traits.missing_for(given.capacity_ah, fewest)
+        roles.append(Role(name, False, missing) if missing else Role(name, True, moves, window))
     return roles

@@ -20,7 +20,7 @@ from ..inputs import (
 from ..model.window import Window
 from ..records.fingerprint import Content
 from .document import ROLES, Part, Plan, Use
-from .looking import Seen, by_temperature, files_of, is_same_degc, look, split
+from .looking import CandidateFile, by_temperature, files_of, is_same_degc, look, split
 from .ocv import (
     DIGITS,
     OCV_KINDS,
@@ -47,6 +47,9 @@ MAKE_RECORD = (
     "there is no record to identify on: measure a drive cycle, or pulses after rests (HPPC), "
     "sampled about every second under load, over most of the state of charge"
 )
+# What can be simulated, in its window; and the files of each temperature with their OCV test.
+Runnable = tuple[CandidateFile, Window]
+Chosen = Sequence[tuple[Sequence[CandidateFile], OcvChoice | None]]
 
 
 @dataclass(eq=False)
@@ -56,17 +59,19 @@ class _Draft:
     `given_ah` is the capacity that was given, `is_over` whether all temperatures are asked for.
     """
 
-    seen: Sequence[Seen]
+    files: Sequence[CandidateFile]
     given_ah: float | None = None
     is_over: bool = False
-    taken: dict[Seen, tuple[Use, str, Window]] = field(default_factory=dict)
+    taken: dict[CandidateFile, tuple[Use, str, Window]] = field(default_factory=dict)
     capacity_ah: float | None = None
     # How the start of some is known, in words.
-    starts: dict[Seen, str] = field(default_factory=dict)
+    starts: dict[CandidateFile, str] = field(default_factory=dict)
 
-    def take(self, seen: Seen, role: Use, reason: str, window: Window | None = None) -> None:
+    def take(
+        self, file: CandidateFile, role: Use, reason: str, window: Window | None = None
+    ) -> None:
         """Settle a file's role, unless it is settled."""
-        self.taken.setdefault(seen, (role, reason, window or Window()))
+        self.taken.setdefault(file, (role, reason, window or Window()))
 
     def take_tests(self, choice: OcvChoice) -> None:
         """Settle the files of an OCV test."""
@@ -75,16 +80,16 @@ class _Draft:
 
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""
-        for seen, (role, reason, window) in self.taken.items():
+        for file, (role, reason, window) in self.taken.items():
             is_open = role != "not used" and window.temperature_degc is None
-            if is_open and seen.traits and seen.record.temperature_degc is None:
-                window = replace(window, temperature_degc=seen.temperature_degc)
-                self.taken[seen] = role, reason, window
+            if is_open and file.traits and file.record.temperature_degc is None:
+                window = replace(window, temperature_degc=file.temperature_degc)
+                self.taken[file] = role, reason, window
 
     def parts(self) -> tuple[Part, ...]:
         """Every file: those that serve first, by their role."""
         parts = []
-        for each in self.seen:
+        for each in self.files:
             role, reason, window = self.taken[each]
             kept = None if role == "not used" else each.source
             kind = each.kind(self.capacity_ah)
@@ -144,17 +149,17 @@ def plan(
     first, last = len(given), len(given) + len(tests)
     with watch("Planning", 0):
         free = [part for each in looked[:first] for part in split(each)]
-        seen = [*free, *looked[first:]]
+        files = [*free, *looked[first:]]
         given_ah = windows.get("", Window()).capacity_ah if capacity is None else capacity
-        draft = _Draft(seen, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
+        draft = _Draft(files, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
         return _decide(draft, looked[first:last], looked[last:])
 
 
-def _decide(draft: _Draft, tests: Sequence[Seen], others: Sequence[Seen]) -> Plan:
+def _decide(draft: _Draft, tests: Sequence[CandidateFile], others: Sequence[CandidateFile]) -> Plan:
     """The plan of files of which some have their role given."""
-    seen = draft.seen
-    first_of: dict[tuple[object, ...], Seen] = {}
-    for each in seen:
+    files = draft.files
+    first_of: dict[tuple[object, ...], CandidateFile] = {}
+    for each in files:
         # What came from no file is itself alone.
         source = (each.source.sha256, each.source.span_s) if each.source else (id(each),)
         if each.refusal:
@@ -164,7 +169,7 @@ def _decide(draft: _Draft, tests: Sequence[Seen], others: Sequence[Seen]) -> Pla
     # What was given comes first, and of a record and a part or a share of it the longer.
     unlike: list[Content] = []
     given = (*tests, *others)
-    readable = [each for each in seen if each not in draft.taken and each.traits]
+    readable = [each for each in files if each not in draft.taken and each.traits]
     for each in sorted(readable, key=lambda one: (one not in given, -one.record.samples)):
         content = Content(each.record)
         same = next((known for known in unlike if content.is_like(known)), None)
@@ -176,7 +181,7 @@ def _decide(draft: _Draft, tests: Sequence[Seen], others: Sequence[Seen]) -> Pla
         draft.take(each, "validation", "given", each.window)
     for each in tests:
         draft.take(each, "OCV test", "given")
-    free = [each for each in seen if each not in draft.taken]
+    free = [each for each in files if each not in draft.taken]
     dynamic = [each for each in free if each.kind(None) == "drive cycle"]
     is_pulsed = not dynamic
     if is_pulsed:
@@ -214,7 +219,9 @@ def _decide(draft: _Draft, tests: Sequence[Seen], others: Sequence[Seen]) -> Pla
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
 
 
-def _without_ocv(draft: _Draft, dynamic: Sequence[Seen], free: Sequence[Seen]) -> Plan:
+def _without_ocv(
+    draft: _Draft, dynamic: Sequence[CandidateFile], free: Sequence[CandidateFile]
+) -> Plan:
     """A plan that lacks its OCV test."""
     elsewhere = [each for each in free if each.kind(None) in OCV_KINDS]
     for each in dynamic:
@@ -235,26 +242,26 @@ def _without_ocv(draft: _Draft, dynamic: Sequence[Seen], free: Sequence[Seen]) -
 
 
 def _runnable(
-    draft: _Draft, group: Sequence[Seen], choice: OcvChoice, is_pulsed: bool
-) -> list[tuple[Seen, Window]]:
+    draft: _Draft, group: Sequence[CandidateFile], choice: OcvChoice, is_pulsed: bool
+) -> list[Runnable]:
     """What can be simulated with the cell, in its window, the best first to identify on.
 
     Those that cannot are left with the reason.
     """
-    found: list[tuple[Seen, Window]] = []
+    found: list[Runnable] = []
     for each in group:
         if each in draft.taken or (not is_pulsed and each in choice.tests):
             continue
-        lacks = each.lacks(choice.cell.capacity_ah, _FEWEST_STEPS)
+        missing = each.missing_for(choice.cell.capacity_ah, _FEWEST_STEPS)
         window = each.window
-        if not lacks and not is_pulsed:
+        if not missing and not is_pulsed:
             try:
-                window, draft.starts[each] = started(draft.seen, each, window, choice)
+                window, draft.starts[each] = started(draft.files, each, window, choice)
             except InputError as problem:
                 own = str(problem).removeprefix(f"{each.name}: ")
-                lacks = _another_cell(each, choice.cell.capacity_ah) or own
-        if lacks:
-            draft.take(each, "not used", lacks)
+                missing = _another_cell(each, choice.cell.capacity_ah) or own
+        if missing:
+            draft.take(each, "not used", missing)
         else:
             found.append((each, window))
     # An OCV test that is cut short may hold less than a record, but not by so much.
@@ -266,11 +273,11 @@ def _runnable(
         found = [run for run in found if run[0] not in others]
     widest_ah = max((_reach_ah(each) for each, _ in found), default=0.0)
 
-    def rank(run: tuple[Seen, Window]) -> tuple:
+    def rank(run: Runnable) -> tuple:
         each = run[0]
         is_wide = _reach_ah(each) >= _AS_WIDE * widest_ah
         return (
-            bool(each.lacks(choice.cell.capacity_ah)),
+            bool(each.missing_for(choice.cell.capacity_ah)),
             not is_wide,
             each.warnings if is_wide else 0,
             not each.is_settled,
@@ -280,12 +287,12 @@ def _runnable(
     return sorted(found, key=rank)
 
 
-def _reach_ah(seen: Seen) -> float:
-    return seen.traits.reach_ah if seen.traits else 0.0
+def _reach_ah(file: CandidateFile) -> float:
+    return file.traits.reach_ah if file.traits else 0.0
 
 
 def _choose_validation(
-    draft: _Draft, record: Seen, others: Sequence[tuple[Seen, Window]], is_given: bool
+    draft: _Draft, record: CandidateFile, others: Sequence[Runnable], is_given: bool
 ) -> None:
     """Another profile of the same temperature before the same one again, and the widest of them."""
     if is_given or not others:
@@ -301,8 +308,8 @@ def _choose_validation(
 
 def _take_other_temperatures(
     draft: _Draft,
-    record: Seen,
-    chosen: Sequence[tuple[Sequence[Seen], OcvChoice | None]],
+    record: CandidateFile,
+    chosen: Chosen,
     choice: OcvChoice,
     is_pulsed: bool,
 ) -> None:
@@ -321,14 +328,12 @@ def _take_other_temperatures(
     draft.tell_temperatures()
 
 
-def _leave_others(
-    draft: _Draft, choice: OcvChoice, chosen: Sequence[tuple[Sequence[Seen], OcvChoice | None]]
-) -> None:
+def _leave_others(draft: _Draft, choice: OcvChoice, chosen: Chosen) -> None:
     """What is left has no role, for a reason."""
     known = (each.temperature_degc for each in choice.tests if each.temperature_degc is not None)
     degc = next(known, None)
     usable = {each for group, test in chosen if test for each in (*group, *test.tests)}
-    for each in draft.seen:
+    for each in draft.files:
         if each in draft.taken:
             continue
         if not is_same_degc(each.temperature_degc, degc):
@@ -345,20 +350,21 @@ def _leave_others(
             draft.take(each, "not used", _why_useless(each, draft.capacity_ah))
 
 
-def _why_useless(seen: Seen, capacity_ah: float | None) -> str:
-    return seen.lacks(capacity_ah) or _another_cell(seen, capacity_ah) or "no role is left for it"
+def _why_useless(file: CandidateFile, capacity_ah: float | None) -> str:
+    reason = file.missing_for(capacity_ah) or _another_cell(file, capacity_ah)
+    return reason or "no role is left for it"
 
 
-def _another_cell(seen: Seen, capacity_ah: float | None) -> str:
+def _another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
     """That a file moves more than the cell holds; empty where it does not."""
-    if not capacity_ah or not seen.traits or seen.traits.span_ah <= _BEYOND * capacity_ah:
+    if not capacity_ah or not file.traits or file.traits.span_ah <= _BEYOND * capacity_ah:
         return ""
-    moved = f"it moves {seen.traits.span_ah:.3g} Ah"
+    moved = f"it moves {file.traits.span_ah:.3g} Ah"
     return f"{moved}, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
 
 
 def _options(
-    draft: _Draft, record: Seen, window: Window, choice: OcvChoice
+    draft: _Draft, record: CandidateFile, window: Window, choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {}
@@ -379,12 +385,12 @@ def _options(
     return options, reasons
 
 
-def _words(draft: _Draft, seen: Seen) -> str:
+def _words(draft: _Draft, file: CandidateFile) -> str:
     """Why a record serves, as the checks say, and where its start is known from."""
     for name in ("identification", "validation"):
-        role = seen.role(name)
+        role = file.role(name)
         if role is not None and role.is_usable:
-            return role.reason + draft.starts.get(seen, "")
+            return role.reason + draft.starts.get(file, "")
     return ""
 
 

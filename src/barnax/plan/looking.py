@@ -45,7 +45,7 @@ _FEWEST, _SHORTEST_S = 50, 600.0
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class CandidateFile:
     """One file that was looked at; `refusal` says why it cannot be read, empty where it can.
 
     `check` is None for a table of OCV and for what cannot be read. `starts_full` says that the file
@@ -80,9 +80,9 @@ class Seen:
             return "unreadable"
         return "OCV table" if self.traits is None else self.traits.kind(capacity_ah)
 
-    def lacks(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
+    def missing_for(self, capacity_ah: float | None, fewest: int = STEPS) -> str:
         """What it lacks to be simulated, in words."""
-        return "" if self.traits is None else self.traits.lacks(capacity_ah, fewest)
+        return "" if self.traits is None else self.traits.missing_for(capacity_ah, fewest)
 
     @property
     def warnings(self) -> int:
@@ -103,7 +103,7 @@ class Seen:
         assert self.source is not None, "what cannot be read is asked for nothing"
         return self.source
 
-    def called(self, name: str) -> "Seen":
+    def called(self, name: str) -> "CandidateFile":
         """The same under another name."""
         return replace(self, name=name, source=replace(self.known_source, name=name))
 
@@ -131,7 +131,7 @@ class Seen:
             is_scored = np.isin(record.step, steps)
         return np.quantile(record.current_a[is_scored], _QUANTILES)
 
-    def is_like(self, other: "Seen") -> bool:
+    def is_like(self, other: "CandidateFile") -> bool:
         """Whether both play the same profile, by how the current is distributed."""
         peak_a = max(np.abs(each._quantiles_a).max() for each in (self, other))
         apart_a = np.abs(self._quantiles_a - other._quantiles_a).mean()
@@ -171,7 +171,7 @@ def _is_of_files(path: Path) -> bool:
 
 def look(
     sources: Sequence[Any], reading: Reading, watch: Watch, windows: Mapping[str, Window]
-) -> Iterator[Seen]:
+) -> Iterator[CandidateFile]:
     """Every file once, in the order given, with what `windows` say of it. One that cannot be read
     is told as such."""
     names = file_names([each for each in sources if isinstance(each, str | Path)])
@@ -180,66 +180,66 @@ def look(
         path = Path(name if isinstance(each, Source) else each)
         if path.is_dir():
             refusal = f"{name}: a folder in the folder is not looked into; give its files too"
-            yield Seen(path, name, refusal=refusal)
+            yield CandidateFile(path, name, refusal=refusal)
             continue
         with watch(f"Looking at {name}", 0):
             try:
                 source = source_of(each, names, reading)
                 yield _looked_at(path, source, window_of(windows, name))
             except InputError as problem:
-                yield Seen(path, name, refusal=str(problem))
+                yield CandidateFile(path, name, refusal=str(problem))
 
 
-def _looked_at(path: Path, source: Source, chosen: Window) -> Seen:
+def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
     """What was read of a file, checked."""
-    seen = Seen(path, source.name, source, chosen=chosen)
+    file = CandidateFile(path, source.name, source, chosen=chosen)
     try:
         if is_ocv_table(source.table.header):
-            _ = seen.ocv_test
-            return seen
+            _ = file.ocv_test
+            return file
         check = check_file(source, rest_current_a=chosen.rest_current_a)
     except InputError as problem:
-        return replace(seen, refusal=str(problem))
-    seen = replace(seen, check=check)
+        return replace(file, refusal=str(problem))
+    file = replace(file, check=check)
     error = next((one for one in check.findings if one.severity == "error"), None)
     if error is not None:
-        return replace(seen, refusal=error.sentence(source.name))
+        return replace(file, refusal=error.sentence(source.name))
     too_little = "" if check.traits else f"{source.name}: holds too few samples that can be read"
-    return replace(seen, refusal=too_little)
+    return replace(file, refusal=too_little)
 
 
-def split(seen: Seen) -> list[Seen]:
+def split(file: CandidateFile) -> list[CandidateFile]:
     """The tests of a file, each as a part of it; the file itself where it holds one at most."""
-    parts = list(_tests(seen)) if seen.traits else []
+    parts = list(_tests(file)) if file.traits else []
     if sum(part.kind(None) in SERVING for part in parts) < 2:
-        return [seen]
-    return [part.called(f"{seen.name}#{number}") for number, part in enumerate(parts, 1)]
+        return [file]
+    return [part.called(f"{file.name}#{number}") for number, part in enumerate(parts, 1)]
 
 
-def _tests(seen: Seen) -> Iterator[Seen]:
+def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
     """The tests of a file, some of which may begin with the cell charged to full."""
-    record = seen.record
+    record = file.record
     for first, last, is_full in _between_charges(record):
         if not _is_long(record, first, last):
             continue
-        part = _part(seen, first, last, is_full)
+        part = _part(file, first, last, is_full)
         sweeps = part.traits.sweeps if part.traits else ()
         rows = [point.row for each in sweeps if each.kind == "rests" for point in each.points]
         begin, end = np.flatnonzero(np.isin(record.row, rows))[[0, -1]] if rows else (first, last)
         # A sweep begins where its first rest ends, and may end at a cut-off without a rest.
         for cut, beside in ((int(end), (int(end), last)), (int(begin), (first, int(begin)))):
-            if _is_long(record, *beside) and _part(seen, *beside).kind(None) in SERVING:
-                yield _part(seen, first, cut, is_full)
-                yield _part(seen, cut, last)
+            if _is_long(record, *beside) and _part(file, *beside).kind(None) in SERVING:
+                yield _part(file, first, cut, is_full)
+                yield _part(file, cut, last)
                 break
         else:
             yield part
 
 
-def _part(seen: Seen, first: int, last: int, is_full: bool = False) -> Seen:
-    time_s = seen.record.time_s
-    source = replace(seen.known_source, span_s=(float(time_s[first]), float(time_s[last])))
-    return replace(_looked_at(seen.path, source, seen.chosen), starts_full=is_full)
+def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> CandidateFile:
+    time_s = file.record.time_s
+    source = replace(file.known_source, span_s=(float(time_s[first]), float(time_s[last])))
+    return replace(_looked_at(file.path, source, file.chosen), starts_full=is_full)
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
@@ -273,10 +273,12 @@ def _is_long(record: Record, first: int, last: int) -> bool:
     return bool(is_loaded and last - first >= _FEWEST and length_s >= _SHORTEST_S)
 
 
-def by_temperature(seen: Sequence[Seen]) -> Iterator[tuple[float | None, list[Seen]]]:
+def by_temperature(
+    files: Sequence[CandidateFile],
+) -> Iterator[tuple[float | None, list[CandidateFile]]]:
     """The files of each temperature: the most first, and of equally many those nearest to room."""
-    groups: list[list[Seen]] = []
-    for each in sorted(seen, key=lambda one: (one.temperature_degc or 0.0, one.name)):
+    groups: list[list[CandidateFile]] = []
+    for each in sorted(files, key=lambda one: (one.temperature_degc or 0.0, one.name)):
         for group in groups:
             if is_same_degc(group[0].temperature_degc, each.temperature_degc, is_strict=True):
                 group.append(each)
@@ -284,14 +286,14 @@ def by_temperature(seen: Sequence[Seen]) -> Iterator[tuple[float | None, list[Se
         else:
             groups.append([each])
 
-    def rank(group: list[Seen]) -> tuple[int, float]:
+    def rank(group: list[CandidateFile]) -> tuple[int, float]:
         degc = group[0].temperature_degc
         return -len(group), np.inf if degc is None else abs(degc - ROOM_DEGC)
 
     for group in sorted(groups, key=rank):
         degc = group[0].temperature_degc
         # What was measured nobody knows where may have been measured here.
-        unknown = [each for each in seen if degc is not None and each.temperature_degc is None]
+        unknown = [each for each in files if degc is not None and each.temperature_degc is None]
         yield degc, [*group, *unknown]
 
 

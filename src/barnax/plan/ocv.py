@@ -10,7 +10,7 @@ from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
 from ..model.prepared import prepare_record
 from ..model.window import Window
-from .looking import Seen, is_same_degc
+from .looking import CandidateFile, is_same_degc
 
 OCV_KINDS = ("OCV test", "slow sweep", "pulse test", "OCV table")
 # A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
@@ -30,7 +30,7 @@ class OcvChoice:
     `capacity_ah` is what they need to be told; None where they tell it themselves.
     """
 
-    tests: tuple[Seen, ...]
+    tests: tuple[CandidateFile, ...]
     cell: CellModel
     capacity_ah: float | None = None
 
@@ -40,7 +40,10 @@ class OcvChoice:
 
 
 def ocv_at(
-    degc: float | None, free: Sequence[Seen], tests: Sequence[Seen], given_ah: float | None
+    degc: float | None,
+    free: Sequence[CandidateFile],
+    tests: Sequence[CandidateFile],
+    given_ah: float | None,
 ) -> OcvChoice | None:
     """The OCV test of a temperature: the given one, else the best that there is.
 
@@ -62,7 +65,9 @@ def ocv_at(
 
 
 def _choose_ocv(
-    candidates: Sequence[Seen], capacities_ah: Iterable[float | None], is_given: bool = False
+    candidates: Sequence[CandidateFile],
+    capacities_ah: Iterable[float | None],
+    is_given: bool = False,
 ) -> OcvChoice | None:
     """The best OCV test of some files, None where none of them makes a cell; all where given.
 
@@ -91,7 +96,7 @@ def _choose_ocv(
     return None
 
 
-def ocv_reason(tests: Sequence[Seen]) -> str:
+def ocv_reason(tests: Sequence[CandidateFile]) -> str:
     """What sweeps a set of tests holds, in words."""
     sweeps = _sweeps(tests)
     if not sweeps:
@@ -104,7 +109,7 @@ def ocv_reason(tests: Sequence[Seen]) -> str:
     return f"{' and '.join(kinds.values())}, {max(each.passed_ah for each in sweeps):.4g} Ah"
 
 
-def _sets(candidates: Sequence[Seen]) -> Iterator[tuple[Seen, ...]]:
+def _sets(candidates: Sequence[CandidateFile]) -> Iterator[tuple[CandidateFile, ...]]:
     """Every file by itself, every two of opposite directions, and all parts of one direction."""
     yield from ((each,) for each in candidates)
     lone = [(each, *_directions([each])) for each in candidates if len(_directions([each])) == 1]
@@ -115,7 +120,7 @@ def _sets(candidates: Sequence[Seen]) -> Iterator[tuple[Seen, ...]]:
         yield (*outward, *inward)
 
 
-def _rank(tests: tuple[Seen, ...], most_ah: float) -> tuple:
+def _rank(tests: tuple[CandidateFile, ...], most_ah: float) -> tuple:
     sweeps = _sweeps(tests)
     return (
         _hole_ah(sweeps, most_ah) > _HOLE * most_ah,
@@ -148,29 +153,29 @@ def _closes(sweeps: Sequence[Sweep]) -> bool:
     return not passed_ah or min(passed_ah) >= (1 - CAPACITY_WARNING) * max(passed_ah)
 
 
-def _sweeps(tests: Sequence[Seen]) -> list[Sweep]:
+def _sweeps(tests: Sequence[CandidateFile]) -> list[Sweep]:
     return [sweep for test in tests if test.traits for sweep in test.traits.sweeps]
 
 
-def _directions(tests: Sequence[Seen]) -> list[int]:
+def _directions(tests: Sequence[CandidateFile]) -> list[int]:
     return list(dict.fromkeys(sweep.direction for sweep in _sweeps(tests)))
 
 
 def started(
-    files: Sequence[Seen], seen: Seen, window: Window, choice: OcvChoice
+    files: Sequence[CandidateFile], file: CandidateFile, window: Window, choice: OcvChoice
 ) -> tuple[Window, str]:
     """The window with its start at full where the record shows that, or where another of the files
     ends that it goes on from, and how that is known, in words. Raises `InputError` if neither
     fits."""
-    own = replace(window, capacity_ah=record_capacity_ah(seen, window, choice))
+    own = replace(window, capacity_ah=record_capacity_ah(file, window, choice))
     try:
-        start = prepare_record(seen.record, choice.cell, "so-rc", own).start
+        start = prepare_record(file.record, choice.cell, "so-rc", own).start
     except InputError:
-        before = next((each for each in files if _goes_on(each, seen, choice)), None)
+        before = next((each for each in files if _goes_on(each, file, choice)), None)
         soc = None if before is None else _final_soc(before, choice)
         if before is None or soc is None or window.is_chosen:
             raise
-        prepare_record(seen.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
+        prepare_record(file.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
         return replace(window, initial_soc=soc), f", where {before.name} ends"
     if window.initial_soc is None and start.soc >= 1 - _FULL:
         shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
@@ -178,11 +183,11 @@ def started(
     return window, ""
 
 
-def _goes_on(before: Seen, seen: Seen, choice: OcvChoice) -> bool:
+def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:
     """Whether a file's clock and counters go on where those of another end."""
-    if before.traits is None or seen.traits is None or before is seen:
+    if before.traits is None or file.traits is None or before is file:
         return False
-    first, second = before.record, seen.record
+    first, second = before.record, file.record
     if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
         return False
     apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
@@ -190,25 +195,25 @@ def _goes_on(before: Seen, seen: Seen, choice: OcvChoice) -> bool:
     return apart_ah <= _SAME_COUNT * choice.cell.capacity_ah and 0 <= apart_s <= _PAUSE_S
 
 
-def _final_soc(seen: Seen, choice: OcvChoice) -> float | None:
+def _final_soc(file: CandidateFile, choice: OcvChoice) -> float | None:
     """The state of charge at the end of a file, where it shows that anywhere."""
     try:
-        prepared = prepare_record(seen.record, choice.cell, "so-rc")
+        prepared = prepare_record(file.record, choice.cell, "so-rc")
     except InputError:
         return None
     return float(f"{prepared.soc[-1]:.{DIGITS}g}")
 
 
-def record_capacity_ah(seen: Seen, window: Window, choice: OcvChoice) -> float | None:
+def record_capacity_ah(file: CandidateFile, window: Window, choice: OcvChoice) -> float | None:
     """The given capacity, else what the record takes out of the full cell, where that is more than
     the OCV test tells."""
     if window.capacity_ah is not None or window.initial_soc != 1.0:
         return window.capacity_ah
-    discharged_ah = seen.record.discharged_ah
+    discharged_ah = file.record.discharged_ah
     first = 0
-    if window.start_after_step is not None and seen.record.step is not None:
-        first = int(np.flatnonzero(seen.record.step == window.start_after_step)[-1])
+    if window.start_after_step is not None and file.record.step is not None:
+        first = int(np.flatnonzero(file.record.step == window.start_after_step)[-1])
     elif window.start_time_s is not None:
-        first = int(np.searchsorted(seen.record.time_s, window.start_time_s))
+        first = int(np.searchsorted(file.record.time_s, window.start_time_s))
     taken_ah = float(discharged_ah[first:].max() - discharged_ah[first])
     return float(f"{taken_ah:.{DIGITS}g}") if taken_ah > choice.cell.capacity_ah else None

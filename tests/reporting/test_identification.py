@@ -86,7 +86,7 @@ def changed(result: Result, **inputs) -> Result:
 
 
 def test_a_stored_result_s_report_is_the_golden_one():
-    text = to_markdown(identification_document(STORED).spelled(as_flags))
+    text = to_markdown(identification_document(STORED).with_option_names(as_flags))
     require_golden(GOLDEN / "report.md", text)
 
 

@@ -129,7 +129,7 @@ def _show(
     if not is_verbose:
         kept = [each for each in document.sections if each.title.partition(":")[0] in SHOWN]
         document = replace(document, sections=tuple(kept))
-    session.show(to_terminal(document.spelled(as_flags)))
+    session.show(to_terminal(document.with_option_names(as_flags)))
     session.warn(result.warnings)
 
 
@@ -185,7 +185,9 @@ def _report(
         return comparison_illustrations(result, comparison, comparison.optima, live=live)
 
     drawn = draw()
-    files = report_files(comparison_document(result, drawn, seconds).spelled(as_flags), drawn)
+    files = report_files(
+        comparison_document(result, drawn, seconds).with_option_names(as_flags), drawn
+    )
     if paper:
         with column_width():
             files |= paper_files(draw())

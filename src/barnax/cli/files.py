@@ -78,7 +78,7 @@ def check(what: Checked) -> None:
             continue
         found.append(each)
         listed.append(each.to_dict())
-        session.show(to_terminal(check_document(each).spelled(as_flags)))
+        session.show(to_terminal(check_document(each).with_option_names(as_flags)))
         if what.quiet:
             session.warn(finding_line(each.file, one) for one in each.findings if one.counts)
     if what.as_json:

@@ -261,7 +261,7 @@ def _summed_up(
             worst[name] = identified(alone, settings | {"trust": "none"})[0].run.identification[0]
     document = fleet_document(summary, fleet_illustrations(rows, worst))
     with replacing(out / "report.html") as file:
-        file.write(to_html(document.spelled(as_keys)).encode())
+        file.write(to_html(document.with_option_names(as_keys)).encode())
     return told
 
 

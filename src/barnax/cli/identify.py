@@ -229,7 +229,9 @@ def result_files(
         drawn = identification_illustrations(result, is_always)
         return tables | {f"figures/{each.name}.png": each.png for each in drawn}
     drawn = identification_illustrations(result, live=live)
-    return tables | report_files(identification_document(result, drawn).spelled(as_flags), drawn)
+    return tables | report_files(
+        identification_document(result, drawn).with_option_names(as_flags), drawn
+    )
 
 
 def _show(
@@ -240,7 +242,7 @@ def _show(
     from ..reporting.terminal import next_lines, parts_line, to_terminal
 
     if verbose:
-        session.show(to_terminal(identification_document(result).spelled(as_flags)))
+        session.show(to_terminal(identification_document(result).with_option_names(as_flags)))
     session.show(first_screen(result, as_flags))
     session.show(next_lines(*_next(result, folder)))
     if folder is not None:

@@ -53,7 +53,7 @@ def report(of: Stored) -> None:
         if missing:
             left_out = f"{document.summary} Figures over time are left out: {missing}."
             document = replace(document, summary=left_out.strip())
-        add_file(out, to_html(document.spelled(as_flags)).encode())
+        add_file(out, to_html(document.with_option_names(as_flags)).encode())
     if missing:
         session.warn([f"figures over time are left out: {missing}"])
     session.show([str(out)])

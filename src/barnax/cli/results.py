@@ -109,10 +109,10 @@ def show(of: Shown) -> None:
         from ..reporting.parameters import show as side_by_side
 
         beside = side_by_side(*of.results, names=_names(of.results))
-        session.show(to_terminal(beside.document.spelled(as_flags)))
+        session.show(to_terminal(beside.document.with_option_names(as_flags)))
         return
     stored = load(of.results[0])
-    session.show(to_terminal(identification_document(stored).spelled(as_flags)))
+    session.show(to_terminal(identification_document(stored).with_option_names(as_flags)))
     session.show(first_screen(stored, as_flags))
 
 
@@ -227,7 +227,7 @@ def _soc_figures(replay: "SocReplay", report: bool, paper: bool) -> dict[str, by
     drawn = [replay_illustration(replay)]
     files = {"figures/soc.png": drawn[0].png}
     if report:
-        files |= report_files(replay_document(replay, drawn).spelled(as_flags), drawn)
+        files |= report_files(replay_document(replay, drawn).with_option_names(as_flags), drawn)
     if paper:
         with column_width():
             files |= paper_files([replay_illustration(replay)])

@@ -190,9 +190,9 @@ class Document:
     summary: str
     sections: tuple[Section, ...]
 
-    def spelled(self, spell: Callable[[str], str]) -> "Document":
-        """The same document with every text of it as `spell` has it."""
-        return _spelled(self, spell)
+    def with_option_names(self, named: Callable[[str], str]) -> "Document":
+        """The same document with every text of it as `named` has it, which names its options."""
+        return _renamed(self, named)
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
@@ -229,14 +229,14 @@ class Pictures:
         return tuple(each for name, each in self._pictures.items() if name.startswith(beginning))
 
 
-def _spelled(value: Any, spell: Callable[[str], str]) -> Any:
+def _renamed(value: Any, named: Callable[[str], str]) -> Any:
     if isinstance(value, str):
-        return spell(value)
+        return named(value)
     if isinstance(value, tuple):
-        return tuple(_spelled(each, spell) for each in value)
+        return tuple(_renamed(each, named) for each in value)
     if isinstance(value, Document | Section | Paragraph | Bullets | Table):
         changed = {
-            each.name: _spelled(getattr(value, each.name), spell)
+            each.name: _renamed(getattr(value, each.name), named)
             for each in fields(value)
             if each.name not in ("columns", "best", "are_warnings")
         }

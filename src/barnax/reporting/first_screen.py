@@ -41,10 +41,12 @@ APART = 0.1
 UNFIT = f": {NOT_SUITABLE} identification: "
 
 
-def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterator[RenderableType]:
+def first_screen(
+    result: "Result", with_cli_options: Callable[[str], str] = str
+) -> Iterator[RenderableType]:
     """How good the answer is, what it is, whether to believe it, and what was assumed.
 
-    `spell` gives the texts as who reads them names the options.
+    `with_cli_options` gives the texts as who reads them names the options.
     """
     yield Text()
     yield indented(_files_table(result))
@@ -66,7 +68,7 @@ def first_screen(result: "Result", spell: Callable[[str], str] = str) -> Iterato
     lines += [("Start", text) for text in carried_sentences(result)]
     lines += [("Assumed", text) for text in guess_sentences(result)]
     for head, text in lines:
-        yield indented(headed_line(head, spell(text)))
+        yield indented(headed_line(head, with_cli_options(text)))
 
 
 def _files_table(result: "Result") -> Whole:

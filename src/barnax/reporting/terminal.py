@@ -252,10 +252,12 @@ def next_lines(advice: str, command: str) -> Iterator[RenderableType]:
         yield Text(f"    {printable(command)}", no_wrap=True)
 
 
-def plan_lines(planned: "Plan", spell: Callable[[str], str] = str) -> Iterator[RenderableType]:
+def plan_lines(
+    planned: "Plan", with_cli_options: Callable[[str], str] = str
+) -> Iterator[RenderableType]:
     """Every file, what it serves for and why, and the options that the files decide.
 
-    `spell` gives the texts as who reads them names the options.
+    `with_cli_options` gives the texts as who reads them names the options.
     """
     table = Shown(**BARE, show_header=False)
     table.add_column(no_wrap=True)
@@ -263,10 +265,10 @@ def plan_lines(planned: "Plan", spell: Callable[[str], str] = str) -> Iterator[R
     for part in planned.parts:
         what = f" ({part.kind})" if part.kind else ""
         reason = f": {part.reason}" if part.reason else ""
-        table.add_row(part.role, Text(printable(spell(f"{part.name}{what}{reason}"))))
+        table.add_row(part.role, Text(printable(with_cli_options(f"{part.name}{what}{reason}"))))
     for name, value in planned.options.items():
         why = f", {planned.reasons[name]}" if name in planned.reasons else ""
-        table.add_row(name.replace("_", " "), Text(printable(spell(f"{value}{why}"))))
+        table.add_row(name.replace("_", " "), Text(printable(with_cli_options(f"{value}{why}"))))
     yield Text()
     yield indented(table)
     if planned.command == "hppc":

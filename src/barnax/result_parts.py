@@ -231,12 +231,15 @@ class TablesPart(Part):
         fits: The tables, one set for each temperature, from cold to warm.
         over_temperature: The temperatures, None for a single set.
         by_soc: Their errors by SOC.
+        hold_shift_ohm: How much more every R0 would be if a sample's current flowed on its other
+            side, where that is assumed.
     """
 
     settings: TableSettings
     fits: tuple[TableFit, ...] = Field(min_length=1)
     over_temperature: OverTemperature | None = None
     by_soc: tuple[Band, ...]
+    hold_shift_ohm: float | None = None
 
     @property
     def found(self) -> TableFits:

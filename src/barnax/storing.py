@@ -76,6 +76,7 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
             fits=run.tables.found.fits,
             over_temperature=run.tables.found.over_temperature,
             by_soc=bands_by_soc(run.tables.identification),
+            hold_shift_ohm=None if run.other_hold is None else run.tables.hold_shift_ohm,
         )
     result = Result(
         schema_version=SCHEMA_VERSION,

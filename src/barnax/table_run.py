@@ -7,10 +7,13 @@ import numpy as np
 
 from .cell import CellModel
 from .display import Brief
+from .global_optimum import OtherHold, hold_warning
 from .model.prepared import PreparedRecord
+from .model.problem import Problem
 from .over_soc import (
     HELD_GAMMA,
     FitWarning,
+    NodeInterval,
     Reversal,
     TableFits,
     TableSettings,
@@ -23,6 +26,8 @@ from .search.evaluate import Evaluation, evaluate_from_either
 # Validation may leave the SOC that tables were identified on by this much without a word.
 OUTSIDE_SOC = 0.005
 R0 = "R0 [Ohm]"
+# What stands for a table where there is room for one value.
+MIDDLE_SOC = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,6 +81,22 @@ class TableRun(Brief):
             * float(np.expm1(sign * prepared.median_interval_s / tau_s))
             for name, tau_s in tau.items()
         )
+
+    @property
+    def middle_r0(self) -> NodeInterval | None:
+        """R0 at the node nearest to the middle of the SOC, None where no node has an interval."""
+        known = [each for each in self.found.reference.of_table(R0) if each.low is not None]
+        return min(known, key=lambda each: abs((each.soc or 0.0) - MIDDLE_SOC), default=None)
+
+    def hold_warnings(self, problem: Problem, other: OtherHold) -> Iterator[str]:
+        """That the other hold would move R0 in the middle of the SOC out of its interval."""
+        middle = self.middle_r0
+        if middle is None or middle.low is None or middle.high is None:
+            return
+        moved_ohm = middle.value + self.hold_shift_ohm
+        if not middle.low <= moved_ohm <= middle.high:
+            what = f"R0 of the tables at {100 * (middle.soc or 0.0):.3g} % SOC"
+            yield hold_warning(problem, other.value, what, middle.value, moved_ohm)
 
     def spanning(self, shifts_ohm: Sequence[float]) -> "TableRun":
         """The same whose intervals of R0 reach over what else may be true, so far from it."""

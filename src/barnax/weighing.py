@@ -298,8 +298,10 @@ def search_and_assess(
             assessment = _attempt("the intervals", warnings, assess, problem, answer.parameters)
         if assessment is not None:
             known, own = assessment.uncertainty, answer.parameters
-            if other_hold is not None and R0 in known.beyond(other_hold.parameters):
-                warnings.append(hold_warning(problem, own, other_hold))
+            is_beyond = other_hold is not None and R0 in known.beyond(other_hold.parameters)
+            if other_hold is not None and is_beyond and table_run is None:
+                what, r0_ohm = f"R0 of {problem.circuit}", (own.r0, other_hold.parameters.r0)
+                warnings.append(hold_warning(problem, other_hold.value, what, *r0_ohm))
             # A circuit that was asked for is not weighed against others.
             weighed = problems if weighing.chosen is None else ()
             alike = partial(_alike_r0, weighed, optima, held_out)
@@ -312,6 +314,7 @@ def search_and_assess(
                     each - table_run.median_ohm(R0) for each in (*late_ohm, *alike(best_held_out))
                 ]
                 if other_hold is not None:
+                    warnings += table_run.hold_warnings(problem, other_hold)
                     shifts_ohm += [other_hold.parameters.r0 - own.r0, table_run.hold_shift_ohm]
                 table_run = table_run.spanning(shifts_ohm)
         if trust == "full" and assessment is not None:

@@ -10,10 +10,13 @@ from typing import Any
 
 import pytest
 
+from barnax.candidates import Candidate
 from barnax.cell import CircuitParameters
 from barnax.cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
-from barnax.over_soc import NodeInterval, SocErrors
-from barnax.reporting.candidates import pay_sentence
+from barnax.over_soc import NodeInterval, SocErrors, TableFits, TableSettings
+from barnax.records import Decision
+from barnax.reporting.candidates import held_out_errors, pay_sentence
+from barnax.reporting.decisions import guess_sentences
 from barnax.reporting.sentences import (
     diagnostics_sentences,
     finding_sentence,
@@ -24,10 +27,13 @@ from barnax.reporting.sentences import (
     uncertainty_sentence,
 )
 from barnax.reporting.soc_tables import constants_table, nodes_table
+from barnax.reporting.verdict import next_step
 from barnax.search.refine import Optimum
+from barnax.table_run import TableRun
 from barnax.uncertainty import Band, Diagnostics, Estimate, Finding, Identifiability
 from barnax.uncertainty import Suggestion as Change
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
+from helpers.results import NODES, make_fit, make_table_result
 
 GOLDEN = Path(__file__).parent / "sentences.txt"
 CIRCUIT = CircuitParameters(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
@@ -206,6 +212,58 @@ HIGHER = SocErrors(0.010, 0.008), SocErrors(0.012, 0.009)
     ],
 )
 def test_records_not_used_decide_whether_tables_pay(unseen, held, told):
-    blocks = held and SimpleNamespace(constant=held[0], tables=held[1])
-    fit: Any = SimpleNamespace(cross_validation=blocks)
-    assert told in pay_sentence(fit, unseen)
+    assert told in pay_sentence(unseen, held, "esc", "so-rc")
+
+
+def test_tables_are_compared_with_the_constant_circuit_that_is_named():
+    """What was held out of a constant circuit with the tables' pairs is another circuit's."""
+    result = make_table_result()
+    candidates = tuple(
+        Candidate(model, over, SocErrors(0.02, None), (), SocErrors(held_v, None))
+        for model, over, held_v in (("esc", None, 0.0218), ("so-rc", None, 0.0245))
+    )
+    held = SimpleNamespace(constant=SocErrors(0.0245, None), tables=SocErrors(0.0091, None))
+    fit = replace(result.tables.fit, cross_validation=held)
+    found = result.model_copy(
+        update={
+            "candidates": candidates,
+            "tables": result.tables.model_copy(update={"fits": (fit,)}),
+            "constant": result.constant.model_copy(update={"model": "esc"}),
+        }
+    )
+    assert held_out_errors(found) == (SocErrors(0.0218, None), SocErrors(0.0091, None))
+    assert held_out_errors(found.model_copy(update={"candidates": ()})) is None
+    told = pay_sentence(None, held_out_errors(found), "esc", "so-rc")
+    assert "from 21.8 to 9.1 mV on held-out blocks, from constant esc to tables of so-rc." in told
+    assert next_step(found).advice.startswith("validate on another record")
+    missed = SimpleNamespace(constant=held.constant, tables=SocErrors(0.0245, None))
+    lost = replace(fit, cross_validation=missed)
+    lost = found.model_copy(update={"tables": found.tables.model_copy(update={"fits": (lost,)})})
+    assert "blocks left out of the fit are predicted to 24.50 mV, fitted ones to 4.90 mV" in (
+        next_step(lost).advice
+    )
+
+
+def test_the_other_hold_is_told_of_the_tables_where_these_are_the_answer():
+    guessed = Decision("forward", "assumed", "no counters")
+    result = make_table_result()
+    inputs = tuple(each.model_copy(update={"hold": guessed}) for each in result.inputs)
+    shifted = result.tables.model_copy(update={"hold_shift_ohm": -0.00102})
+    told = " ".join(
+        guess_sentences(result.model_copy(update={"inputs": inputs, "tables": shifted}))
+    )
+    assert "with `current_hold=backward` R0 would be 1.02 mOhm less." in told
+
+
+@pytest.mark.parametrize(("shift_ohm", "warns"), [(-0.0019, False), (-0.0021, True)])
+def test_a_hold_that_moves_r0_of_the_tables_out_of_its_interval_is_said_of_them(
+    monkeypatch, shift_ohm, warns
+):
+    monkeypatch.setattr(TableRun, "hold_shift_ohm", shift_ohm)
+    run = TableRun(TableSettings(nodes=NODES), TableFits((make_fit(),)), [], [])
+    record = SimpleNamespace(name="a.csv", hold=Decision("forward", "assumed", ""))
+    problem: Any = SimpleNamespace(prepared_records=[SimpleNamespace(record=record)])
+    other: Any = SimpleNamespace(value="backward")
+    told = " ".join(run.hold_warnings(problem, other))
+    assert bool(told) is warns
+    assert not warns or "R0 of the tables at 50 % SOC is 50 mOhm as assumed, and 47.9 mOhm" in told

@@ -68,18 +68,18 @@ def r0_with_one_more_pair(problem: Problem) -> tuple[float, ...]:
     return tuple(found)
 
 
-def hold_warning(problem: Problem, own: CircuitParameters, other: OtherHold) -> str:
-    """What to say where the other hold would give an R0 outside the interval."""
+def hold_warning(problem: Problem, other: Hold, what: str, own_ohm: float, other_ohm: float) -> str:
+    """What to say where the other hold would give an R0 outside the interval; `what` names it."""
     names = [
         each.record.name
         for each in problem.prepared_records
         if each.record.hold.strength == "assumed"
     ]
     return (
-        f"{', '.join(names)}: nothing tells whether a sample's current flowed after or before it: "
-        f"R0 is {1e3 * own.r0:.3g} mOhm as assumed, and {1e3 * other.parameters.r0:.3g} mOhm with "
-        f"`current_hold='{other.value}'`; the intervals span both; give `current_hold`, or a file "
-        "with the tester's Ah counters"
+        f"{', '.join(names)}: the data do not show whether the current that is logged with a "
+        f"sample flowed after it or before it: {what} is {1e3 * own_ohm:.3g} mOhm as assumed, and "
+        f"{1e3 * other_ohm:.3g} mOhm with `current_hold='{other}'`; its interval spans both; give "
+        "`current_hold`, or a file with the tester's Ah counters"
     )
 
 

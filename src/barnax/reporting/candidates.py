@@ -62,37 +62,37 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     )
 
 
-def pay_sentence(fit: "TableFit", unseen: "Both | None" = None) -> str:
-    """Whether tables pay; empty where nothing was held out and no other record is there.
+def pay_sentence(unseen: "Both | None", held: "Both | None", constant: str, tables: str) -> str:
+    """Whether tables pay beside the best constant circuit, both named; empty where nothing was
+    held out and no other record is there.
 
     `unseen` are the errors on the validation records, which decide where there are any; else
-    blocks held out of the fit do.
+    `held`, those on blocks held out of the fit, do.
     """
-    told, pays = [], tables_pay(fit, unseen)
+    told, pays = [], tables_pay(unseen, held)
     if unseen is not None:
         told.append(f"{_change(*unseen)} on the validation records")
-    held = fit.cross_validation
     if held is not None:
-        is_alike = (held.tables.rmse_v < held.constant.rmse_v) == pays
+        is_alike = (held[1].rmse_v < held[0].rmse_v) == pays
         joint = "" if not told else ", and from " if is_alike else ", but from "
-        told.append(f"{joint}{_change(held.constant, held.tables)} on held-out blocks")
+        told.append(f"{joint}{_change(*held)} on held-out blocks")
     if not told:
         return ""
+    change = f"RMSE from {''.join(told)}, from constant {constant} to tables of {tables}"
     if pays and unseen is not None and unseen[1].rmse_v >= unseen[0].rmse_v:
-        return f"tables help above 10 % SOC: RMSE from {''.join(told)}."
+        return f"tables help above 10 % SOC: {change}."
     if pays:
-        return f"tables lower the RMSE from {''.join(told)}."
-    shown = unseen or (held and (held.constant, held.tables))
+        return f"tables lower the {change}."
+    shown = unseen or held
     if shown and shown[1].rmse_v < (1 - ALIKE) * shown[0].rmse_v:
-        return f"tables help below 10 % SOC only: RMSE from {''.join(told)}."
-    return f"tables do not help: RMSE from {''.join(told)}. Prefer the constant circuit."
+        return f"tables help below 10 % SOC only: {change}."
+    return f"tables do not help: {change}. Prefer the constant circuit."
 
 
-def tables_pay(fit: "TableFit", unseen: "Both | None" = None) -> bool:
+def tables_pay(unseen: "Both | None", held: "Both | None") -> bool:
     """Whether tables are better where they were not fitted, as `pay_sentence` says it."""
     if unseen is None:
-        held = fit.cross_validation
-        return held is not None and held.tables.is_worth(held.constant)
+        return held is not None and held[1].is_worth(held[0])
     constant, tables = unseen
     if constant.above_v is None or tables.above_v is None:
         return tables.rmse_v < constant.rmse_v
@@ -100,6 +100,26 @@ def tables_pay(fit: "TableFit", unseen: "Both | None" = None) -> bool:
         return tables.rmse_v < constant.rmse_v
     # Nearly empty both may fail alike; what is above it decides.
     return tables.above_v < constant.above_v
+
+
+def held_out_errors(result: "Result") -> "Both | None":
+    """The constant circuit's errors and the tables' on held-out blocks; None where either has none.
+
+    What was cross-validated beside the tables is the constant circuit of the same name, which need
+    not be the best one.
+    """
+    of = {(each.model, each.over): each.held_out for each in result.candidates}
+    tables = None if result.tables is None else both_held_out(result.tables.fit)
+    constant = of.get((result.constant.model, None))
+    if tables is not None and constant is None and result.constant.model == result.model:
+        return tables
+    return None if tables is None or constant is None else (constant, tables[1])
+
+
+def both_held_out(fit: "TableFit") -> "Both | None":
+    """The errors on held-out blocks: of a constant circuit with the tables' pairs, and theirs."""
+    held = fit.cross_validation
+    return None if held is None else (held.constant, held.tables)
 
 
 def unseen_errors(result: "Result") -> "Both | None":

@@ -10,9 +10,7 @@ from .document import Bullets, Cells, Listing, Paragraph, Section, Table, make_t
 from .words import NOTHING, joined, millivolt, percent, significant, with_unit
 
 if TYPE_CHECKING:
-    from ..cell import CircuitParameters
     from ..comparison import ComparisonResult
-    from ..global_optimum import OtherHold
     from ..model.start import Start
     from ..model.window import Window
     from ..records import Decision
@@ -98,11 +96,11 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
         other = "backward" if value == "forward" else "forward"
         where = f" in {joined([each.name for each in guessed])}" if guessed != simulated else ""
         assumed = f"each sample's current flows {FLOWS[value]}{where}"
-        found, optimum = stored.constant.other_hold, stored.constant.global_optimum
-        if found is None or optimum is None:
+        change = _other_r0(stored)
+        if change is None:
             yield f"{assumed} (`current_hold={other}` for the other)."
         else:
-            yield f"{assumed}; with `current_hold={other}` {_would_be(found, optimum.parameters)}."
+            yield f"{assumed}; with `current_hold={other}` {_would_be(*change)}."
     for each in simulated:
         start = each.start
         if start is None:
@@ -120,10 +118,20 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
             )
 
 
-def _would_be(found: "OtherHold", own: "CircuitParameters") -> str:
-    """What another hold changes in the constant circuit: R0, which jumps with the current."""
-    change_ohm = found.parameters.r0 - own.r0
-    if abs(change_ohm) < SAME_OHM * own.r0:
+def _other_r0(stored: "Result") -> tuple[float, float] | None:
+    """The answer's R0, of tables the median one, and by how much the other hold changes it."""
+    if stored.tables is not None:
+        shift_ohm = stored.tables.hold_shift_ohm
+        return None if shift_ohm is None else (median(stored.tables.fit.tables.r0_ohm), shift_ohm)
+    found, optimum = stored.constant.other_hold, stored.constant.global_optimum
+    if found is None or optimum is None:
+        return None
+    return optimum.parameters.r0, found.parameters.r0 - optimum.parameters.r0
+
+
+def _would_be(own_ohm: float, change_ohm: float) -> str:
+    """What another hold changes: R0, which jumps with the current."""
+    if abs(change_ohm) < SAME_OHM * own_ohm:
         return "R0 would be the same"
     more = "more" if change_ohm > 0 else "less"
     return f"R0 would be {with_unit('R0 [Ohm]', abs(change_ohm))} {more}"

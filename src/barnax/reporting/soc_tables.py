@@ -4,8 +4,15 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
+from ..table_run import MIDDLE_SOC
 from ..uncertainty.covariance import WIDEST_FACTOR
-from .candidates import errors_words, pay_sentence, unseen_errors
+from .candidates import (
+    both_held_out,
+    errors_words,
+    held_out_errors,
+    pay_sentence,
+    unseen_errors,
+)
 from .document import Bullets, Cells, Pictures, Section, Table, make_table
 from .sentences import better_than
 from .words import (
@@ -27,8 +34,6 @@ if TYPE_CHECKING:
     from ..result_parts import TablesPart
     from ..results import Result
 
-# What stands for a table where there is room for one value.
-MIDDLE_SOC = 0.5
 NOT_DETERMINED = "not determined"
 # A value within this share of its interval from an end is marked.
 AT_EDGE, EDGE = 0.01, "(*)"
@@ -69,20 +74,21 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     fit, over = part.fit, part.over_temperature
     own = millivolt(result.metrics.identification.rmse_v)
     constant = millivolt(result.constant.metrics.identification.rmse_v)
+    beside = f"the constant circuit {result.constant.model}"
     if over is not None:
         degc = [degrees(each) for each in over.temperatures_degc]
         yield (
-            f"With tables over SOC at {joined(degc)} the RMSE is {own}; one constant circuit for "
-            f"all temperatures leaves {constant}."
+            f"With tables over SOC at {joined(degc)} the RMSE is {own}; {beside}, one for "
+            f"all temperatures, leaves {constant}."
         )
-        yield f"Best possible: {best_of(part)}"
+        yield f"Best possible: {best_of(part, result.model)}"
         costs = over.objective_v / over.separate_v - 1 if over.separate_v else 0.0
         yield (
             "The time constants are the same at every temperature; separate ones would lower the "
             f"error by {percent(max(costs, 0.0))}."
         )
         for at, each in zip(degc, part.fits, strict=True):
-            if pays := pay_sentence(each):
+            if pays := pay_sentence(None, both_held_out(each), result.model, result.model):
                 yield f"At {at}, {pays}"
         yield (
             "Between measured temperatures the logarithm of every resistance is linear in 1/T, and "
@@ -92,12 +98,13 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         return
     ends = duration(fit.tau_ranges_s[0][0]), duration(fit.tau_ranges_s[-1][1])
     yield (
-        f"With tables over SOC the RMSE is {own}; the constant circuit leaves {constant}. "
+        f"With tables over SOC the RMSE is {own}; {beside} leaves {constant}. "
         f"The samples determine {fit.parameters} values. Time constants from {joined(ends, 'to')} "
         "were searched."
     )
-    yield f"Best possible: {best_of(part)}"
-    if pays := pay_sentence(fit, unseen_errors(result)):
+    yield f"Best possible: {best_of(part, result.model)}"
+    unseen, held = unseen_errors(result), held_out_errors(result)
+    if pays := pay_sentence(unseen, held, result.constant.model, result.model):
         yield capitalized(pays)
     if part.settings.ocv_correction:
         yield (
@@ -112,23 +119,23 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
         )
 
 
-def best_of(part: "TablesPart") -> str:
+def best_of(part: "TablesPart", model: str) -> str:
     """How close the tables, of all temperatures together, are to the best possible ones."""
     over, aim = part.over_temperature, part.settings.proved_share
     if over is None:
-        return best_tables(part.fit)
+        return best_tables(part.fit, model)
     if over.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     short = "" if over.proved_gap <= aim else f"but not to the {percent(aim)} aimed at: "
-    shared = "no tables in the bounds, with the same time constants at each temperature,"
+    shared = f"no {model} tables in the bounds, with the same time constants at each temperature,"
     return f"proved, {short}{shared} are {better_than(over.proved_gap)}."
 
 
-def best_tables(fit: "TableFit") -> str:
+def best_tables(fit: "TableFit", model: str) -> str:
     """How close the tables of one temperature are to the best possible ones."""
-    gap = f"no tables in the bounds are more than {percent(fit.proved_gap)} better."
+    gap = f"no {model} tables in the bounds are over {percent(fit.proved_gap)} better."
     if fit.status == "certified":
-        return f"proved, {gap}"
+        return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
         return f"{GRID}, not proved."
     return f"{GRID}; the proof stopped after {fit.cells:,} cells: {gap}"

@@ -8,7 +8,7 @@ from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..inputs import OVER_TEMPERATURE
 from ..weighing import FITTING_AGAIN
-from .candidates import tables_pay, unseen_errors
+from .candidates import held_out_errors, tables_pay, unseen_errors
 from .sentences import (
     WORTH_TELLING,
     diagnostics_sentences,
@@ -37,6 +37,8 @@ LOW_SOC = 0.1
 # A smaller gap is told as none.
 LEAST_GAP = 1e-4
 MUCH = 0.5
+# Held-out errors so many times those of the fit, and so large, say that more data are needed.
+LOST, LOST_V = 2.0, 0.01
 
 
 def circuit_words(result: "Result") -> str:
@@ -49,7 +51,7 @@ def best_possible(result: "Result") -> str:
     optimum, refined = result.constant.global_optimum, result.constant.refined
     seeds = 0 if refined is None else len(refined.seeds)
     if result.tables is not None:
-        return best_of(result.tables)
+        return best_of(result.tables, result.model)
     if optimum is None:
         reached = refined.optima[0].seeds if refined else 0
         return (
@@ -156,9 +158,12 @@ def next_step(result: "Result") -> Next:
         where = joined([f"{degc:.3g}" for degc in others])
         what = f"for tables over temperature too, with the records at {where} degC"
         return Next(what, {"over": OVER_TEMPERATURE})
+    if told := _more_data(result):
+        return Next(told)
     if not result.metrics.validation:
         return Next("validate on another record of the cell, with `validate`")
-    if result.tables is not None and not tables_pay(result.tables.fit, unseen_errors(result)):
+    pays = tables_pay(unseen_errors(result), held_out_errors(result))
+    if result.tables is not None and not pays:
         model = result.constant.model
         return Next(f"use the constant circuit, `model` {model}: tables are worse on other records")
     if result.tables is not None:
@@ -183,6 +188,20 @@ def next_step(result: "Result") -> Next:
             return Next(f"lower the RMSE to {millivolt(each.rmse_v)}", options)
     names = [each.name for each in result.of_role("validation")]
     return Next(f"compare circuits and methods with barnax compare; validated on {joined(names)}")
+
+
+def _more_data(result: "Result") -> str:
+    """What to measure where tables fail on the blocks left out; empty where they do not."""
+    held = held_out_errors(result)
+    fitted_v = result.metrics.identification.rmse_v
+    if held is None or held[1].rmse_v < max(LOST * fitted_v, LOST_V):
+        return ""
+    use = "identify on more records together, loaded at every SOC"
+    if result.pulses:
+        what = "a record loaded at every SOC, such as a drive cycle"
+        use = f"identify on {what}, with this test as `ocv`"
+    left, fitted = millivolt(held[1].rmse_v), millivolt(fitted_v)
+    return f"{use}: blocks left out of the fit are predicted to {left}, fitted ones to {fitted}"
 
 
 def _other_temperatures(result: "Result") -> list[float]:

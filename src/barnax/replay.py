@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import Field, PrivateAttr
 
+from .cell.soc_axis import is_above
 from .display import Brief, hook
 from .errors import InputError
 from .execution import compile_for, in_float64
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 
 # Within this share of the counter, and for so long, an estimate has converged.
 CONVERGED, HOLDS_S = 0.03, 600.0
-ABOVE_SOC = 0.1
 # Two standard deviations of a normal distribution hold 95 %.
 BAND = 1.959964
 
@@ -361,7 +361,7 @@ def _score(
     found = {"in_band": float(np.mean(np.abs(error) <= BAND * soc_sd)), "estimates": estimates}
     first = _converged(traces.time_s, np.abs(error) <= CONVERGED)
     if first is not None:
-        after, above = error[first:], error[first:][traces.truth[first:] >= ABOVE_SOC]
+        after, above = error[first:], error[first:][is_above(traces.truth[first:])]
         found |= {
             "converged_s": float(traces.time_s[first]),
             "rms": _rms(after),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .cell import OcvTable
+from .cell.soc_axis import is_above
 from .global_optimum import GlobalOptimum, optimality_gap
 from .metrics import Metrics
 from .model.problem import Problem
@@ -195,7 +196,7 @@ def metrics_part(evaluation: Evaluation) -> MetricsPart:
 
 def _metrics(name: str, metrics: Metrics, evaluations: Sequence[Evaluation]) -> MetricsPart:
     above = [
-        each.error_v[each.prepared.scored & (each.prepared.soc >= 0.1)] for each in evaluations
+        each.error_v[each.prepared.scored & is_above(each.prepared.soc)] for each in evaluations
     ]
     errors_v = np.concatenate(above)
     above_v = float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else None

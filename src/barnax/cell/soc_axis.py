@@ -5,6 +5,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
+import numpy as np
+from jaxtyping import Bool, Float
+
 from ..errors import InputError
 
 CHARGE = 1
@@ -15,6 +18,14 @@ SAME_REST_V = 10e-3
 SHORT_PULSE = 0.99
 # Steps below this fraction of the sweep are no pulses.
 SAME_CHARGE = 1e-3
+# Errors are stated above this SOC too: below, resistances rise so steeply that an error in the
+# capacity decides.
+ABOVE_SOC = 0.1
+
+
+def is_above(soc: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
+    """Where a cell is not nearly empty: `ABOVE_SOC` included, as bands include their lower edge."""
+    return soc >= ABOVE_SOC
 
 
 @dataclass(frozen=True)

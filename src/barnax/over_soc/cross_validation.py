@@ -7,14 +7,12 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..cell.soc_axis import is_above
 from ..model.prepared import PreparedRecord
 from .objective import Objective, Solution, TableSettings
 from .reduced import Groups, Reduced
 from .search import find_best, least_in_box
 
-# What a table's error is stated above, beside that over the whole window: below, resistances rise
-# so steeply that an error in the capacity decides.
-ABOVE_SOC = 0.1
 # Blocks that a fold holds of a record at least, unless they would be shorter than what residuals
 # are correlated over.
 FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
@@ -26,7 +24,7 @@ LEAST_GAIN_V = 1e-4
 
 @dataclass(frozen=True)
 class SocErrors:
-    """RMSE over all samples that count, and over those above `ABOVE_SOC`; None without such."""
+    """RMSE over all samples that count, and over those above 10 % SOC; None without such."""
 
     rmse_v: float
     above_v: float | None
@@ -36,14 +34,14 @@ class SocErrors:
         """Those of errors at states of charge, part after part."""
         squares_v2, counts = np.zeros(2), np.zeros(2, int)
         for error_v, soc in parts:
-            is_above = (soc > ABOVE_SOC).astype(int)
-            squares_v2 += np.bincount(is_above, error_v**2, minlength=2)
-            counts += np.bincount(is_above, minlength=2)
+            group = is_above(soc).astype(int)
+            squares_v2 += np.bincount(group, error_v**2, minlength=2)
+            counts += np.bincount(group, minlength=2)
         return cls.of_squares(squares_v2, counts)
 
     @classmethod
     def of_squares(cls, squares_v2: Float[np.ndarray, "2"], counts: Int[np.ndarray, "2"]):
-        """Those of the sums of squares up to `ABOVE_SOC` and above, of so many samples."""
+        """Those of the sums of squares below 10 % SOC and above, of so many samples."""
         above_v = float(np.sqrt(squares_v2[1] / counts[1])) if counts[1] else None
         return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
 
@@ -80,7 +78,7 @@ def blocks_of(
     """For each record what gives the groups of some samples, -1 where one is not scored, and how
     many groups there are.
 
-    Two groups a fold: the samples up to and above `ABOVE_SOC`.
+    Two groups a fold: the samples below and above 10 % SOC.
     """
 
     def group(here: slice, each: PreparedRecord, start_s: float) -> Int[np.ndarray, "samples"]:
@@ -88,7 +86,7 @@ def blocks_of(
             return np.where(each.scored[here], 0, -1)
         block_s = _block_s(each, settings)
         fold = np.floor((each.time_s[here] - start_s) / block_s).astype(int)
-        groups = 2 * (fold % settings.folds) + (each.soc[here] > ABOVE_SOC)
+        groups = 2 * (fold % settings.folds) + is_above(each.soc[here])
         return np.where(each.scored[here], groups, -1)
 
     groups: list[Groups] = [

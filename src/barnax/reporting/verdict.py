@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
+from ..cell.soc_axis import ABOVE_SOC
 from ..inputs import OVER_TEMPERATURE
 from ..weighing import FITTING_AGAIN
 from .candidates import held_out_errors, tables_pay, unseen_errors
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     from ..cell import CellModel
     from ..results import Result
 
-# Most of the squared error of most cells is where they are nearly empty.
-LOW_SOC = 0.1
 # A smaller gap is told as none.
 LEAST_GAP = 1e-4
 MUCH = 0.5
@@ -107,12 +106,12 @@ def weakest_point(result: "Result") -> str:
         bands = result.constant.assessment.diagnostics.by_soc
     else:
         return ""
-    low = [band for band in bands if band.high is not None and band.high <= LOW_SOC + 1e-9]
+    low = [band for band in bands if band.high is not None and band.high <= ABOVE_SOC + 1e-9]
     share = sum(band.share for band in low)
     if share > MUCH:
         samples = sum(band.samples for band in low) / sum(band.samples for band in bands)
         return (
-            f"{percent(share)} of the squared error is below {percent(LOW_SOC)} SOC, in "
+            f"{percent(share)} of the squared error is below {percent(ABOVE_SOC)} SOC, in "
             f"{percent(samples)} of the samples."
         )
     if result.tables is not None or result.constant.assessment is None:

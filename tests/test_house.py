@@ -84,7 +84,8 @@ def is_for_types(node: ast.AST) -> bool:
 def imports_of(path: Path, *, is_run: bool = False) -> set[str]:
     """What a file imports, by full name: for types and in functions too, or only what `is_run`."""
     package = module_name(path).split(".")[:-1]
-    found, waiting = set(), [*tree_of(path).body]
+    found: set[str] = set()
+    waiting: list[ast.AST] = [*tree_of(path).body]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.Import):
@@ -171,7 +172,7 @@ def test_no_modules_import_each_other_in_a_circle():
 
 def test_every_hook_has_its_function_and_every_call_its_hook():
     called = {
-        node.args[0].value
+        ast.literal_eval(node.args[0])
         for path in MODULES
         for node in ast.walk(tree_of(path))
         if isinstance(node, ast.Call) and getattr(node.func, "id", None) == "hook"

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S, SETTLED_V
-from ..records.record import runs
+from ..records.record import FULL_CHARGE, runs
 from .check_input import CheckInput
 
 # A rest so long settles the cell.
@@ -19,8 +19,6 @@ _FEWEST_STEPS = 10
 _WHOLE = 0.95
 # Intervals up to this many times the usual one under load are sampled alike.
 _ALIKE = 1.5
-# A held voltage, and a current that tapers under it to this share.
-_HELD_V, _FULL_V, _TAPERED, _TAPER_S = 0.01, 0.06, 0.5, 300.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,8 @@ def _after_charge(given: CheckInput) -> SuggestedWindow | None:
         if before >= _FEWEST_STEPS or after < _FEWEST_STEPS:
             return None
         at, rest_s = _rest_before(given, end + 1)
-        if rest_s >= _LONG_REST_S and record.time_s[end] - record.time_s[start] >= _TAPER_S:
+        charge_s = record.time_s[end] - record.time_s[start]
+        if rest_s >= _LONG_REST_S and charge_s >= FULL_CHARGE.least_s:
             charge = f"the charge that ends in row {record.row[end]}"
             reason = f"the profile follows {charge}, after {_duration(rest_s)} of rest"
             return SuggestedWindow(reason, _clock_before(given, at))
@@ -170,13 +169,12 @@ def _full_step(given: CheckInput, before: int) -> int | None:
     starts = np.flatnonzero(np.diff(step, prepend=step[0] - 1) != 0)
     ends = np.append(starts[1:], record.samples) - 1
     for start, end in zip(starts[::-1], ends[::-1], strict=True):
-        # What a brake gives back is no charge to full.
-        if end >= before or record.time_s[end] - record.time_s[start] < _TAPER_S:
+        if end >= before or record.time_s[end] - record.time_s[start] < FULL_CHARGE.least_s:
             continue
         current_a, voltage_v = record.current_a[start : end + 1], record.voltage_v[start : end + 1]
-        is_held = np.ptp(voltage_v[1:]) < _HELD_V
-        is_full = np.median(voltage_v) > record.voltage_v.max() - _FULL_V
-        is_tapered = current_a.max() < 0 and current_a[-1] > _TAPERED * current_a[0]
+        is_held = np.ptp(voltage_v[1:]) < FULL_CHARGE.held_v
+        is_full = np.median(voltage_v) > record.voltage_v.max() - FULL_CHARGE.held_near_v
+        is_tapered = current_a.max() < 0 and FULL_CHARGE.has_tapered(current_a[0], current_a[-1])
         # The last block of a step is what `start_after_step` takes.
         if is_held and is_full and is_tapered and not np.any(step[end + 1 :] == step[start]):
             return int(step[start])

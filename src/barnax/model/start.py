@@ -10,17 +10,16 @@ from ..cell import CellModel
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
 from ..errors import InputError
 from ..records import Record, is_rested
-from ..records.record import rest_blocks, runs
+from ..records.record import FULL_CHARGE, rest_blocks, runs
 from ..records.samples import record_resistance_ohm
 from .window import Window
 
 SocSource = Literal["full end", "empty end", "full voltage", "counters", "rest elsewhere"]
 
-# A charge ends full at a held voltage, where its current has tapered to half and below C/10; a
-# discharge ends empty at up to C/1.8, for many tests make it at C/2. The voltage without R I then
-# is within 2 % of the end. What a brake gives back is no charge.
+# A charge that ends full (`FullCharge`) does so below C/10; a discharge ends empty after so long,
+# at up to C/1.8, for many tests make it at C/2. The voltage without R I is within 2 % of the end.
 _FULL_HOURS, _EMPTY_HOURS, _AT_AN_END = 10.0, 1.8, 0.02
-_LEAST_S, _LEAST_HELD_S, _HELD_V, _TAPERED = 300.0, 60.0, 0.01, 0.5
+_EMPTYING_S = 300.0
 # A current so small leaves the voltage nearly that of rest.
 _SMALL_HOURS = 20.0
 # How far the voltage at the start, without R I, may be from the OCV of what an end tells; and of
@@ -99,14 +98,16 @@ def _full_ends(
         current_a, voltage_v = (
             each[first : last + 1] for each in (record.current_a, record.voltage_v)
         )
-        moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > _HELD_V)
+        moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > FULL_CHARGE.held_v)
         held = int(moving[-1]) + 1 if len(moving) else 0
-        # An LFP cell is full within minutes of holding its voltage.
-        is_long = record.time_s[last] - record.time_s[first] >= _LEAST_S
-        is_held = record.time_s[last] - record.time_s[first + held] >= _LEAST_HELD_S
+        is_long = record.time_s[last] - record.time_s[first] >= FULL_CHARGE.least_s
+        held_s = record.time_s[last] - record.time_s[first + held]
         end_a = -float(current_a[-1])
-        is_tapered = end_a <= min(capacity_ah / _FULL_HOURS, -_TAPERED * float(current_a[held]))
-        if is_long and is_held and is_tapered and voltage_v[-1] - ohm * end_a >= full_v:
+        is_tapered = FULL_CHARGE.has_tapered(float(current_a[held]), end_a)
+        is_slow = end_a <= capacity_ah / _FULL_HOURS
+        is_held = held_s >= FULL_CHARGE.least_held_s
+        is_high = voltage_v[-1] - ohm * end_a >= full_v
+        if is_long and is_held and is_tapered and is_slow and is_high:
             yield KnownSoc(1.0, "full end", int(last))
 
 
@@ -116,7 +117,7 @@ def _empty_ends(
     """The last samples of discharges to empty."""
     empty_v = float(cell.discharge(np.array([_AT_AN_END]))[0])
     for first, last in zip(*runs(record.current_a > rest_a), strict=True):
-        is_long = record.time_s[last] - record.time_s[first] >= _LEAST_S
+        is_long = record.time_s[last] - record.time_s[first] >= _EMPTYING_S
         end_a = float(record.current_a[last])
         is_slow = end_a <= capacity_ah / _EMPTY_HOURS
         if is_long and is_slow and record.voltage_v[last] + ohm * end_a <= empty_v:

@@ -22,6 +22,7 @@ from ..inputs import Reading, Watch, file_names, source_of, window_of
 from ..model.window import Window
 from ..records import Record, Source, read_record, rest_current_a
 from ..records.columns import is_ocv_table
+from ..records.record import FULL_CHARGE
 from .document import merged
 
 ROOM_DEGC = 25.0
@@ -38,8 +39,6 @@ _ANOTHER = 0.05
 _PAUSE_S, _BULK = 300.0, 0.3
 # A slow one is a test itself.
 _SLOW_S = 9 * 3600.0
-# A charge ends full where its voltage is so near the record's highest and its current has tapered.
-_FULL_V, _TAPERED = 0.02, 0.5
 # What is shorter is no test.
 _FEWEST, _SHORTEST_S = 50, 600.0
 
@@ -261,8 +260,8 @@ def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:
         is_slow = record.time_s[last] - record.time_s[first] > _SLOW_S
         yield begin, (last if is_slow else max(first - 1, begin)), is_full
         current_a = record.current_a[run]
-        is_near = record.voltage_v[last] > record.voltage_v.max() - _FULL_V
-        is_full = bool(is_near and current_a[-1] > _TAPERED * current_a.min())
+        is_near = record.voltage_v[last] > record.voltage_v.max() - FULL_CHARGE.near_v
+        is_full = bool(is_near and FULL_CHARGE.has_tapered(current_a.min(), current_a[-1]))
         begin = min(last + 1, record.samples - 1)
     yield begin, record.samples - 1, is_full
 

@@ -15,6 +15,33 @@ OTHER_STATE = 9
 
 
 @dataclass(frozen=True)
+class FullCharge:
+    """What tells that a charge ends full: a voltage that is held while the current tapers.
+
+    Attributes:
+        least_s: It lasts so long; what a brake gives back is shorter.
+        held_v: The held voltage stays within this.
+        least_held_s: For so long; an LFP cell is full within minutes of holding its voltage.
+        tapered: The current falls below this share.
+        near_v: The last voltage is so near the record's highest.
+        held_near_v: So near is a held voltage, which brakes of a cold cell exceed.
+    """
+
+    least_s: float = 300.0
+    held_v: float = 0.01
+    least_held_s: float = 60.0
+    tapered: float = 0.5
+    near_v: float = 0.02
+    held_near_v: float = 0.06
+
+    def has_tapered(self, first_a: float, last_a: float) -> bool:
+        return abs(last_a) < self.tapered * abs(first_a)
+
+
+FULL_CHARGE = FullCharge()
+
+
+@dataclass(frozen=True)
 class Decision:
     """What was decided about a file, how firmly, and why, in words for the user."""
 

@@ -1,6 +1,7 @@
 """`Result.simulate`: a current of one's own, against closed forms and a loop of the equations."""
 
 import math
+import warnings
 
 import numpy as np
 import polars as pl
@@ -36,8 +37,8 @@ def closed_form_v(result, soc=SOC):
 def test_a_constant_circuit_is_simulated_as_its_closed_form():
     result = make_result("so-rc")
     found = result.simulate(COLUMNS)
-    assert list(found) == ["time [s]", "current [A]", "voltage [V]", "SOC"]
-    np.testing.assert_allclose(found["voltage [V]"], closed_form_v(result), rtol=1e-12)
+    assert list(found) == ["Time [s]", "Current [A]", "Voltage [V]", "SOC"]
+    np.testing.assert_allclose(found["Voltage [V]"], closed_form_v(result), rtol=1e-12)
     np.testing.assert_allclose(found["SOC"], SOC, rtol=1e-12)
 
 
@@ -51,7 +52,7 @@ def test_tables_are_simulated_as_their_equations_say():
         decay = np.exp(-1 / np.array(TABLE_TAU_S))
         across_v = decay * across_v + (1 - decay) * np.array(r) * current_a
     found = result.simulate(CURRENT_A, TIME_S)
-    np.testing.assert_allclose(found["voltage [V]"], expected_v, rtol=1e-12)
+    np.testing.assert_allclose(found["Voltage [V]"], expected_v, rtol=1e-12)
 
 
 @pytest.mark.parametrize("library", ["polars", "pandas", "pyarrow"])
@@ -61,14 +62,14 @@ def test_a_frame_gives_a_frame_of_its_library(library):
     found = make_result("so-rc").simulate(getattr(kind, made)(COLUMNS))
     assert type(found).__module__.split(".")[0] == library
     expected = make_result("so-rc").simulate(COLUMNS)
-    np.testing.assert_array_equal(np.asarray(found["voltage [V]"]), expected["voltage [V]"])
+    np.testing.assert_array_equal(np.asarray(found["Voltage [V]"]), expected["Voltage [V]"])
 
 
 def test_units_of_columns_are_read_and_written_in_s_and_a():
     frame = pl.DataFrame({"Time / min": TIME_S / 60, "Current / mA": 1e3 * CURRENT_A})
     found = make_result("so-rc").simulate(frame)
-    np.testing.assert_allclose(found["time [s]"], TIME_S)
-    np.testing.assert_allclose(found["voltage [V]"], closed_form_v(make_result("so-rc")))
+    np.testing.assert_allclose(found["Time [s]"], TIME_S)
+    np.testing.assert_allclose(found["Voltage [V]"], closed_form_v(make_result("so-rc")))
 
 
 def test_a_start_of_ones_own_is_where_it_starts():
@@ -78,14 +79,14 @@ def test_a_start_of_ones_own_is_where_it_starts():
     np.testing.assert_allclose(found["SOC"], soc, rtol=1e-12)
     # Discharged before, and discharged at once: half the gap below the average throughout.
     first_v = closed_form_v(make_result("so-rc"), soc)[:20] - result.cell.hysteresis_v(soc)[:20] / 2
-    np.testing.assert_allclose(found["voltage [V]"][:20], first_v, rtol=1e-12)
+    np.testing.assert_allclose(found["Voltage [V]"][:20], first_v, rtol=1e-12)
 
 
 def test_two_samples_at_rest_are_enough():
     result = make_result("so-rc")
     found = result.simulate([0.0, 0.0], [0.0, 3600.0], initial_soc=0.4)
     np.testing.assert_allclose(
-        found["voltage [V]"], result.cell.average_ocv_v(np.array([0.4, 0.4]))
+        found["Voltage [V]"], result.cell.average_ocv_v(np.array([0.4, 0.4]))
     )
 
 
@@ -95,9 +96,19 @@ def test_two_samples_at_rest_are_enough():
         ({"Current [A]": [1.0, 1.0]}, {}, r"no column of the time among Current \[A\]"),
         (CURRENT_A, {}, "has no times; give them in s"),
         (3.0, {}, "not a data frame, but of type float"),
-        ({**COLUMNS, "Time [s]": TIME_S // 2}, {}, "does not rise from sample 0, 0 s, to the next"),
-        ({**COLUMNS, "Current [A]": CURRENT_A * np.nan}, {}, "the current of sample 0 is nan"),
+        ({**COLUMNS, "Time [s]": TIME_S // 2}, {}, r"'Time \[s\]' does not rise from row 0 \(from"),
+        ({**COLUMNS, "Current [A]": CURRENT_A * np.nan}, {}, r"'Current \[A\]' is nan in row 0 \("),
         ({"Time [s]": [0.0], "Current [A]": [1.0]}, {}, "at least two times"),
+        (
+            {"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0]},
+            {},
+            r"'Current \[A\]' has 2 values and 'Time \[s\]' has 3: row 2 \(from 0\) is incomplete",
+        ),
+        (
+            pl.DataFrame({"t / s": [0.0, 1.0], "I / A": [0.0, None]}),
+            {},
+            r"'I / A' is nan in row 1 \(from 0\)",
+        ),
         (COLUMNS, {"initial_soc": 60.0}, "`initial_soc` 60.0 is not a fraction"),
         (
             {"Time [s]": [0.0, 3600.0, 7200.0], "Current [A]": [-1.0, -1.0, -1.0]},
@@ -110,3 +121,40 @@ def test_two_samples_at_rest_are_enough():
 def test_what_cannot_be_simulated_is_refused_in_words(given, options, told):
     with pytest.raises(InputError, match=told):
         make_result("so-rc").simulate(given, **options)
+
+
+def test_currents_and_times_that_are_no_numbers_are_refused():
+    with pytest.raises(InputError, match="the current is not all numbers"):
+        make_result("so-rc").simulate([0.0, "a"], [0.0, 1.0])
+
+
+def identified_on(result, **given):
+    """The result with more known of the record that it was identified on."""
+    (part, *others) = result.inputs
+    known = part.model_copy(update={"role": "identification", **given})
+    return result.model_copy(update={"inputs": (known, *others)})
+
+
+@pytest.mark.parametrize(("current_a", "warns"), [(7.4, False), (-7.4, False), (900.0, True)])
+def test_a_current_far_beyond_that_of_the_identification_is_a_warning(current_a, warns):
+    result = identified_on(make_result("so-rc"), peak_current_a=5.0, soc_range=(0.0, 1.0))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        result.simulate([0.0, current_a, 0.0], [0.0, 1.0, 2.0], initial_soc=0.5)
+    assert [str(each.message) for each in told] == warns * [
+        "the current is 900 A at 1 s (row 1, from 0), and at most 5 A in the identification: the "
+        "voltage there, and at 0 more such samples, is an extrapolation"
+    ]
+    assert all(each.filename == __file__ for each in told)
+
+
+def test_a_state_of_charge_that_was_not_identified_on_is_a_warning():
+    result = identified_on(make_table_result("so-rc"), soc_range=(0.2, 1.0))
+    with pytest.warns(UserWarning, match=r"takes 2 samples, the first at 0 s, out of the SOC"):
+        result.simulate([0.0, 0.0], [0.0, 1.0], initial_soc=0.1)
+
+
+def test_a_column_of_temperature_that_changes_is_said_not_to_be_followed():
+    profile = {**COLUMNS, "Temperature [degC]": np.linspace(10.0, 40.0, len(TIME_S))}
+    with pytest.warns(UserWarning, match="one temperature, given with `temperature`"):
+        make_result("so-rc").simulate(profile)

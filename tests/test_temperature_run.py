@@ -105,7 +105,7 @@ def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(resu
         initial_soc=prepared.start.soc,
         temperature=15.0,
     )
-    assert simulated["voltage [V]"] == pytest.approx(evaluation.simulated_v, abs=1e-9)
+    assert simulated["Voltage [V]"] == pytest.approx(evaluation.simulated_v, abs=1e-9)
     with pytest.raises(InputError, match="known from 5 to 45 degC, not at 60 degC"):
         again.simulate(prepared.current_a, prepared.time_s, temperature=60.0)
     assert set(again.to_frame()["temperature [degC]"]) == set(DEGC)

@@ -167,6 +167,7 @@ class InputPart(Part):
         samples: Number of counted samples.
         soc_range: Lowest and highest SOC.
         temperature_degc: Temperature of the record.
+        peak_current_a: The largest current of the simulation, in either direction.
     """
 
     role: Literal["identification", "validation", "ocv"]
@@ -183,6 +184,7 @@ class InputPart(Part):
     samples: Count | None = None
     soc_range: tuple[float, float] | None = None
     temperature_degc: float | None = None
+    peak_current_a: float | None = None
 
     @field_validator("fingerprint")
     @classmethod

@@ -189,29 +189,31 @@ class Result(Document):
     ) -> "Frame":
         """The voltage of the answer, circuit or tables, on a current of your own.
 
-        Discharge current is positive, and each sample's current flows until the next one. Columns
-        come back as what was given: `time [s]`, `current [A]`, `voltage [V]` and `SOC`, a data
-        frame of the same library, or a mapping to arrays.
+        Discharge current is positive, and each sample's current flows until the next one. The
+        columns `Time [s]`, `Current [A]`, `Voltage [V]` and `SOC` come back in a data frame of the
+        library that was given, else in a mapping to NumPy arrays. Currents far beyond those of the
+        identification (1.5 times), and an SOC that was not identified on, are warnings.
 
         Args:
             current: A data frame or a mapping with a column of time and one of current, such as
-                `"Time [s]"` and `"Current [A]"`; or currents in A, with `time`.
-            time: Times in s, where `current` are numbers alone.
-            initial_soc: State of charge at the start, a fraction; by default that of the
-                identification.
-            temperature: Temperature of the cell in degC, which tables over temperature need; for
-                others it may be left out.
+                `"Time [s]"` and `"Current [A]"`; or an array of currents in A, with `time`:
+                `result.simulate([0.0, 2.0], [0.0, 1.0])`.
+            time: Times in s, as many as there are currents, where `current` is an array.
+            initial_soc: State of charge at the first sample, from 0 (empty) to 1 (full); by default
+                the one at which the first record identified on starts, `result.start.soc`.
+            temperature: The one temperature of the cell in degC throughout, which tables over
+                temperature need. A column of temperature is not followed.
             initial_direction: Direction of the load before the start, for hysteresis: +1 charged,
                 -1 discharged; by default that of the identification.
 
-        Raises `InputError` for times that do not rise, a temperature that the result says nothing
-        of, and a current that takes the SOC more than 5 % beyond the OCV.
+        Raises `InputError` for unequal columns, for what is no number, times that do not rise, a
+        temperature that the result says nothing of, and a current that takes the SOC 5 % too far.
 
         >>> import barnax, numpy as np
         >>> result = barnax.identify(setup="li2023", seeds=0, trust="none", advise=False)
         >>> time_s = np.arange(3.0)
         >>> found = result.simulate({"Time [s]": time_s, "Current [A]": [0.0, 2.0, 2.0]})
-        >>> found["voltage [V]"].round(2)
+        >>> found["Voltage [V]"].round(2)
         array([4.17, 4.07, 4.07])
         """
         known = {"initial_soc": initial_soc, "initial_direction": initial_direction}

@@ -1,6 +1,7 @@
 """A result's circuit on a current of one's own: the voltage and the state of charge that follow."""
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
@@ -18,10 +19,14 @@ from .records.columns import columns_of
 from .records.table import take_lines
 from .results import Result
 from .search.evaluate import simulate_circuit
+from .table_run import OUTSIDE_SOC
 
 NAME = "the current"
 # A charge-positive current is the usual mistake.
 REMEDY = "check `initial_soc` and the sign of the current (discharge is positive)"
+
+# What is so many times the largest current of the identification is far from it.
+FAR_CURRENT = 1.5
 
 
 class Simulated(NamedTuple):
@@ -31,19 +36,40 @@ class Simulated(NamedTuple):
     soc: Float[np.ndarray, "samples"]
 
 
-def simulate_frame(result: Result, current: Any, time: Any = None, **known: Any) -> Any:
+class Profile(NamedTuple):
+    """A current over time, and what its columns are called."""
+
+    time_s: Float[np.ndarray, "samples"]
+    current_a: Float[np.ndarray, "samples"]
+    names: tuple[str, str] = ("the time", "the current")
+    temperature_degc: Float[np.ndarray, "samples"] | None = None
+
+
+def simulate_frame(
+    result: Result,
+    current: Any,
+    time: Any = None,
+    *,
+    temperature_degc: float | None = None,
+    **known: Any,
+) -> Any:
     """What `Result.simulate` gives: columns of the same kind as `current`."""
     if time is not None:
-        time_s, current_a = (np.asarray(each, float) for each in (time, current))
+        profile = Profile(_numbers("time", time), _numbers("current", current))
     elif isinstance(current, list | tuple) or (hasattr(current, "ndim") and current.ndim == 1):
         raise InputError(f"{NAME} has no times; give them in s as the second argument")
     else:
-        time_s, current_a = _columns(current)
-    found = simulate_current(result, time_s, current_a, **known)
+        profile = _columns(current)
+    _require_numbers(profile)
+    time_s, current_a, *_ = profile
+    found = simulate_current(result, time_s, current_a, temperature_degc=temperature_degc, **known)
+    for text in _doubts(result, profile, found.soc):
+        # Told of the line that calls `Result.simulate`.
+        warnings.warn(text, stacklevel=3)
     columns = {
-        "time [s]": time_s,
-        "current [A]": current_a,
-        "voltage [V]": found.voltage_v,
+        "Time [s]": time_s,
+        "Current [A]": current_a,
+        "Voltage [V]": found.voltage_v,
         "SOC": found.soc,
     }
     if time is not None or isinstance(current, Mapping):
@@ -54,8 +80,23 @@ def simulate_frame(result: Result, current: Any, time: Any = None, **known: Any)
     return nw.from_dict(columns, backend=nw.get_native_namespace(current)).to_native()
 
 
-def _columns(frame: Any) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
+def _numbers(name: str, values: Any) -> np.ndarray:
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"the {name} is not all numbers ({problem})") from problem
+
+
+def _columns(frame: Any) -> Profile:
     """The time in s and the current in A of a frame, by the names that records have too."""
+    if isinstance(frame, Mapping):
+        lengths = {str(name): np.size(values) for name, values in frame.items()}
+        short, long = (pick(lengths, key=lengths.__getitem__, default="") for pick in (min, max))
+        if short != long and lengths[short] < lengths[long]:
+            raise InputError(
+                f"{NAME}: {short!r} has {lengths[short]} values and {long!r} has {lengths[long]}: "
+                f"row {lengths[short]} (from 0) is incomplete; give as many of each"
+            )
     table = source_from_frame(frame, NAME).table
     found = columns_of(table.header)
     missing = [name for name in ("time", "current") if name not in found]
@@ -64,8 +105,42 @@ def _columns(frame: Any) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray
             f"{NAME}: no column of the {missing[0]} among {', '.join(table.header)}; name it "
             f"'{missing[0].capitalize()} [{'s' if missing[0] == 'time' else 'A'}]'"
         )
-    lines = take_lines(table, {name: found[name] for name in ("time", "current")})
-    return lines.values["time"], lines.values["current"]
+    wanted = [name for name in ("time", "current", "temperature") if name in found]
+    values = take_lines(table, {name: found[name] for name in wanted}).values
+    names = repr(found["time"].header), repr(found["current"].header)
+    return Profile(values["time"], values["current"], names, values.get("temperature"))
+
+
+def _doubts(result: Result, profile: Profile, soc: Float[np.ndarray, "samples"]) -> Iterator[str]:
+    """Where a simulation goes beyond what the answer was identified on."""
+    parts = result.of_role("identification")
+    most_a = max((each.peak_current_a or 0.0 for each in parts), default=0.0)
+    far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * most_a)
+    if most_a and len(far):
+        worst = far[np.argmax(np.abs(profile.current_a[far]))]
+        yield (
+            f"{NAME} is {profile.current_a[worst]:.4g} A at {profile.time_s[worst]:g} s (row "
+            f"{worst}, from 0), and at most {most_a:.3g} A in the identification: the voltage "
+            f"there, and at {len(far) - 1} more such samples, is an extrapolation"
+        )
+    ranges = [each.soc_range for each in parts if each.soc_range is not None]
+    if ranges:
+        low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
+        outside = np.flatnonzero((soc < low - OUTSIDE_SOC) | (soc > high + OUTSIDE_SOC))
+        if len(outside):
+            what = "the circuit was" if result.tables is None else "the tables were"
+            held = "" if result.tables is None else ", where they are held constant"
+            yield (
+                f"{NAME} takes {len(outside)} samples, the first at {profile.time_s[outside[0]]:g} "
+                f"s, out of the SOC that {what} identified on ({100 * low:.0f} to "
+                f"{100 * high:.0f} %){held}"
+            )
+    degc = profile.temperature_degc
+    if degc is not None and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
+        yield (
+            f"{NAME}: its column of temperature is not followed: one temperature, given with "
+            "`temperature`, holds from the first sample to the last"
+        )
 
 
 def simulate_current(
@@ -83,7 +158,6 @@ def simulate_current(
     Starts as the identification did where nothing else is given. Raises `InputError` as
     `Result.simulate` does.
     """
-    _require_numbers(time_s, current_a)
     result = _at(result, temperature_degc)
     cell, tables = result.cell_at(), result.tables.fit.tables if result.tables else None
     if not has_hysteresis:
@@ -126,22 +200,27 @@ def simulate_current(
     return Simulated(simulate_tables(prepared, tables), soc)
 
 
-def _require_numbers(time_s: np.ndarray, current_a: np.ndarray) -> None:
+def _require_numbers(profile: Profile) -> None:
     """Raise `InputError` for what is no current over time."""
+    time_s, current_a, names, _ = profile
     if time_s.ndim != 1 or time_s.shape != current_a.shape or len(time_s) < 2:
         raise InputError(
             f"{NAME} has the shape {current_a.shape} and its times {time_s.shape}; give one "
             "current for each of at least two times"
         )
-    for name, values in (("time", time_s), ("current", current_a)):
+    for name, values in zip(names, (time_s, current_a), strict=True):
         wrong = np.flatnonzero(~np.isfinite(values))
         if len(wrong):
-            raise InputError(f"{NAME}: the {name} of sample {wrong[0]} is {values[wrong[0]]}")
+            raise InputError(
+                f"{NAME}: {name} is {values[wrong[0]]} in row {wrong[0]} (from 0); give a number, "
+                "or leave the row out"
+            )
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         raise InputError(
-            f"{NAME}: the time does not rise from sample {back[0]}, {time_s[back[0]]:g} s, to the "
-            f"next, {time_s[back[0] + 1]:g} s; sort the samples, and leave out what is there twice"
+            f"{NAME}: {names[0]} does not rise from row {back[0]} (from 0), {time_s[back[0]]:g} s, "
+            f"to the next, {time_s[back[0] + 1]:g} s; sort the rows, and leave out what is there "
+            "twice"
         )
 
 

@@ -247,5 +247,6 @@ def record_part(role: Any, evaluation: Evaluation) -> InputPart:
             "samples": int(np.count_nonzero(prepared.scored)),
             "soc_range": (float(soc.min()), float(soc.max())),
             "temperature_degc": prepared.temperature_degc,
+            "peak_current_a": float(np.abs(prepared.current_a).max()),
         }
     )

@@ -21,6 +21,7 @@ from barnax.records import source_from_frame
 from barnax.reporting.first_screen import first_screen
 from barnax.results import Result
 from barnax.search.evaluate import evaluate
+from barnax.uncertainty.assessment import soc_bands
 from helpers.problems import drive_a
 from helpers.reference import make_record
 
@@ -208,3 +209,9 @@ def test_circuits_are_alike_within_a_tenth_of_the_larger_held_out_error():
     assert not is_alike(one, far)
     assert not is_alike(far, one)
     assert not is_alike(one, None)
+
+
+def test_a_sample_at_ten_percent_counts_above_it_in_held_out_errors_as_in_bands():
+    error_v, soc = np.array([4.0, 2.0, 1.0]), np.array([0.05, 0.1, 0.15])
+    (second,) = (band for band in soc_bands(soc, error_v) if band.low == 0.1)
+    assert SocErrors.of([(error_v, soc)]).above_v == second.rmse_v == np.sqrt(2.5)

@@ -12,14 +12,13 @@ from ..errors import InputError
 from ..records import Hold, Record, Source, read_record, read_source
 from ..records.columns import find_columns, is_ocv_table
 from ..records.dialects import Sign
-from ..records.quantities import OCV_QUANTITIES
+from ..records.quantities import CELL_RANGE_V, OCV_QUANTITIES
 from ..records.table import Lines, found_at, take_lines
 from .ocv_points import MINIMUM_POINTS
 from .soc_axis import CHARGE, DISCHARGE, OcvPoint
 
 # SOC may pass full and empty a little; what is far beyond is in percent, or no SOC.
 _SOC_RANGE, _PERCENT_FROM = (-0.1, 1.1), 1.5
-_CELL_RANGE_V = (0.5, 6.0)
 
 
 # Of a voltage that was not measured in one direction only.
@@ -103,7 +102,7 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
         what = ""
         if not _SOC_RANGE[0] <= point.soc <= _SOC_RANGE[1]:
             what = f"{lines.cell('SOC', line)!r} is not an SOC between 0 and 1 (or 0 and 100 %)"
-        elif not _CELL_RANGE_V[0] <= point.voltage_v <= _CELL_RANGE_V[1]:
+        elif not CELL_RANGE_V[0] <= point.voltage_v <= CELL_RANGE_V[1]:
             what = f"{lines.cell(name, line)!r} is not a cell voltage"
         elif points and point.soc == points[-1].soc:
             what = f"SOC {point.soc:g} occurs twice; keep one of the rows"

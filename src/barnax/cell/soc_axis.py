@@ -18,6 +18,8 @@ SAME_REST_V = 10e-3
 SHORT_PULSE = 0.99
 # Steps below this fraction of the sweep are no pulses.
 SAME_CHARGE = 1e-3
+# A record may run beyond full and empty by this.
+BEYOND_SOC = 0.05
 # Errors are stated above this SOC too: below, resistances rise so steeply that an error in the
 # capacity decides.
 ABOVE_SOC = 0.1

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import CellModel
+from ..cell.soc_axis import BEYOND_SOC
 from ..records import Record
 from ..records.findings import Finding
 from ..records.samples import record_resistance_ohm
@@ -28,8 +29,6 @@ _MOST = 0.75
 # So many samples tell, best those of a small current.
 _SAMPLES, _SMALL_HOURS = 400, 5.0
 _STARTS = 61
-# A record may run beyond full and empty by this.
-_BEYOND = 0.05
 # Parameters of a cell change noticeably over so many degrees.
 _DEGREES = 5.0
 
@@ -42,10 +41,10 @@ def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[flo
 
     def apart_v(factor: float) -> float:
         moved = factor * (passed - passed.min())
-        room = 1 + 2 * _BEYOND - float(np.ptp(moved))
+        room = 1 + 2 * BEYOND_SOC - float(np.ptp(moved))
         if room < 0:
             return np.inf
-        starts = 1 + _BEYOND - room * np.linspace(0, 1, _STARTS)
+        starts = 1 + BEYOND_SOC - room * np.linspace(0, 1, _STARTS)
         modeled_v = np.interp(starts[:, None] - moved, soc, ocv_v)
         return float(np.quantile(np.abs(source_v - modeled_v), _MOST, axis=1).min())
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..cell import CellModel
 from ..cell.ocv_points import CLOCK_SLACK_S, MINIMUM_REST_S
+from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..records import Record, is_rested
 from ..records.record import FULL_CHARGE, rest_blocks, runs
@@ -25,8 +26,6 @@ _SMALL_HOURS = 20.0
 # How far the voltage at the start, without R I, may be from the OCV of what an end tells; and of
 # what a counter tells, whose beginning no sample shows.
 _APART_V, _COUNTED_APART_V = 0.15, 0.05
-# A record may run beyond full and empty by this.
-_BEYOND = 0.05
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ def known_soc(
     def is_likely(known: KnownSoc) -> bool:
         apart_v = _COUNTED_APART_V if known.source == "counters" else _APART_V
         ocv_v = float(cell.average_ocv_v(np.array([known.soc]))[0])
-        is_within = -_BEYOND <= known.soc <= 1 + _BEYOND
+        is_within = -BEYOND_SOC <= known.soc <= 1 + BEYOND_SOC
         return is_within and abs(source_v - ocv_v) <= apart_v
 
     low, high = cell.soc_range
@@ -128,7 +127,7 @@ def _counted(record: Record, capacity_ah: float) -> Iterator[KnownSoc]:
     """The first sample, were the tester's counters at zero when the cell was full or empty."""
     begun_ah = 0.0 if record.charge_ah is None else float(record.charge_ah[0])
     soc = (1.0 if begun_ah > 0 else 0.0) - begun_ah / capacity_ah
-    if begun_ah and -_BEYOND <= soc <= 1 + _BEYOND:
+    if begun_ah and -BEYOND_SOC <= soc <= 1 + BEYOND_SOC:
         yield KnownSoc(min(max(soc, 0.0), 1.0), "counters", 0)
 
 

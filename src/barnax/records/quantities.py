@@ -4,6 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+# The voltages of one cell: those of all lithium chemistries lie within.
+CELL_RANGE_V = (0.5, 6.0)
+
 
 @dataclass(frozen=True)
 class Unit:

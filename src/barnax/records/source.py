@@ -16,6 +16,7 @@ from ..errors import LONGEST_NAME, InputError, cut, printable, reason_of
 from .column_rules import read_columns
 from .columns import NOTHING
 from .findings import Finding
+from .quantities import CELL_RANGE_V
 from .readers import read_table
 from .samples import Samples
 from .table import LARGEST_FILE, Table, table_sha256
@@ -28,8 +29,8 @@ _CONTENT = {
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
     b"PAR1": ("a Parquet table", (".parquet", ".pq")),
 }
-# A voltage that may be one cell's already, and what none has.
-_MOST_IN_SERIES, _ONE_CELL_V, _LEAST_CELL_V = 1000, 6.0, 1.0
+# A voltage that no cell has.
+_MOST_IN_SERIES, _LEAST_CELL_V = 1000, 1.0
 
 
 def examine_suffix(file: str, content: bytes) -> tuple[Finding, ...]:
@@ -73,7 +74,7 @@ class Source:
         """The voltage of one of the cells in series; as it is where it is one cell's already."""
         known_v = np.abs(voltage_v[np.isfinite(voltage_v)])
         middle_v = np.median(known_v) if len(known_v) else 0.0
-        is_one = middle_v <= _ONE_CELL_V and middle_v / self.series < _LEAST_CELL_V
+        is_one = middle_v <= CELL_RANGE_V[1] and middle_v / self.series < _LEAST_CELL_V
         return voltage_v if is_one or self.series == 1 else voltage_v / self.series
 
     def cut(self, samples: Samples) -> Samples:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from .columns import Column, find_columns, likely_column, normal
 from .findings import Finding
-from .quantities import QUANTITIES
+from .quantities import CELL_RANGE_V, QUANTITIES
 from .samples import Samples
 from .source import Source
 from .table import Table, found_at, take_lines
@@ -17,7 +17,7 @@ from .table import Table, found_at, take_lines
 Channel = Float[np.ndarray, "samples"]
 
 # A voltage of one cell, and the names that nobody's rule puts one of before another.
-_CELL_V, _ANYBODYS = (0.5, 6.0), ("plain", "Battery Data Format", "PyBaMM")
+_ANYBODYS = ("plain", "Battery Data Format", "PyBaMM")
 _TINY = 1e-30
 # What is set, or made of measured values, is no second measurement.
 _NOT_MEASURED = re.compile(r"\b(set|max|min|limit|target|end|start|cut|mean|avg|average)")
@@ -68,7 +68,7 @@ def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
 
 def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
     """A voltage that differs by the current times a resistance, or otherwise."""
-    if not _CELL_V[0] < np.median(other) < _CELL_V[1]:
+    if not CELL_RANGE_V[0] < np.median(other) < CELL_RANGE_V[1]:
         return
     apart_v = other - own
     header, at = samples.header("voltage"), int(np.argmax(np.abs(apart_v)))

@@ -9,12 +9,12 @@ import numpy as np
 from ..errors import counted
 from .counters import gain_ah
 from .findings import Finding, Severity
+from .quantities import CELL_RANGE_V
 from .samples import Samples, few
 from .table import found_at
 
-# One cell: lithium chemistries lie in 0.5 to 6 V. Past 10 V it is a module, past 1000 V a cell in
-# millivolts, and past 10,000 V no pack at all; 100 V is no reading of a single cell.
-_CELL_RANGE_V = (0.5, 6.0)
+# Past 10 V it is no cell but a module, past 1000 V a cell in millivolts, and past 10,000 V no pack
+# at all; 100 V is no reading of a single cell.
 _MODULE_V, _MILLIVOLT_V, _IMPOSSIBLE_V = 10.0, 1000.0, 100.0
 # A cell's volts divided by a thousand once too often.
 _KILOVOLT_V = 0.01
@@ -35,7 +35,7 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
         return samples.having(voltage=samples.voltage_v * factor)
 
     if middle_v < 0:
-        low_v, high_v = _CELL_RANGE_V
+        low_v, high_v = CELL_RANGE_V
         turned_v = -samples.voltage_v
         # Turned, nearly all of it has to be a cell's.
         is_swapped = np.mean((turned_v >= low_v) & (turned_v <= high_v)) > _NEARLY_ALL
@@ -79,7 +79,7 @@ def _read_as(samples: Samples, quantity: str, symbol: str) -> str:
 
 def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:
     """The samples whose voltage one cell can have, and what the others are."""
-    name, (low_v, high_v) = samples.header("voltage"), _CELL_RANGE_V
+    name, (low_v, high_v) = samples.header("voltage"), CELL_RANGE_V
     voltage_v = samples.voltage_v
     outside = (voltage_v < low_v) | (voltage_v > high_v)
     if not outside.any():

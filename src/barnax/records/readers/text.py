@@ -19,7 +19,7 @@ from jaxtyping import Bool
 from ...errors import InputError, counted
 from ..cell_values import numbers, without_groups
 from ..columns import columns_of, is_ocv_table, names_record, other_table, with_units
-from ..quantities import NEEDED
+from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
 from .encoding import PREAMBLE_BYTES, as_utf8, is_text
 from .room import NUMBER_BYTES, require_room
@@ -35,7 +35,6 @@ _PREAMBLE_LINES, _LONGEST_HEADER = 2000, 20_000
 _LONGEST_LINE = 1_000_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
-_CELL_V = 6.0
 # So many lines tell whether numbers are cut in two, at a whole number before the comma.
 _SPLIT_LINES, _WHOLE, _DECIMALS = 200, r"([+-]?|.*:)\d+", r"\d+([eE][+-]?\d+)?"
 _WORD = "[A-Za-z]{3}"
@@ -136,7 +135,7 @@ def _fits(header: Sequence[str], columns: Sequence[pl.Series]) -> bool:
         numbers(columns[each.index].head(_GUESSED_LINES), each)
         for each in (clock, found["voltage"])
     )
-    is_cell = bool(np.isfinite(voltage).all() and 0 < np.median(voltage) < _CELL_V)
+    is_cell = bool(np.isfinite(voltage).all() and 0 < np.median(voltage) < CELL_RANGE_V[1])
     rises = np.diff(time) > 0
     return is_cell and bool(np.isfinite(time).all() and rises.sum() > 0.5 * len(rises))
 

@@ -151,7 +151,7 @@ def require_load(file: str, kind: Kind) -> None:
 
 
 # Current steps that a validation wants.
-_VALIDATION_STEPS = 10
+VALIDATION_STEPS = 10
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
     seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
     moves = f"{seen}; it moves {given.span_ah:.3g} Ah; {window.reason}"
     roles = []
-    for name, fewest in (("identification", STEPS), ("validation", _VALIDATION_STEPS)):
+    for name, fewest in (("identification", STEPS), ("validation", VALIDATION_STEPS)):
         missing = traits.missing_for(given.capacity_ah, fewest)
         roles.append(Role(name, False, missing) if missing else Role(name, True, moves, window))
     return roles

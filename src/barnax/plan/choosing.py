@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
 from ..inputs import (
     OVER_TEMPERATURE,
@@ -33,8 +34,6 @@ from .ocv import (
 
 # Ranges of charge within this share of the widest are as good, and other things decide.
 _AS_WIDE = 0.9
-# Steps of current that a validation wants.
-_FEWEST_STEPS = 10
 # What moves so many times the charge of a cell is of another.
 _BEYOND = 1.2
 # So many times, it is another's beside records that fit, or its current is in another unit.
@@ -252,7 +251,7 @@ def _runnable(
     for each in group:
         if each in draft.taken or (not is_pulsed and each in choice.tests):
             continue
-        missing = each.missing_for(choice.cell.capacity_ah, _FEWEST_STEPS)
+        missing = each.missing_for(choice.cell.capacity_ah, VALIDATION_STEPS)
         window = each.window
         if not missing and not is_pulsed:
             try:

@@ -55,6 +55,8 @@ WRITING = "files.py"
 # A fleet's workers write their rows themselves, wherever they run; its manifest is read there too.
 DATASET = "fleet/dataset.py"
 READING |= {WRITING, DATASET, "fleet/manifest.py"}
+# What imports by name.
+BY_NAME = {"import_module", "resolve_name", "__import__"}
 # The worker hands these flags to XLA.
 FLAGS_OF_OTHERS = {"fleet/worker.py"}
 # These say where names live and where the command starts; they are no layer.
@@ -179,6 +181,9 @@ def test_every_hook_has_its_function_and_every_call_its_hook():
     }
     assert called == set(HOOKS)
     assert all(callable(hook(method)) for method in called)
+    # No other import hides in a text; those of packages that are exported for are no module's.
+    by_name = {place(path) for path in outside("cli") if calls(path) & BY_NAME}
+    assert by_name == {"display.py", "export/python_modules.py"}
 
 
 @pytest.mark.parametrize("unit", GENERAL)

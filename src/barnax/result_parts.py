@@ -200,13 +200,15 @@ class InputPart(Part):
 
 
 class PlannedFile(Part):
-    """A file of a folder, what a plan found it to be, what it serves for, and why."""
+    """A file of a folder, what a plan found it to be, what it serves for, and why; `plans_soc` says
+    that its SOC at the start is the plan's own, and not given."""
 
     name: str
     role: Use
     kind: str
     reason: str
     temperature_degc: float | None = None
+    plans_soc: bool = False
 
 
 class AssessmentPart(Part):

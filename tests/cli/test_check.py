@@ -1,6 +1,7 @@
 """`barnax check`: exit statuses, tables, lines and JSON."""
 
 import json
+import re
 
 import numpy as np
 import polars as pl
@@ -102,3 +103,17 @@ def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):
     assert outcome.status == 1
     assert "[red]cell.csv" in outcome.out
     assert "[bold]Voltage[/bold] x" in " ".join(outcome.out.split())
+
+
+def test_the_rest_current_that_it_proposes_is_taken_and_settles_what_was_noted(run, tmp_path):
+    noise_a = np.random.default_rng(0).normal(0, 0.0071, 6000)
+    table = pl.read_parquet(BUNDLED.record)[:6000]
+    table = table.with_columns(pl.col("Current / A") + noise_a)
+    table.write_csv(tmp_path / "noisy.csv")
+    words = " ".join(run("check", tmp_path / "noisy.csv").out.split())
+    counted_ma = float(re.search(r"below ([\d.]+) mA counts", words)[1])
+    proposed = re.search(r"--rest-current ([\d.]+)", words)[1]
+    assert float(proposed) == pytest.approx(1e-3 * counted_ma, rel=1e-9)
+    again = run("check", tmp_path / "noisy.csv", "--rest-current", proposed)
+    assert "noisy at rest" not in again.out
+    assert "must be positive" in run("check", BUNDLED.record, "--rest-current", "0").err

@@ -38,7 +38,6 @@ def by_hand():
         BUNDLED.record,
         ocv=BUNDLED.ocv,
         validate=BUNDLED.validation,
-        window=barnax.Window(initial_soc=1.0),
         current_hold="forward",
         **SMALL,
     )

@@ -47,8 +47,8 @@ def test_the_record_of_the_widest_range_is_identified_and_the_other_validates(fo
         "d.parquet": "OCV test",
     }
     assert (found.command, found.missing) == ("identify", "")
-    # Both begin at rest at full.
-    assert [part.window.initial_soc for part in found.parts if part.is_simulated] == [1.0, 1.0]
+    # Where they start they show themselves, and nothing is given in their place.
+    assert [part.window.initial_soc for part in found.parts if part.is_simulated] == [None, None]
 
 
 def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
@@ -193,7 +193,7 @@ def test_a_record_that_begins_full_under_a_small_current_needs_no_start(tmp_path
         shutil.copy(real_data / "lg-hg2-18650" / f"{name}.parquet", tmp_path)
     found = plan(tmp_path)
     assert roles(found)["us06_0degC.parquet"] == "identification"
-    assert found.of_role("identification")[0].window.initial_soc == 1.0
+    assert found.of_role("identification")[0].window.initial_soc is None
     assert "at full: 4.1863 V" in reason(found, "us06_0degC.parquet")
 
 
@@ -243,6 +243,8 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
         (folder / f"{name}.parquet").unlink()
     found = plan(folder)
     second = next(part for part in found.parts if part.name == "second.parquet")
+    assert second.plans_soc
+    assert not found.changed(barnax.Window(initial_soc=0.6)).of_role(second.role)[0].plans_soc
     assert second.is_simulated
     assert "it starts under load, where first.parquet ends" in second.reason
     whole = barnax.read_record(bundled_file("identification"))

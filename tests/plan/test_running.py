@@ -30,7 +30,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def by_hand():
-    window = barnax.Window(score_to_s=1500.0, initial_soc=1.0)
+    window = barnax.Window(score_to_s=1500.0)
     return barnax.identify(
         BUNDLED.record,
         ocv=BUNDLED.ocv,

@@ -45,7 +45,8 @@ def make_cell(has_charge: bool = True) -> CellModel:
 @pytest.fixture(scope="module")
 def polynomial_cell():
     return characterize(
-        [read_record(bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")]
+        [read_record(bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")],
+        ocv_fit="polynomial",
     )
 
 

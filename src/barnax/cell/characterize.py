@@ -48,7 +48,7 @@ def characterize(
     *,
     capacity_ah: float | None = None,
     ocv_capacity_ah: float | None = None,
-    ocv_fit: OcvFit = "polynomial",
+    ocv_fit: OcvFit = "interpolated",
     hysteresis_fit: HysteresisFit = "continuous",
     rest_current_a: float | None = None,
 ) -> CellModel:
@@ -60,8 +60,8 @@ def characterize(
         capacity_ah: The capacity in simulations. It does not change the SOC axis of a test from
             full to empty, which is scaled by its own charge.
         ocv_capacity_ah: The capacity that scales any other test; by default `capacity_ah`.
-        ocv_fit: A polynomial of degree seven (Li et al., 2023, Eq. 21), or a monotone
-            interpolation.
+        ocv_fit: A monotone interpolation, or a polynomial of degree seven (Li et al., 2023, Eq.
+            21).
         hysteresis_fit: Five segments of the hysteresis voltage, joined or each by itself.
         rest_current_a: The cell rests below this current; by default C/100, or five times the noise
             at rest if that is more.

@@ -198,7 +198,7 @@ def find_rests(given: CheckInput) -> Iterator[Finding]:
             f"the current is noisy at rest: below {1e3 * given.rest_current_a:.3g} mA counts as "
             "rest, C/100 does not"
         )
-        remedy = f"`rest_current={given.rest_current_a:.2g}` says so, or give another value"
+        remedy = f"`rest_current={given.rest_current_a:.3g}` says so, or give another value"
         yield given.at(given.is_rested, "note", what, remedy)
 
 
@@ -292,7 +292,7 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
     remedy = "subtract it from the current"
     if abs(offset_a) >= turnover_ah / 100:
         if given.given_rest_a is None:
-            remedy += f", or `rest_current={1.5 * abs(offset_a):.2g}` to see the rests"
+            remedy += f", or `rest_current={1.5 * abs(offset_a):.3g}` to see the rests"
         yield given.at(first, "warning", what, remedy)
     elif drift_ah > _DRIFT * turnover_ah:
         yield given.at(first, "warning", what, remedy)

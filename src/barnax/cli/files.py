@@ -43,6 +43,9 @@ class Checked:
     capacity: float | None = option(
         INPUT, "AH", "Capacity of the cell, to check the ampere-hours against."
     )
+    rest_current: float | None = option(
+        INPUT, "A", "The cell rests below this current (default: C/100, more where it is noisy)."
+    )
     columns: str = COLUMNS
     series: int = SERIES
     as_json: bool = flag(OUTPUT, "--json", "Print the findings as JSON.")
@@ -65,13 +68,16 @@ def check(what: Checked) -> None:
 
     if what.capacity is not None and not what.capacity > 0:
         raise InputError(f"`capacity` {what.capacity} Ah must be positive")
+    if what.rest_current is not None and not what.rest_current > 0:
+        raise InputError(f"`rest_current` {what.rest_current} A must be positive")
     found, unreadable = [], []
     listed: list[dict[str, Any]] = []
     for file in what.files:
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, columns=what.columns, series=what.series)
-                each = check_file(source, capacity_ah=what.capacity)
+                known = {"capacity_ah": what.capacity, "rest_current_a": what.rest_current}
+                each = check_file(source, **known)
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})

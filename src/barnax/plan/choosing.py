@@ -25,7 +25,9 @@ from .looking import CandidateFile, by_temperature, files_of, is_same_degc, look
 from .ocv import (
     DIGITS,
     OCV_KINDS,
+    SHOWN,
     OcvChoice,
+    Started,
     ocv_at,
     ocv_reason,
     record_capacity_ah,
@@ -63,8 +65,7 @@ class _Draft:
     is_over: bool = False
     taken: dict[CandidateFile, tuple[Use, str, Window]] = field(default_factory=dict)
     capacity_ah: float | None = None
-    # How the start of some is known, in words.
-    starts: dict[CandidateFile, str] = field(default_factory=dict)
+    starts: dict[CandidateFile, Started] = field(default_factory=dict)
 
     def take(
         self, file: CandidateFile, role: Use, reason: str, window: Window | None = None
@@ -91,11 +92,10 @@ class _Draft:
         for each in self.files:
             role, reason, window = self.taken[each]
             kept = None if role == "not used" else each.source
-            kind = each.kind(self.capacity_ah)
-            part = Part(each.path, each.name, role, kind, reason, window)
-            span_s = each.source.span_s if each.source else None
-            degc = each.temperature_degc
-            parts.append(replace(part, temperature_degc=degc, source=kept, span_s=span_s))
+            what = (role, each.kind(self.capacity_ah), reason, window)
+            planned = window.initial_soc is not None and each.chosen.initial_soc is None
+            known = (each.source and each.source.span_s, each.temperature_degc, planned, kept)
+            parts.append(Part(each.path, each.name, *what, *known))
         return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
 
 
@@ -255,7 +255,8 @@ def _runnable(
         window = each.window
         if not missing and not is_pulsed:
             try:
-                window, draft.starts[each] = started(draft.files, each, window, choice)
+                draft.starts[each] = started(draft.files, each, window, choice)
+                window = draft.starts[each].window
             except InputError as problem:
                 own = str(problem).removeprefix(f"{each.name}: ")
                 missing = _another_cell(each, choice.cell.capacity_ah) or own
@@ -368,7 +369,8 @@ def _options(
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {}
     reasons: dict[str, str] = {}
-    own_ah = record_capacity_ah(record, window, choice)
+    is_full = window.initial_soc == 1.0 or draft.starts.get(record, SHOWN).is_full
+    own_ah = record_capacity_ah(record, window, choice, is_full)
     if draft.given_ah is not None:
         options["capacity"] = draft.given_ah
         reasons["capacity"] = "given"
@@ -389,7 +391,7 @@ def _words(draft: _Draft, file: CandidateFile) -> str:
     for name in ("identification", "validation"):
         role = file.role(name)
         if role is not None and role.is_usable:
-            return role.reason + draft.starts.get(file, "")
+            return role.reason + draft.starts.get(file, SHOWN).words
     return ""
 
 

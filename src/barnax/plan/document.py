@@ -37,7 +37,8 @@ class Part:
 
     `kind` says what it is: a drive cycle, a pulse test, unreadable and so on. `span_s` cuts a file
     that holds several tests, on its own clock. `window` is that of a simulation, for identification
-    and validation. `source` is what was read of the file, if it was.
+    and validation; `plans_soc` says that its SOC at the start is the plan's own, and not given.
+    `source` is what was read of the file, if it was.
     """
 
     path: Path
@@ -48,6 +49,7 @@ class Part:
     window: Window = field(default_factory=Window)
     span_s: tuple[float, float] | None = None
     temperature_degc: float | None = None
+    plans_soc: bool = False
     source: Source | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -86,7 +88,7 @@ class Plan(Brief):
     @property
     def stored(self) -> tuple[PlannedFile, ...]:
         """Every file as a result keeps it."""
-        names = ("name", "role", "kind", "reason", "temperature_degc")
+        names = ("name", "role", "kind", "reason", "temperature_degc", "plans_soc")
         return tuple(
             PlannedFile(**{name: getattr(part, name) for name in names}) for part in self.parts
         )
@@ -102,12 +104,13 @@ class Plan(Brief):
             # One for all records is an option of the whole run.
             options = {"capacity": common.capacity_ah, **options}
             windows[""] = replace(common, capacity_ah=None)
-        parts = [
-            replace(part, window=merged(part.window, window_of(windows, part.name)))
-            if part.is_simulated
-            else part
-            for part in self.parts
-        ]
+        parts = []
+        for part in self.parts:
+            own = window_of(windows, part.name)
+            if part.is_simulated:
+                planned = part.plans_soc and own.initial_soc is None
+                part = replace(part, window=merged(part.window, own), plans_soc=planned)
+            parts.append(part)
         given = {name: value for name, value in options.items() if value is not None}
         reasons = {**self.reasons, **dict.fromkeys(given, "given")}
         return replace(self, parts=tuple(parts), options={**self.options, **given}, reasons=reasons)

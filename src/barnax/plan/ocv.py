@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -161,13 +162,26 @@ def _directions(tests: Sequence[CandidateFile]) -> list[int]:
     return list(dict.fromkeys(sweep.direction for sweep in _sweeps(tests)))
 
 
+class Started(NamedTuple):
+    """A record's window, where its start is known from, in words, and whether it starts full."""
+
+    window: Window
+    words: str = ""
+    is_full: bool = False
+
+
+# Of a record that shows its start itself.
+SHOWN = Started(Window())
+
+
 def started(
     files: Sequence[CandidateFile], file: CandidateFile, window: Window, choice: OcvChoice
-) -> tuple[Window, str]:
-    """The window with its start at full where the record shows that, or where another of the files
-    ends that it goes on from, and how that is known, in words. Raises `InputError` if neither
-    fits."""
-    own = replace(window, capacity_ah=record_capacity_ah(file, window, choice))
+) -> Started:
+    """The window, with its start where another of the files ends that the record goes on from if it
+    does not show its own, and how that is known, in words. Raises `InputError` if neither fits."""
+    own = replace(
+        window, capacity_ah=record_capacity_ah(file, window, choice, window.initial_soc == 1.0)
+    )
     try:
         start = prepare_record(file.record, choice.cell, "so-rc", own).start
     except InputError:
@@ -176,11 +190,11 @@ def started(
         if before is None or soc is None or window.is_chosen:
             raise
         prepare_record(file.record, choice.cell, "so-rc", replace(own, initial_soc=soc))
-        return replace(window, initial_soc=soc), f", where {before.name} ends"
-    if window.initial_soc is None and start.soc >= 1 - _FULL:
-        shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
-        return replace(window, initial_soc=1.0), shown
-    return window, ""
+        return Started(replace(window, initial_soc=soc), f", where {before.name} ends")
+    # What the record shows is read from it where it is run, as without a plan.
+    shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
+    is_full = window.initial_soc is None and start.soc >= 1 - _FULL
+    return Started(window, shown, is_full)
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:
@@ -204,10 +218,12 @@ def _final_soc(file: CandidateFile, choice: OcvChoice) -> float | None:
     return float(f"{prepared.soc[-1]:.{DIGITS}g}")
 
 
-def record_capacity_ah(file: CandidateFile, window: Window, choice: OcvChoice) -> float | None:
-    """The given capacity, else what the record takes out of the full cell, where that is more than
-    the OCV test tells."""
-    if window.capacity_ah is not None or window.initial_soc != 1.0:
+def record_capacity_ah(
+    file: CandidateFile, window: Window, choice: OcvChoice, is_full: bool
+) -> float | None:
+    """The given capacity, else what the record takes out of the full cell, if it starts full, where
+    that is more than the OCV test tells."""
+    if window.capacity_ah is not None or not is_full:
         return window.capacity_ah
     discharged_ah = file.record.discharged_ah
     first = 0

@@ -80,11 +80,12 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
             "is linear in temperature."
         )
     simulated = [each for each in stored.inputs if each.start is not None]
+    planned = {each.name for each in getattr(stored, "plan", ()) if each.plans_soc}
     for window, names in _gathered((each.window, each.name) for each in simulated):
         yield from window_sentences(window, names)
     for each in simulated:
         if each.start is not None:
-            yield start_sentence(each.name, each.start)
+            yield start_sentence(each.name, each.start, each.name in planned)
 
 
 def guess_sentences(stored: "Result") -> Iterator[str]:
@@ -137,9 +138,10 @@ def _would_be(own_ohm: float, change_ohm: float) -> str:
     return f"R0 would be {with_unit('R0 [Ohm]', abs(change_ohm))} {more}"
 
 
-def start_sentence(name: str, start: "Start") -> str:
-    """Where one record starts, and how that is known."""
-    known = {"given": "given", **known_words(start)}[start.soc_source]
+def start_sentence(name: str, start: "Start", is_planned: bool = False) -> str:
+    """Where one record starts, and how that is known; `is_planned` is an SOC that the plan set."""
+    given = "as the folder's plan says" if is_planned else "given"
+    known = {"given": given, **known_words(start)}[start.soc_source]
     last = f"last {CAME_FROM[start.direction]}"
     direction = {
         "given": f"with the cell {last}, as given",

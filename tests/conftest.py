@@ -59,7 +59,7 @@ def bundled_record() -> Record:
 @pytest.fixture(scope="session")
 def bundled_cell() -> CellModel:
     """The bundled cell, by polynomials through its OCV tests."""
-    return characterize([read_record(path) for path in BUNDLED.ocv])
+    return characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="polynomial")
 
 
 @pytest.fixture(scope="session")

@@ -283,3 +283,9 @@ def test_a_charge_within_two_percent_is_scaled_by_its_own_without_a_word(share):
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
     assert not any("scaled" in text for text in cell.warnings)
+
+
+def test_the_ocv_is_interpolated_unless_told_otherwise():
+    assert characterize([both_ways()]).discharge == (
+        characterize([both_ways()], ocv_fit="interpolated").discharge
+    )

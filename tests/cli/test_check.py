@@ -111,8 +111,8 @@ def test_the_rest_current_that_it_proposes_is_taken_and_settles_what_was_noted(r
     table = table.with_columns(pl.col("Current / A") + noise_a)
     table.write_csv(tmp_path / "noisy.csv")
     words = " ".join(run("check", tmp_path / "noisy.csv").out.split())
-    counted_ma = float(re.search(r"below ([\d.]+) mA counts", words)[1])
-    proposed = re.search(r"--rest-current ([\d.]+)", words)[1]
+    (counted_ma,) = map(float, re.findall(r"below ([\d.]+) mA counts", words))
+    (proposed,) = re.findall(r"--rest-current ([\d.]+)", words)
     assert float(proposed) == pytest.approx(1e-3 * counted_ma, rel=1e-9)
     again = run("check", tmp_path / "noisy.csv", "--rest-current", proposed)
     assert "noisy at rest" not in again.out

@@ -41,7 +41,8 @@ BOX = {
 @cache
 def bundled_cell() -> CellModel:
     return characterize(
-        [read_record(bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")]
+        [read_record(bundled_file(f"ocv_{way}")) for way in ("charge", "discharge")],
+        ocv_fit="polynomial",
     )
 
 

@@ -76,8 +76,9 @@ def check(what: Checked) -> None:
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, columns=what.columns, series=what.series)
-                known = {"capacity_ah": what.capacity, "rest_current_a": what.rest_current}
-                each = check_file(source, **known)
+                each = check_file(
+                    source, capacity_ah=what.capacity, rest_current_a=what.rest_current
+                )
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})

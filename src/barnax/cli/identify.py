@@ -203,9 +203,11 @@ def _run(
             session.show(plan_lines(planned, as_flags))
         given = _arguments(planned, given, records)
     result = run(**given)
+    # Read while the figures are drawn.
+    _show_answer(session, result, output.verbose)
     draw = partial(result_files, result, chosen.report, chosen.paper, chosen.live)
     folder, written = output.deliver(session, folder, "result.json", result.to_json(), draw)
-    _show(session, result, folder, written, output.verbose)
+    _show_files(session, result, folder, written)
     session.tell(result.notes)
     session.warn(result.warnings)
 
@@ -234,16 +236,22 @@ def result_files(
     )
 
 
-def _show(
-    session: Session, result: "Result", folder: Path | None, written: set[str], verbose: bool
-) -> None:
+def _show_answer(session: Session, result: "Result", verbose: bool) -> None:
     from ..reporting.first_screen import first_screen
     from ..reporting.identification import identification_document
-    from ..reporting.terminal import next_lines, parts_line, to_terminal
+    from ..reporting.terminal import to_terminal
 
     if verbose:
         session.show(to_terminal(identification_document(result).with_option_names(as_flags)))
     session.show(first_screen(result, as_flags))
+
+
+def _show_files(
+    session: Session, result: "Result", folder: Path | None, written: set[str]
+) -> None:
+    """What to do next, and what was written."""
+    from ..reporting.terminal import next_lines, parts_line
+
     session.show(next_lines(*_next(result, folder)))
     if folder is not None:
         names = ["report.html"] if "report.html" in written else []

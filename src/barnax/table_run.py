@@ -1,11 +1,13 @@
 """Tables over SOC, and over temperature, of a run: fitted, evaluated, and what to beware of."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .cell import CellModel
+from .cell.elements import names_beside, rungs_of
 from .display import Brief
 from .global_optimum import OtherHold, hold_warning
 from .model.prepared import PreparedRecord
@@ -76,10 +78,16 @@ class TableRun(Brief):
             {each.name: each.value for each in fit.intervals if each.name.startswith("tau")}
             for fit in self.found.fits
         ]
+        rungs, interval_s = rungs_of(self.found.fits[0].tables.elements), prepared.median_interval_s
+        # Of a mixture, what is far faster than the sampling moves to R0 as a whole.
+        most = math.inf if len(rungs) == len(tau) else math.log(2)
         return -sum(
-            self.median_ohm(f"R{name[3]} [Ohm]")
-            * float(np.expm1(sign * prepared.median_interval_s / tau_s))
-            for name, tau_s in tau.items()
+            self.median_ohm(names_beside(name).resistance)
+            * each.share
+            * float(np.expm1(min(sign * interval_s / (tau_s * each.ratio), most)))
+            for place, (name, tau_s) in enumerate(tau.items())
+            for each in rungs
+            if each.element == place
         )
 
     @property

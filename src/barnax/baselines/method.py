@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.stats import qmc
 
 from ..cell import CircuitParameters
+from ..cell.elements import alike
 from ..execution import in_float64
 from ..model.problem import Problem
 
@@ -93,6 +94,12 @@ def deterministic(name: str, source: str, identify: Callable[[Problem], Answer])
 
     def run(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
         del budget
+        elements = problem.bounds.elements
+        if alike(elements) < len(elements):
+            raise MethodFailure(
+                f"{name} knows circuits of RC pairs alone, and {problem.circuit} has "
+                f"{', '.join(elements[alike(elements) :])}; use another method, such as ibmo"
+            )
         answer = identify(problem)
         progress(1)
         return [answer]

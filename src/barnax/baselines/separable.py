@@ -109,7 +109,7 @@ class OuterSearch:
 
     def __init__(self, problem: Problem):
         self.inputs, self.bounds = problem.all_inputs[0], problem.bounds
-        self.pairs, self.is_ordered = self.bounds.pairs, self.bounds.pairs_are_alike
+        self.pairs, self.is_ordered = self.bounds.pairs, self.bounds.alike_pairs > 0
         ranges = [self.bounds.tau_range_s(pair) for pair in range(self.pairs)]
         if self.bounds.gamma_range is not None:
             ranges.append(self.bounds.gamma_range)

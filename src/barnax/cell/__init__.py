@@ -1,7 +1,14 @@
 """One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
 
 from .characterize import characterize, characterize_over_temperature, without_drop
-from .circuits import CIRCUITS, Circuit, CircuitParameters, get_circuit, parameter_names
+from .circuits import (
+    CIRCUITS,
+    Circuit,
+    CircuitParameters,
+    get_circuit,
+    make_circuit,
+    parameter_names,
+)
 from .curves import (
     AbstractCurve,
     HysteresisFit,
@@ -10,6 +17,7 @@ from .curves import (
     PolynomialCurve,
     SegmentedHysteresis,
 )
+from .elements import ELEMENTS, Element
 from .model import CellModel, FitError
 from .ocv_table import OcvTable, read_ocv_table, read_ocv_test
 from .soc_axis import OcvPoint
@@ -17,10 +25,12 @@ from .tables import SocTables, TemperatureTables
 
 __all__ = [
     "CIRCUITS",
+    "ELEMENTS",
     "AbstractCurve",
     "CellModel",
     "Circuit",
     "CircuitParameters",
+    "Element",
     "FitError",
     "HysteresisFit",
     "InterpolatedCurve",
@@ -34,6 +44,7 @@ __all__ = [
     "characterize",
     "characterize_over_temperature",
     "get_circuit",
+    "make_circuit",
     "parameter_names",
     "read_ocv_table",
     "read_ocv_test",

@@ -1,14 +1,15 @@
 """A circuit whose resistances are tables over state of charge, at one or several temperatures."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from ..display import Brief
 from ..errors import InputError
-from .circuits import MOST_PAIRS, RATE
+from .circuits import OHMIC, RATE
+from .elements import RC, names_of, require_order, rungs_of
 
 OCV_CORRECTION = "OCV correction [V]"
 HALF_HYSTERESIS = "half hysteresis [V]"
@@ -46,6 +47,7 @@ class SocTables(Brief):
         gamma: Rate of a dynamic hysteresis per unit of SOC.
         visited: True for nodes that are the nearest of some counted sample: the values of the
             others follow from their neighbors and mean nothing by themselves.
+        elements: What each pair is, by name; an RC pair where nothing is said.
 
     Raises `InputError` if nodes do not rise or a table has another length.
 
@@ -62,12 +64,16 @@ class SocTables(Brief):
     half_hysteresis_v: Table | None = None
     gamma: float | None = None
     visited: tuple[bool, ...] = ()
+    elements: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "elements", self.elements or (RC.name,) * len(self.tau_s))
         require_nodes(self.nodes)
-        if len(self.r_ohm) != len(self.tau_s) or not 1 <= len(self.r_ohm) <= MOST_PAIRS:
+        require_order(self.elements)
+        if not len(self.r_ohm) == len(self.tau_s) == len(self.elements):
             raise InputError(
-                f"a circuit has one to {MOST_PAIRS} RC pairs; {len(self.r_ohm)} tables of R and "
+                f"a circuit has a table of R and a time constant for each of its "
+                f"{len(self.elements)} elements; {len(self.r_ohm)} tables of R and "
                 f"{len(self.tau_s)} time constants were given"
             )
         for name, table in self.tables.items():
@@ -83,8 +89,8 @@ class SocTables(Brief):
     @property
     def tables(self) -> Mapping[str, Table]:
         """Every table under PyBaMM's name of what it tabulates."""
-        named = {"R0 [Ohm]": self.r0_ohm}
-        named |= {f"R{pair} [Ohm]": table for pair, table in enumerate(self.r_ohm, 1)}
+        names = [each.resistance for each in names_of(self.elements)]
+        named = {OHMIC: self.r0_ohm, **dict(zip(names, self.r_ohm, strict=True))}
         if self.ocv_correction_v is not None:
             named[OCV_CORRECTION] = self.ocv_correction_v
         if self.half_hysteresis_v is not None:
@@ -94,8 +100,23 @@ class SocTables(Brief):
     @property
     def constants(self) -> Mapping[str, float]:
         """What does not change with SOC, by name: the time constants and, if any, gamma."""
-        named = {f"tau{pair} [s]": tau_s for pair, tau_s in enumerate(self.tau_s, 1)}
+        names = [each.tau for each in names_of(self.elements)]
+        named = dict(zip(names, self.tau_s, strict=True))
         return named if self.gamma is None else named | {RATE: self.gamma}
+
+    def laddered(self) -> "SocTables":
+        """The same tables, those of each element as of the RC pairs that it consists of."""
+        rungs = rungs_of(self.elements)
+        if len(rungs) == self.pairs:
+            return self
+        return replace(
+            self,
+            tau_s=tuple(self.tau_s[each.element] * each.ratio for each in rungs),
+            r_ohm=tuple(
+                tuple(each.share * value for value in self.r_ohm[each.element]) for each in rungs
+            ),
+            elements=(RC.name,) * len(rungs),
+        )
 
     def at(self, name: str, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """The table of that name at some states of charge. Raises `KeyError` for an unknown one."""
@@ -173,6 +194,7 @@ class TemperatureTables:
             half_hysteresis_v=voltage(cold.half_hysteresis_v, warm.half_hysteresis_v),
             gamma=cold.gamma,
             visited=tuple(a and b for a, b in zip(cold.visited, warm.visited, strict=True)),
+            elements=cold.elements,
         )
 
 

@@ -246,9 +246,7 @@ def _show_answer(session: Session, result: "Result", verbose: bool) -> None:
     session.show(first_screen(result, as_flags))
 
 
-def _show_files(
-    session: Session, result: "Result", folder: Path | None, written: set[str]
-) -> None:
+def _show_files(session: Session, result: "Result", folder: Path | None, written: set[str]) -> None:
     """What to do next, and what was written."""
     from ..reporting.terminal import next_lines, parts_line
 

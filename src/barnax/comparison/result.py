@@ -268,12 +268,11 @@ def _row_part(row: Row) -> RowPart:
         RecordErrorsPart(metrics=metrics_part(evaluation), bands=bands)
         for evaluation, bands in zip(row.evaluations, row.bands, strict=True)
     )
-    taus_s = enumerate(row.median.parameters.tau_s, start=1)
     return RowPart(
         **known,
         notes=row.notes,
         parameters=row.median.parameters.to_dict(),
-        time_constants={f"tau{pair} [s]": tau_s for pair, tau_s in taus_s},
+        time_constants=row.median.parameters.named_tau_s,
         evaluations=row.median.evaluations,
         at_bound=row.at_bound,
         spread=None if row.is_deterministic else _spread_part(row.errors_v),

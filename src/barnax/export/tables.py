@@ -104,7 +104,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
             "iso-rc"
         )
     reference = found.reference_degc if found else None
-    cell, parameters = result.cell_at(reference), result.constant.circuit_parameters
+    cell, parameters = result.cell_at(reference), result.constant.circuit_parameters.laddered()
     degc, cells, over_soc, place = None, [cell], [], 0
     resistances = np.array([[r] for r in (parameters.r0, *parameters.r)])
     if found and found.tables is not None:
@@ -113,7 +113,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         over_soc = [found.tables.at(each) for each in degc]
     elif found:
         over_soc = [found.reference.tables]
-    over_soc = [_from_empty_to_full(each) for each in over_soc]
+    over_soc = [_from_empty_to_full(each.laddered()) for each in over_soc]
     if over_soc:
         # R0, R1 and so on first, then the temperatures.
         resistances = np.stack([[each.r0_ohm, *each.r_ohm] for each in over_soc], axis=1)

@@ -237,7 +237,8 @@ def make_model(
     Call inside float64. Beyond its end points the OCV goes on straight, where a simulation holds
     it constant: there too the voltage has to tell the SOC.
     """
-    kind = get_circuit(circuit)
+    kind, parameters = get_circuit(circuit), parameters.laddered()
+    tables = None if tables is None else tables.laddered()
     source_v = [
         _straight(cell, kind.source_voltage(cell, GRID, side + 0 * GRID)) for side in (1, -1)
     ]

@@ -117,9 +117,9 @@ def _halves(
 
 def _in_order(cells: Cells, reduced: Reduced) -> Int[np.ndarray, "ordered axes ends"]:
     """Those cells that hold a circuit whose pairs, if of one box, are in order."""
-    if not reduced.is_ordered:
+    if not reduced.ordered:
         return cells
-    taus = cells[:, : reduced.bounds.pairs]
+    taus = cells[:, : reduced.ordered]
     return cells[np.all(taus[:, :-1, 0] < taus[:, 1:, 1], axis=1)]
 
 

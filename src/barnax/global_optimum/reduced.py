@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import CircuitParameters
-from ..model.compressed import BLOCK, TOLERANCE
+from ..cell.elements import RC, Element, get_element
+from ..model.compressed import BLOCK, TOLERANCE, span_of_pairs
 from ..model.exponentials import Lagrange, span_of
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
@@ -151,9 +152,10 @@ class Reduced:
     bounds: Bounds
 
     @property
-    def is_ordered(self) -> bool:
-        """Whether all pairs have one box, so that only circuits with tau1 <= tau2 and so on are."""
-        return self.bounds.pairs_are_alike
+    def ordered(self) -> int:
+        """How many of the first axes are of pairs with one box: only circuits with tau1 <= tau2
+        and so on are in it."""
+        return self.bounds.alike_pairs
 
     @classmethod
     def of(cls, problem: Problem) -> "Reduced":
@@ -163,18 +165,19 @@ class Reduced:
         factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
         count = len(short.in_tau.nodes)
         largest_a = max(float(np.max(np.abs(inputs.held_a))) for inputs in problem.all_inputs)
-        responses = _Interpolated(factor[:, :count], short.in_tau, 1)
+        nodes = factor[:, :count]
         held_a = earlier_rms(problem.prepared_records, lambda part: part.held_a[:, None])
         current_a = min(largest_a, float(held_a[0]))
         limits = problem.coordinates
-        error = span_of(limits.shortest_tau_s, limits.longest_tau_s, TOLERANCE).error
+        error = span_of_pairs(problem.all_inputs, limits).error
         axes = []
         for pair in range(bounds.pairs):
             low, high = map(math.log, bounds.tau_range_s(pair))
+            responses = _Interpolated(nodes, short.in_tau, 1, get_element(bounds.elements[pair]))
             axes.append(Axis(low, high, responses, current_a, error * largest_a))
         if short.in_rate is not None and bounds.gamma_range is not None:
             low, high = bounds.gamma_range
-            hysteresis = _Interpolated(factor[:, count:-2], short.in_rate, -1)
+            hysteresis = _Interpolated(factor[:, count:-2], short.in_rate, -1, RC)
             largest_v = max(
                 float(np.max(np.abs(moved.amplitude_v)) * np.max(np.abs(moved.hysteresis_input)))
                 for moved in (inputs.hysteresis for inputs in problem.all_inputs)
@@ -205,18 +208,32 @@ class Reduced:
         pairs = self.bounds.pairs
         tau_s, gamma = np.exp(place[:pairs]).tolist(), np.exp(place[pairs:]).tolist()
         r0, *r = coefficients[: pairs + 1].tolist()
-        return CircuitParameters.of_tau(r0, r, tau_s, gamma[0] if gamma else None)
+        rate = gamma[0] if gamma else None
+        return CircuitParameters.of_tau(r0, r, tau_s, rate, self.bounds.elements)
 
 
 @dataclass(frozen=True, eq=False)
 class _Interpolated:
-    """The product of the nodes' responses with Lagrange polynomials at exp(direction * place)."""
+    """The product of the nodes' responses with Lagrange polynomials at exp(direction * place), for
+    every RC pair of an element."""
 
     nodes: Float[np.ndarray, "rows nodes"]
     basis: Lagrange
     direction: int
+    element: Element
 
     def __call__(self, places: Float[np.ndarray, "points"]) -> Columns:
+        if self.element == RC:
+            return self._pair(places)
+        lowest = float(self.basis.center) - float(self.basis.half_width)
+        pairs = zip(self.element.shares, self.element.ratios, strict=True)
+        found = [
+            share * self._pair(np.maximum(places + math.log(ratio), lowest))
+            for share, ratio in pairs
+        ]
+        return sum(found[1:], found[0])
+
+    def _pair(self, places: Float[np.ndarray, "points"]) -> Columns:
         basis = self.basis
         x = (self.direction * places - float(basis.center)) / float(basis.half_width)
         gaps = x[:, None] - np.asarray(basis.nodes)

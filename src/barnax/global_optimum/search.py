@@ -61,13 +61,14 @@ class Landscape(Brief):
     gamma: Float[np.ndarray, "gammas"] | None
     rmse_v: Float[np.ndarray, "*grid"]
     resistances_ohm: Float[np.ndarray, "resistances *grid"]
+    elements: tuple[str, ...]
 
     def circuit(self, point: tuple[int, ...]) -> CircuitParameters:
         """The best circuit at a point of the grid."""
         taus = [float(axis[index]) for axis, index in zip(self.tau_s, point, strict=False)]
         r0, *r = self.resistances_ohm[:, *point].tolist()
         gamma = None if self.gamma is None else float(self.gamma[point[-1]])
-        return CircuitParameters.of_tau(r0, r, taus, gamma)
+        return CircuitParameters.of_tau(r0, r, taus, gamma, self.elements)
 
     def minima(self, factor: float) -> list[tuple[int, ...]]:
         """The points no neighbor of which is lower, best first; level ground counts once.
@@ -92,8 +93,8 @@ def landscape_of(reduced: Reduced) -> Landscape:
         tables = [axis.columns(place) for axis, place in zip(reduced.axes, places, strict=True)]
     shape, pairs = tuple(len(place) for place in places), reduced.bounds.pairs
     points = np.indices(shape).reshape(len(shape), -1)
-    if reduced.is_ordered:
-        points = points[:, np.all(np.diff(points[:pairs], axis=0) >= 0, axis=0)]
+    if reduced.ordered:
+        points = points[:, np.all(np.diff(points[: reduced.ordered], axis=0) >= 0, axis=0)]
     rmse_v = np.full(shape, np.nan)
     resistances_ohm = np.full((pairs + 1, *shape), np.nan)
     for first in range(0, points.shape[1], CHUNK):
@@ -112,6 +113,7 @@ def landscape_of(reduced: Reduced) -> Landscape:
         gamma=np.exp(places[pairs]) if len(places) > pairs else None,
         rmse_v=rmse_v,
         resistances_ohm=resistances_ohm,
+        elements=reduced.bounds.elements,
     )
 
 

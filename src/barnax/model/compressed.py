@@ -23,7 +23,7 @@ from ..blas import one_blas_thread
 from ..execution import as_input, threads
 from .exponentials import Lagrange, Span, span_of
 from .search_space import Coordinates
-from .simulate import AbstractEvaluator, Intervals, RCParameters, SimulationInput, respond
+from .simulate import AT_ONCE, AbstractEvaluator, Intervals, RCParameters, SimulationInput, respond
 
 # Bound on the error of a pair's answer, relative to the largest current.
 TOLERANCE = 1e-12
@@ -69,7 +69,11 @@ class Compressed(AbstractEvaluator):
     def errors(self, rc: RCParameters) -> Float[Array, "rows"]:
         # All pairs at once, and counts times the factor rather than the reverse: fewer steps, and
         # nothing to transpose, in a program that spends microseconds on each.
-        answers = jax.vmap(self.in_tau.at)(jnp.stack(rc.tau), jnp.stack(rc.r))
+        r, tau = map(jnp.stack, zip(*rc.pairs, strict=True))
+        if rc.elements:
+            # What is faster answers as what is at its end within every interval.
+            tau = jnp.maximum(tau, jnp.exp(self.in_tau.center - self.in_tau.half_width))
+        answers = jax.vmap(self.in_tau.at)(tau, r)
         counts = [sum(answers[1:], answers[0])]
         if self.in_rate is not None and rc.gamma is not None:
             counts.append(self.in_rate.at(1 / rc.gamma))
@@ -102,7 +106,7 @@ def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compres
     The samples go through in blocks of `BLOCK`; nothing longer is ever held. Raises `InputError`
     where the box is too wide for the accuracy promised.
     """
-    in_tau = span_of(box.shortest_tau_s, box.longest_tau_s, TOLERANCE)
+    in_tau = span_of_pairs(all_inputs, box)
     in_rate = None
     if box.gamma_limits is not None:
         slowest, fastest = box.gamma_limits
@@ -123,6 +127,14 @@ def compress(all_inputs: Sequence[SimulationInput], box: Coordinates) -> Compres
         in_tau=Lagrange.of(in_tau),
         in_rate=None if in_rate is None else Lagrange.of(in_rate),
     )
+
+
+def span_of_pairs(
+    all_inputs: Sequence[SimulationInput], box: Coordinates, tolerance: float = TOLERANCE
+) -> Span:
+    """Nodes for every RC pair in a box, as far as an interval can tell it from a faster one."""
+    interval_s = min(float(np.min(np.asarray(each.intervals.node_s))) for each in all_inputs)
+    return span_of(max(box.shortest_tau_s, interval_s / AT_ONCE), box.longest_tau_s, tolerance)
 
 
 def _factor(

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import MOST_PAIRS
+from ..cell.elements import RC, alike
 from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
@@ -20,7 +21,7 @@ from ..records import Record
 from .compressed import Compressed, compress
 from .padding import to_common_size
 from .prepared import PreparedRecord, prepare_record, require_changing_voltage
-from .search_space import PAIRS, RESISTANCES, Bounds, Coordinates, Range, Scale
+from .search_space import Bounds, Coordinates, Range, Scale
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 from .window import Window
 
@@ -171,20 +172,23 @@ class Problem(Brief):
         found = []
         for index in range(len(points)):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
-            found.append(CircuitParameters.of_tau(one.r0, one.r, one.tau, one.gamma))
-        return [each.ordered() for each in found] if self.bounds.pairs_are_alike else found
+            given = one.r0, one.r, one.tau, one.gamma, self.bounds.elements
+            found.append(CircuitParameters.of_tau(*given))
+        return [each.ordered() for each in found] if self.bounds.alike_pairs else found
 
 
 def with_one_more_pair(problem: Problem) -> Problem | None:
-    """The problem with a pair more, in the default box; None where a circuit has no more."""
-    pairs = problem.bounds.pairs
-    if pairs == MOST_PAIRS:
+    """The problem with an RC pair more, in the default box; None where a circuit has no more, or
+    other elements, which more pairs would only imitate."""
+    elements = (*problem.bounds.elements, RC.name)
+    if not MOST_PAIRS >= len(elements) == alike(elements):
         return None
     capacity_ah, limits = problem.prepared.capacity_ah, problem.bounds.tau_limits_s
-    fresh = Bounds.default(capacity_ah, 2 * limits[0], limits[1], pairs=pairs + 1)
+    fresh = Bounds.default(capacity_ah, 2 * limits[0], limits[1], elements=elements)
+    resistance, tau, _ = fresh.element_names[-1]
     ranges = dict(problem.bounds.ranges)
-    ranges |= {name: fresh.ranges[name] for name in (RESISTANCES[pairs + 1], PAIRS[pairs][0])}
-    return replace(problem, bounds=replace(problem.bounds, ranges=ranges, pairs=pairs + 1))
+    ranges |= {name: fresh.ranges[name] for name in (resistance, tau)}
+    return replace(problem, bounds=replace(problem.bounds, ranges=ranges, elements=elements))
 
 
 def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]) -> dict[str, Any]:
@@ -197,7 +201,8 @@ def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]
 def _names_of(model: str) -> set[str]:
     """Every name under which a parameter of a model can be bounded or fixed."""
     circuit = get_circuit(model)
-    return set(Bounds.default(1.0, 1.0, 1.0, pairs=circuit.pairs, has_rate=circuit.has_rate).names)
+    box = Bounds.default(1.0, 1.0, 1.0, elements=circuit.elements, has_rate=circuit.has_rate)
+    return set(box.names)
 
 
 @in_float64
@@ -254,7 +259,10 @@ def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RC
 def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     """A circuit's values as the simulation takes them. Call inside float64."""
     given = parameters.r0, parameters.r, parameters.tau_s, parameters.gamma
-    return RCParameters(*jax.tree.map(as_input, given))
+    are_pairs = alike(parameters.elements) == parameters.pairs
+    elements = () if are_pairs else parameters.elements
+    r0, r, tau_s, gamma = jax.tree.map(as_input, given)
+    return RCParameters(r0, r, tau_s, gamma, elements)
 
 
 @in_float64
@@ -307,7 +315,7 @@ def make_problem(
         prepared_records[0].capacity_ah,
         min(prepared.median_interval_s for prepared in prepared_records),
         max(prepared.scored_duration_s for prepared in prepared_records),
-        pairs=model.pairs,
+        elements=model.elements,
         has_rate=model.has_rate,
     )
     box = box.with_changes(bounds or {}, fixed or {}, source)

@@ -12,14 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..cell.circuits import MOST_PAIRS, RATE
+from ..cell.circuits import OHMIC, RATE
+from ..cell.elements import RC, ElementNames, alike, get_element, names_of
 from ..errors import LONGEST_NAME, InputError, cut, toml_reason
 from ..execution import as_input
 from .simulate import RCParameters
 
-RESISTANCES = tuple(f"R{index} [Ohm]" for index in range(MOST_PAIRS + 1))
-# Each pair is bounded in its time constant or in its capacitance.
-PAIRS = tuple((f"tau{pair} [s]", f"C{pair} [F]") for pair in range(1, MOST_PAIRS + 1))
 # From a hysteresis that a whole discharge hardly turns to one that turns within a sample.
 RATE_RANGE = (1.0, 1e4)
 # Beyond these no cell is, and numbers under- and overflow; by unit.
@@ -31,17 +29,17 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Bounds:
-    """Lower and upper bound of R0, every pair's R and its tau or its C, and of gamma.
+    """Lower and upper bound of R0, every element's R and its tau or its C, and of gamma.
 
-    `fixed` holds values that are not searched. Names are PyBaMM's, with their units. Where a pair
-    is bounded or fixed in C, its R C still stays within `tau_limits_s`: faster or slower than
+    `fixed` holds values that are not searched. Names are PyBaMM's, with their units. Where an RC
+    pair is bounded or fixed in C, its R C still stays within `tau_limits_s`: faster or slower than
     that the record cannot show it.
     """
 
     ranges: Mapping[str, Range]
     tau_limits_s: Range
     fixed: Mapping[str, float] = field(default_factory=dict)
-    pairs: int = 2
+    elements: tuple[str, ...] = (RC.name,) * 2
 
     @classmethod
     def default(
@@ -50,23 +48,45 @@ class Bounds:
         interval_s: float,
         duration_s: float,
         *,
-        pairs: int = 2,
+        elements: tuple[str, ...] = (RC.name,) * 2,
         has_rate: bool = False,
     ) -> "Bounds":
         """0.1 to 200 mohm at 2 Ah, scaled to the capacity; tau from half an interval to all.
 
         `interval_s` is the median sampling interval, `duration_s` the scored duration: faster
-        or slower than these a time constant cannot be seen. All pairs share one box. The rate of
-        a dynamic hysteresis, `has_rate`, runs over `RATE_RANGE`.
+        or slower than these a time constant cannot be seen; of an element of several RC pairs that
+        is so of the slowest. All RC pairs share one box. The rate of a dynamic hysteresis,
+        `has_rate`, runs over `RATE_RANGE`.
         """
         scale = 2.0 / capacity_ah
         resistance = (1e-4 * scale, 0.2 * scale)
         tau = (interval_s / 2, max(duration_s, interval_s))
-        ranges = dict.fromkeys(RESISTANCES[: pairs + 1], resistance)
-        ranges |= {PAIRS[pair][0]: tau for pair in range(pairs)}
+        box = cls({}, tau, elements=elements)
+        ranges = dict.fromkeys(box.resistances, resistance)
+        ranges |= {names.tau: box.limits_s(place) for place, names in enumerate(box.element_names)}
         if has_rate:
             ranges[RATE] = RATE_RANGE
-        return cls(ranges, tau, pairs=pairs)
+        return replace(box, ranges=ranges)
+
+    @property
+    def pairs(self) -> int:
+        """How many elements there are, RC pairs mostly."""
+        return len(self.elements)
+
+    @property
+    def element_names(self) -> tuple[ElementNames, ...]:
+        return names_of(self.elements)
+
+    @property
+    def resistances(self) -> tuple[str, ...]:
+        """Their names, R0 first."""
+        return (OHMIC, *(each.resistance for each in self.element_names))
+
+    def limits_s(self, place: int) -> Range:
+        """Time constants of an element whose slowest RC pair the record can show."""
+        low, high = self.tau_limits_s
+        slowest = get_element(self.elements[place]).ratios[0]
+        return low / slowest, high / slowest
 
     @property
     def has_rate(self) -> bool:
@@ -75,8 +95,8 @@ class Bounds:
     @property
     def names(self) -> tuple[str, ...]:
         """Every name that can be bounded or fixed."""
-        names = [*RESISTANCES[: self.pairs + 1]]
-        names += [name for pair in PAIRS[: self.pairs] for name in pair]
+        names = [*self.resistances]
+        names += [name for each in self.element_names for name in each[1:] if name is not None]
         return (*names, RATE) if self.has_rate else tuple(names)
 
     def with_changes(
@@ -106,7 +126,9 @@ class Bounds:
                 raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
         chosen = ranges.keys() | fixed.keys()
         changed = dict(self.ranges)
-        for tau, capacitance in PAIRS[: self.pairs]:
+        for _, tau, capacitance in self.element_names:
+            if capacitance is None:
+                continue
             if {tau, capacitance} <= chosen:
                 raise InputError(
                     f"{source}: give {tau!r} or {capacitance!r}, not both; one follows from the "
@@ -118,17 +140,17 @@ class Bounds:
         changed = {name: each for name, each in changed.items() if name not in fixed}
         changed |= {name: ranges[name] for name in self.names if name in ranges}
         box = replace(self, ranges=changed, fixed=dict(fixed))
-        for pair, (_, capacitance) in enumerate(PAIRS[: self.pairs]):
-            if capacitance in chosen:
-                low, high = box._visible_resistances(pair, source)
-                if RESISTANCES[pair + 1] in changed:
-                    changed[RESISTANCES[pair + 1]] = low, high
+        for names in self.element_names:
+            if names.capacitance in chosen:
+                low, high = box._visible_resistances(names, source)
+                if names.resistance in changed:
+                    changed[names.resistance] = low, high
         return box
 
-    def _visible_resistances(self, pair: int, source: str) -> Range:
+    def _visible_resistances(self, names: ElementNames, source: str) -> Range:
         """The resistances with which some allowed C gives a tau that can be seen."""
-        resistance, (_, capacitance) = RESISTANCES[pair + 1], PAIRS[pair]
-        (low, high), (low_f, high_f) = self.range_of(resistance), self.range_of(capacitance)
+        resistance, _, capacitance = names
+        (low, high), (low_f, high_f) = self.range_of(resistance), self.range_of(str(capacitance))
         low, high = max(low, self.tau_limits_s[0] / high_f), min(high, self.tau_limits_s[1] / low_f)
         if low > high:
             raise InputError(
@@ -139,20 +161,23 @@ class Bounds:
         return low, high
 
     @property
-    def pairs_are_alike(self) -> bool:
-        """Whether all RC pairs have the same box, so that swapping them stays inside."""
-        if self.fixed.keys() - {RESISTANCES[0], RATE}:
-            return False
-        seconds = [self.second_name(pair) for pair in range(self.pairs)]
+    def alike_pairs(self) -> int:
+        """How many RC pairs, the first ones, can be swapped within the box: all, or none."""
+        pairs = alike(self.elements)
+        names = self.element_names[:pairs]
+        if self.fixed.keys() & {name for each in names for name in each}:
+            return 0
+        seconds = [self.second_name(place) for place in range(pairs)]
         boxes = {
-            (self.ranges[resistance], name.startswith("tau"), self.ranges[name])
-            for resistance, name in zip(RESISTANCES[1:], seconds, strict=False)
+            (self.ranges[each.resistance], second == each.tau, self.ranges[second])
+            for each, second in zip(names, seconds, strict=True)
         }
-        return len(boxes) == 1
+        return pairs if len(boxes) == 1 else 0
 
     def second_name(self, index: int) -> str:
-        """The name that bounds or fixes pair `index` beside its resistance."""
-        return next(name for name in PAIRS[index] if name in self.ranges or name in self.fixed)
+        """The name that bounds or fixes element `index` beside its resistance."""
+        _, tau, capacitance = self.element_names[index]
+        return tau if tau in self.ranges or tau in self.fixed else str(capacitance)
 
     def _require_known(self, name: str, source: str) -> None:
         if name not in self.names:
@@ -167,12 +192,13 @@ class Bounds:
         return self.ranges[name] if value is None else (value, value)
 
     def tau_range_s(self, pair: int) -> Range:
-        """Time constants of a pair that some allowed R and C have."""
-        tau, capacitance = PAIRS[pair]
-        if self.second_name(pair) == tau:
+        """Time constants of an element that some allowed R and C have."""
+        resistance, tau, _ = self.element_names[pair]
+        second = self.second_name(pair)
+        if second == tau:
             return self.range_of(tau)
-        r_low, r_high = self.range_of(RESISTANCES[pair + 1])
-        c_low, c_high = self.range_of(capacitance)
+        r_low, r_high = self.range_of(resistance)
+        c_low, c_high = self.range_of(second)
         low, high = self.tau_limits_s
         return max(low, r_low * c_low), min(high, r_high * c_high)
 
@@ -184,10 +210,10 @@ class Bounds:
         self, tau_s: Float[np.ndarray, "pairs *points"]
     ) -> tuple[Float[np.ndarray, "resistances *points"], Float[np.ndarray, "resistances *points"]]:
         """Least and greatest R0, R1, ... at these time constants: a bounded C bounds R too."""
-        ends = np.array([self.range_of(name) for name in RESISTANCES[: self.pairs + 1]])
+        ends = np.array([self.range_of(name) for name in self.resistances])
         low, high = (np.stack([np.full(tau_s.shape[1:], each) for each in side]) for side in ends.T)
-        for pair, (_, capacitance) in enumerate(PAIRS[: self.pairs]):
-            if self.second_name(pair) == capacitance:
+        for pair, (_, _, capacitance) in enumerate(self.element_names):
+            if capacitance is not None and self.second_name(pair) == capacitance:
                 c_low, c_high = self.range_of(capacitance)
                 low[pair + 1] = np.maximum(low[pair + 1], tau_s[pair] / c_high)
                 high[pair + 1] = np.minimum(high[pair + 1], tau_s[pair] / c_low)
@@ -276,6 +302,7 @@ class Coordinates(eqx.Module):
     """A box of free parameters and the map from a point in it to an `RCParameters`.
 
     Parameters stand in the order R0, R1, X1, R2, X2 and so on, with gamma last where there is one.
+    `elements` are named where not all are RC pairs.
     In `rc` coordinates X is a capacitance and all are raw, as in the paper. In `log` coordinates
     the point holds logarithms and X is the time constant, or the capacitance where the user bounded
     that. Where R C leaves the limits of tau, C is clipped.
@@ -290,6 +317,7 @@ class Coordinates(eqx.Module):
     holds_tau: tuple[bool, ...] = eqx.field(static=True)
     is_log: bool = eqx.field(static=True)
     gamma_limits: tuple[float, float] | None = eqx.field(static=True)
+    elements: tuple[str, ...] = eqx.field(static=True, default=())
 
     @classmethod
     def of(cls, bounds: Bounds, scale: Scale) -> "Coordinates":
@@ -297,19 +325,18 @@ class Coordinates(eqx.Module):
         if scale not in SCALES:
             raise InputError(f"coordinates {scale!r} are not known; there are {', '.join(SCALES)}")
         is_log = scale == "log"
-        slots = [(RESISTANCES[0], *bounds.range_of(RESISTANCES[0]))]
+        slots = [(OHMIC, *bounds.range_of(OHMIC))]
         tau_limits, holds_tau = [], []
-        for pair in range(bounds.pairs):
-            resistance = RESISTANCES[pair + 1]
+        for pair, (resistance, tau, capacitance) in enumerate(bounds.element_names):
             r_low, r_high = bounds.range_of(resistance)
             name = bounds.second_name(pair)
             low, high = bounds.range_of(name)
-            is_tau = name.startswith("tau")
-            is_searched_as_tau = is_tau and (is_log or low == high)
+            is_tau = name == tau
+            is_searched_as_tau = is_tau and (is_log or low == high or capacitance is None)
             tau_limits.append((low, high) if is_tau else bounds.tau_limits_s)
             holds_tau.append(is_searched_as_tau)
             if is_tau and not is_searched_as_tau:
-                name, low, high = PAIRS[pair][1], low / r_high, high / r_low
+                name, low, high = str(capacitance), low / r_high, high / r_low
             slots += [(resistance, r_low, r_high), (name, low, high)]
         if bounds.gamma_range is not None:
             slots.append((RATE, *bounds.gamma_range))
@@ -328,17 +355,24 @@ class Coordinates(eqx.Module):
             holds_tau=tuple(holds_tau),
             is_log=is_log,
             gamma_limits=bounds.gamma_range,
+            elements=() if alike(bounds.elements) == bounds.pairs else bounds.elements,
         )
 
     @property
     def shortest_tau_s(self) -> float:
-        """The smallest time constant in the box, in s."""
-        return float(np.min(np.asarray(self.tau_limits_s)))
+        """The smallest time constant of an RC pair in the box, in s."""
+        return float(np.min(np.asarray(self.tau_limits_s)[:, 0] * self._ratios(-1)))
 
     @property
     def longest_tau_s(self) -> float:
-        """The largest time constant in the box, in s."""
-        return float(np.max(np.asarray(self.tau_limits_s)))
+        """The largest time constant of an RC pair in the box, in s."""
+        return float(np.max(np.asarray(self.tau_limits_s)[:, 1] * self._ratios(0)))
+
+    def _ratios(self, end: int) -> Float[np.ndarray, "pairs"] | float:
+        """Of every element's slowest or fastest RC pair."""
+        if not self.elements:
+            return 1.0
+        return np.array([get_element(name).ratios[end] for name in self.elements])
 
     @property
     def highest_gamma(self) -> float | None:
@@ -358,7 +392,7 @@ class Coordinates(eqx.Module):
         for pair, (r, x) in enumerate(zip(resistances, rest[1::2], strict=True)):
             low, high = self.tau_limits_s[pair]
             tau.append(x if self.holds_tau[pair] else jnp.clip(r * x, low, high))
-        return RCParameters(r0, tuple(resistances), tuple(tau), gamma)
+        return RCParameters(r0, tuple(resistances), tuple(tau), gamma, self.elements)
 
     def encode(self, rc: RCParameters) -> Float[Array, "free"]:
         """The point of a circuit, moved into the box where it lies outside."""

@@ -18,10 +18,13 @@ from equinox import AbstractVar
 from jax import lax
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
+from ..cell.elements import rungs_of
 from ..execution import as_input
 
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
+# A pair so many times as fast as any interval is at its end within it, to the last bit.
+AT_ONCE = 40.0
 # Smaller offsets are rounding of the stored time, not jitter of the clock.
 _CLOCK_S = 1e-10
 
@@ -47,6 +50,8 @@ class Intervals(eqx.Module):
         The last sample's own interval leads nowhere; it repeats the one before.
         """
         interval_s = np.diff(time_s)
+        # What is over within every interval needs no fine ones.
+        shortest_tau_s = max(shortest_tau_s, float(np.min(interval_s)) / AT_ONCE)
         resolution_s = max(_CLOCK_S, 2 * np.spacing(np.max(np.abs(time_s))))
         return cls.gather(np.append(interval_s, interval_s[-1]), shortest_tau_s, resolution_s)
 
@@ -86,15 +91,28 @@ def next_nodes(count: int) -> int:
 
 
 class RCParameters(eqx.Module):
-    """Ohmic resistance and RC pairs in series; `tau` is each pair's R times C, in seconds.
+    """Ohmic resistance and elements in series; `tau` is each one's R times C, in seconds.
 
     `gamma` is the rate of a dynamic hysteresis per unit of SOC, None for circuits without.
+    `elements` are names of the elements, none where all are RC pairs.
     """
 
     r0: Scalar
     r: tuple[Scalar, ...]
     tau: tuple[Scalar, ...]
     gamma: Scalar | None = None
+    elements: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def pairs(self) -> list[tuple[Scalar, Scalar]]:
+        """Resistance and time constant of every RC pair, those that elements consist of too."""
+        own = list(zip(self.r, self.tau, strict=True))
+        if not self.elements:
+            return own
+        return [
+            (own[each.element][0] * each.share, own[each.element][1] * each.ratio)
+            for each in rungs_of(self.elements)
+        ]
 
 
 class AbstractEvaluator(eqx.Module):
@@ -224,7 +242,7 @@ class SimulationInput(AbstractEvaluator):
             return (state, circuit.add_errors(total, state, moving, counting, BLOCK)), None
 
         total = jnp.zeros_like(rc.r0)
-        state = (total,) * len(rc.r), total
+        state = (total,) * len(rc.pairs), total
         if blocks:
             (state, total), _ = lax.scan(turn, (state, total), (before, moving, counting))
             state = circuit.advance(state, jax.tree.map(lambda array: array[-1], moving), BLOCK)
@@ -260,7 +278,7 @@ def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "sa
     more scan in all, not one a parameter.
     """
     drop_v = rc.r0 * inputs.current_a
-    for r, tau in zip(rc.r, rc.tau, strict=True):
+    for r, tau in rc.pairs:
         drop_v = drop_v + r * unit_response(tau, inputs.held_a, inputs.intervals)
     moved = inputs.hysteresis
     if moved is not None and rc.gamma is not None:
@@ -322,7 +340,7 @@ class _Circuit:
     def __init__(self, rc: RCParameters, inputs: SimulationInput):
         clock, moved = inputs.intervals, inputs.hysteresis
         self._r0 = rc.r0
-        self._pairs = [Pair(r, tau, clock) for r, tau in zip(rc.r, rc.tau, strict=True)]
+        self._pairs = [Pair(r, tau, clock) for r, tau in rc.pairs]
         self._hysteresis, turning, amplitude_v = None, None, None
         if moved is not None and rc.gamma is not None:
             one = jnp.ones_like(rc.r0)

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from ..blas import one_blas_thread
 from ..cell import SocTables, get_circuit
-from ..cell.circuits import RATE
+from ..cell.circuits import OHMIC, RATE
+from ..cell.elements import get_element, names_of
 from ..cell.tables import HALF_HYSTERESIS, LEAST_OHM
 from ..display import Brief
 from ..errors import InputError
@@ -183,7 +184,14 @@ def reduced_objective(
 ) -> Objective:
     """The objective over all records, in the ranges given or their own."""
     ranges = ranges or box_of(prepared_records, settings)
-    layout = layout_of(settings.nodes, ranges, settings.ocv_correction, settings.half_hysteresis)
+    layout = layout_of(
+        settings.nodes,
+        ranges,
+        settings.ocv_correction,
+        settings.half_hysteresis,
+        get_circuit(prepared_records[0].circuit).elements,
+        min(float(np.min(np.diff(each.time_s))) for each in prepared_records),
+    )
     groups, count = blocks_of(prepared_records, settings)
     parts = reduce_records(prepared_records, layout, groups, count)
     with one_blas_thread():
@@ -219,9 +227,13 @@ def box_of(prepared_records: Sequence[PreparedRecord], settings: TableSettings) 
         for each in prepared_records
     )
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
-    names = [f"tau{pair + 1} [s]" for pair in range(circuit.pairs)]
-    box = {name: ranges.get(name, (fastest_s, slowest_s)) for name in names}
-    unknown = ranges.keys() - {*names, RATE, *(f"R{n} [Ohm]" for n in range(circuit.pairs + 1))}
+    box, known = {}, {OHMIC, RATE}
+    for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):
+        # The box is of the slowest RC pair in it.
+        ratio = get_element(element).ratios[0]
+        box[names.tau] = ranges.get(names.tau, (fastest_s / ratio, slowest_s / ratio))
+        known |= {names.tau, names.resistance}
+    unknown = ranges.keys() - known
     if unknown or (RATE in ranges and not circuit.has_rate):
         raise InputError(
             f"the circuit {circuit.name} has no {', '.join(sorted(unknown)) or RATE} to bound or "

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
+from ..cell.elements import rungs_of
 from ..execution import in_float64
 from ..model.exponentials import Span
 from ..uncertainty.covariance import CONFIDENCE, one_clock
@@ -188,7 +189,11 @@ def _linearized(objective: Objective, found: Solution):
     them come after the first load."""
     pairs, layout = objective.pairs, objective.reduced.layout
     tau, rate = found.place[:pairs], found.place[pairs:]
-    layout = replace(layout, in_tau=_around(tau, 1), in_rate=_around(rate, -1) if rate else None)
+    rungs = rungs_of(objective.elements)
+    rung_places = [tau[each.element] + math.log(each.ratio) for each in rungs]
+    layout = replace(
+        layout, in_tau=_around(rung_places, 1), in_rate=_around(rate, -1) if rate else None
+    )
     part = replace(objective.reduced, layout=layout)
     for prepared in objective.prepared_records:
         for block in blocks(prepared, layout):
@@ -196,7 +201,10 @@ def _linearized(objective: Objective, found: Solution):
             if not np.any(scored):
                 continue
             rows = replace(part, scored=1, factor=block.few[scored] @ block.mixing)
-            taus, turns, standing, current, correction, base = map(rows.part, layout.sizes)
+            answers, turns, standing, current, correction, base = map(rows.part, layout.sizes)
+            taus = np.zeros((3 * pairs, *answers.shape[1:]))
+            for own, each in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):
+                taus[3 * each.element : 3 * each.element + 3] += each.share * own
             amplitude = list(standing)
             base = base[0][:, 0]
             if rate and layout.has_amplitude:

@@ -3,6 +3,7 @@ constants.
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,13 +13,14 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
 from ..cell import SocTables
-from ..cell.circuits import RATE
+from ..cell.circuits import OHMIC, RATE, get_circuit
+from ..cell.elements import RC, Element, get_element, names_of
 from ..cell.tables import Table, hats, require_nodes
 from ..errors import InputError
 from ..model.compressed import BLOCK
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
-from ..model.search_space import PAIRS, RESISTANCES, Range
+from ..model.search_space import Range
 from .reduced import Columns, Reduced
 from .search import Place, Sides, Solved, least_in_box, least_squares_in_box
 
@@ -37,6 +39,8 @@ RESISTANCE_RIDGE, VOLTAGE_RIDGE = 1e-9, 1e-7
 FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
 # With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
 SLOWEST_SHARE = 0.1
+# What can be bounded or fixed; which of these a circuit has is known when it is fitted.
+TABULATED = re.compile(r"R(\d|_\w+) \[Ohm\]|tau(\d|_\w+) \[s\]|gamma")
 # Blocks go to the folds in turn, so that no fold lacks a whole range of SOC.
 FOLDS, BLOCK_S = 5, 400.0
 
@@ -93,8 +97,9 @@ class TableSettings:
                 raise InputError(f"`{name}` {getattr(self, name):g} must be positive")
         if self.folds < 0 or self.folds == 1:
             raise InputError(f"`folds` {self.folds} must be 0 or at least 2")
-        known = {*RESISTANCES, *(tau for tau, _ in PAIRS), RATE}
-        for name in {*self.bounds, *self.fixed} - known:
+        for name in [*self.bounds, *self.fixed]:
+            if TABULATED.fullmatch(name):
+                continue
             raise InputError(
                 f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, time "
                 "constants such as 'tau1 [s]' and gamma can"
@@ -102,7 +107,7 @@ class TableSettings:
         for name in self.bounds.keys() & self.fixed.keys():
             raise InputError(f"{name!r} is both bounded and fixed; give one of them")
         for name, (low, high) in self.ranges.items():
-            least = 0.0 if name in RESISTANCES else np.finfo(float).tiny
+            least = 0.0 if name.endswith("[Ohm]") else np.finfo(float).tiny
             if not least <= low <= high < np.inf:
                 raise InputError(
                     f"the bounds of {name!r} are [{low:g}, {high:g}]; the lower one comes first, "
@@ -131,6 +136,7 @@ class Axis:
     shape: tuple[int, int]
     span: Span
     direction: int
+    element: Element
     _known: dict[float, Columns] = field(default_factory=dict)
 
     def columns(self, place: float) -> Columns:
@@ -138,14 +144,27 @@ class Axis:
         if place not in self._known:
             while len(self._known) >= KEPT:
                 del self._known[next(iter(self._known))]
-            counts = self.span.from_skeleton @ _cardinal(self.span, self.direction * place)[0]
-            self._known[place] = self._product(counts)
+            self._known[place] = self._product(self.span.from_skeleton @ self._counts(place)[0])
         return self._known[place]
 
     def slopes(self, place: float) -> Columns:
         """Their derivatives by the place."""
-        _, slopes = _cardinal(self.span, self.direction * place)
+        _, slopes = self._counts(place)
         return self._product(self.direction * (self.span.from_skeleton @ slopes))
+
+    def _counts(self, place: float):
+        """What each node counts in the element's answer, and the derivatives."""
+        if self.element == RC:
+            return _cardinal(self.span, self.direction * place)
+        lowest = self.span.center - self.span.half_width
+        counts, slopes = np.zeros((2, len(self.span.nodes)))
+        for share, ratio in zip(self.element.shares, self.element.ratios, strict=True):
+            own = place + math.log(ratio)
+            # What is faster is at its end within every interval too.
+            count, slope = _cardinal(self.span, max(own, lowest))
+            counts += share * count
+            slopes += share * slope * (own >= lowest)
+        return counts, slopes
 
     def _product(self, counts: Float[np.ndarray, "few"]) -> Columns:
         return (counts @ self.parts).reshape(self.shape)
@@ -193,7 +212,12 @@ class Objective:
     share: float = 1.0
 
     @property
+    def elements(self) -> tuple[str, ...]:
+        return get_circuit(self.prepared_records[0].circuit).elements
+
+    @property
     def pairs(self) -> int:
+        """How many elements there are, RC pairs mostly."""
         return len(self.ranges) - (RATE in self.ranges)
 
     @property
@@ -220,15 +244,23 @@ class Objective:
         layout = self.reduced.layout
         taus, turns = self.reduced.part("pairs"), self.reduced.part("turns")
 
-        def axis(name: str, table: int | None, part: np.ndarray, span: Span, direction: int):
+        def axis(
+            name: str,
+            table: int | None,
+            part: np.ndarray,
+            span: Span,
+            direction: int,
+            element: Element = RC,
+        ):
             low, high = np.log(self.ranges[name]).tolist()
             flat = part.reshape(len(part), -1)
-            return Axis(name, low, high, table, flat, part.shape[1:], span, direction)
+            return Axis(name, low, high, table, flat, part.shape[1:], span, direction, element)
 
         axes = [
-            axis(name, pair, taus, layout.in_tau, 1)
-            for pair, name in enumerate(self.ranges, 1)
-            if name != RATE
+            axis(names.tau, pair, taus, layout.in_tau, 1, get_element(element))
+            for pair, (element, names) in enumerate(
+                zip(self.elements, names_of(self.elements), strict=True), 1
+            )
         ]
         if layout.in_rate is not None:
             table = self.tables - 1 if layout.has_amplitude else None
@@ -304,7 +336,8 @@ class Objective:
         is to rise may fall by as much as the known OCV rises at least; else it is free."""
         low, high = np.zeros((self.tables, self.nodes)), np.full((self.tables, self.nodes), np.inf)
         ranges = self.settings.ranges
-        for table, name in enumerate(RESISTANCES[: self.pairs + 1]):
+        names = (OHMIC, *(each.resistance for each in names_of(self.elements)))
+        for table, name in enumerate(names):
             if name in ranges:
                 low[table], high[table] = ranges[name]
         if self.reduced.layout.has_correction:
@@ -382,4 +415,5 @@ class Objective:
             half_hysteresis_v=tuple(values[-1]) if layout.has_amplitude else None,
             gamma=gamma,
             visited=tuple(self.visited.tolist()),
+            elements=self.elements,
         )

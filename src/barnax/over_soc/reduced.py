@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..blas import one_blas_thread
 from ..cell.circuits import RATE
+from ..cell.elements import get_element
 from ..cell.tables import hats
 from ..execution import in_float64, threads
 from ..model.compressed import (
@@ -31,7 +32,7 @@ from ..model.compressed import (
 from ..model.exponentials import Span, span_of
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from ..model.simulate import SimulationInput
+from ..model.simulate import AT_ONCE, SimulationInput
 from .simulate import TableInput
 
 # Columns of one block reflector; there are ten times as many columns as for a constant circuit.
@@ -180,8 +181,11 @@ def layout_of(
     ranges: Mapping[str, Range],
     has_correction: bool,
     has_amplitude: bool,
+    elements: Sequence[str],
+    interval_s: float,
 ) -> Layout:
-    """Columns for time constants and gamma of these ranges, to the accuracy of the scan.
+    """Columns for the elements' time constants and gamma of these ranges, to the accuracy of the
+    scan; no interval is shorter than `interval_s`.
 
     Raises `InputError` where a range is too wide.
     """
@@ -189,8 +193,11 @@ def layout_of(
     if RATE in ranges:
         slowest, fastest = ranges[RATE]
         in_rate = span_of(1 / fastest, 1 / slowest, TOLERANCE)
-    low_s, high_s = zip(*(limits for name, limits in ranges.items() if name != RATE), strict=True)
-    in_tau = span_of(min(low_s), max(high_s), TOLERANCE)
+    limits = [limits for name, limits in ranges.items() if name != RATE]
+    ratios = [get_element(name).ratios for name in elements]
+    fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
+    slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
+    in_tau = span_of(max(fastest_s, interval_s / AT_ONCE), slowest_s, TOLERANCE)
     return Layout(nodes, in_tau, in_rate, has_correction, has_amplitude)
 
 

@@ -13,6 +13,7 @@ from scipy.ndimage import minimum_filter
 from scipy.optimize import minimize
 
 from ..cell.circuits import RATE
+from ..cell.elements import RC
 
 # Grid points of a time constant by the number of pairs, alone and beside gamma, and of gamma.
 TAUS = {1: 64, 2: 20, 3: 10, 4: 8}
@@ -177,8 +178,10 @@ def in_order(objective: Searchable, place: Place) -> Place:
 
 
 def alike_pairs(objective: Searchable) -> int:
-    """How many pairs can change places: all, where they have one box, else none."""
-    boxes = [(axis.low, axis.high) for axis in objective.axes if axis.name != RATE]
+    """How many pairs can change places: all RC pairs, where they have one box, else none."""
+    boxes = [
+        (axis.low, axis.high) for axis in objective.axes if axis.name != RATE and axis.element == RC
+    ]
     return len(boxes) if len(set(boxes)) == 1 else 0
 
 

@@ -165,6 +165,7 @@ def error_blocks(
     prepared: PreparedRecord, tables: SocTables
 ) -> Iterator[tuple[slice, Float[np.ndarray, "samples"]]]:
     """Measured minus simulated voltage in V, block after block. Call inside float64."""
+    tables = tables.laddered()
     parameters, nodes = TableParameters.of(tables), np.array(tables.nodes)
     at_rest = len(tables.tau_s) + (tables.gamma is not None)
     states = jnp.zeros(at_rest, parameters.tables.dtype)

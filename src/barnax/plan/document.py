@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -145,10 +145,10 @@ _TEXT = ("text in quotes", TypeAdapter(StrictStr))
 _Kinds = Mapping[str, tuple[str, TypeAdapter[Any]]]
 
 _SIGNS = ("auto", *get_args(Sign))
-_CHOICES: Mapping[str, tuple[str, ...]] = {
+_CHOICES: Mapping[str, Collection[str]] = {
     "ocv_fit": get_args(OcvFit),
     "hysteresis_fit": get_args(HysteresisFit),
-    "model": tuple(CIRCUITS),
+    "model": CIRCUITS,
     "over": ("soc", OVER_TEMPERATURE),
     "method": tuple(OPTIMIZERS),
     "trust": ("none", "basic", "full"),

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..cell import CircuitParameters
+from ..cell.elements import names_of
 from .style import (
     BLACK,
     BLUE,
@@ -56,9 +57,12 @@ def readable(parameters: Mapping[str, float]) -> dict[str, float]:
     """
     circuit = CircuitParameters.from_dict(parameters)
     values = {"R0 [mOhm]": 1e3 * circuit.r0}
-    pairs = zip(circuit.r, circuit.c, circuit.tau_s, strict=True)
-    for pair, (r, c, tau_s) in enumerate(pairs, start=1):
-        values |= {f"R{pair} [mOhm]": 1e3 * r, f"C{pair} [F]": c, f"tau{pair} [s]": tau_s}
+    pairs = zip(names_of(circuit.elements), circuit.r, circuit.c, circuit.tau_s, strict=True)
+    for names, r, c, tau_s in pairs:
+        values[names.resistance.replace("[Ohm]", "[mOhm]")] = 1e3 * r
+        if names.capacitance is not None:
+            values[names.capacitance] = c
+        values[names.tau] = tau_s
     if circuit.gamma is not None:
         values["gamma [1/SOC]"] = circuit.gamma
     return values

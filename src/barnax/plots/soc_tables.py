@@ -12,6 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from ..cell.elements import names_beside
 from .style import (
     BLUE,
     GREY,
@@ -112,15 +113,17 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
     tables = drawn_tables(fit).values()
     across = min(1 if is_column() else PANELS_ACROSS, len(tables))
     figure, panels = make_panels(len(tables), across, row_in=PANEL_IN, around_in=0.6, sharex=True)
-    for place, (axes, table) in enumerate(zip(panels, tables, strict=True)):
+    for axes, table in zip(panels, tables, strict=True):
         axes.set_ylabel(table.label)
         _draw_table(axes, table)
-        if constant is not None and table.is_resistance and place <= constant.pairs:
-            value = (constant.r0, *constant.r)[place]
+        resistance = table.label.replace("[mOhm]", "[Ohm]")
+        tau = names_beside(resistance).tau
+        value = None if constant is None else constant.named_ohm.get(resistance)
+        if value is not None:
             label = "constant circuit"
             axes.axhline(1e3 * value, color=GREY, linewidth=1.4, zorder=1, label=label)
-        if table.is_resistance and place > 0:
-            title(axes, f"tau{place} = {fit.tables.tau_s[place - 1]:.3g} s")
+        if tau in fit.tables.constants:
+            title(axes, f"{tau.partition(' ')[0]} = {fit.tables.constants[tau]:.3g} s")
     name_below(panels, across, SOC_LABEL)
     return finish(figure, *panels, columns=4)
 

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ..cell.elements import names_beside
 from .soc_tables import drawn_tables
 from .style import (
     BLACK,
@@ -117,15 +118,14 @@ def _draw_resistances(
     if isinstance(found, CircuitParameters):
         soc = evaluation.prepared.soc[evaluation.prepared.scored]
         ends = np.array([soc.min(), soc.max()])
-        for place, (value, color) in enumerate(zip((found.r0, *found.r), COLORS, strict=False)):
-            name = f"R{place} [Ohm]"
+        for (name, value), color in zip(found.named_ohm.items(), COLORS, strict=False):
             known = intervals.get(name)
             if known is not None and known.low is not None and known.high is not None:
                 low, high = (np.full(2, 1e3 * end) for end in (known.low, known.high))
                 _draw_band(axes, ends, low, high, color)
             tops.append(1e3 * value)
             lines += axes.plot(ends, np.full(2, 1e3 * value), color=color)
-        tau_s = found.tau_s
+        tau_s = found.named_tau_s
     else:
         tables = drawn_tables(found).items()
         resistances = [each for name, each in tables if name.endswith("[Ohm]")]
@@ -135,8 +135,10 @@ def _draw_resistances(
             _draw_band(axes, table.nodes[at], table.low[at], table.high[at], color)
             style = {"marker": "o", "markersize": 3.0, "color": color}
             lines += axes.plot(table.nodes[at], table.values[at], **style)
-        tau_s = found.tables.tau_s
-    labels = ["R0", *(f"R{pair}, tau {each:.3g} s" for pair, each in enumerate(tau_s, 1))]
+        tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
+    names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
+    each_tau = zip(names, tau_s.values(), strict=True)
+    labels = ["R0", *(f"{name}, tau {each:.3g} s" for name, each in each_tau)]
     axes.legend(lines, labels, loc="upper center")
     axes.set_ylim(0.0, WIDEST * max(tops))
     axes.set_xlabel(SOC_LABEL)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
-from itertools import chain
+from itertools import chain, takewhile
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from .words import figures, fixed, millivolts_cell
@@ -138,7 +138,7 @@ def _order(head: str) -> tuple[str, int]:
     """R0, R1, C1, tau1, R2, ...: pair by pair, what has no pair last."""
     symbol = head.split()[0]
     kinds = ("R", "C", "tau")
-    kind = symbol.rstrip("0123456789")
+    kind = "".join(takewhile(str.isalpha, symbol))
     number = symbol[len(kind) :]
     return (number or "9", kinds.index(kind) if kind in kinds else len(kinds))
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.text import Text
 
+from ..cell.elements import names_beside
 from ..inputs import NOT_SUITABLE
 from .candidates import ranked
 from .decisions import carried_sentences, guess_sentences
@@ -22,6 +23,7 @@ from .words import (
     degrees,
     duration,
     figures,
+    symbol,
     with_unit,
 )
 
@@ -184,16 +186,15 @@ def _parameters_table(result: "Result") -> Whole:
     bounds = {each.name: each.side for each in constant.at_bound}
     longest_s = max(each.duration_s or 0.0 for each in result.of_role("identification"))
     rows = []
-    resistances = (circuit.r0, *circuit.r)
-    for pair, r_ohm in enumerate(resistances):
-        name = f"R{pair} [Ohm]"
-        left = (f"R{pair}", with_unit(name, r_ohm), _interval(name, estimates, bounds))
-        right = ("", "", "")
-        if pair:
-            name, tau_s = f"tau{pair} [s]", circuit.tau_s[pair - 1]
-            right = (f"tau{pair}", with_unit(name, tau_s), _interval(name, estimates, bounds))
+    for resistance, r_ohm in circuit.named_ohm.items():
+        value = with_unit(resistance, r_ohm)
+        left = (symbol(resistance), value, _interval(resistance, estimates, bounds))
+        right, name = ("", "", ""), names_beside(resistance).tau
+        tau_s = circuit.named_tau_s.get(name)
+        if tau_s is not None:
+            right = (symbol(name), with_unit(name, tau_s), _interval(name, estimates, bounds))
             if bounds.get(name) == "upper" and tau_s >= longest_s * (1 - 1e-3):
-                right = (f"tau{pair}", f"> {duration(longest_s)}", "longer than the record")
+                right = (symbol(name), f"> {duration(longest_s)}", "longer than the record")
         rows.append((*left, *right))
     if circuit.gamma is not None:
         value = f"{figures(circuit.gamma)} /SOC"

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ..cell.elements import names_beside
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from ..table_run import MIDDLE_SOC
 from ..uncertainty.covariance import WIDEST_FACTOR
@@ -267,7 +268,7 @@ def middle_of_tables(part: "TablesPart") -> tuple[list[str], list[tuple[str, ...
         ranges = between(name, min(seen), max(seen))
         row = [_name(name), *_under_one_unit(with_unit(name, values[middle]), here, ranges)]
         # The time constant of a pair beside its resistance.
-        tau = f"tau{name[1]} [s]" if name.startswith("R") else ""
+        tau = names_beside(name).tau
         if tau in constants:
             value = with_unit(tau, constants[tau])
             row += [symbol(tau), *_under_one_unit(value, known.get((tau, None), ""))]

@@ -325,8 +325,8 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, 
     ends = np.asarray(box.lower), np.asarray(box.upper)
     places = list(zip(box.names, point, *ends, strict=True))
     # A pair bounded in C can still end at the limits of its tau.
-    for pair, tau_s in enumerate(parameters.tau_s):
-        name, limits = f"tau{pair + 1} [s]", np.asarray(box.tau_limits_s)[pair]
+    limits_s = np.asarray(box.tau_limits_s)
+    for (name, tau_s), limits in zip(parameters.named_tau_s.items(), limits_s, strict=True):
         if name not in box.names and limits[0] < limits[1]:
             places.append((name, *np.log([tau_s, *limits])))
     return tuple(

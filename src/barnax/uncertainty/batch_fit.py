@@ -21,7 +21,7 @@ from ..execution import (
     seed_blocks,
     wanted_rows,
 )
-from ..model.compressed import Compressed
+from ..model.compressed import Compressed, span_of_pairs
 from ..model.exponentials import Lagrange, span_of
 from ..model.problem import Objective, Problem, rc_parameters, residuals
 from ..model.search_space import Coordinates
@@ -54,7 +54,7 @@ class Voltages:
         Raises `InputError` where the box is too wide.
         """
         box = Coordinates.of(problem.bounds, "log")
-        in_tau = span_of(box.shortest_tau_s, box.longest_tau_s, PROJECTION_TOLERANCE)
+        in_tau = span_of_pairs(problem.all_inputs, box, PROJECTION_TOLERANCE)
         in_rate = None
         if box.gamma_limits is not None:
             slowest, fastest = box.gamma_limits

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float
 from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
+from ..cell.elements import names_beside
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
@@ -86,21 +87,21 @@ class Linearization(Brief):
             return np.eye(len(self.names))[self.names.index(name)], None
         if name in self.held:
             return np.zeros(len(self.names)), self.held[name]
-        pair = name[3] if name.startswith("tau") else name[1]
-        other, sign = (f"C{pair} [F]", 1) if name.startswith("tau") else (f"tau{pair} [s]", -1)
-        moved, reason = self.direction_of(other)
-        by_resistance, why = self.direction_of(f"R{pair} [Ohm]")
+        names = names_beside(name)
+        other, sign = (names.capacitance, 1) if name == names.tau else (names.tau, -1)
+        moved, reason = self.direction_of(str(other))
+        by_resistance, why = self.direction_of(names.resistance)
         return moved + sign * by_resistance, reason or why
 
 
 def named_values(parameters: CircuitParameters) -> dict[str, float]:
     """Every parameter under PyBaMM's name, each time constant after its capacitance."""
-    values: dict[str, float] = {}
+    values, tau_s = {}, parameters.named_tau_s
     for name, value in parameters.to_dict().items():
         values[name] = value
         if name.startswith("C"):
-            pair = int(name[1])
-            values[f"tau{pair} [s]"] = parameters.tau_s[pair - 1]
+            tau = names_beside(name).tau
+            values[tau] = tau_s[tau]
     return values
 
 

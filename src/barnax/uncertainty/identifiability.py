@@ -3,12 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from ..cell.elements import ElementNames, names_beside
 from ..model.problem import Problem
 from .covariance import Covariance, Estimate, Uncertainty
 
@@ -103,7 +104,7 @@ def identifiability(
             for i, j in combinations(range(len(linearization.names)), 2)
             if (index := collinearity(scaled[:, [i, j]])) > COLLINEAR
         ),
-        findings=findings.all(problem.bounds.pairs),
+        findings=findings.all(problem.bounds.element_names),
     )
 
 
@@ -126,7 +127,7 @@ class _Findings:
     interval_s: float
     duration_s: float
 
-    def all(self, pairs: int) -> tuple[Finding, ...]:
+    def all(self, names: Sequence[ElementNames]) -> tuple[Finding, ...]:
         """All findings. A parameter that one kind is about is left out by the next ones."""
         told: set[str] = set()
         found: list[Finding] = []
@@ -135,10 +136,10 @@ class _Findings:
             found.extend(more)
             told.update(name for each in more for name in each.parameters)
 
-        every = range(1, pairs + 1)
-        add([each for pair in every for each in self.too_fast(pair)])
-        add([each for pair in every for each in self.too_slow(pair)])
-        add([each for pair in every[:-1] for each in self.alike(pair, told)])
+        pairs = [each for each in names if each.capacitance is not None]
+        add([each for own in pairs for each in self.too_fast(own)])
+        add([each for own in pairs for each in self.too_slow(own)])
+        add([each for two in pairwise(pairs) for each in self.alike(*two, told)])
         add(self.at_bounds(told))
         add(self.loose(told))
         add(self.weak_directions())
@@ -154,13 +155,13 @@ class _Findings:
         estimates = tuple(self.estimates[name] for name in names)
         return Finding(kind, estimates, self.interval_s, self.duration_s, combined, log_steps)
 
-    def too_fast(self, pair: int) -> list[Finding]:
+    def too_fast(self, pair: ElementNames) -> list[Finding]:
         """A pair that is over within a sampling interval: below half of it, as the default box.
 
         Where a current is held from its sample on, such a pair still answers one sample after R0,
         and a lively current tells the two apart; only its time constant is then hidden.
         """
-        tau, resistance = self.estimates[f"tau{pair} [s]"], self.estimates[f"R{pair} [Ohm]"]
+        tau, resistance = self.estimates[pair.tau], self.estimates[pair.resistance]
         if not tau.value <= 0.5 * self.interval_s * (1 + NEAR_LIMIT):
             return []
         if not _is_tight(resistance):
@@ -172,15 +173,15 @@ class _Findings:
             return []
         return [self.finding("too fast", (tau.name,), resistance)]
 
-    def too_slow(self, pair: int) -> list[Finding]:
-        tau, resistance, capacitance = f"tau{pair} [s]", f"R{pair} [Ohm]", f"C{pair} [F]"
+    def too_slow(self, pair: ElementNames) -> list[Finding]:
+        resistance, tau, capacitance = pair
         if not self.estimates[tau].value >= self.duration_s * (1 - 1e-3):
             return []
-        return [self.finding("too slow", (tau, resistance), self.estimates[capacitance])]
+        return [self.finding("too slow", (tau, resistance), self.estimates[str(capacitance)])]
 
-    def alike(self, pair: int, told: set[str]) -> list[Finding]:
+    def alike(self, faster: ElementNames, slower: ElementNames, told: set[str]) -> list[Finding]:
         """Neighboring time constants whose ratio may be 1, where the sum is better known."""
-        first, second = f"tau{pair} [s]", f"tau{pair + 1} [s]"
+        first, second = faster.tau, slower.tau
         if first in told or second in told:
             return []
         direction_of = self.covariance.linearization.direction_of
@@ -191,7 +192,7 @@ class _Findings:
         )
         if ratio.low is not None and ratio.high is not None and not ratio.low <= 1 <= ratio.high:
             return []
-        resistances = (f"R{pair} [Ohm]", f"R{pair + 1} [Ohm]")
+        resistances = (faster.resistance, slower.resistance)
         total = self.sum_of(resistances)
         if not self.is_sharper(total, resistances):
             return []
@@ -244,7 +245,8 @@ class _Findings:
             if self.is_sharper(total := self.sum_of(members), members)
         ]
         for name in resistances:
-            tau, capacitance = f"tau{name[1]} [s]", self.estimates.get(f"C{name[1]} [F]")
+            own = names_beside(name)
+            tau, capacitance = own.tau, self.estimates.get(own.capacitance or "")
             if tau in names and capacitance and self.is_sharper(capacitance, (name, tau)):
                 found.append(capacitance)
         return min(found, key=lambda each: each.relative_error or 0.0, default=None)

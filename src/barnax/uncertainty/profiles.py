@@ -75,7 +75,7 @@ def profile(
     best_v = float(np.sqrt(np.mean(linearization.error_v**2)))
     threshold_v = best_v * math.sqrt(1 + rise)
 
-    is_ordered = problem.bounds.pairs_are_alike
+    ordered = problem.bounds.alike_pairs
     full = np.zeros(len(linearization.point))
     full[list(linearization.free)] = direction
     # How the others follow to first order: along the white-noise covariance, by which fits move.
@@ -86,13 +86,13 @@ def profile(
     reach = np.array(_reach(full, linearization.point, refit))
     half_width = REACH * quantile * (linear.relative_error or 0.0)
     steps = np.clip(np.linspace(-half_width, half_width, POINTS), *reach)
-    steps, rmse_v = _walk(np.unique(steps), full, follow, linearization, refit, is_ordered)
+    steps, rmse_v = _walk(np.unique(steps), full, follow, linearization, refit, ordered)
     for side, end in zip((-1, 1), reach, strict=True):
         is_there = (steps * side >= 0) & (rmse_v > threshold_v)
         outermost = np.max(steps * side, initial=0.0)
         if not np.any(is_there) and outermost < end * side * (1 - 1e-9):
             further = np.linspace(side * outermost, end, POINTS // 2 + 1)[1:]
-            more, more_v = _walk(further, full, follow, linearization, refit, is_ordered)
+            more, more_v = _walk(further, full, follow, linearization, refit, ordered)
             steps, rmse_v = np.append(steps, more), np.append(rmse_v, more_v)
     order = np.argsort(steps)
     steps, rmse_v = steps[order], rmse_v[order]
@@ -120,7 +120,7 @@ def _reach(full, point, refit: Refit) -> tuple[float, float]:
     return float(downward.sum()), float(upward.sum())
 
 
-def _walk(steps, full, follow, linearization: Linearization, refit: Refit, is_ordered: bool):
+def _walk(steps, full, follow, linearization: Linearization, refit: Refit, ordered: int):
     """The refitted RMSE where the quantity's logarithm has moved by each of `steps`.
 
     Steps whose fit has its pairs in another order are left out: there the name belongs to another
@@ -137,8 +137,8 @@ def _walk(steps, full, follow, linearization: Linearization, refit: Refit, is_or
     starts = np.clip(linearization.point + np.outer(steps, follow), box.lower, box.upper)
     ends = refit(starts, matrix=constrained, shift=shifts)
     is_kept = np.isfinite(ends.rmse_v)
-    if is_ordered:
-        tau = np.stack([np.asarray(each) for each in _taus(ends.points, box)])
+    if ordered:
+        tau = np.stack([np.asarray(each) for each in _taus(ends.points, box)[:ordered]])
         is_kept &= np.all(np.diff(tau, axis=0) >= 0, axis=0)
     return steps[is_kept], ends.rmse_v[is_kept]
 

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..model.prepared import prepare_record
 from ..model.problem import Problem, rc_parameters, rmse_by_scan, with_one_more_pair
-from ..model.search_space import PAIRS, RATE, RATE_RANGE
+from ..model.search_space import RATE, RATE_RANGE
 from ..model.simulate import SimulationInput, unit_response
 from ..search.refine import Descent
 from .batch_fit import Refit
@@ -95,17 +95,21 @@ def _one_more_pair(problem: Problem, parameters: CircuitParameters) -> list[Sugg
     if wider is None:
         return []
     pairs = problem.bounds.pairs
-    low, high = wider.bounds.ranges[PAIRS[pairs][0]]
+    low, high = wider.bounds.ranges[wider.bounds.element_names[pairs].tau]
     r = float(np.mean(parameters.r)) / 3
     c = [float(tau) / r for tau in np.geomspace(low, high, STARTS + 2)[1:-1]]
-    starts = [replace(parameters, r=(*parameters.r, r), c=(*parameters.c, each)) for each in c]
+    elements = wider.bounds.elements
+    starts = [
+        replace(parameters, r=(*parameters.r, r), c=(*parameters.c, each), elements=elements)
+        for each in c
+    ]
     best = _best_of(wider, starts)
     own = get_circuit(problem.circuit)
-    wanted = (pairs + 1, own.source_voltage, own.hysteresis_amplitude)
+    wanted = (elements, own.source_voltage, own.hysteresis_amplitude)
     like = [
         name
         for name, each in CIRCUITS.items()
-        if (each.pairs, each.source_voltage, each.hysteresis_amplitude) == wanted
+        if (each.elements, each.source_voltage, each.hysteresis_amplitude) == wanted
     ]
     tau_s = tuple(sorted(best.parameters.tau_s))
     circuit = like[0] if like else None
@@ -119,7 +123,7 @@ def _dynamic_hysteresis(problem: Problem, parameters: CircuitParameters) -> list
     changed = replace(_prepared_again(problem, "esc"), bounds=bounds)
     gammas = np.geomspace(*RATE_RANGE, STARTS + 2)[1:-1]
     best = _best_of(changed, [replace(parameters, gamma=float(gamma)) for gamma in gammas])
-    circuit = "esc" if get_circuit("esc").pairs == problem.bounds.pairs else None
+    circuit = "esc" if get_circuit("esc").elements == problem.bounds.elements else None
     gamma = best.parameters.gamma
     return [Suggestion("dynamic hysteresis", best.rmse_v, 1, circuit=circuit, gamma=gamma)]
 

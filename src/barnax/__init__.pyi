@@ -7,10 +7,13 @@ from .baselines import METHODS as METHODS
 from .baselines import Budget as Budget
 from .bundled import bundled_file as bundled_file
 from .cell import CellModel as CellModel
+from .cell import Circuit as Circuit
 from .cell import CircuitParameters as CircuitParameters
+from .cell import Element as Element
 from .cell import OcvTable as OcvTable
 from .cell import SocTables as SocTables
 from .cell import characterize as characterize
+from .cell import make_circuit as make_circuit
 from .cell import read_ocv_table as read_ocv_table
 from .checks import FileCheck as FileCheck
 from .checks import check_file as check_file

@@ -34,7 +34,7 @@ def test_the_dictionary_uses_pybamm_names():
         "R2 [Ohm]": 0.03,
         "C2 [F]": 2000.0,
     }
-    assert tuple(circuit.to_dict()) == parameter_names(2)
+    assert tuple(circuit.to_dict()) == parameter_names(("rc", "rc"))
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
@@ -49,7 +49,7 @@ def test_a_value_that_is_not_positive_and_finite_is_refused_by_name(value):
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])
 def test_a_time_constant_beyond_all_floats_is_refused_by_its_pair(size):
-    with pytest.raises(ValueError, match="R2 C2 must be positive and finite"):
+    with pytest.raises(ValueError, match=r"tau2 \[s\] must be positive and finite"):
         CircuitParameters(0.05, (0.02, size), (500.0, size))
 
 
@@ -58,10 +58,9 @@ def test_the_rate_of_a_dynamic_hysteresis_stands_last():
     assert list(circuit.to_dict()) == ["R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "gamma"]
 
 
-@pytest.mark.parametrize("pairs", [0, 5])
-def test_a_circuit_has_one_to_four_pairs(pairs):
-    with pytest.raises(ValueError, match="one to 4 pairs"):
-        CircuitParameters(0.05, (0.02,) * pairs, (500.0,) * pairs)
+def test_a_circuit_has_at_least_one_pair():
+    with pytest.raises(ValueError, match="needs elements"):
+        CircuitParameters(0.05, (), ())
 
 
 def test_resistances_without_capacitances_are_refused():

@@ -129,7 +129,7 @@ def test_what_a_response_does_between_the_three_places_is_allowed_for(wave, phas
 
     axis = Axis(0.0, 8.0, columns, wave**3 / THIRD_DERIVATIVE, wrong)
     resistances = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.5, 1.0), "tau1 [s]": (1.0, np.exp(8.0))}
-    box = Bounds(resistances, resistances["tau1 [s]"], pairs=1)
+    box = Bounds(resistances, resistances["tau1 [s]"], elements=("rc",))
     reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box)
     places = np.linspace(0.0, 8.0, 20_001)
     sine = np.min(np.sin(wave * places + phase))

@@ -86,7 +86,9 @@ def assert_compressed_is_the_reference(problem, seed=0):
 
 # Every circuit, each on another clock, hold and scale; and what has most of all on all of them.
 CASES = [
-    *zip(CIRCUITS, cycle(CLOCKS), cycle(("forward", "backward")), repeat("log")),
+    *zip(
+        (*CIRCUITS, "1rc+diffusion"), cycle(CLOCKS), cycle(("forward", "backward")), repeat("log")
+    ),
     ("so-rc", "gaps", "backward", "rc"),
     ("esc", "uneven", "backward", "rc"),
     ("esc", "gaps", "backward", "log"),

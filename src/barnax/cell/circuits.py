@@ -58,7 +58,8 @@ def elements_in(names: Iterable[str]) -> tuple[str, ...]:
     ('rc', 'diffusion')
     """
     symbols = {name.partition(" [")[0].lstrip("RCtau") for name in names} - {"0", RATE}
-    pairs = max((int(each) for each in symbols if each.isdecimal()), default=0)
+    known = {str(number): number for number in range(1, MOST_PAIRS + 1)}
+    pairs = max((known.get(each, 0) for each in symbols), default=0)
     others = [each.name for each in ELEMENTS.values() if f"_{each.symbol}" in symbols]
     return (*[RC.name] * pairs, *others)
 
@@ -225,6 +226,7 @@ class Circuit:
 
     def __post_init__(self) -> None:
         require_order(self.elements)
+        names_of(self.elements)
         if len(self.elements) > MOST_PAIRS:
             raise InputError(
                 f"the circuit {self.name} has {len(self.elements)} elements; a search takes at "

@@ -55,13 +55,14 @@ class Landscape(Brief):
 
     One axis a pair, in the order of the pairs, then gamma's where the circuit has one. `rmse_v`
     and `resistances_ohm` (R0, R1, ... first) are NaN where pairs of one box would be out of order.
+    `elements` are those of the circuit, none where all are RC pairs.
     """
 
     tau_s: tuple[Float[np.ndarray, "taus"], ...]
     gamma: Float[np.ndarray, "gammas"] | None
     rmse_v: Float[np.ndarray, "*grid"]
     resistances_ohm: Float[np.ndarray, "resistances *grid"]
-    elements: tuple[str, ...]
+    elements: tuple[str, ...] = ()
 
     def circuit(self, point: tuple[int, ...]) -> CircuitParameters:
         """The best circuit at a point of the grid."""

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from decimal import ROUND_CEILING, Context
 from typing import TYPE_CHECKING, Literal
 
+from ..cell.elements import alike
 from ..global_optimum.search import FACTOR, optimality_gap
 from ..search.refine import AtBound
 from ..uncertainty.assessment import Band, Diagnostics
@@ -42,7 +43,11 @@ BandQuantity = Literal["SOC", "current", "temperature"]
 
 def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
     """How it is known that the circuit is the best one."""
-    which = f"no {NUMBERS[optimum.parameters.pairs]}-RC circuit in the bounds is"
+    elements = optimum.parameters.elements
+    kind = f"{NUMBERS[len(elements)]}-RC circuit"
+    if alike(elements) < len(elements):
+        kind = f"circuit of {joined(elements)}"
+    which = f"no {kind} in the bounds is"
     # Rounded up, and without an exponent.
     better = f"{which} {better_than(optimum.proved_gap)}"
     if optimum.status == "certified":

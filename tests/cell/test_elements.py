@@ -1,0 +1,127 @@
+"""Elements and circuits of them, against the closed forms of diffusion."""
+
+import numpy as np
+import pytest
+
+from barnax.cell import (
+    CIRCUITS,
+    Circuit,
+    CircuitParameters,
+    Element,
+    SocTables,
+    get_circuit,
+    make_circuit,
+)
+from barnax.cell.elements import DIFFUSION, RC, add_element
+from barnax.errors import InputError
+
+TERMS = (np.arange(1, 20_001) - 0.5) ** 2 * np.pi**2
+
+
+def exact_step(time):
+    """What is left of the way after a step, by the series; its start by the error function."""
+    early = 1 - 2 * np.sqrt(time / np.pi)
+    series = np.array([np.sum(2 / TERMS * np.exp(-each * TERMS)) for each in time])
+    return np.where(time < 1e-4, early, series)
+
+
+def test_diffusion_answers_a_step_as_the_series_does_at_every_time():
+    time = np.geomspace(1e-10, 20, 400)
+    shares, ratios = np.array(DIFFUSION.shares), np.array(DIFFUSION.ratios)
+    found = np.exp(-time[:, None] / ratios) @ shares
+    assert np.max(np.abs(found - exact_step(time))) < 4.5e-5
+    assert sum(DIFFUSION.shares) == pytest.approx(1, abs=1e-12)
+
+
+def test_the_impedance_of_diffusion_is_the_finite_warburgs():
+    root = np.sqrt(1j * np.geomspace(1e-4, 1e5, 200))
+    shares, ratios = np.array(DIFFUSION.shares), np.array(DIFFUSION.ratios)
+    found = np.sum(shares / (1 + root[:, None] ** 2 * ratios), axis=1)
+    exact = np.tanh(root) / root
+    assert np.max(np.abs(found - exact)) < 1.5e-4
+
+
+@pytest.mark.parametrize(
+    ("shares", "ratios", "message"),
+    [
+        ((0.5,), (1.0, 0.1), "1 shares and 2 ratios"),
+        ((), (), "0 shares"),
+        ((1.5, -0.5), (1.0, 0.1), "must be positive"),
+        ((0.5, 0.4), (1.0, 0.1), r"add up to 0\.9"),
+        ((0.5, 0.5), (0.1, 1.0), "must fall"),
+    ],
+)
+def test_what_is_no_mixture_is_refused_by_the_elements_name(shares, ratios, message):
+    with pytest.raises(InputError, match=f"the element[s of]* odd.*{message}|odd.*{message}"):
+        Element("odd", "O", "odd", shares, ratios)
+
+
+def test_another_element_of_the_same_name_or_symbol_is_refused():
+    with pytest.raises(InputError, match="there is another element called diffusion"):
+        add_element(Element("mine", "D", "mine", (1.0,), (1.0,)))
+    assert add_element(DIFFUSION) is DIFFUSION
+
+
+def test_any_circuit_takes_elements_beside():
+    circuit = get_circuit("esc+diffusion")
+    assert circuit.elements == ("rc", "rc", "diffusion")
+    assert circuit.has_rate
+    assert circuit.parameter_names[-3:] == ("R_D [Ohm]", "tau_D [s]", "gamma")
+    assert "esc+diffusion" in CIRCUITS
+    assert "esc+diffusion" not in list(CIRCUITS)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("so-rc+warburg", "no circuit is called 'so-rc[+]warburg'.*[+]diffusion"),
+        ("2rc+diffusion", "no circuit is called '2rc"),
+        ("1rc+diffusion+diffusion", "every element but RC pairs once"),
+        ("1rc+diffusion+rc", "its RC pairs come first"),
+        ("4rc+diffusion", "has 5 elements; a search takes at most 4"),
+    ],
+)
+def test_what_no_circuit_is_is_refused(name, message):
+    with pytest.raises(InputError, match=message):
+        get_circuit(name)
+
+
+def test_a_circuit_of_ones_own_is_known_by_its_name(monkeypatch):
+    monkeypatch.setattr(CIRCUITS, "_known", dict(CIRCUITS))
+    made = make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc")
+    assert get_circuit("cell/test_elements") is made
+    assert made.source_voltage is get_circuit("iso-rc").source_voltage
+    assert make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc") == made
+    with pytest.raises(InputError, match="another circuit called 'cell/test_elements'"):
+        make_circuit("cell/test_elements", "rc")
+    with pytest.raises(InputError, match="no element is called 'warburg'"):
+        make_circuit("cell/other", "rc", "warburg")
+    with pytest.raises(InputError, match="RC pairs come first"):
+        Circuit("odd", "odd", made.source_voltage, ())
+
+
+def test_parameters_with_diffusion_are_read_as_they_are_written():
+    given = CircuitParameters.of_tau(
+        0.05, (0.03, 0.01, 0.02), (90.0, 8.0, 400.0), 50.0, (RC.name, RC.name, DIFFUSION.name)
+    )
+    assert given.to_dict()["tau_D [s]"] == pytest.approx(400.0)
+    read = CircuitParameters.from_dict(given.to_dict())
+    assert read.tau_s == pytest.approx(given.tau_s)
+    assert read.elements == given.elements
+    # Diffusion stays last, however fast it is.
+    assert given.ordered().tau_s == pytest.approx((8.0, 90.0, 400.0))
+
+
+def test_a_ladder_has_the_resistance_and_the_slope_of_its_element():
+    elements = (RC.name, DIFFUSION.name)
+    circuit = CircuitParameters.of_tau(0.05, (0.02, 0.03), (8.0, 400.0), None, elements)
+    ladder = circuit.laddered()
+    assert ladder.elements == (RC.name,) * (1 + len(DIFFUSION.shares))
+    assert sum(ladder.r) == pytest.approx(0.05, rel=1e-9)
+    tables = SocTables((0.0, 1.0), (8.0, 400.0), (0.05,) * 2, ((0.02,) * 2, (0.03, 0.06)))
+    of_tables = SocTables(
+        tables.nodes, tables.tau_s, tables.r0_ohm, tables.r_ohm, elements=elements
+    ).laddered()
+    assert of_tables.tau_s == pytest.approx(ladder.tau_s)
+    assert np.sum(of_tables.r_ohm[1:], axis=0) == pytest.approx((0.03, 0.06), rel=1e-9)
+    assert circuit.laddered().laddered() == ladder

@@ -7,6 +7,7 @@ import pytest
 
 import barnax
 from barnax.cell import CIRCUITS, CircuitParameters, Element, make_circuit
+from barnax.errors import InputError
 from barnax.export import get_exporter
 from barnax.filters.model import ErrorModel, make_model
 from barnax.global_optimum import find_global_optimum
@@ -126,3 +127,13 @@ def test_intervals_searches_and_exports_know_the_element(
     assert model.pairs == len(own.laddered().r)
     written = get_exporter("json").write(result).content.decode()
     assert f'"circuit": "{circuit}"' in written
+
+
+def test_what_holds_a_ladder_says_so_and_what_cannot_refuses_it(bundled_cell):
+    problem = made_problem(bundled_cell, "1rc+diffusion", series, noise_v=1e-3)
+    result = identify_problem(problem)
+    header = get_exporter("c-header").write(result)
+    assert "R_D and tau_D, finite-length diffusion" in "".join(header.caveats)
+    assert b"#define BARNAX_RC_PAIRS 15" in header.content
+    with pytest.raises(InputError, match=r"at most 5 RC pairs, and 1rc\+diffusion takes 15"):
+        get_exporter("simscape").write(result)

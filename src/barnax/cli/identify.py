@@ -63,7 +63,8 @@ class Choices:
         "iso-rc|so-rc|esc|...",
         "This circuit, with constants: two RC pairs with switched (iso-rc), no (so-rc) or dynamic "
         "(esc) hysteresis; takacs has loops after a turn; 1rc, 3rc and 4rc have one, three and "
-        "four pairs and no hysteresis (default: so-rc, iso-rc, esc and tables over SOC are weighed "
+        "four pairs and no hysteresis; +diffusion adds a finite Warburg element, as in "
+        "1rc+diffusion (default: so-rc, iso-rc, esc and tables over SOC are weighed "
         "on held-out blocks).",
         autocompletion=known_names("cell", "CIRCUITS"),
     )

@@ -15,6 +15,7 @@ from scipy.io import savemat
 from xlsxwriter import Workbook
 
 from ..cell.circuits import TURN_WIDTH, get_circuit
+from ..errors import InputError
 from ..execution import in_float64
 from ..filters.model import CAPACITY, GRID, OFFSET, STEPS_PER_SOC, WALK_S
 from ..result_filter import model_of
@@ -169,6 +170,8 @@ def _listed(table: Table) -> dict[str, list]:
 
 
 HEADER_BYTES = 116
+# Of Battery (Table-Based), `prm_dyn` from rc1 on.
+MOST_SIMSCAPE_PAIRS = 5
 HEADER = b"MATLAB 5.0 MAT-file, written by barnax"
 
 
@@ -186,6 +189,12 @@ def write_simscape(result: Result) -> Export:
     `BatteryEquivalentCircuit` with the fields that the block of that name asks for.
     """
     tables = tables_of(result)
+    if tables.pairs > MOST_SIMSCAPE_PAIRS:
+        raise InputError(
+            f"Simscape's Battery (Table-Based) has at most {MOST_SIMSCAPE_PAIRS} RC pairs, and "
+            f"{result.model} takes {tables.pairs}; export `to` another format, or identify a "
+            "circuit of RC pairs"
+        )
     degc = tables.degc
     inner = (tables.ocv.soc >= 0) & (tables.ocv.soc <= 1)
     soc = tables.ocv.soc[inner]

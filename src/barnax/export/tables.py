@@ -12,6 +12,7 @@ from jaxtyping import Float
 from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.curves import KNOTS, SegmentedHysteresis
+from ..cell.elements import get_element, names_of
 from ..errors import InputError, escaped
 from ..results import Result
 
@@ -123,7 +124,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     return Tables(
         model=result.model,
         heading=_heading(result),
-        caveats=_caveats(result, over_soc, kind) if over_soc else (),
+        caveats=(*_ladders(circuit), *(_caveats(result, over_soc, kind) if over_soc else ())),
         parameters=parameters,
         tau_s=constants.tau_s,
         gamma=constants.gamma,
@@ -139,6 +140,23 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         ocv_v=ocv_v if degc else ocv_v[place],
         hysteresis=_hysteresis(circuit, cell, kind, over_soc[place] if over_soc else None),
     )
+
+
+def _ladders(circuit: Circuit) -> tuple[str, ...]:
+    """Which elements are written as RC pairs."""
+    names, pairs = names_of(circuit.elements), 0
+    told = []
+    for element, each in zip(circuit.elements, names, strict=True):
+        count = len(get_element(element).shares)
+        if count > 1:
+            resistance, tau = (name.partition(" ")[0] for name in each[:2])
+            told.append(
+                f"{resistance} and {tau}, {get_element(element).description}, are written as the "
+                f"{count} RC pairs that the element is computed with: "
+                f"R{pairs + 1} to R{pairs + count}."
+            )
+        pairs += count
+    return tuple(told)
 
 
 def _with_some_between(measured_degc: tuple[float, ...]) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 import barnax
-from barnax.model.search_space import SCALES
+from barnax.model.coordinates import SCALES
 from benchmarks.pages import save_page
 
 RESULTS = Path(__file__).parent / "results" / "seeds.md"

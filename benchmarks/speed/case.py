@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import barnax
+from barnax.model.coordinates import Coordinates
+from barnax.model.intervals import Intervals
 from barnax.model.problem import Kind
-from barnax.model.search_space import Coordinates
-from barnax.model.simulate import Intervals, SimulationInput
+from barnax.model.simulate import SimulationInput
 
 
 @cache

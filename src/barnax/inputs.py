@@ -21,8 +21,9 @@ from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import require_load
 from .errors import InputError, printable
+from .model.coordinates import Scale
 from .model.prepared import group_tests, temperature_of
-from .model.search_space import Range, Scale, read_bounds
+from .model.search_space import Range, read_bounds
 from .model.window import Window, first_sample, scored_samples
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.findings import raise_first_error

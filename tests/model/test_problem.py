@@ -10,8 +10,8 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
+from barnax.model.coordinates import Coordinates
 from barnax.model.problem import make_problem, rc_parameters, residuals, rmse, rmse_by_scan
-from barnax.model.search_space import Coordinates
 from barnax.model.window import Window
 from barnax.search.evaluate import evaluate
 from helpers.reference import drop_v, looped_response

@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.model.search_space import (
-    SCALES,
-    Bounds,
-    Coordinates,
-    parse_fixed,
-    read_bounds,
-)
+from barnax.model.coordinates import SCALES, Coordinates
+from barnax.model.search_space import Bounds, parse_fixed, read_bounds
 from barnax.model.simulate import RCParameters
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barnax.model.intervals import Intervals
 from barnax.model.simulate import (
     HysteresisInput,
-    Intervals,
     RCParameters,
     SimulationInput,
     overpotential,

@@ -1,14 +1,7 @@
 """One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
 
 from .characterize import characterize, characterize_over_temperature, without_drop
-from .circuits import (
-    CIRCUITS,
-    Circuit,
-    CircuitParameters,
-    get_circuit,
-    make_circuit,
-    parameter_names,
-)
+from .circuits import CIRCUITS, Circuit, get_circuit, make_circuit
 from .curves import (
     AbstractCurve,
     HysteresisFit,
@@ -20,6 +13,7 @@ from .curves import (
 from .elements import ELEMENTS, Element
 from .model import CellModel, FitError
 from .ocv_table import OcvTable, read_ocv_table, read_ocv_test
+from .parameters import CircuitParameters, parameter_names
 from .soc_axis import OcvPoint
 from .tables import SocTables, TemperatureTables
 

@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from ..display import Brief
 from ..errors import InputError
-from .circuits import OHMIC, RATE
 from .elements import RC, names_of, require_order, rungs_of
+from .parameters import OHMIC, RATE
 
 OCV_CORRECTION = "OCV correction [V]"
 HALF_HYSTERESIS = "half hysteresis [V]"

@@ -23,9 +23,10 @@ from ..global_optimum import (
     without_sweep_drop,
 )
 from ..inputs import Watch, unwatched
+from ..model.coordinates import Scale
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Kind, Problem, known_to, make_problem
-from ..model.search_space import Range, Scale
+from ..model.search_space import Range
 from ..model.window import Window
 from ..records import Record
 from ..search.evaluate import Evaluation, evaluate, evaluate_from_either

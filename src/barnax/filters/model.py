@@ -19,7 +19,7 @@ from jax import lax
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, SocTables, get_circuit
-from ..cell.circuits import RATE
+from ..cell.parameters import RATE
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION
 from ..model.prepared import PreparedRecord
 

@@ -21,9 +21,10 @@ from scipy.linalg import get_lapack_funcs, qr
 
 from ..blas import one_blas_thread
 from ..execution import as_input, threads
+from .coordinates import Coordinates
 from .exponentials import Lagrange, Span, span_of
-from .search_space import Coordinates
-from .simulate import AT_ONCE, AbstractEvaluator, Intervals, RCParameters, SimulationInput, respond
+from .intervals import AT_ONCE, Intervals
+from .simulate import AbstractEvaluator, RCParameters, SimulationInput, respond
 
 # Bound on the error of a pair's answer, relative to the largest current.
 TOLERANCE = 1e-12

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Self
 
-from .simulate import AbstractEvaluator, Joint, SimulationInput, next_nodes
+from .intervals import next_nodes
+from .simulate import AbstractEvaluator, Joint, SimulationInput
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from ..errors import InputError
 from ..execution import as_input
 from ..records import Record, current_direction, rest_current_a
 from ..records.samples import record_resistance_ohm
-from .simulate import HysteresisInput, Intervals, SimulationInput
+from .intervals import Intervals
+from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
 from .window import Window, first_sample, scored_samples
 

@@ -12,16 +12,17 @@ import numpy as np
 from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..cell.circuits import MOST_PAIRS
 from ..cell.elements import RC, alike
+from ..cell.parameters import MOST_PAIRS
 from ..display import Brief
 from ..errors import InputError
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
 from ..records import Record
 from .compressed import Compressed, compress
+from .coordinates import Coordinates, Scale
 from .padding import to_common_size
 from .prepared import PreparedRecord, prepare_record, require_changing_voltage
-from .search_space import Bounds, Coordinates, Range, Scale
+from .search_space import Bounds, Range
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 from .window import Window
 

@@ -20,74 +20,7 @@ from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from ..cell.elements import rungs_of
 from ..execution import as_input
-
-# Intervals this close together, relative to the shortest time constant, share one exponential.
-_NODE_SPACING = 2e-4
-# A pair so many times as fast as any interval is at its end within it, to the last bit.
-AT_ONCE = 40.0
-# Smaller offsets are rounding of the stored time, not jitter of the clock.
-_CLOCK_S = 1e-10
-
-
-class Intervals(eqx.Module):
-    """Sampling intervals, prepared so that a candidate needs few exponentials.
-
-    A measured clock jitters: thousands of intervals differ in the last microsecond. Each is a
-    node plus a small offset; one exponential per node and a cubic in offset / tau give
-    exp(-interval / tau) to rounding, for any tau from `shortest_tau_s` on.
-    """
-
-    node_s: Float[Array, "nodes"]
-    node: Int[Array, "samples"]
-    offset_s: Float[Array, "samples"]
-    is_even: bool = eqx.field(static=True)
-    has_offsets: bool = eqx.field(static=True)
-
-    @classmethod
-    def measure(cls, time_s: Float[np.ndarray, "samples"], shortest_tau_s: float) -> "Intervals":
-        """The intervals of a clock, for time constants from `shortest_tau_s` on.
-
-        The last sample's own interval leads nowhere; it repeats the one before.
-        """
-        interval_s = np.diff(time_s)
-        # What is over within every interval needs no fine ones.
-        shortest_tau_s = max(shortest_tau_s, float(np.min(interval_s)) / AT_ONCE)
-        resolution_s = max(_CLOCK_S, 2 * np.spacing(np.max(np.abs(time_s))))
-        return cls.gather(np.append(interval_s, interval_s[-1]), shortest_tau_s, resolution_s)
-
-    @classmethod
-    def gather(
-        cls, interval_s: Float[np.ndarray, "samples"], shortest_tau_s: float, resolution_s: float
-    ) -> "Intervals":
-        """Given intervals by nodes and offsets; offsets up to `resolution_s` count as rounding."""
-        spacing_s = _NODE_SPACING * shortest_tau_s
-        groups, node = np.unique(np.round(interval_s / spacing_s), return_inverse=True)
-        totals = np.bincount(node, weights=interval_s, minlength=len(groups))
-        node_s = totals / np.bincount(node, minlength=len(groups))
-        offset_s = interval_s - node_s[node]
-        return cls(
-            node_s=as_input(node_s),
-            node=as_input(node.astype(np.int32)),
-            offset_s=as_input(offset_s),
-            is_even=len(groups) == 1,
-            has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
-        )
-
-    def with_nodes(self, count: int) -> "Intervals":
-        """The same with so many nodes: no sample has one of those that are added."""
-        missing = count - len(self.node_s)
-        return replace(self, node_s=as_input(np.pad(self.node_s, (0, missing), "edge")))
-
-    def in_one_form(self) -> "Intervals":
-        """The same in a form that the blocks of most clocks share, and so one program."""
-        offset_s = self.offset_s if self.has_offsets else np.zeros(len(self.offset_s))
-        node_s = self.with_nodes(next_nodes(len(self.node_s))).node_s
-        return Intervals(node_s, self.node, as_input(offset_s), False, True)
-
-
-def next_nodes(count: int) -> int:
-    """The next of 16, 64, 256 and so on."""
-    return 1 << max(4, -(-(count - 1).bit_length() // 2) * 2)
+from .intervals import Intervals
 
 
 class RCParameters(eqx.Module):

@@ -40,7 +40,8 @@ from ..global_optimum.reduced import earlier_rms
 from ..model.compressed import BLOCK
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from .objective import Axis, Objective, Solution, TableSettings
+from .axes import Axis
+from .objective import Objective, Solution, TableSettings
 from .search import Found, Searchable, alike_pairs, least_in_box, polish
 
 # Width of the first cells in the logarithm of a time constant: few wider ones have a bound.

@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from ..blas import one_blas_thread
 from ..cell import SocTables, get_circuit
-from ..cell.circuits import OHMIC, RATE
 from ..cell.elements import get_element, names_of
+from ..cell.parameters import OHMIC, RATE
 from ..cell.tables import HALF_HYSTERESIS, LEAST_OHM
 from ..display import Brief
 from ..errors import InputError

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..blas import one_blas_thread
-from ..cell.circuits import RATE
 from ..cell.elements import get_element
+from ..cell.parameters import RATE
 from ..cell.tables import hats
 from ..execution import in_float64, threads
 from ..model.compressed import (
@@ -30,9 +30,10 @@ from ..model.compressed import (
     shorten,
 )
 from ..model.exponentials import Span, span_of
+from ..model.intervals import AT_ONCE
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from ..model.simulate import AT_ONCE, SimulationInput
+from ..model.simulate import SimulationInput
 from .simulate import TableInput
 
 # Columns of one block reflector; there are ten times as many columns as for a constant circuit.

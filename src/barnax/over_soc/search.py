@@ -12,8 +12,8 @@ from scipy.linalg import LinAlgError, get_lapack_funcs, lstsq
 from scipy.ndimage import minimum_filter
 from scipy.optimize import minimize
 
-from ..cell.circuits import RATE
 from ..cell.elements import RC
+from ..cell.parameters import RATE
 
 # Grid points of a time constant by the number of pairs, alone and beside gamma, and of gamma.
 TAUS = {1: 64, 2: 20, 3: 10, 4: 8}

@@ -20,10 +20,11 @@ from ..errors import InputError
 from ..model.prepared import PreparedRecord
 from ..model.window import is_temperature
 from ..search.evaluate import Evaluation
+from .axes import Axis
 from .certificate import Proof, certify, certify_together
 from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
-from .objective import Axis, Objective, Solution, TableSettings
+from .objective import Objective, Solution, TableSettings
 from .search import Place, Solved, find_best, polish
 from .simulate import evaluate_tables
 

@@ -22,8 +22,8 @@ from ..execution import (
     run_blocks,
     wanted_rows,
 )
+from ..model.coordinates import Coordinates
 from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
-from ..model.search_space import Coordinates
 from .seeds import Search
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.

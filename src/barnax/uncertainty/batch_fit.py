@@ -22,10 +22,11 @@ from ..execution import (
     wanted_rows,
 )
 from ..model.compressed import Compressed, span_of_pairs
+from ..model.coordinates import Coordinates
 from ..model.exponentials import Lagrange, span_of
+from ..model.intervals import Intervals
 from ..model.problem import Objective, Problem, rc_parameters, residuals
-from ..model.search_space import Coordinates
-from ..model.simulate import Intervals, unit_response
+from ..model.simulate import unit_response
 from ..search.refine import AT_BOUND
 from .covariance import Linearization
 

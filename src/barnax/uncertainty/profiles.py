@@ -12,8 +12,8 @@ from scipy.special import stdtrit
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..execution import in_float64
+from ..model.coordinates import Coordinates
 from ..model.problem import Problem
-from ..model.search_space import Coordinates
 from .batch_fit import Refit, holding
 from .covariance import CONFIDENCE, Covariance, Linearization, linearize, named_values
 

@@ -39,7 +39,7 @@ WAVINESS = {"R0 varies by 10 %, R1 and R2 by 20 %": 1.0, "Twice as much": 2.0}
 def main(arguments: Sequence[str]) -> None:
     """Measure, print the page and write it."""
     truths = int(arguments[0]) if arguments else TRUTHS
-    cell = characterize([read_record(path) for path in BUNDLED.ocv])
+    cell = characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="polynomial")
     prepared = prepare_record(read_record(BUNDLED.record), cell, "so-rc", Window())
     lines = [
         "# Do the intervals of tables over SOC hold?",

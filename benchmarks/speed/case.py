@@ -20,7 +20,7 @@ def bundled_cell() -> barnax.CellModel:
     tests = [
         barnax.read_record(barnax.bundled_file(f"ocv_{way}")) for way in ("discharge", "charge")
     ]
-    return barnax.characterize(tests)
+    return barnax.characterize(tests, ocv_fit="polynomial")
 
 
 @cache

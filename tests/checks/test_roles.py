@@ -27,7 +27,7 @@ def test_a_drive_record_serves_to_identify_and_to_validate(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("ocv_charge", "charge by 21 rests"), ("ocv_discharge", "by 22 rests")]
+    ("name", "words"), [("ocv_charge", "charge with 21 rests"), ("ocv_discharge", "with 22 rests")]
 )
 def test_a_pulse_test_serves_as_ocv_test(name, words):
     found = roles(check_file(bundled_file(name)))

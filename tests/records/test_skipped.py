@@ -57,7 +57,7 @@ def test_it_is_told_and_the_file_serves_as_what_it_is(skipping):
     assert "in 10 intervals the tester counted 1.81" in told.what
     assert not [each for each in outcome.findings if each.check == "time unit"]
     (test,) = (role for role in outcome.roles if role.name == "OCV test")
-    assert "discharge by 11 rests, 1.986 Ah" in test.reason
+    assert "discharge with 11 rests, 1.986 Ah" in test.reason
 
 
 def test_without_counters_it_is_no_ocv_test_and_nothing_is_put_to_the_clock(skipping, tmp_path):

@@ -38,7 +38,7 @@ def run(**settings) -> Comparison:
     ]
     return barnax.compare(
         barnax.read_record(barnax.bundled_file("identification")),
-        barnax.characterize(tests),
+        barnax.characterize(tests, ocv_fit="polynomial"),
         PAPER_ROWS,
         validation=[barnax.read_record(barnax.bundled_file("validation"))],
         budget=BUDGET,

@@ -50,7 +50,8 @@ def compared(folder: Path | None) -> dict[str, Comparison]:
     rows = list(dict.fromkeys((model, method) for model, method, _, _ in CLAIMS))
     found = {}
     for name, record, tests, window, settings in cells(folder):
-        cell = barnax.characterize([barnax.read_record(each) for each in tests], **settings)
+        given = {"ocv_fit": "polynomial", **settings}
+        cell = barnax.characterize([barnax.read_record(each) for each in tests], **given)
         found[name] = barnax.compare(
             barnax.read_record(record), cell, rows, window=window, objective="compressed",
             budget=BUDGET,

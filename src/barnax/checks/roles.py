@@ -228,7 +228,7 @@ def _sweep_words(sweep: Sweep) -> str:
     start_v, end_v = sweep.points[0].voltage_v, sweep.points[-1].voltage_v
     kind = "slow " + WORD[sweep.direction]
     if sweep.kind == "rests":
-        kind = f"{WORD[sweep.direction]} by {len(sweep.points)} rests"
+        kind = f"{WORD[sweep.direction]} with {len(sweep.points)} rests"
     return f"{kind}, {sweep.passed_ah:.4g} Ah, {start_v:.3f} to {end_v:.3f} V"
 
 

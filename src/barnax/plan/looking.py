@@ -291,7 +291,7 @@ def by_temperature(
 
     for group in sorted(groups, key=rank):
         degc = group[0].temperature_degc
-        # What was measured nobody knows where may have been measured here.
+        # A file of unknown temperature may be of this one.
         unknown = [each for each in files if degc is not None and each.temperature_degc is None]
         yield degc, [*group, *unknown]
 

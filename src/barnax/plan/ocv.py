@@ -104,7 +104,7 @@ def ocv_reason(tests: Sequence[CandidateFile]) -> str:
         return "a table of OCV over state of charge"
     kinds = {
         sweep.direction: f"{WORD[sweep.direction]} "
-        + (f"by {len(sweep.points)} rests" if sweep.kind == "rests" else "by a slow sweep")
+        + (f"with {len(sweep.points)} rests" if sweep.kind == "rests" else "by a slow sweep")
         for sweep in sweeps
     }
     return f"{' and '.join(kinds.values())}, {max(each.passed_ah for each in sweeps):.4g} Ah"

@@ -88,7 +88,7 @@ def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) ->
     if usual_v <= _SAME_V:
         return
     if samples.dialect.name in _ANYBODYS and "voltage" in find_columns([column.header], QUANTITIES):
-        what = f"{both} {1e3 * usual_v:.3g} mV, and nothing tells which is the cell's"
+        what = f"{both} {1e3 * usual_v:.3g} mV, and the data do not show which is the cell's"
         remedy = f"say which: `columns='voltage={header}'` or `columns='voltage={column.header}'`"
         yield found_at(samples, at, "error", what, remedy)
     elif usual_v < _OTHER_V and _likeness(own - own.mean(), other - other.mean()) > _ALIKE:

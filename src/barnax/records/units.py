@@ -74,7 +74,9 @@ def _read_as(samples: Samples, quantity: str, symbol: str) -> str:
         return f"correct the unit of '{column.header}'"
     label = column.quantity.examples[0].partition(" / ")[0]
     option = f"`columns='{quantity}={column.header}:{symbol}'`"
-    return f"rename the column to '{label} / {symbol}', or give {option} if all files are so"
+    return (
+        f"rename the column to '{label} / {symbol}', or give {option} if that holds for all files"
+    )
 
 
 def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:

@@ -31,10 +31,11 @@ def candidates_section(
     if len(candidates) < 2:
         return []
     told = (
-        "Each is the best circuit of its kind, refined and proved as far as the last column says. "
-        "Blocks left out of the fit decide: the simplest circuit is preferred unless another "
+        "Each is the best circuit of its kind that was found; how much better another of its kind "
+        "could be is proved for some. Blocks left out of the fit decide which is the answer: the "
+        "simplest circuit, unless another "
         "lowers their error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
-        "that was given is the answer."
+        "that was given is the answer in any case."
     )
     return [Section(title, (Bullets((told,)), candidates_table(candidates, validation)))]
 
@@ -48,17 +49,17 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     for place, name in enumerate(validation):
         cells[f"{name} [mV]"] = lambda each, place=place: fixed(1e3 * each.validation_v[place], 1)
     cells["left out [mV]"] = lambda each: errors_words(each.held_out)
-    cells["better ones are at most"] = lambda each: (
+    cells["proved: better by at most"] = lambda each: (
         "not proved"
         if each.proved_gap is None or each.proved_gap >= 1
-        else f"{percent(each.proved_gap)} better"
+        else percent(each.proved_gap)
     )
     cells[""] = lambda each: "the answer" if each.is_answer else ""
     return make_table(
         "RMSE in mV, in brackets that above 10 % SOC, of the circuits that were weighed.",
         ranked(candidates),
         cells,
-        ["circuit", "left out [mV]", "identification [mV]", "better ones are at most", ""],
+        ["circuit", "left out [mV]", "identification [mV]", "proved: better by at most", ""],
     )
 
 

@@ -29,7 +29,9 @@ def report_of(result: Result, path: str | Path | None, format: str | None) -> Re
     """`Result.report`."""
     form = format or (Path(path).suffix[1:] if path else "") or "html"
     if form not in ("html", "md"):
-        raise InputError(f"a report is html or md, not {form!r}; name its file or its format so")
+        raise InputError(
+            f"a report is html or md, not {form!r}; name the file so, or give one as `format`"
+        )
     drawn = identification_illustrations(result)
     document = identification_document(result, drawn)
     text = to_html(document) if form == "html" else to_markdown(document)

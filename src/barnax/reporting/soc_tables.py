@@ -208,8 +208,8 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
     mark = ""
     if any(_edge(each) for each in fit.intervals if each.soc is not None):
         mark = (
-            f" {EDGE}: the value is at an end of its interval: smoothing over SOC moved it, and "
-            "the interval, of a fit with a hundredth of the smoothing, reaches to it."
+            f" {EDGE}: the value is at one end of its interval: smoothing over SOC moved it. The "
+            "interval is that of a fit with a hundredth of the smoothing, extended to the value."
         )
     return make_table(
         f"The tables{where} at the nodes near samples; linear between nodes, constant beyond them."

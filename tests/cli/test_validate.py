@@ -155,3 +155,13 @@ def test_two_results_are_shown_side_by_side(run, stored, tmp_path):
         in shown
     )
     assert "+0 %, within" in shown
+
+
+def test_the_errors_are_written_as_a_page_with_figures(run, stored, drive, tmp_path):
+    outcome = run("validate", stored, drive, "--report", "page.html")
+    assert outcome.status == 0
+    assert "page.html" in outcome.out
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<img") == 3
+    assert "drive.parquet" in page
+    assert "exists already" in run("validate", stored, drive, "--report", "page.html").err

@@ -16,6 +16,7 @@ import typer
 from ..errors import InputError
 from .options import (
     FILTER,
+    FORCE,
     OUTPUT,
     PAPER,
     QUIET,
@@ -29,13 +30,15 @@ from .options import (
     group,
     option,
 )
-from .output import Output
+from .output import Output, require_free_file, write_file
 from .session import Session, as_flags, shown, use_compilation_cache
 
 if TYPE_CHECKING:
     from ..model.window import Window
     from ..replay import SocReplay
+    from ..reporting.document import Table
     from ..results import Result
+    from ..search.evaluate import Evaluation
 
 # Across machines and versions the refined error agrees this closely, relative.
 REPRODUCED_RMSE = 1e-9
@@ -128,6 +131,10 @@ class Errors:
     """How the errors on a record are printed."""
 
     as_json: bool = flag(OUTPUT, "--json", "Print the errors as JSON.")
+    report: Path | None = option(
+        OUTPUT, "FILE", "Also write the errors and their figures, as HTML."
+    )
+    force: bool = FORCE
     quiet: bool = QUIET
 
 
@@ -145,6 +152,8 @@ def validate(on: OnRecord, output: Errors) -> None:
         from ..reporting.terminal import terminal_table
         from ..storing import metrics_part
 
+    if output.report is not None:
+        require_free_file(output.report, output.force)
     stored = load(on.result)
     window = on.window(stored)
     with session.watch("Simulating"):
@@ -152,12 +161,32 @@ def validate(on: OnRecord, output: Errors) -> None:
     metrics = metrics_part(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
-    session.show([terminal_table(metrics_table([(metrics, "validation")]))])
+    table = metrics_table([(metrics, "validation")])
+    session.show([terminal_table(table)])
+    if output.report is not None:
+        with session.watch("Drawing figures"):
+            write_file(output.report, _validation_page(evaluation, table, stored.answer))
+        session.show(["", f"  {shown(output.report)}"])
     if stored.tables is not None:
         degc = evaluation.prepared.temperature_degc
         told = prediction_sentence(stored.tables, on.record.name, degc)
         session.show([shown(told)] if told else [])
     session.warn(evaluation.warnings)
+
+
+def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> bytes:
+    from .. import plots
+    from ..reporting.document import Document, Section, picture
+    from ..reporting.illustrations import Figures
+    from ..reporting.render import to_html
+
+    figures, record = Figures(), evaluation.prepared.record.name
+    figures.add("voltage", "voltage", record, partial(plots.plot_voltage, evaluation))
+    figures.add("error", "error", record, partial(plots.plot_error, evaluation))
+    figures.add_condition("validation", evaluation)
+    drawn = tuple(picture(draw()) for draw in figures.drawings.values())
+    document = Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),))
+    return to_html(document).encode()
 
 
 @group

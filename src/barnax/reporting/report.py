@@ -30,7 +30,7 @@ def report_of(result: Result, path: str | Path | None, format: str | None) -> Re
     form = format or (Path(path).suffix[1:] if path else "") or "html"
     if form not in ("html", "md"):
         raise InputError(
-            f"a report is html or md, not {form!r}; name the file so, or give one as `format`"
+            f"a report is html or md, not {form!r}; name the file so, or set its format"
         )
     drawn = identification_illustrations(result)
     document = identification_document(result, drawn)

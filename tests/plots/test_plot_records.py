@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from barnax.plots import (
-    plot_compared_errors,
-    plot_compared_voltages,
     plot_condition,
     plot_error,
     plot_voltage,
@@ -54,7 +52,7 @@ def test_the_magnified_stretch_is_a_part_of_the_record_on_the_same_clock():
     np.testing.assert_array_equal(measured.get_ydata(), evaluation.prepared.voltage_v[span])
 
 
-@pytest.mark.parametrize("plot", [plot_voltage, lambda each: plot_compared_voltages({"a": each})])
+@pytest.mark.parametrize("plot", [plot_voltage, lambda each: plot_voltage({"a": each})])
 def test_a_short_record_has_no_stretch_to_magnify(plot):
     figure = plot(make_evaluation(make_record(10)))
     figure.savefig(io.BytesIO())
@@ -118,18 +116,18 @@ def test_a_condition_that_counts_throughout_needs_no_legend():
 
 def test_every_row_s_voltage_is_drawn_over_the_measured_one():
     rows = make_rows(2e-3, 5e-3)
-    whole = plot_compared_voltages(rows).axes[0]
+    whole = plot_voltage(rows).axes[0]
     first = rows["row 0"]
     np.testing.assert_array_equal(line(whole, "measured").get_ydata(), first.prepared.voltage_v)
     for label, each in rows.items():
-        name = f"{label} ({1e3 * each.metrics.rmse_v:.3g} mV)"
+        name = f"{label} (RMSE {1e3 * each.metrics.rmse_v:.3g} mV)"
         np.testing.assert_array_equal(line(whole, name).get_ydata(), each.simulated_v)
 
 
 def test_the_magnified_stretch_shows_the_same_rows_where_the_frame_is():
-    whole, close = plot_compared_voltages(make_rows(2e-3, 5e-3, samples=2000)).axes
+    whole, close, _, below = plot_voltage(make_rows(2e-3, 5e-3, samples=2000)).axes
     assert labels(close) == labels(whole)
-    origin = float(close.get_xlabel().split()[2])
+    origin = float(below.get_xlabel().split()[2])
     shown = line(close, "measured")
     time_s = shown.get_xdata() + origin
     measured = line(whole, "measured")
@@ -139,13 +137,13 @@ def test_the_magnified_stretch_shows_the_same_rows_where_the_frame_is():
 
 def test_of_many_rows_the_most_accurate_are_drawn_and_it_is_said():
     rows = make_rows(*np.arange(12, 0, -1) * 1e-3)
-    whole = plot_compared_voltages(rows).axes[0]
+    whole = plot_voltage(rows).axes[0]
     assert len(labels(whole)) == 1 + 8
     assert not any(label.startswith("row 3 ") for label in labels(whole))
     assert "the 8 of 12 rows with the lowest RMSE" in whole.get_title("left")
 
 
-@pytest.mark.parametrize("plot", [plot_compared_voltages, plot_compared_errors])
+@pytest.mark.parametrize("plot", [plot_voltage, plot_error])
 def test_rows_on_different_samples_are_refused(plot):
     rows = make_rows(1e-3) | {"other": make_evaluation(make_record(500))}
     with pytest.raises(ValueError, match="different samples"):
@@ -215,7 +213,7 @@ def test_ten_samples_and_no_error_at_all_are_drawn(error_v):
 
 def test_every_row_s_errors_have_a_strip_on_one_scale():
     rows = make_rows(2e-3, 5e-3)
-    axes = plot_compared_errors(rows).axes
+    axes = plot_error(rows).axes
     assert len(axes) == 4
     for (over_time, over_soc), each in zip(np.reshape(axes, (-1, 2)), rows.values(), strict=True):
         np.testing.assert_array_equal(over_time.get_lines()[0].get_ydata(), 1e3 * each.error_v)
@@ -227,7 +225,7 @@ def test_every_row_s_errors_have_a_strip_on_one_scale():
 
 
 def test_a_row_that_is_far_off_does_not_set_the_scale_and_is_said_to_be_cut():
-    axes = plot_compared_errors(make_rows(2e-3, 500e-3)).axes
+    axes = plot_error(make_rows(2e-3, 500e-3)).axes
     assert axes[0].get_ylim()[1] < 20
     assert "outside:" in axes[3].texts[0].get_text()
     assert not axes[1].texts
@@ -238,7 +236,7 @@ def test_the_same_row_looks_the_same_in_every_figure():
     looks = row_looks(names)
     assert len({(look.color, look.line, look.marker) for look in looks.values()}) == 40
     rows = make_rows(2e-3, 5e-3)
-    voltages, errors = plot_compared_voltages(rows).axes[0], plot_compared_errors(rows).axes
+    voltages, errors = plot_voltage(rows).axes[0], plot_error(rows).axes
     for place, label in enumerate(rows):
         color = row_looks(rows)[label].color
         assert voltages.get_lines()[1 + place].get_color() == color

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from barnax.plots import (
-    plot_compared_errors,
-    plot_compared_voltages,
     plot_condition,
     plot_error,
     plot_hysteresis,
@@ -102,8 +100,8 @@ DRAWN = {
     "voltage": lambda each: plot_voltage(each),
     "error": lambda each: plot_error(each),
     "condition": lambda each: plot_condition(each.prepared),
-    "voltages": lambda each: plot_compared_voltages({ODD: each}),
-    "errors": lambda each: plot_compared_errors({ODD: each}),
+    "voltages": lambda each: plot_voltage({ODD: each}),
+    "errors": lambda each: plot_error({ODD: each}),
 }
 
 
@@ -152,7 +150,7 @@ def test_a_figure_gives_the_same_bytes_every_time_and_after_other_forms(kind):
 
 
 def test_an_illustration_has_both_forms_and_a_small_picture_that_is_the_large_one():
-    drawn = Illustration("error", make_figure(), "", "")
+    drawn = Illustration("error", make_figure, "", "")
     for kind in ("png", "svg"):
         assert getattr(drawn, kind).startswith(BEGINNINGS[kind])
     assert drawn.png is drawn.png

@@ -185,8 +185,7 @@ def test_a_table_whose_rows_do_not_fit_its_columns_is_refused():
 def test_figures_for_a_paper_are_pdf_and_svg_as_wide_as_a_column():
     cell = barnax.characterize([barnax.read_record(barnax.bundled_file("ocv_discharge"))])
     with column_width():
-        figure = plot_ocv(cell)
-    files = paper_files([Illustration("ocv", figure, "", "")])
+        files = paper_files([Illustration("ocv", lambda: plot_ocv(cell), "", "")])
     assert set(files) == {"figures/paper/ocv.pdf", "figures/paper/ocv.svg"}
     assert re.search(rb"/MediaBox \[ 0 0 252 ", files["figures/paper/ocv.pdf"])
     assert b'width="252pt"' in files["figures/paper/ocv.svg"]

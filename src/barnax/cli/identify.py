@@ -219,7 +219,7 @@ def result_files(
     """The figures, and the report where it is wanted, by their path in the folder."""
     from ..plots import column_width
     from ..reporting.identification import identification_document
-    from ..reporting.illustrations import identification_illustrations, is_always
+    from ..reporting.illustrations import identification_illustrations
     from ..reporting.pulses import pulses_csv, tables_csv
     from ..reporting.render import paper_files, report_files
 
@@ -229,7 +229,7 @@ def result_files(
         with column_width():
             tables |= paper_files(identification_illustrations(result))
     if not (report or live):
-        drawn = identification_illustrations(result, is_always)
+        drawn = [each for each in identification_illustrations(result) if each.is_main]
         return tables | {f"figures/{each.name}.png": each.png for each in drawn}
     drawn = identification_illustrations(result, live=live)
     return tables | report_files(

@@ -6,7 +6,7 @@ package loads matplotlib, but not JAX.
 """
 
 from .cell import plot_hysteresis, plot_ocv, plot_pulse_resistances, plot_pulses
-from .error import plot_compared_errors, plot_error, plot_soc_replay
+from .error import plot_error, plot_soc_replay
 from .parameters import plot_compared_parameters, plot_trajectories
 from .search import plot_compared_convergence, plot_convergence, plot_landscape
 from .soc_tables import (
@@ -17,14 +17,12 @@ from .soc_tables import (
 )
 from .style import column_width
 from .summary import plot_summary
-from .voltage import plot_compared_voltages, plot_condition, plot_voltage
+from .voltage import plot_condition, plot_voltage
 
 __all__ = [
     "column_width",
     "plot_compared_convergence",
-    "plot_compared_errors",
     "plot_compared_parameters",
-    "plot_compared_voltages",
     "plot_condition",
     "plot_convergence",
     "plot_error",

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from ..cell import CellModel, InterpolatedCurve
 from ..cell.curves import KNOTS
 from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
+from .pictures import illustration
 from .style import (
     BLACK,
     BLUE,
@@ -23,7 +24,6 @@ from .style import (
     SOC_LABEL,
     VERMILLION,
     draw_points,
-    figure_style,
     finish,
     finish_bar,
     is_column,
@@ -57,7 +57,12 @@ FEW_POINTS = 50
 SMALLEST_RANGE_MV = 1.0
 
 
-@figure_style()
+@illustration(
+    "Open-circuit voltage: the measured points, the curve of each branch and their average. "
+    "Below, the error of each curve at its points.",
+    "Open-circuit voltage over the state of charge, with residuals of the fit",
+    is_dense=False,
+)
 def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV.
 
@@ -106,7 +111,12 @@ SAME_MV = 0.1
 NOT_MEASURED = "not measured: the OCV is of one branch only"
 
 
-@figure_style()
+@illustration(
+    "Hysteresis voltage, the charge branch minus the discharge branch, and the segments fitted "
+    "to it.",
+    "Hysteresis voltage over the state of charge, with its five segments",
+    is_dense=False,
+)
 def plot_hysteresis(cell: "CellModel | Result | str | Path") -> Figure:
     """Charge minus discharge OCV in mV, on a scale that includes zero; dotted lines are the knots.
 
@@ -170,7 +180,12 @@ MOST_PANELS: Final = 6
 PULSE_COLORS: Final = "viridis"
 
 
-@figure_style()
+@illustration(
+    "The pulses of {}, overlaid: the change of voltage divided by the change of current since "
+    "the pulse began. Color: state of charge. Solid: measured; dashed: simulated.",
+    "Resistance over the time into a pulse, one line per pulse",
+    is_main=True,
+)
 def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
     """The change of voltage over that of current since each pulse began, a panel a rate.
 
@@ -216,7 +231,12 @@ def _draw_pulse(
         axes.plot(since_s, 1e3 * (drop_v[is_on] / change_a[is_on]), label=label, **style)
 
 
-@figure_style()
+@illustration(
+    "The standard pulse resistances of {} over the state of charge.",
+    "Pulse resistances over the state of charge, by direction and rate",
+    is_dense=False,
+    is_main=True,
+)
 def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figure:
     """The standard pulse resistances over SOC, a panel a direction and rate.
 

@@ -10,7 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 
+from .pictures import illustration
 from .style import (
+    ALONE,
     BLACK,
     BLUE,
     COLUMNS,
@@ -25,7 +27,6 @@ from .style import (
     decimate,
     draw_line,
     draw_points,
-    figure_style,
     finish,
     letters_pt,
     make_figure,
@@ -38,7 +39,7 @@ from .voltage import (
     choose_time_unit,
     heading,
     most_accurate,
-    require_one_record,
+    rows_of,
     shade_unscored,
 )
 
@@ -83,7 +84,6 @@ def draw_errors(
     over_soc: Axes,
     evaluation: "Evaluation",
     colors: tuple[str, str],
-    width: float,
     labels: tuple[str, str, str],
     limits: tuple[float, float],
 ) -> None:
@@ -98,7 +98,7 @@ def draw_errors(
     kinds = ((scored, colors[0], 2.0), (~scored, GREY, 1.9))
     for (chosen, color, layer), label in zip(kinds, labels[:2], strict=True):
         line = broken_line(time, error_mv, chosen)
-        over_time.plot(*line, color=color, linewidth=width, label=label, zorder=layer)
+        over_time.plot(*line, color=color, linewidth=0.8, label=label, zorder=layer)
         # As a picture: as vectors, the points of a long record would make a huge file.
         style = {"color": color, "markeredgewidth": 0.0, "alpha": 0.6, "zorder": layer}
         draw_points(over_soc, soc[chosen], error_mv[chosen], ".", 2.0, **style, rasterized=True)
@@ -151,86 +151,66 @@ def outside_note(scored_mv: Samples, low: float, high: float) -> str:
     )
 
 
-@figure_style()
-def plot_error(evaluation: "Evaluation") -> Figure:
-    """Measured minus simulated voltage in mV, over time and over SOC.
+@illustration(
+    "Measured minus simulated voltage on {}, over time and over the state of charge, all on one "
+    "scale. Dashed: plus and minus the RMSE; steps: the RMSE in each 5 % of the state of charge.",
+    "Error over time and over the state of charge",
+    is_main=True,
+)
+def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
+    """Measured minus simulated voltage in mV, over time and over SOC, of one circuit or of many.
 
     Samples that do not count are grey and shaded. Dashed: plus and minus the RMSE of all scored
-    samples. The scale leaves out what few scored samples alone would need, and says so. Over SOC
-    the steps are plus and minus the RMSE of the scored samples in each twentieth of SOC that holds
-    at least five of them.
+    samples. Over SOC the steps are plus and minus the RMSE of the scored samples in each twentieth
+    of SOC that holds at least five of them. The scale leaves out what few scored samples alone
+    would need, and says so.
+
+    Many rows have a strip each, left over time, right over SOC, as in Fig. 11 and 13 of Li et al.
+    (2023), on the scale of the rows within three times the lowest RMSE; of more than ten rows the
+    ten with the lowest RMSE are drawn. Raises `ValueError` where they are on different samples.
 
     Args:
-        evaluation: A record's evaluation.
-
-    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
-    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
-    >>> record = read_record(bundled_file("identification"))
-    >>> figure = plot_error(validate(record, characterize(tests), "iso-rc", circuit))
-    >>> [axes.get_xlabel() for axes in figure.axes]
-    ['Time [h]', 'State of charge [-]']
-    """
-    prepared = evaluation.prepared
-    error_mv = 1e3 * evaluation.error_v
-    figure = make_figure()
-    over_time, over_soc = figure.subplots(2, 1, sharey=True)
-
-    not_scored = "_none" if prepared.scored.all() else NOT_SCORED
-    rmse_mv = 1e3 * evaluation.metrics.rmse_v
-    labels = ("scored error", not_scored, f"± RMSE, {rmse_mv:.3g} mV")
-    limits = scored_limits(error_mv[prepared.scored])
-    draw_errors(over_time, over_soc, evaluation, (BLUE, ORANGE), 0.8, labels, limits)
-    for axes in (over_time, over_soc):
-        axes.set_ylabel(LABEL)
-    over_soc.set_title(outside_note(error_mv[prepared.scored], *limits), loc="right")
-    over_time.set_xlabel(choose_time_unit(prepared.time_s).label)
-    over_soc.set_xlabel(SOC_LABEL)
-    title(over_time, prepared.record.name)
-    return finish(figure, over_time, over_soc, columns=4)
-
-
-@figure_style()
-def plot_compared_errors(evaluations: Mapping[str, "Evaluation"]) -> Figure:
-    """Measured minus simulated voltage in mV, a strip for each row, on one scale.
-
-    As Fig. 11 and 13 of Li et al. (2023). Left over time, right over SOC, with plus and minus the
-    RMSE in each twentieth of SOC. Samples that do not count are grey and shaded. The scale is that
-    of the rows within three times the lowest RMSE; samples outside it are counted in the strip. Of
-    more than ten rows the ten with the lowest RMSE are drawn. Raises `ValueError` where the rows
-    are on different samples.
-
-    Args:
-        evaluations: The rows' evaluations on one record, by label.
+        evaluations: A record's evaluation, or those of rows on one record, by label.
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
     >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record, cell = read_record(bundled_file("identification")), characterize(tests)
     >>> rows = {name: validate(record, cell, name, circuit) for name in ("so-rc", "iso-rc")}
-    >>> [axes.get_xlabel() for axes in plot_compared_errors(rows).axes[-2:]]
-    ['Time [h]', 'State of charge [-]']
+    >>> [len(plot_error(each).axes) for each in (rows, rows["so-rc"])]
+    [4, 2]
     """
-    require_one_record(evaluations)
-    looks = row_looks(evaluations)
-    shown = most_accurate(evaluations, MOST_STRIPS)
-    prepared = next(iter(shown.values())).prepared
-    figure = make_figure(height_in=AROUND_STRIPS_IN + STRIP_IN * len(shown))
-    panels = figure.subplots(
-        len(shown), 2, squeeze=False, sharey=True, sharex="col", width_ratios=[1.9, 1.0]
-    )
+    rows = rows_of(evaluations)
+    looks, shown = row_looks(rows), most_accurate(rows, MOST_STRIPS)
+    prepared, is_one = next(iter(shown.values())).prepared, ALONE in rows
+    if is_one:
+        figure = make_figure()
+        panels = figure.subplots(2, 1, sharey=True)[None]
+    else:
+        figure = make_figure(height_in=AROUND_STRIPS_IN + STRIP_IN * len(shown))
+        panels = figure.subplots(
+            len(shown), 2, squeeze=False, sharey=True, sharex="col", width_ratios=[1.9, 1.0]
+        )
+        figure.supylabel(LABEL.replace("\n", " "), fontsize=letters_pt(9))
     limits = _common_limits(shown)
     for (over_time, over_soc), (label, each) in zip(panels, shown.items(), strict=True):
-        colors, labels = (looks[label].color, BLACK), ("_scored", "_not scored", "± RMSE")
-        draw_errors(over_time, over_soc, each, colors, 0.7, labels, limits)
-        _name_strip(over_time, f"{label}: RMSE {1e3 * each.metrics.rmse_v:.3g} mV")
+        rmse = f"{1e3 * each.metrics.rmse_v:.3g} mV"
         outside = outside_note(1e3 * each.error_v[prepared.scored], *limits)
-        _name_strip(over_soc, outside.replace(" scored", ""))
+        if is_one:
+            not_scored = "_none" if prepared.scored.all() else NOT_SCORED
+            colors, labels = (BLUE, ORANGE), ("scored error", not_scored, f"± RMSE, {rmse}")
+            over_time.set_ylabel(LABEL)
+            over_soc.set_ylabel(LABEL)
+            over_soc.set_title(outside, loc="right")
+        else:
+            colors, labels = (looks[label].color, BLACK), ("_scored", "_not scored", "± RMSE")
+            _name_strip(over_time, f"{label}: RMSE {rmse}")
+            _name_strip(over_soc, outside.replace(" scored", ""))
+        draw_errors(over_time, over_soc, each, colors, labels, limits)
     panels[-1, 0].set_xlabel(choose_time_unit(prepared.time_s).label)
     panels[-1, 1].set_xlabel(SOC_LABEL)
-    figure.supylabel("Error [mV] (measured − simulated)", fontsize=letters_pt(9))
-    title(panels[0, 0], heading(prepared.record.name, len(shown), len(evaluations)))
-    return finish(figure, *panels.flat, legend_of=panels[0])
+    title(panels[0, 0], heading(prepared.record.name, len(shown), len(rows)))
+    return finish(figure, *panels.flat, columns=4, legend_of=panels[0])
 
 
 def _common_limits(shown: Mapping[str, "Evaluation"]) -> tuple[float, float]:
@@ -257,7 +237,11 @@ TITLE_LETTERS = 80
 BAND_SD = 2.0
 
 
-@figure_style()
+@illustration(
+    "State of charge of {}: counted, and estimated by the filter in every scenario. Below, the "
+    "errors of the filter.",
+    "State of charge over time by counting and by the filter, with its errors",
+)
 def plot_soc_replay(replay: "SocReplay") -> Figure:
     """SOC by the counter and by the filter in every scenario, and the filter's errors.
 

@@ -8,8 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .error import LABEL
-from .style import BLACK, BLUE, SKY_BLUE, VERMILLION, decimate, row_looks
-from .voltage import MEASURED, MOST_VOLTAGES, choose_time_unit, most_accurate, unscored_spans
+from .style import ALONE, BLUE, VERMILLION, decimate, row_looks
+from .voltage import (
+    MOST_VOLTAGES,
+    choose_time_unit,
+    measured_color,
+    most_accurate,
+    unscored_spans,
+)
 
 if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
@@ -37,9 +43,9 @@ def live_record(rows: "Mapping[str, Evaluation]", most_numbers: int = MOST_NUMBE
     lines = [*columns, *(each.error_v for each in shown.values())]
     kept = enough_samples(prepared.time_s, lines, most_numbers // (len(columns) + 1))
     unit = choose_time_unit(prepared.time_s)
-    is_one = len(rows) == 1
-    colors = [BLACK if is_one else looks[label].color for label in shown]
-    voltage = [_line("measured [V]", 1, SKY_BLUE if is_one else MEASURED, width=2.5)]
+    is_one = ALONE in rows
+    colors = [looks[label].color for label in shown]
+    voltage = [_line("measured [V]", 1, measured_color(rows), width=2.5)]
     voltage += [
         _line(f"{label} [V]", 3 + place, color)
         for place, (label, color) in enumerate(zip(shown, colors, strict=True))

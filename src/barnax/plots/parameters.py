@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ..cell import CircuitParameters
 from ..cell.elements import names_of
+from .pictures import illustration
 from .style import (
     BLACK,
     BLUE,
@@ -22,7 +23,6 @@ from .style import (
     VERMILLION,
     RowLook,
     draw_points,
-    figure_style,
     finish,
     label_plainly,
     make_figure,
@@ -68,7 +68,12 @@ def readable(parameters: Mapping[str, float]) -> dict[str, float]:
     return values
 
 
-@figure_style()
+@illustration(
+    "The answer of every seed, before refinement. Bar: the median seed; diamond: the "
+    "same after refinement; dotted: a bound.",
+    "Parameters of every seed of every row",
+    is_dense=False,
+)
 def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Figure:
     """Every seed's own parameters and RMSE: a panel for each, a line for each row.
 
@@ -83,7 +88,7 @@ def plot_compared_parameters(comparison: "ComparisonResult | str | Path") -> Fig
 
     result = opened(comparison, ComparisonResult)
     rows = [row for row in result.rows if row.seeds]
-    looks = row_looks(row.name for row in rows)
+    looks = row_looks([row.name for row in rows])
     names = _quantities(rows)
     row_in = FURNITURE_IN + LINE_IN * len(rows)
     size = {"row_in": row_in, "around_in": LEGEND_IN}
@@ -155,7 +160,11 @@ TRAJECTORY_IN, AROUND_IN = 1.7, 0.8
 STEPS = np.linspace(0, 1, 101)
 
 
-@figure_style()
+@illustration(
+    "The circuit as the online methods estimated it: medians in each percent of the state of "
+    "charge. Dashes on the right: their answers.",
+    "Resistances and time constants of online methods over the state of charge",
+)
 def plot_trajectories(rows: "Mapping[str, Row]") -> Figure:
     """R0, every R and every tau over the state of charge, as each online row saw them.
 
@@ -211,7 +220,11 @@ ROW_IN: Final = 0.62 * HEIGHT_IN
 BINS: Final = 24
 
 
-@figure_style()
+@illustration(
+    "Distribution of each quantity over the cells; the dashed line is the median.",
+    "Histograms of the quantities over the cells, each with its median",
+    is_dense=False,
+)
 def plot_distributions(quantities: Mapping[str, Values]) -> Figure:
     """A histogram of each positive quantity over the cells, and its median.
 

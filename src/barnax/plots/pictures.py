@@ -3,8 +3,8 @@
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Final, Literal
+from functools import cached_property, partial
+from typing import Any, Final, Literal, ParamSpec
 
 import matplotlib
 from matplotlib.figure import Figure
@@ -46,22 +46,37 @@ def encode(figure: Figure, kind: Kind = "png", dpi: int = DPI) -> bytes:
 
 # Sharp on a phone and in print, and still small enough to be sent.
 ILLUSTRATION_DPI: Final = 180
+Given = ParamSpec("Given")
 
 
 @dataclass(frozen=True, eq=False)
 class Illustration:
-    """A figure, its file's name without a suffix, its caption, and words for who cannot see it.
+    """A figure, drawn when it is first asked for, with what a page and a file need of it.
 
-    `is_dense` says that it holds so many points that PNG is the smaller form. Each form is drawn
-    once, when it is asked for. `live` gives the numbers of an interactive form and its caption.
+    Each form is drawn once.
+
+    Attributes:
+        name: Its file's name without a suffix.
+        draw: What draws it.
+        caption: Its caption.
+        alt: Words for who cannot see it.
+        is_dense: It holds so many points that PNG is the smaller form.
+        is_main: It is written beside a result even where no report is; to draw them all takes
+            longer than the search.
+        live: The numbers of an interactive form, and its caption.
     """
 
     name: str
-    figure: Figure
+    draw: Callable[[], Figure]
     caption: str
     alt: str
     is_dense: bool = True
+    is_main: bool = False
     live: Callable[[], tuple[dict[str, Any], str]] | None = None
+
+    @cached_property
+    def figure(self) -> Figure:
+        return self.draw()
 
     @cached_property
     def png(self) -> bytes:
@@ -80,6 +95,35 @@ class Illustration:
     @cached_property
     def svg(self) -> bytes:
         return encode(self.figure, "svg", ILLUSTRATION_DPI)
+
+
+# The words of each kind of figure, by the function that draws it.
+_WORDS: dict[Callable[..., Figure], dict[str, Any]] = {}
+
+
+def illustration(
+    caption: str, alt: str, **more: bool
+) -> Callable[[Callable[Given, Figure]], Callable[Given, Figure]]:
+    """A decorator: a function draws in our style, and `illustrate` knows its words.
+
+    In both texts {} stands for the record or the circuit; `more` are fields of `Illustration`.
+    """
+
+    def register(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
+        styled = figure_style()(draw)
+        _WORDS[styled] = {"caption": caption, "alt": alt, **more}
+        return styled
+
+    return register
+
+
+def illustrate(
+    name: str, subject: str, draw: Callable[Given, Figure], *given: Given.args, **more: Given.kwargs
+) -> Illustration:
+    """What a registered function draws of something, with its words."""
+    words = _WORDS[draw]
+    caption = words["caption"].format(subject)
+    return Illustration(name, partial(draw, *given, **more), **words | {"caption": caption})
 
 
 def record_roles(identified: int, validated: int) -> list[str]:

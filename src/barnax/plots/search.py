@@ -15,6 +15,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
+from .pictures import illustration
 from .style import (
     BLACK,
     GREEN,
@@ -22,7 +23,6 @@ from .style import (
     SKY_BLUE,
     VERMILLION,
     RowLook,
-    figure_style,
     finish,
     finish_bar,
     label_plainly,
@@ -71,7 +71,11 @@ def finite(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-@figure_style()
+@illustration(
+    "How the best RMSE of every seed fell during the search, and how far each stayed above "
+    "the lowest RMSE known.",
+    "Best RMSE of every seed over evaluations",
+)
 def plot_convergence(
     searches: "Search | Result | str | Path | Mapping[str, ArrayLike]",
     refinement: "Refinement | None" = None,
@@ -193,7 +197,11 @@ MARKERS_PER_LINE: Final = 6
 COMPARED_IN: Final = 4.8
 
 
-@figure_style()
+@illustration(
+    "How the best RMSE of each row fell: the median of its seeds, and a band from the tenth "
+    "to the ninetieth percentile. A row without a history is a single marker.",
+    "Best RMSE of the rows over evaluations, with the spread of the seeds",
+)
 def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Figure:
     """Best RMSE of each row over the evaluations of one seed: its median, and a band of seeds.
 
@@ -211,7 +219,7 @@ def plot_compared_convergence(comparison: "ComparisonResult | str | Path") -> Fi
     result = opened(comparison, ComparisonResult)
     optima_v = {name: model.optimum_rmse_v for name, model in result.models.items()}
     rows = [row for row in result.rows if row.seeds]
-    looks = row_looks(row.name for row in rows)
+    looks = row_looks([row.name for row in rows])
     has_excess = any(optima_v.get(row.model) for row in rows)
     figure = make_figure(height_in=COMPARED_IN)
     panels = figure.subplots(1, 2 if has_excess else 1, squeeze=False)[0]
@@ -276,7 +284,12 @@ REFINED: Final[dict[str, Any]] = OPEN | {"marker": "P", "markersize": 8.0}
 BEST: Final[dict[str, Any]] = REFINED | {"marker": "*", "markersize": 14.0}
 
 
-@figure_style()
+@illustration(
+    "The lowest RMSE that {} can reach at every pair of time constants, with the answer of "
+    "every seed.",
+    "The error over both time constants, with every seed's answer and the optimum",
+    is_dense=False,
+)
 def plot_landscape(
     landscape: "Landscape",
     *,
@@ -316,11 +329,19 @@ def plot_landscape(
     axes = figure.subplots()
     _draw_excess(figure, axes, tau1_s, tau2_s, rmse_v)
 
-    box = ((tau1_s[0], tau2_s[0]), (tau1_s[-1], tau2_s[-1]))
-
-    def mark(circuits, label, layer, style):
-        taus = [sorted(each.tau_s) if is_ordered else each.tau_s for each in circuits]
-        _mark(axes, taus, box, label, layer, style)
+    def mark(circuits: "Sequence[CircuitParameters]", label: str, layer: float, style: Any) -> None:
+        taus_s = [sorted(each.tau_s) if is_ordered else each.tau_s for each in circuits]
+        if any(len(each) != 2 for each in taus_s):
+            raise ValueError(f"{label}: a landscape over two time constants needs two RC pairs")
+        if not taus_s:
+            return
+        # What a method found beyond the box stands at its edge, and is said to.
+        shown_s = np.clip(taus_s, (tau1_s[0], tau2_s[0]), (tau1_s[-1], tau2_s[-1]))
+        if not np.allclose(shown_s, taus_s):
+            label += " (partly outside the bounds)" if len(taus_s) > 1 else " (outside the bounds)"
+        # At the limits of the box a mark would be cut in half.
+        style = {"linestyle": "none", "clip_on": False, **style}
+        axes.plot(*shown_s.T, label=label, zorder=layer, **style)
 
     rows = answers or {}
     for label, look in row_looks(rows).items():
@@ -375,24 +396,3 @@ def _draw_excess(
     bar.ax.yaxis.set_major_locator(FixedLocator(steps))
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     finish_bar(bar)
-
-
-def _mark(
-    axes: Axes,
-    taus_s: Sequence[Sequence[float]],
-    box: tuple[tuple[float, float], tuple[float, float]],
-    label: str,
-    layer: float,
-    style: dict[str, Any],
-) -> None:
-    if not taus_s:
-        return
-    if any(len(each) != 2 for each in taus_s):
-        raise ValueError(f"{label}: a landscape over two time constants needs two RC pairs")
-    # What a method found beyond the box stands at its edge, and is said to.
-    shown_s = np.clip(taus_s, *box)
-    if not np.allclose(shown_s, taus_s):
-        label += " (partly outside the bounds)" if len(taus_s) > 1 else " (outside the bounds)"
-    tau1_s, tau2_s = shown_s.T
-    # At the limits of the box a mark would be cut in half.
-    axes.plot(tau1_s, tau2_s, linestyle="none", label=label, zorder=layer, clip_on=False, **style)

@@ -13,13 +13,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from ..cell.elements import names_beside
+from .pictures import illustration
 from .style import (
     BLUE,
     GREY,
     OPEN,
     SKY_BLUE,
     SOC_LABEL,
-    figure_style,
     finish,
     finish_bar,
     is_column,
@@ -92,7 +92,14 @@ def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
     return found
 
 
-@figure_style()
+@illustration(
+    "The tables over the state of charge{} with the intervals of their nodes, and the constant "
+    "circuit behind. Hollow: nodes without samples near them, whose values follow from those "
+    "of their neighbors.",
+    "Resistances and OCV correction over the state of charge, with intervals",
+    is_dense=False,
+    is_main=True,
+)
 def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) -> Figure:
     """Every table over SOC with the intervals of its nodes, the constant circuit's value behind.
 
@@ -158,7 +165,10 @@ FEWEST_IN_CELL: Final = 5
 SHOWN_PERCENT: Final = 97.0
 
 
-@figure_style()
+@illustration(
+    "RMSE by state of charge and current, over all scored samples of the {} records.",
+    "RMSE in cells of state of charge and current",
+)
 def plot_error_map(circuits: "Mapping[str, Sequence[Evaluation]]") -> Figure:
     """RMSE in cells of SOC and current over all scored samples, a panel a circuit, on one scale.
 
@@ -229,7 +239,12 @@ LIGHTEST: Final = 0.85
 POINTS: Final = 101
 
 
-@figure_style()
+@illustration(
+    "The tables of each temperature over the state of charge, with their 95 % intervals.",
+    "Resistances and OCV correction over the state of charge, one line per temperature",
+    is_dense=False,
+    is_main=True,
+)
 def plot_tables_by_temperature(found: "TableFits") -> Figure:
     """Every table over SOC at the nodes that samples visit, a line with its band a temperature.
 
@@ -256,7 +271,13 @@ def plot_tables_by_temperature(found: "TableFits") -> Figure:
     return finish(figure, *panels, columns=5)
 
 
-@figure_style()
+@illustration(
+    "Resistances over temperature at several states of charge. Markers with 95 % intervals: "
+    "measured temperatures; lines: the interpolation between them.",
+    "Resistances over temperature, one line per state of charge",
+    is_dense=False,
+    is_main=True,
+)
 def plot_over_temperature(found: "TableFits") -> Figure:
     """Every resistance over temperature, a line a state of charge.
 

@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -362,12 +362,18 @@ class RowLook:
     marker: str
 
 
-def row_looks(labels: Iterable[str]) -> dict[str, RowLook]:
-    """A look for every label, by its place among the labels.
+# A circuit's label where it is the only one.
+ALONE: Final = "simulated"
+
+
+def row_looks(labels: Collection[str]) -> dict[str, RowLook]:
+    """A look for every label, by its place among the labels; plain black for one circuit alone.
 
     >>> [look.marker for look in row_looks(["IBMO-ISO RC", "LS-SO RC"]).values()]
     ['o', 's']
     """
+    if [*labels] == [ALONE]:
+        return {ALONE: RowLook(BLACK, "-", "")}
     return {
         label: RowLook(
             ROW_COLORS[place % len(ROW_COLORS)],

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..cell.elements import names_beside
+from .pictures import illustration
 from .soc_tables import drawn_tables
 from .style import (
     BLACK,
@@ -19,7 +20,6 @@ from .style import (
     SOC_LABEL,
     VERMILLION,
     draw_line,
-    figure_style,
     finish,
     is_column,
     make_figure,
@@ -42,7 +42,12 @@ WIDEST: Final = 1.5
 SHOWN: Final = 0.995
 
 
-@figure_style()
+@illustration(
+    "The answer on {}: measured and simulated voltage, the error, and the resistances over the "
+    "state of charge with their 95 % intervals.",
+    "Voltage and error over time, and resistances over the state of charge",
+    is_main=True,
+)
 def plot_summary(
     evaluation: "Evaluation",
     found: "TableFit | CircuitParameters",

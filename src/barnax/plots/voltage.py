@@ -9,16 +9,18 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .pictures import illustration
 from .style import (
+    ALONE,
     BLACK,
     BLUE,
     COLUMNS,
+    HEIGHT_IN,
     SHADE,
     SKY_BLUE,
     VERMILLION,
     RowLook,
     draw_line,
-    figure_style,
     finish,
     is_column,
     make_figure,
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
 
 
-FRAME = "#7A7A7A"
+FRAME: Final = "#7A7A7A"
 NOT_SCORED = "not scored"
 HOURS_FROM_S = 7200.0
 STRETCH_SAMPLES = 200
@@ -110,7 +112,10 @@ def stretch_clock(time_s: Samples, span: slice, unit: TimeUnit) -> tuple[Samples
     return time_s - origin * unit.seconds, f"Time after {origin:g} {unit.name} [s]"
 
 
-@figure_style()
+@illustration(
+    "Current, measured voltage and state of charge of {}.",
+    "Current, voltage and state of charge over time",
+)
 def plot_condition(prepared: "PreparedRecord") -> Figure:
     """Current, measured voltage and state of charge of the simulated stretch of one record.
 
@@ -154,87 +159,18 @@ def _draw_current(axes: Axes, prepared: "PreparedRecord", time: np.ndarray, span
     axes.set_ylabel("Current [A]\n(discharge > 0)")
 
 
-@figure_style()
-def plot_voltage(evaluation: "Evaluation") -> Figure:
-    """Voltage over time, measured and simulated, above the current.
-
-    Time is on the record's own clock, in seconds below two hours. Samples that do not count
-    towards the metrics are shaded. At the right the framed stretch, magnified: the one with the
-    largest error; records under 100 scored samples go without.
-
-    Args:
-        evaluation: A record's evaluation.
-
-    >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
-    >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
-    >>> record = read_record(bundled_file("identification"))
-    >>> figure = plot_voltage(validate(record, characterize(tests), "iso-rc", circuit))
-    >>> figure.axes[0].get_ylabel()
-    'Voltage [V]'
-    """
-    prepared = evaluation.prepared
-    unit = choose_time_unit(prepared.time_s)
-    span = worst_stretch(evaluation.error_v, prepared.scored)
-    figure = make_figure()
-    columns = 1 if span is None else 2
-    widths, heights = [1.3 if is_column() else 1.9, 1.0][:columns], [2.0, 1.0]
-    panels = figure.subplots(
-        2, columns, sharex="col", squeeze=False, width_ratios=widths, height_ratios=heights
-    )
-    voltage, current = panels[:, 0]
-    time = prepared.time_s / unit.seconds
-    _draw_voltage(voltage, evaluation, time, slice(None))
-    _draw_current(current, prepared, time, slice(None))
-    current.set_xlabel(unit.label)
-    for axes in (voltage, current):
-        shade_unscored(axes, time, prepared.scored)
-    title(voltage, prepared.record.name)
-    if span is not None:
-        _draw_stretch(panels, evaluation, span)
-    return finish(figure, *panels.flat)
-
-
-def _draw_voltage(
-    axes: Axes, evaluation: "Evaluation", time: np.ndarray, span: slice, width: float = 1.0
-) -> None:
-    prepared = evaluation.prepared
-    simulated = f"simulated (RMSE {1e3 * evaluation.metrics.rmse_v:.3g} mV)"
-    for label, voltage_v, color, line_width in (
-        ("measured", prepared.voltage_v, SKY_BLUE, 1.8 * width),
-        (simulated, evaluation.simulated_v, BLACK, 0.6 * width),
-    ):
-        draw_line(axes, time[span], voltage_v[span], color=color, linewidth=line_width, label=label)
-    axes.set_ylabel("Voltage [V]")
-
-
-def _draw_stretch(panels: np.ndarray, evaluation: "Evaluation", span: slice) -> None:
-    """The right column: one stretch, on the same clock, and its frame in the left column."""
-    prepared = evaluation.prepared
-    unit = choose_time_unit(prepared.time_s)
-    voltage, current = panels[:, 1]
-    time_s, label = stretch_clock(prepared.time_s, span, unit)
-    _draw_voltage(voltage, evaluation, time_s, span, width=1.6)
-    _draw_current(current, prepared, time_s, span)
-    current.set_xlabel(label)
-    for axes in (voltage, current):
-        axes.set_ylabel("")
-    title(voltage, "largest error")
-    edges = prepared.time_s[[span.start, span.stop - 1]] / unit.seconds
-    for axes in panels[:, 0]:
-        axes.axvspan(*edges, facecolor="none", edgecolor=FRAME, linewidth=0.9, zorder=3)
-
-
 # More lines of voltage than these hide each other even in the magnified stretch.
 MOST_VOLTAGES: Final = 8
 MARKERS_PER_LINE: Final = 8
-COMPARED_IN: Final = 6.0
-MEASURED: Final = "#BEBEBE"
-TIE: Final = "#ADADAD"
 
 
-def require_one_record(evaluations: Mapping[str, "Evaluation"]) -> None:
-    """Raise `ValueError` where there is nothing to draw, or not the same samples in every row."""
+def rows_of(evaluations: "Evaluation | Mapping[str, Evaluation]") -> "Mapping[str, Evaluation]":
+    """The rows to draw, by label; one circuit's evaluation is a row too.
+
+    Raises `ValueError` where there is nothing to draw, or not the same samples in every row.
+    """
+    if not isinstance(evaluations, Mapping):
+        return {ALONE: evaluations}
     if not evaluations:
         raise ValueError("there is no row to draw; give at least one evaluation")
     simulated = {
@@ -246,6 +182,7 @@ def require_one_record(evaluations: Mapping[str, "Evaluation"]) -> None:
         raise ValueError(
             f"the rows are on different samples ({names}); draw one record and window at a time"
         )
+    return evaluations
 
 
 def most_accurate(evaluations: Mapping[str, "Evaluation"], most: int) -> dict[str, "Evaluation"]:
@@ -253,6 +190,11 @@ def most_accurate(evaluations: Mapping[str, "Evaluation"], most: int) -> dict[st
     ranked = sorted(evaluations, key=lambda label: evaluations[label].metrics.rmse_v)
     kept = set(ranked[:most])
     return {label: each for label, each in evaluations.items() if label in kept}
+
+
+def measured_color(rows: Mapping[str, "Evaluation"]) -> str:
+    """Of what was measured: grey behind many colors."""
+    return SKY_BLUE if ALONE in rows else "#BEBEBE"
 
 
 def heading(record: str, kept: int, of: int) -> str:
@@ -264,48 +206,66 @@ def heading(record: str, kept: int, of: int) -> str:
     return record if kept == of else f"{record}: the {kept} of {of} rows with the lowest RMSE"
 
 
-@figure_style()
-def plot_compared_voltages(evaluations: Mapping[str, "Evaluation"]) -> Figure:
-    """Voltage over time, measured and of every row; below, the framed stretch magnified.
+@illustration(
+    "Measured and simulated voltage on {}, and the current. On the right, the framed part with the "
+    "largest error, of several circuits that of the lowest RMSE.",
+    "Measured and simulated voltage over time, above the current",
+    is_main=True,
+)
+def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
+    """Voltage over time, measured and simulated by one circuit or by many, above the current.
 
-    As Fig. 10 and 12 of Li et al. (2023). The stretch is the one where the row with the lowest RMSE
-    errs most; records under 100 scored samples go without. Of more than eight rows the eight with
-    the lowest RMSE are drawn, and the title says so. Raises `ValueError` where the rows are on
-    different samples.
+    Time is on the record's own clock, in seconds below two hours. Samples that do not count
+    towards the metrics are shaded. At the right the framed stretch, magnified: the one with the
+    largest error of the lowest RMSE; records under 100 scored samples go without. Of more than
+    eight rows the eight with the lowest RMSE are drawn, and the title says so. Many rows are as
+    Fig. 10 and 12 of Li et al. (2023). Raises `ValueError` where they are on different samples.
 
     Args:
-        evaluations: The rows' evaluations on one record, by label.
+        evaluations: A record's evaluation, or those of rows on one record, by label.
 
     >>> from barnax import CircuitParameters, bundled_file, characterize, read_record, validate
     >>> tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
     >>> circuit = CircuitParameters(r0=0.05, r=(0.01, 0.02), c=(1e3, 1e4))
     >>> record, cell = read_record(bundled_file("identification")), characterize(tests)
     >>> rows = {name: validate(record, cell, name, circuit) for name in ("so-rc", "iso-rc")}
-    >>> [axes.get_ylabel() for axes in plot_compared_voltages(rows).axes]
+    >>> [plot_voltage(each).axes[0].get_ylabel() for each in (rows, rows["so-rc"])]
     ['Voltage [V]', 'Voltage [V]']
     """
-    require_one_record(evaluations)
-    looks = row_looks(evaluations)
-    shown = most_accurate(evaluations, MOST_VOLTAGES)
-    prepared = next(iter(shown.values())).prepared
-    unit = choose_time_unit(prepared.time_s)
-    time = prepared.time_s / unit.seconds
+    rows = rows_of(evaluations)
+    looks, shown = row_looks(rows), most_accurate(rows, MOST_VOLTAGES)
     best = min(shown.values(), key=lambda each: each.metrics.rmse_v)
+    prepared, unit = best.prepared, choose_time_unit(best.prepared.time_s)
+    time = prepared.time_s / unit.seconds
+    columns = [(time, unit.label, slice(None))]
     span = worst_stretch(best.error_v, prepared.scored)
-    figure = make_figure(height_in=COMPARED_IN)
-    ratios = [1.0, 1.5] if span is not None else [1.0]
-    whole, *close = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
-
-    _draw_rows(whole, time, slice(None), shown, looks, is_close=span is None)
-    shade_unscored(whole, time, prepared.scored)
-    whole.set_xlabel(unit.label)
-    title(whole, heading(prepared.record.name, len(shown), len(evaluations)))
     if span is not None:
-        seconds, label = stretch_clock(prepared.time_s, span, unit)
-        _draw_rows(close[0], seconds, span, shown, looks, is_close=True)
-        close[0].set_xlabel(label)
-        _frame(whole, close[0], *time[[span.start, span.stop - 1]])
-    return finish(figure, *close, whole)
+        columns.append((*stretch_clock(prepared.time_s, span, unit), span))
+    whole, height_in = (1.3 if is_column() else 1.9, HEIGHT_IN) if len(rows) == 1 else (1.0, 6.0)
+    figure = make_figure(height_in)
+    panels = figure.subplots(
+        2,
+        len(columns),
+        sharex="col",
+        squeeze=False,
+        width_ratios=[whole, 1.0][: len(columns)],
+        height_ratios=[2.0, 1.0],
+    )
+    for (voltage, current), (clock, label, samples) in zip(panels.T, columns, strict=True):
+        is_close = samples is span or span is None
+        _draw_rows(voltage, clock, samples, shown, looks, is_close=is_close)
+        _draw_current(current, prepared, clock, samples)
+        current.set_xlabel(label)
+    for axes in panels[:, 0]:
+        shade_unscored(axes, time, prepared.scored)
+    title(panels[0, 0], heading(prepared.record.name, len(shown), len(rows)))
+    if span is not None:
+        title(panels[0, 1], "largest error")
+        edges = time[[span.start, span.stop - 1]]
+        for left, right in panels:
+            right.set_ylabel("")
+            left.axvspan(*edges, facecolor="none", edgecolor=FRAME, linewidth=0.9, zorder=3)
+    return finish(figure, *panels.flat)
 
 
 def _draw_rows(
@@ -319,29 +279,17 @@ def _draw_rows(
 ) -> None:
     """The measured line and every row's; markers only where single samples can be seen."""
     measured_v = next(iter(shown.values())).prepared.voltage_v
-    width = 3.2 if is_close else 1.6
-    time = time[samples]
-    draw_line(axes, time, measured_v[samples], label="measured", color=MEASURED, linewidth=width)
+    style = {"color": measured_color(shown), "linewidth": 2.9 if is_close else 1.8}
+    draw_line(axes, time[samples], measured_v[samples], label="measured", **style)
     for place, (label, each) in enumerate(shown.items()):
         look = looks[label]
-        name = f"{label} ({1e3 * each.metrics.rmse_v:.3g} mV)"
-        drawn = draw_line(
-            axes, time, each.simulated_v[samples], label=name, color=look.color, linewidth=0.6
-        )
+        name = f"{label} (RMSE {1e3 * each.metrics.rmse_v:.3g} mV)"
+        style = {"color": look.color, "linewidth": 1.0 if is_close else 0.6}
+        drawn = draw_line(axes, time[samples], each.simulated_v[samples], label=name, **style)
         if is_close:
-            drawn.set(linewidth=1.1, linestyle=look.line, marker=look.marker)
-            drawn.set(markersize=3.6, markerfacecolor="white")
+            drawn.set(linestyle=look.line, marker=look.marker, markersize=3.6)
+            drawn.set_markerfacecolor("white")
             # Shifted from row to row, so that markers of equal answers do not hide each other.
             spacing = max(1, np.size(drawn.get_xdata()) // MARKERS_PER_LINE)
             drawn.set_markevery((spacing * place // len(shown), spacing))
     axes.set_ylabel("Voltage [V]")
-
-
-def _frame(whole: Axes, close: Axes, start: float, stop: float) -> None:
-    """A frame around the stretch in the upper panel, tied to the lower one."""
-    low_v, high_v = close.get_ylim()
-    box = (start, low_v, stop - start, high_v - low_v)
-    frame = whole.indicate_inset(box, inset_ax=close, edgecolor=FRAME, alpha=1.0, linewidth=0.9)
-    # The ties cross the data: lighter than any line, and behind them.
-    for tie in frame.connectors or ():
-        tie.set(color=TIE, linewidth=0.7, zorder=1.5)

@@ -1,6 +1,7 @@
 """A fleet in words: its progress, its last lines, and the report of how its cells are spread."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,7 @@ def fleet_illustrations(
     """Distributions, and the worst fits."""
     from ..fleet.summary import summed_up
     from ..plots.parameters import plot_distributions
-    from ..plots.pictures import Illustration
+    from ..plots.pictures import Illustration, illustrate
     from ..plots.voltage import plot_voltage
 
     good = rows.filter(pl.col("error").is_null())
@@ -37,13 +38,11 @@ def fleet_illustrations(
         if len(values) and values.min() > 0:
             spread[name] = values
     if spread:
-        caption = "Distribution of each quantity over the cells; the dashed line is the median."
-        found.append(
-            Illustration("distributions", plot_distributions(spread), caption, caption, False)
-        )
+        found.append(illustrate("distributions", "", plot_distributions, spread))
     for place, (name, evaluation) in enumerate(worst.items(), 1):
         caption = f"{name}, RMSE {millivolt(evaluation.metrics.rmse_v)}."
-        found.append(Illustration(f"worst-{place}", plot_voltage(evaluation), caption, caption))
+        draw = partial(plot_voltage, evaluation)
+        found.append(Illustration(f"worst-{place}", draw, caption, caption))
     return found
 
 

@@ -204,10 +204,17 @@ def _run(
             session.show(plan_lines(planned, as_flags))
         given = _arguments(planned, given, records)
     result = run(**given)
-    # Read while the figures are drawn.
-    _show_answer(session, result, output.verbose)
+    unseen = None
+    try:
+        # Read while the figures are drawn.
+        _show_answer(session, result, output.verbose)
+    except OSError as problem:
+        # A screen that takes no more, such as a closed pipe, costs no result.
+        unseen = problem
     draw = partial(result_files, result, chosen.report, chosen.paper, chosen.live)
     folder, written = output.deliver(session, folder, "result.json", result.to_json(), draw)
+    if unseen is not None:
+        raise unseen
     _show_files(session, result, folder, written)
     session.tell(result.notes)
     session.warn(result.warnings)

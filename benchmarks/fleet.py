@@ -1,10 +1,9 @@
-"""What a fleet costs: `python -m benchmarks.fleet [TINY CELLS [BEFORE]]` writes results/fleet.md.
+"""What a fleet costs: `python -m benchmarks.fleet [TINY CELLS]` writes results/fleet.md.
 
 Simulates cells with scattered parameters on the bundled cell's current and identifies them with
 every engine, each in a process of its own. Times are CPU seconds wherever other work on the machine
 would decide wall time; ratios are of runs in turn. `TINY CELLS` says how many of 300 samples stand
-for the 10,000 that are aimed at; a quarter of them are run as well. `BEFORE` is a checkout of
-603b0af, whose loop the aims were set against; it needs the package flatbuffers.
+for the 10,000 that are aimed at; a quarter of them are run as well.
 """
 
 import json
@@ -75,13 +74,10 @@ def make_cells(folder: Path, count: int, lengths: tuple[int, int]) -> Path:
     return folder / "cells.csv"
 
 
-def in_process(*words: object, source: str = "") -> dict:
-    """What a measurement gives in a process of its own, with the CPU seconds that it took.
-
-    `source` is where another version of the package lies.
-    """
+def in_process(*words: object) -> dict:
+    """What a measurement gives in a process of its own, with the CPU seconds that it took."""
     root = str(Path(__file__).parents[1])
-    paths = os.pathsep.join(filter(None, (source, root, os.environ.get("PYTHONPATH"))))
+    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-m", "benchmarks.fleet", "--measure", *map(str, words)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     environment = {**os.environ, "PYTHONPATH": paths}
@@ -166,32 +162,6 @@ def measure_loop(manifest: str, count: str) -> dict:
     return {"cell_s": statistics.median(spent[1:])}
 
 
-def measure_before(manifest: str, count: str) -> dict:
-    """The loop of 0.1.0 with thirty seeds, from records to results, per cell after the first."""
-    import csv
-    import importlib
-
-    # Names that are no longer there.
-    before: Any = importlib.import_module("barnax")
-    import jax
-
-    with Path(manifest).open() as file:
-        rows = list(csv.DictReader(file))[: int(count)]
-    ocv = [before.read_record(path) for path in rows[0]["ocv"].split(";")]
-    cell, window = before.characterize(ocv), before.Window(initial_soc=0.98)
-    optimizer, spent = before.make_optimizer("ibmo", 30, 500), []
-    for row in rows:
-        start_s = time.process_time()
-        record = before.read_record(Path(manifest).parent / row["records"])
-        problem = before.make_problem([record], cell, window=window, objective="compressed")
-        checked = before.refine(before.identify(problem, optimizer, key=jax.random.key(0)))
-        optimum, assessment = before.global_optimum(problem), before.assess(checked)
-        found = [before.evaluate_course(each, checked.parameters) for each in problem.courses]
-        before.make_result(checked, found, optimum=optimum, assessment=assessment, ocv=ocv)
-        spent.append(time.process_time() - start_s)
-    return {"mean": statistics.mean(spent[1:]), "median": statistics.median(spent[1:])}
-
-
 def measure_stages(count: str) -> dict:
     """The least CPU ms of every stage of the bundled cell, of some repeats."""
     from barnax.fleet.worker import prepare_process
@@ -257,13 +227,12 @@ MEASURES = {
     "engine": measure_engine,
     "alone": measure_alone,
     "loop": measure_loop,
-    "before": measure_before,
     "stages": measure_stages,
     "resuming": measure_resuming,
 }
 
 
-def page(folder: Path, tiny: int, before: str | None) -> str:
+def page(folder: Path, tiny: int) -> str:
     """Everything measured, as a page."""
     from benchmarks.pages import as_markdown, provenance
 
@@ -273,7 +242,6 @@ def page(folder: Path, tiny: int, before: str | None) -> str:
     in_process("alone", mixed)  # fills the cache of compiled programs
     load = os.getloadavg()
     alone, loop = in_process("alone", mixed), in_process("loop", mixed, ONE_BY_ONE)
-    old = in_process("before", mixed, 2 * ONE_BY_ONE, source=f"{before}/src") if before else {}
     stages = in_process("stages", 25)
     # In turn, and a quarter of the cells first: what the others take beside it has no start in it.
     runs = [
@@ -303,16 +271,7 @@ def page(folder: Path, tiny: int, before: str | None) -> str:
         (
             "CPU of `identify` with thirty seeds over a worker's",
             f"{loop['cell_s'] / alone['cell_s']:.1f}",
-            "" if old else "6",
-        ),
-        *(
-            (
-                f"CPU of 0.1.0's loop with thirty seeds (603b0af), {which}, over a worker's",
-                f"{old[which] / alone['cell_s']:.1f}",
-                "6",
-            )
-            for which in ("median", "mean")
-            if old
+            "6",
         ),
         ("new programs for new lengths of known sizes", f"{alone['later_programs']}", "0"),
         ("large programs of one circuit, 3,000 to 30,000 samples", f"{alone['large']}", "20"),
@@ -415,7 +374,7 @@ def main() -> None:
 
     tiny = int(sys.argv[1]) if len(sys.argv) > 1 else TINY
     with tempfile.TemporaryDirectory() as folder:
-        text = page(Path(folder), tiny, sys.argv[2] if len(sys.argv) > 2 else None)
+        text = page(Path(folder), tiny)
     save_page(RESULTS, text)
     print(text)
 

@@ -1,1 +1,0 @@
-"""Time per evaluation against other libraries' implementations of the same algorithms."""

@@ -91,9 +91,10 @@ REFERENCE = [
 
 def described(thing):
     """The names that a docstring's section on arguments or attributes explains."""
-    text = inspect.getdoc(thing) or ""
-    section = re.search(r"^(?:Args|Attributes):\n((?:    .*\n?)+)", text, re.M)
-    return set(re.findall(r"^    (\w+): ", section[1], re.M)) if section else set()
+    own = [each for each in getattr(thing, "__mro__", (thing,)) if "barnax" in each.__module__]
+    texts = [inspect.cleandoc(each.__doc__ or "") for each in own]
+    sections = re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?)+)", "\n\n".join(texts), re.M)
+    return {name for each in sections for name in re.findall(r"^    (\w+): ", each, re.M)}
 
 
 def names_in(thing):
@@ -101,6 +102,8 @@ def names_in(thing):
     if inspect.isclass(thing):
         fields = getattr(thing, "model_fields", None) or getattr(thing, "_fields", None)
         return set(fields or getattr(thing, "__dataclass_fields__", ()))
+    if hasattr(thing, "__signature__"):
+        return set(thing.__signature__.parameters)
     code = inspect.unwrap(thing).__code__
     has_more = bool(code.co_flags & inspect.CO_VARARGS)
     return set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount + has_more])

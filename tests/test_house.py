@@ -18,13 +18,13 @@ PACKAGE = Path(barnax.__file__).parent
 # which a record becomes a report.
 LAYERS = (
     ("display", "errors", "files", "metrics", "execution", "blas"),
-    ("schema", "bundled", "records", "optimizers"),
+    ("schema", "bundled", "settings", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),
     ("search", "inputs", "pulses", "filters"),
     ("global_optimum", "uncertainty", "baselines"),
     ("over_soc",),
-    ("candidates", "table_run"),
+    ("candidates", "table_run", "job"),
     ("result_parts", "run"),
     ("results",),
     ("storing", "simulation", "result_filter"),

@@ -16,10 +16,7 @@ def asked(monkeypatch):
     """What identify would be asked for."""
     given = {}
 
-    def identify(records, **options):
-        given.update(options, records=records)
-
-    monkeypatch.setattr(pipeline, "identify", identify)
+    monkeypatch.setattr(pipeline, "identify", lambda job: given.update(job.chosen))
     return given
 
 
@@ -38,7 +35,7 @@ def test_with_another_ocv_the_rested_voltage_tells_the_soc(asked):
     window = asked["window"]["hppc_25degC.parquet"]
     assert window.start_time_s == pytest.approx(10800, abs=1e-3)
     assert window.initial_soc is None
-    assert asked["ocv"] == [OCV]
+    assert asked["ocv"] == OCV
     assert "ocv_fit" not in asked
 
 

@@ -13,8 +13,6 @@ from barnax.checks import check_file
 from barnax.cli.session import command_line
 from barnax.errors import InputError
 from barnax.inputs import (
-    Reading,
-    Settings,
     file_names,
     input_warnings,
     read_inputs,
@@ -24,6 +22,7 @@ from barnax.inputs import (
 from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.records import source_from_frame
+from barnax.settings import Reading, Settings
 from helpers.reference import make_record
 
 

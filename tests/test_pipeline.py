@@ -155,7 +155,7 @@ def test_the_same_samples_in_other_bytes_are_refused_and_told_of_a_stored_result
     [
         ({"population": 10**8}, "`population` 100,000,000 must be between 4 and 100,000"),
         ({"capacity": 0}, "`capacity` must be positive, in Ah; 0 was given"),
-        ({"model": "rc"}, "no circuit is called 'rc'; there are iso-rc"),
+        ({"model": "rc"}, "`model` 'rc' is not known; there are iso-rc"),
         ({"trust": "deep"}, "`trust` 'deep' is not known"),
         (
             {"window": {"no.csv": SHORT}},
@@ -170,7 +170,7 @@ def test_what_cannot_be_used_is_refused_before_the_search(monkeypatch, options, 
 
 
 def test_an_unknown_option_is_a_type_error():
-    with pytest.raises(TypeError, match="no option sedes"):
+    with pytest.raises(TypeError, match=r"no option sedes; did you mean seeds\?"):
         barnax.identify(sedes=3)
 
 

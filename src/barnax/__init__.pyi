@@ -29,8 +29,7 @@ from .fleet import read_manifest as read_manifest
 from .global_optimum import GlobalOptimum as GlobalOptimum
 from .global_optimum import find_global_optimum as find_global_optimum
 from .global_optimum import optimality_gap as optimality_gap
-from .inputs import Reading as Reading
-from .inputs import Settings as Settings
+from .job import Job as Job
 from .model.problem import Problem as Problem
 from .model.problem import make_problem as make_problem
 from .model.window import Window as Window
@@ -65,6 +64,8 @@ from .search.refine import refine as refine
 from .search.seeds import Search as Search
 from .search.seeds import search_many as search_many
 from .search.seeds import search_seeds as search_seeds
+from .settings import Reading as Reading
+from .settings import Settings as Settings
 from .storing import make_result as make_result
 from .uncertainty import Assessment as Assessment
 from .uncertainty import Examination as Examination

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,10 @@ from .cell import (
     characterize_over_temperature,
     read_ocv_test,
 )
-from .cell.curves import HysteresisFit, OcvFit
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import require_load
 from .errors import InputError, printable
-from .model.coordinates import Scale
 from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, read_bounds
 from .model.window import Window, first_sample, scored_samples
@@ -29,18 +27,11 @@ from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.findings import raise_first_error
 from .records.fingerprint import Content
 from .records.source import STDIN, STDIN_NAME
+from .settings import HysteresisFit, OcvFit, Reading
 
 # A file or what was read of one, a `Record`, or a data frame.
 Given = Any
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
-# What a search may be asked for: more than fits a computer's memory is refused before any work.
-LIMITS = (
-    ("seeds", 0, 100_000),
-    ("population", 4, 100_000),
-    ("iterations", 1, 10_000_000),
-    ("key", 0, 2**32 - 1),
-)
-OVER_TEMPERATURE = "soc,temperature"
 # What a data frame is called, and where another is beside it.
 FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
@@ -54,77 +45,6 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
     """Watch nothing."""
     del title, total
     return nullcontext(lambda gained: None)
-
-
-@dataclass(frozen=True)
-class Reading:
-    """The current of files: its sign and its sampling; "auto" decides from the data.
-
-    A sign is "charge-positive" or "discharge-positive". A sample's current flows until the next
-    sample ("forward") or since the previous one ("backward").
-
-    Args:
-        current_sign: The sign in records to identify on.
-        ocv_current_sign: The sign in OCV tests.
-        validate_current_sign: The sign in records to validate on.
-        current_hold: When a sample's current flows, in all files.
-        columns: Names of columns, as for `read_record`.
-        series: How many cells are in series, as for `read_record`.
-    """
-
-    current_sign: str = "auto"
-    ocv_current_sign: str = "auto"
-    validate_current_sign: str = "auto"
-    current_hold: str = "auto"
-    columns: Mapping[str, str] | str = ""
-    series: int = 1
-
-    def options(self, role: str = "identification") -> dict[str, Any]:
-        """Sign and hold of a file of that role, as `read_record` and `check_file` take them."""
-        signs = {"OCV test": self.ocv_current_sign, "validation": self.validate_current_sign}
-        sign = signs.get(role, self.current_sign)
-        return {"current_sign": sign, "current_hold": self.current_hold}
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The circuit and how to search for it.
-
-    Args:
-        model: The circuit. None: so-rc, iso-rc and esc are weighed against each other and against
-            tables over SOC, and what is best on held-out blocks is the answer.
-        method: An optimizer of `OPTIMIZERS`.
-        objective: The error, by simulation of every sample or from a reduced record; "auto" reduces
-            the record where the bounds allow it.
-        coordinates: A search over R and C ("rc"), or over logarithms of R and tau ("log").
-        seeds: Runs of the optimizer; 0 leaves the global optimum.
-        population: Candidates of a generation.
-        iterations: Generations of a run.
-        key: The key of all random numbers.
-        over: Tables over SOC, or over SOC and temperature, whatever they gain.
-
-    Raises `InputError` for a number out of range and an unknown `over`.
-    """
-
-    model: str | None = None
-    method: str = "ibmo"
-    objective: Literal["auto", "scan", "compressed"] = "auto"
-    coordinates: Scale = "rc"
-    seeds: int = 30
-    population: int = 30
-    iterations: int = 500
-    key: int = 0
-    over: Literal["soc", "soc,temperature"] | None = None
-
-    def __post_init__(self):
-        for name, least, most in LIMITS:
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
-        if self.over not in (None, "soc", OVER_TEMPERATURE):
-            raise InputError(
-                f"`over` {self.over!r} is not known; there are 'soc' and {OVER_TEMPERATURE!r}"
-            )
 
 
 @dataclass(frozen=True, eq=False)

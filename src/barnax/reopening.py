@@ -15,7 +15,7 @@ from .bundled import BUNDLED
 from .cell import CellModel
 from .errors import InputError
 from .global_optimum import find_global_optimum
-from .inputs import Given, Reading, read_validation, source_of, telling
+from .inputs import Given, read_validation, source_of, telling
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem, make_problem
 from .model.window import Window
@@ -28,6 +28,7 @@ from .run import Answer, Run
 from .search.evaluate import Evaluation, evaluate, evaluate_from_either
 from .search.refine import Refinement
 from .search.seeds import Search
+from .settings import Reading
 from .table_run import TableRun
 
 # Across machines and versions a stored circuit's error agrees this closely, relative.

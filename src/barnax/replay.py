@@ -30,13 +30,14 @@ from .filters import (
     run_filter,
 )
 from .filters.model import CAPACITY, OFFSET
-from .inputs import Given, Reading, read_validation
+from .inputs import Given, read_validation
 from .model.prepared import PreparedRecord, prepare_record
 from .model.window import Window
 from .over_soc import require_temperature
 from .result_filter import model_of
 from .results import Result
 from .schema import Count, Document, Part
+from .settings import AutoHold, AutoSign, Reading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -226,8 +227,8 @@ def replay_soc(
     settings: FilterSettings | None = None,
     *,
     scenarios: Sequence[Scenario] = SCENARIOS,
-    current_sign: str = "auto",
-    current_hold: str = "auto",
+    current_sign: AutoSign = "auto",
+    current_hold: AutoHold = "auto",
     columns: Mapping[str, str] | str = "",
     series: int = 1,
 ) -> SocReplay:

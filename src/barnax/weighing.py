@@ -34,13 +34,7 @@ from .global_optimum import (
     with_better_hold,
     without_sweep_drop,
 )
-from .inputs import (
-    OVER_TEMPERATURE,
-    Inputs,
-    Settings,
-    Watch,
-    ranges_of,
-)
+from .inputs import Inputs, Watch, ranges_of
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Kind, Problem, known_to, make_problem, require_enough
 from .model.search_space import Range
@@ -55,6 +49,7 @@ from .run import Run, best_answer
 from .search.evaluate import evaluate, evaluate_from_either
 from .search.refine import Descent, refine
 from .search.seeds import search_seeds
+from .settings import OVER_TEMPERATURE, Settings
 from .table_run import R0, TableRun, fit_over
 from .uncertainty import assess, compile_linearization, examine
 

@@ -9,8 +9,9 @@ import pytest
 import barnax
 from barnax.cli.options import RecordOptions
 from barnax.errors import InputError
-from barnax.inputs import Reading, read_inputs, read_validation
+from barnax.inputs import read_inputs, read_validation
 from barnax.records import source_from_frame
+from barnax.settings import Reading
 from checks.test_findings import CAPACITY_AH, FAULTS
 from helpers.records import CURRENT, changed, frame, with_counters
 

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -12,8 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..display import Brief
 from ..errors import InputError
-
-OcvFit = Literal["polynomial", "interpolated"]
+from ..settings import HysteresisFit, OcvFit
 
 POLYNOMIAL_DEGREE = 7
 FALL_TOLERANCE_V = 0.5e-3
@@ -182,7 +181,6 @@ def _points(
     return tuple((float(s), float(v)) for s, v in zip(soc, voltage_v, strict=True))
 
 
-HysteresisFit = Literal["continuous", "independent"]
 Values = Float[np.ndarray, "points"]
 
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])

@@ -87,29 +87,26 @@ def compare(options: Comparing) -> None:
         from ..baselines import METHODS
         from ..cell import CIRCUITS
         from ..comparison import PAPER_ROWS
-        from ..comparison.result import compare_files
-        from ..plan import plan_of
-        from ..plan.running import arguments
+        from ..comparison.result import ComparisonJob, compare_files
+        from ..plan import plan_of, planned
         from ..reporting.terminal import plan_lines
 
     rows = chosen_rows(options.rows.models, options.rows.methods, PAPER_ROWS)
     for model, method in rows:
         require_choice("models", model, CIRCUITS)
         require_choice("methods", method, METHODS)
-    records, search = [record] if record else [], options.search
-    given = run_options(options.files, options.of_records, search, records)
-    given |= {"setup": options.setup, "watch": session.watch}
-    planned = plan_of(**given)
-    if planned is not None:
-        if planned.command == "hppc":
+    records = [record] if record else []
+    given = run_options(options.files, options.of_records, options.search, records)
+    job = ComparisonJob(**given, rows=rows, setup=options.setup, watch=session.watch)
+    found = plan_of(job)
+    if found is not None:
+        if found.command == "hppc":
             raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
-        session.show(plan_lines(planned, as_flags))
-        given = arguments(planned, **given)
-    total = sum(1 if METHODS[method].is_deterministic else search.seeds for _, method in rows)
+        session.show(plan_lines(found, as_flags))
+        job = planned(found, job)
+    total = sum(1 if METHODS[method].is_deterministic else job.seeds for _, method in rows)
     with session.watch("Comparing", total) as advance:
-        comparison, result = compare_files(
-            **{**given, "rows": rows, "watch": _row_watch(session, advance)}
-        )
+        comparison, result = compare_files(job.changed(watch=_row_watch(session, advance)))
     seconds = {row.name: session.seconds[row.name] for row in result.rows}
     draw = partial(_report, result, comparison, seconds, options.paper, options.live)
     folder, written = output.deliver(session, folder, "comparison.json", result.to_json(), draw)

@@ -164,10 +164,10 @@ def fleet(given: FleetOptions) -> None:
     session.note(_what_is_there(cells, carried))
     prepare_process()
     # Loads JAX, which no exception may stop.
-    from ..plan.document import require_choices
+    from ..fleet.rows import job_of
 
     settings = given.settings
-    require_choices(settings)
+    _ = job_of(settings)
     if engine.dry_run:
         lines = problem_lines(cells)
         session.show(map(shown, lines[:MOST_LISTED]))

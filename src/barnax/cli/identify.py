@@ -3,6 +3,7 @@
 import shlex
 import sys
 import threading
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -26,7 +27,6 @@ from .options import (
     group,
     known_names,
     option,
-    require_choice,
     run_options,
 )
 from .output import DEFAULT_FOLDER, Output, free_name
@@ -149,13 +149,14 @@ def identify(options: Identification, on: Records) -> None:
 def _print_plan(options: Identification, records: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
     with session.watch("Loading"):
+        from ..job import Job
         from ..plan import plan_of, plan_to_toml
 
-    given = options.given(records)
-    planned = plan_of(**given, watch=session.watch)
-    if planned is None:
+    job = Job(**options.given(records), watch=session.watch)
+    found = plan_of(job)
+    if found is None:
         raise InputError("`plan` is for a folder, or for files without `ocv`")
-    typer.echo(plan_to_toml(_changed(planned, given["window"], options)), nl=False)
+    typer.echo(plan_to_toml(_changed(found, job.window, options)), nl=False)
 
 
 def hppc(options: Identification, on: PulseTests) -> None:
@@ -174,8 +175,7 @@ def _run(
     session, folder = output.begun(DEFAULT_FOLDER, inputs)
     with session.watch("Loading JAX"):
         use_compilation_cache()
-        from ..cell import CIRCUITS
-        from ..optimizers import OPTIMIZERS
+        from ..job import Job
         from ..plan import plan_of
         from ..reporting.terminal import plan_lines
 
@@ -189,15 +189,12 @@ def _run(
         module = "matplotlib.backends.backend_agg"
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
-    if chosen.model is not None:
-        require_choice("model", chosen.model, CIRCUITS)
-    require_choice("method", chosen.method, OPTIMIZERS)
     given = {
         **options.given(records),
         **{name: getattr(chosen, name) for name in ("setup", "model", "method", "trust")},
         "watch": session.watch,
     }
-    planned = plan_of(**given) if command == "identify" else None
+    planned = plan_of(Job(**given)) if command == "identify" else None
     if planned is not None:
         planned = _changed(planned, given["window"], options)
         if not planned.missing:
@@ -292,7 +289,7 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
 
 
 def _changed(
-    planned: "Plan", window: "Window | dict[str, Window] | None", options: Identification
+    planned: "Plan", window: "Window | Mapping[str, Window] | None", options: Identification
 ) -> "Plan":
     """The plan with what the command line says otherwise."""
     flags = {word.partition("=")[0] for word in sys.argv}

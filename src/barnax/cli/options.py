@@ -361,8 +361,9 @@ def run_options(
     files: Files, of_records: RecordOptions, search: SearchOptions, records: list[Path]
 ) -> dict[str, Any]:
     """What a run takes of the shared options, by the names of the library's arguments."""
-    from ..inputs import Reading, Settings, file_names
+    from ..inputs import file_names
     from ..model.search_space import parse_fixed
+    from ..settings import Reading, Settings
 
     given = [records, files.ocv or [], files.validate or []]
     settings = dict(vars(search))

@@ -1,9 +1,8 @@
 """`comparison.json`: what a comparison found, and from files to it."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -12,32 +11,24 @@ from pydantic import ConfigDict
 from ..baselines import METHODS, Budget
 from ..candidates import Candidate
 from ..cell import CellModel, OcvTable
-from ..cell.curves import HysteresisFit, OcvFit
 from ..errors import InputError
 from ..global_optimum import GlobalOptimum
-from ..inputs import (
-    Given,
-    Reading,
-    Settings,
-    Watch,
-    ranges_of,
-    read_inputs,
-    unwatched,
-    windows_of,
-)
+from ..inputs import listed, ranges_of, read_inputs, unwatched, windows_of
+from ..job import Job, takes_options
 from ..model.problem import Problem
-from ..model.search_space import Range
-from ..model.window import Window
 from ..over_soc import TableSettings
 from ..records import Record
 from ..result_parts import InputPart, Key, MetricsPart
 from ..schema import Count, Document, Loss, Parameters, Part, Volts, key_of
 from ..search.refine import AtBound
+from ..settings import Settings, TableOptions
 from ..storing import all_versions, input_part, metrics_part, record_part
 from ..weighing import search_and_assess, weigh
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
 from .statistics import BandError, Resampled, SeedPairs
 
+# Options of one circuit, or of its tables.
+_OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
 # Keys with units, by the field's name, beyond those of `result.json`.
 OWN_KEYS = {
     "best_rmse_v": "best rmse [V]",
@@ -302,84 +293,69 @@ def _spread_part(errors_v: np.ndarray) -> SpreadPart:
     return SpreadPart(best_rmse_v=best_v, worst_rmse_v=worst_v, deviation_v=deviation_v)
 
 
-def compare_files(
-    records: Given | Sequence[Given] = (),
-    *,
-    ocv: Given | Sequence[Given] = (),
-    validate: Given | Sequence[Given] = (),
-    rows: Sequence[tuple[str, str]] = PAPER_ROWS,
-    settings: Settings | None = None,
-    window: Window | Mapping[str, Window] | None = None,
-    capacity: float | None = None,
-    ocv_capacity: float | None = None,
-    bounds: Mapping[str, Range] | str | Path | None = None,
-    fix: Mapping[str, float] | None = None,
-    reading: Reading | None = None,
-    setup: Literal["li2023"] | None = None,
-    ocv_fit: OcvFit | None = None,
-    hysteresis_fit: HysteresisFit = "continuous",
-    command: Sequence[str] = (),
-    watch: Watch = unwatched,
-) -> tuple[Comparison, ComparisonResult]:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ComparisonJob(Job):
+    """A job whose circuits and methods are `rows`."""
+
+    rows: Sequence[tuple[str, str]] = PAPER_ROWS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.chosen.keys() & _OF_ONE:
+            raise InputError(f"`{name}` is of one circuit; a comparison has `models` and `methods`")
+
+
+@takes_options(ComparisonJob)
+def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
     """Models and methods compared on one record, as objects and as a result that can be stored.
 
-    All other options are those of `identify`.
+    All other options are those of `identify`, but for what is of one circuit: `model`, `method`,
+    `trust`, `cell` and all of tables.
 
     Args:
         records: The file, `Record` or data frame to identify on. None: the bundled cell.
         ocv: The OCV test of the same cell.
         validate: Files, records or data frames to validate on.
         rows: Pairs of a circuit and a method of `METHODS`, by default those of the paper.
-        settings: The budget, coordinates and objective.
-        window: The part of the record that is simulated.
-        capacity: Capacity of the cell in Ah when the records were measured.
-        ocv_capacity: Capacity in Ah in the OCV test, where that does not span full to empty.
-        bounds: Lowest and highest value by PyBaMM's names, or a TOML file of them.
-        fix: Parameters that keep a value, by the same names.
-        reading: How files are read.
         setup: "li2023" for the OCV polynomial of Li et al. (2023), whose rows are the default.
-        ocv_fit: A monotone interpolation, the default, or a polynomial of degree seven.
-        hysteresis_fit: Five segments of the hysteresis voltage, joined or each by itself.
-        command: The command that was run, kept in the result.
         watch: Called for every row, as in `compare`.
 
     Raises `InputError` if an input cannot be used, or more than one record is given.
     """
-    if isinstance(records, list | tuple) and len(records) > 1:
+    records, watch = listed(job.records), job.watch
+    if len(records) > 1:
         raise InputError(
             f"a comparison uses one record, but {len(records)} were given; give the others with "
             "`validate`"
         )
-    settings = settings or Settings()
     inputs = read_inputs(
-        records, ocv, validate, reading or Reading(),
-        capacity=capacity, ocv_capacity=ocv_capacity,
-        ocv_fit=ocv_fit or ("polynomial" if setup else "interpolated"),
-        hysteresis_fit=hysteresis_fit,
-        window=window, watch=watch,
+        records, job.ocv, job.validate, job,
+        capacity=job.capacity, ocv_capacity=job.ocv_capacity,
+        ocv_fit=job.ocv_fit or "interpolated", hysteresis_fit=job.hysteresis_fit,
+        window=job.window, watch=watch,
     )  # fmt: skip
-    windows = windows_of(inputs, window, capacity)
-    source, ranges = ranges_of(bounds)
+    windows = windows_of(inputs, job.window, job.capacity)
+    source, ranges = ranges_of(job.bounds)
     comparison = compare(
         inputs.records[0],
         inputs.cell,
-        rows,
+        job.rows,
         validation=inputs.validation,
         window=windows[inputs.records[0].name],
         validation_windows=[windows[record.name] for record in inputs.validation],
         bounds=ranges,
-        fixed=fix,
-        coordinates=settings.coordinates,
-        objective="scan" if settings.objective == "auto" else settings.objective,
-        budget=Budget(settings.population, settings.iterations, settings.seeds, settings.key),
+        fixed=job.fix,
+        coordinates=job.coordinates,
+        objective="scan" if job.objective == "auto" else job.objective,
+        budget=Budget(job.population, job.iterations, job.seeds, job.key),
         source=source,
         watch=watch,
     )
     with watch("Circuits", 0):
         alone = Settings(seeds=0)
-        weighing = weigh(inputs, windows, alone, TableSettings(), bounds, fix, advise=False)
+        weighing = weigh(inputs, windows, alone, TableSettings(), job.bounds, job.fix, advise=False)
         run = search_and_assess(weighing, None, alone, "none", unwatched, advise=False)
     result = make_comparison_result(
-        comparison, run.candidates, ocv=inputs.ocv, command=command, warnings=inputs.warnings
+        comparison, run.candidates, ocv=inputs.ocv, command=job.command, warnings=inputs.warnings
     )
     return comparison, result

@@ -130,10 +130,10 @@ def identify_fleet(
             queue = iter(few)
         first = next(queue, None)
         if first is not None:
-            from ..plan.document import require_choices  # loads JAX
+            from .rows import job_of  # loads JAX
 
             # Before all cells fail of it.
-            require_choices(chosen)
+            _ = job_of(chosen)
             report(state)
             queue = itertools.chain([first], queue)
             with _opened(scheduler, executor, workers or os.cpu_count() or 1) as (reopen, count):

@@ -15,14 +15,15 @@ from ..cell import CellModel, OcvTable, characterize, read_ocv_test
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
-from ..inputs import Reading, Settings, file_names, input_warnings, source_of
+from ..inputs import file_names, input_warnings, source_of
+from ..job import Job
 from ..model.window import Window
 from ..over_soc import TableFit
 from ..pipeline import identify, identify_problem
-from ..plan.document import require_choices
 from ..records import Record, source_from_frame
 from ..result_parts import MetricsPart
 from ..results import Result
+from ..settings import CellSettings, Reading, Settings
 from ..storing import bands_by_soc, joint_metrics
 from ..uncertainty.covariance import named_values
 from .dataset import keep_result
@@ -61,40 +62,34 @@ def identify_cell(
 
 def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tuple[str, ...]]:
     """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
-    chosen = {name: value for name, value in settings.items() if name not in OWN}
+    job = job_of(settings)
     if cell.problem is not None:
-        trust = chosen.pop("trust", "basic")
-        found = identify_problem(cell.problem, Settings(**chosen), trust=trust)
+        trust = "none" if job.trust == "none" else "basic"
+        found = identify_problem(cell.problem, job.part(Settings), trust=trust)
         return found, found.warnings
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
-    chosen |= cell.options
-    window, windows = Window(**cell.window), _windows(cell)
-    reading = Reading(**{name: chosen.pop(name) for name in vars(Reading()) if name in chosen})
-    names = ("ocv_capacity", "ocv_fit", "hysteresis_fit")
-    fits = tuple((name, chosen.pop(name)) for name in names if name in chosen)
+    job = job.changed(
+        **cell.options, records=list(cell.records), validate=list(cell.validate),
+        bounds=cell.bounds, window=_windows(cell), advise=False,
+    )  # fmt: skip
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say.
-        found = identify(
-            list(cell.records), validate=list(cell.validate), bounds=cell.bounds, window=windows,
-            reading=reading, advise=False, **dict(fits), **chosen,
-        )  # fmt: skip
+        found = identify(job)
         return found, found.warnings
+    window = Window(**cell.window)
     known = _known_cell(
         cell.cell and (cell.cell, stamp(cell.cell)),
         tuple((path, stamp(path)) for path in cell.ocv),
-        window.capacity_ah, window.rest_current_a, reading, fits,
+        window.capacity_ah, window.rest_current_a, job.part(Reading), job.part(CellSettings),
     )  # fmt: skip
     result = identify(
-        [_given(path) for path in cell.records],
-        validate=[_given(path) for path in cell.validate],
-        ocv=known.tests,
-        cell=known.model,
-        bounds=cell.bounds,
-        window=windows,
-        reading=reading,
-        advise=False,
-        **chosen,
+        job.changed(
+            records=[_given(path) for path in cell.records],
+            validate=[_given(path) for path in cell.validate],
+            ocv=known.tests,
+            cell=known.model,
+        )
     )
     run = result.run
     used = [each.prepared for each in (*run.identification, *run.validation)]
@@ -103,10 +98,15 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
 
 
+def job_of(settings: Mapping[str, Any]) -> Job:
+    """What the settings of a fleet, or the options of a row, ask for."""
+    return Job(**{name: value for name, value in settings.items() if name not in OWN})
+
+
 def reasons_against(cell: FleetCell) -> Iterator[str]:
     """What is wrong with a cell's row, as far as that can be said without reading its files."""
     yield from cell.missing
-    for require in (lambda: _windows(cell), lambda: require_choices(cell.options)):
+    for require in (lambda: _windows(cell), lambda: job_of(cell.options)):
         try:
             require()
         except InputError as problem:
@@ -140,18 +140,15 @@ def _known_cell(
     capacity_ah: float | None,
     rest_current_a: float | None,
     reading: Reading,
-    fits: tuple[tuple[str, Any], ...],
+    fits: CellSettings,
 ) -> _Known:
     """What many cells of a fleet share is read and fitted once; a changed file is another one."""
     if earlier is not None:
         return _Known(Result.from_json(earlier[0]).cell, [], [], [])
-    options: dict[str, Any] = {"ocv_fit": "interpolated", **dict(fits)}
     tests, warnings, temperatures_degc = [], [], []
-    sign: Any = reading.ocv_current_sign
-    hold: Any = reading.current_hold
     for path, _ in ocv:
         source = source_of(_given(path), {}, reading)
-        tests.append(read_ocv_test(source, current_sign=sign, current_hold=hold))
+        tests.append(read_ocv_test(source, **reading.options("OCV test")))
         if isinstance(tests[-1], OcvTable):
             continue
         found = check_file(source, capacity_ah=capacity_ah)
@@ -161,9 +158,10 @@ def _known_cell(
     model = characterize(
         tests,
         capacity_ah=capacity_ah,
-        ocv_capacity_ah=options.pop("ocv_capacity", None),
+        ocv_capacity_ah=fits.ocv_capacity,
+        ocv_fit=fits.ocv_fit or "interpolated",
+        hysteresis_fit=fits.hysteresis_fit,
         rest_current_a=rest_current_a,
-        **options,
     )
     return _Known(model, tests, warnings, temperatures_degc)
 

@@ -1,6 +1,4 @@
-"""The objective of some tables, what may be chosen of it, and its least value for given time
-constants.
-"""
+"""The objective of some tables, and its least value for given time constants."""
 
 import math
 import re
@@ -16,78 +14,38 @@ from ..cell import SocTables
 from ..cell.circuits import get_circuit
 from ..cell.elements import RC, Element, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
-from ..cell.tables import Table, hats, require_nodes
+from ..cell.tables import hats, require_nodes
 from ..errors import InputError
 from ..model.compressed import BLOCK
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
+from ..settings import TableOptions
 from .axes import Axis
 from .reduced import Columns, Reduced
 from .search import Place, Sides, Solved, least_in_box, least_squares_in_box
 
-# Closer below 20 % SOC, where resistances rise, and reaching below the lowest SOC of any record:
-# tables that end at 0 bend all that lies above.
-NODES: Table = (
-    *(-0.05, -0.03, -0.015, 0.0, 0.025, 0.05, 0.1, 0.15, 0.2),
-    *(0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
-)
-# Validation moves by 0.2 mV over four decades of this: it only ties nodes that no sample visits.
-ROUGHNESS = 1e-4
-RESISTANCE_RIDGE, VOLTAGE_RIDGE = 1e-9, 1e-7
 FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
 # With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
 SLOWEST_SHARE = 0.1
 # What can be bounded or fixed; which of these a circuit has is known when it is fitted.
 TABULATED = re.compile(r"R(\d|_\w+) \[Ohm\]|tau(\d|_\w+) \[s\]|gamma")
-# Blocks go to the folds in turn, so that no fold lacks a whole range of SOC.
-FOLDS, BLOCK_S = 5, 400.0
 
 
-@dataclass(frozen=True)
-class TableSettings:
-    """Tables over SOC: their nodes, weights, bounds, proof and cross-validation.
-
-    The objective is the mean squared error plus, for each table x, w^2 (`roughness` times the sum
-    of its squared second differences plus a ridge times the sum of its squares). For resistances w
-    is the capacity in Ah over 1 h, so in A; for voltages w is 1. Second differences are taken over
-    node numbers, not SOC.
+@dataclass(frozen=True, kw_only=True)
+class TableSettings(TableOptions):
+    """Tables over SOC: the options of `TableOptions`, with bounds and fixed values.
 
     Args:
-        nodes: States of charge at which tables have a value.
-        ocv_correction: Also fit a table that is added to the OCV.
-        rising_ocv: OCV and correction together rise with SOC, as the OCV of a cell does, between
-            all nodes.
-        half_hysteresis: Fit the amplitude of a dynamic hysteresis instead of using half the
-            hysteresis voltage.
-        roughness: The weight of second differences.
-        resistance_ridge: The ridge of resistances.
-        voltage_ridge: The ridge of voltages.
         bounds: Lowest and highest value by PyBaMM's names; those of a resistance hold at every SOC.
         fixed: Values by the same names; a time constant or gamma has one for all SOC.
-        proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
-            lowest.
-        most_cells: At most so many boxes of time constants for the proof; 0 means no proof.
-        folds: Every so-many-th block is held out in turn for cross-validation; 0 means none.
-        block_s: The length of a block, less for a record that has no five of them in a fold.
 
     Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
     fixed values that are unknown, reversed, negative or both given.
     """
 
-    nodes: Table = NODES
-    ocv_correction: bool = True
-    rising_ocv: bool = True
-    half_hysteresis: bool = False
-    roughness: float = ROUGHNESS
-    resistance_ridge: float = RESISTANCE_RIDGE
-    voltage_ridge: float = VOLTAGE_RIDGE
     bounds: Mapping[str, Range] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
-    proved_share: float = 0.01
-    most_cells: int = 1000
-    folds: int = FOLDS
-    block_s: float = BLOCK_S
 
     def __post_init__(self) -> None:
         require_nodes(self.nodes)

@@ -2,16 +2,15 @@
 
 from .choosing import plan
 from .document import ROLES, Part, Plan, plan_from_toml, plan_to_toml
-from .running import arguments, plan_of, plans_first
+from .running import plan_of, planned
 
 __all__ = [
     "ROLES",
     "Part",
     "Plan",
-    "arguments",
     "plan",
     "plan_from_toml",
     "plan_of",
     "plan_to_toml",
-    "plans_first",
+    "planned",
 ]

@@ -9,10 +9,8 @@ from typing import Any
 from ..checks.roles import VALIDATION_STEPS
 from ..errors import InputError
 from ..inputs import (
-    OVER_TEMPERATURE,
     SAME_SAMPLES,
     Given,
-    Reading,
     Watch,
     listed,
     unwatched,
@@ -20,6 +18,7 @@ from ..inputs import (
 )
 from ..model.window import Window
 from ..records.fingerprint import Content
+from ..settings import OVER_TEMPERATURE, Reading
 from .document import ROLES, Part, Plan, Use
 from .looking import CandidateFile, by_temperature, files_of, is_same_degc, look, split
 from .ocv import (

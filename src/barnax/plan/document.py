@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -11,16 +11,12 @@ import tomlkit
 from pydantic import StrictFloat, StrictInt, StrictStr, TypeAdapter
 from tomlkit.items import Table
 
-from ..cell.circuits import CIRCUITS
-from ..cell.curves import HysteresisFit, OcvFit
 from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
-from ..inputs import OVER_TEMPERATURE, file_names, window_of, windows_by_name
+from ..inputs import file_names, window_of, windows_by_name
+from ..job import Job
 from ..model.window import OPTIONS, Window
-from ..optimizers import OPTIMIZERS
 from ..records import Source
-from ..records.dialects import Sign
-from ..records.record import Hold
 from ..result_parts import PlannedFile, Use
 
 ROLES: tuple[Use, ...] = get_args(Use)
@@ -144,25 +140,18 @@ _PAIR = ("two numbers, as [0.1, 1.0]", TypeAdapter(tuple[StrictFloat, StrictFloa
 _TEXT = ("text in quotes", TypeAdapter(StrictStr))
 _Kinds = Mapping[str, tuple[str, TypeAdapter[Any]]]
 
-_SIGNS = ("auto", *get_args(Sign))
-_CHOICES: Mapping[str, Collection[str]] = {
-    "ocv_fit": get_args(OcvFit),
-    "hysteresis_fit": get_args(HysteresisFit),
-    "model": CIRCUITS,
-    "over": ("soc", OVER_TEMPERATURE),
-    "method": tuple(OPTIMIZERS),
-    "trust": ("none", "basic", "full"),
-    "current_hold": ("auto", *get_args(Hold)),
-    "current_sign": _SIGNS,
-    "ocv_current_sign": _SIGNS,
-    "validate_current_sign": _SIGNS,
-}
 # Options of the run, by the names of `barnax.identify`.
 _OF_RUN: _Kinds = {
     "capacity": _NUMBER,
     "ocv_capacity": _NUMBER,
     "series": _WHOLE,
-    **dict.fromkeys((*_CHOICES, "columns"), _TEXT),
+    **dict.fromkeys(
+        (
+            *("model", "method", "setup", "over", "trust", "ocv_fit", "hysteresis_fit", "columns"),
+            *("current_sign", "ocv_current_sign", "validate_current_sign", "current_hold"),
+        ),
+        _TEXT,
+    ),
 }
 # Options of a record, in the order of a `Window`, whose fields they are.
 _OPTION_OF = {name: option for option, (name, *_) in OPTIONS.items()}
@@ -256,7 +245,7 @@ def plan_from_toml(path: str | Path) -> Plan:
         raise InputError(f"{shown}: command {command!r} is not known; there are identify, hppc")
     options = _read(shown, content, _OF_RUN)
     try:
-        require_choices(options)
+        _ = Job(**options)
     except InputError as problem:
         raise InputError(f"{shown}: {as_keys(str(problem))}") from problem
     if not isinstance(listed, list) or not all(isinstance(each, dict) for each in listed):
@@ -268,15 +257,6 @@ def plan_from_toml(path: str | Path) -> Plan:
         if role not in roles and (role, command) != ("OCV test", "hppc"):
             raise InputError(f"{shown}: no file has the role {role}; give one file that role")
     return Plan(command, _named(parts), options)
-
-
-def require_choices(options: Mapping[str, Any]) -> None:
-    """Raise `InputError` for an option of a run that is none of its choices."""
-    for name, value in options.items():
-        if name in _CHOICES and value not in _CHOICES[name]:
-            raise InputError(
-                f"`{name}` {value!r} is not known; there are {', '.join(_CHOICES[name])}"
-            )
 
 
 def _part(shown: str, folder: Path, table: Mapping[str, Any]) -> Part:

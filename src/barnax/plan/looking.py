@@ -18,11 +18,12 @@ from ..cell.model import SAME_DEGC
 from ..checks import FileCheck, Role, check_file
 from ..checks.roles import STEPS, Traits
 from ..errors import InputError, printable
-from ..inputs import Reading, Watch, file_names, source_of, window_of
+from ..inputs import Watch, file_names, source_of, window_of
 from ..model.window import Window
 from ..records import Record, Source, read_record, rest_current_a
 from ..records.columns import is_ocv_table
 from ..records.record import FULL_CHARGE
+from ..settings import Reading
 from .document import merged
 
 ROOM_DEGC = 25.0

@@ -3,114 +3,79 @@
 Pulse tests are made ready to be identified: their own OCV, and where each of them starts.
 """
 
-import functools
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..cell import CellModel, OcvPoint, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..inputs import (
-    OVER_TEMPERATURE,
-    Given,
-    Reading,
-    Watch,
-    file_names,
-    listed,
-    source_of,
-    unwatched,
-    window_of,
-    windows_by_name,
-)
+from ..inputs import Given, file_names, listed, source_of, window_of, windows_by_name
+from ..job import Job
 from ..model.prepared import OCV_MARGIN, soc_along, temperature_of
 from ..model.window import Window
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
-from ..results import Result
+from ..settings import OVER_TEMPERATURE, Reading
 from .choosing import plan
 from .document import Part, Plan, Use, plan_from_toml
 
-Run = Callable[..., Result]
+Asked = TypeVar("Asked", bound=Job)
 
 
-def plan_of(records: Any, ocv: Any = (), validate: Any = (), **options: Any) -> Plan | None:
-    """The plan of what `identify` was given, None where the files' roles are all given.
+def plan_of(job: Job) -> Plan | None:
+    """The plan of what `identify` was asked for, None where the files' roles are all given.
 
     There is one for a folder, a plan or its TOML file, and for files without an OCV test of a cell
-    that is not known. Of `options` those matter that say how files are read, and what is known of
-    them.
+    that is not known.
     """
-    given = listed(records)
-    if options.get("cell") is not None:
+    given = listed(job.records)
+    if job.cell is not None:
         return None
     if len(given) == 1 and isinstance(given[0], Plan):
         return given[0]
     paths = [Path(each) for each in given if isinstance(each, str | Path)]
     if len(given) == len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         return plan_from_toml(paths[0])
-    if not any(map(os.path.isdir, paths)) and (not paths or listed(ocv)):
+    if not any(map(os.path.isdir, paths)) and (not paths or listed(job.ocv)):
         return None
     if len(paths) < len(given):
         return None
-    reading = _reading(options)
-    watch = options.get("watch", unwatched)
-    said = {name: options.get(name) for name in ("over", "window", "capacity")}
-    return plan(given, ocv=ocv, validate=validate, **said, reading=reading, watch=watch)
+    return plan(
+        given, ocv=job.ocv, validate=job.validate, over=job.over, window=job.window,
+        capacity=job.capacity, reading=job.part(Reading), watch=job.watch,
+    )  # fmt: skip
 
 
-def _reading(options: Mapping[str, Any]) -> Reading:
-    own = {name: options[name] for name in ("columns", "series") if name in options}
-    return options.get("reading") or Reading(**own)
-
-
-def plans_first(identify: Run) -> Run:
-    """`identify`, which makes a plan first where it is given a folder or no OCV test."""
-
-    @functools.wraps(identify)
-    def planned(records: Any = (), *, ocv: Any = (), validate: Any = (), **options: Any) -> Result:
-        found = plan_of(records, ocv, validate, **options)
-        if found is None:
-            return identify(records, ocv=ocv, validate=validate, **options)
-        result = identify(**arguments(found, **options))
-        return result.model_copy(update={"plan": found.stored})
-
-    return planned
-
-
-def arguments(
-    found: Plan, *, window: Any = None, capacity: float | None = None, **options: Any
-) -> dict[str, Any]:
-    """What `identify` is given for a plan; options that are given replace the plan's.
+def planned(found: Plan, job: Asked) -> Asked:
+    """The job that a plan is; what was chosen in `job` replaces what the plan has.
 
     Raises `InputError` where a test is missing.
     """
     if found.missing:
         raise InputError("\n".join([found.missing, *found.lines]))
-    found = found.changed(window, capacity=capacity)
+    found = found.changed(job.window, capacity=job.capacity)
+    chosen = {name: value for name, value in job.chosen.items() if name != "capacity"}
+    job = type(job)(**{**found.options, **chosen})
     windows = {
         each.name: each.window
         for each in found.parts
         # Of an OCV test its temperature counts.
         if each.is_simulated or each.window.temperature_degc is not None
     }
-    reading = _reading({**found.options, **options})
-    given = {
-        **found.options,
-        **options,
-        "records": _sources(found, "identification", reading),
-        "ocv": _sources(found, "OCV test", reading),
+    job = job.changed(
+        records=_sources(found, "identification", job),
+        ocv=_sources(found, "OCV test", job),
         # Windows for names that are not simulated are refused further on.
-        "window": {**windows_by_name(window), **windows},
-    }
-    validate = _sources(found, "validation", reading)
+        window={**windows_by_name(job.window), **windows},
+    )
     if found.command == "hppc":
-        given = prepare_pulse_tests(**given)
-    return {**given, "validate": validate}
+        job = prepare_pulse_tests(job)
+    return job.changed(validate=_sources(found, "validation", job))
 
 
 def _sources(found: Plan, role: Use, reading: Reading) -> list[Any]:
@@ -133,56 +98,41 @@ class _Test:
     pulse: Pulse
 
 
-def prepare_pulse_tests(
-    records: Given | Sequence[Given],
-    *,
-    ocv: Given | Sequence[Given] = (),
-    window: Window | Mapping[str, Window] | None = None,
-    capacity: float | None = None,
-    reading: Reading | None = None,
-    watch: Watch = unwatched,
-    **options: Any,
-) -> dict[str, Any]:
-    """The arguments of `identify` for pulse tests, as `barnax.hppc` describes; others stay.
+def prepare_pulse_tests(job: Asked) -> Asked:
+    """The job of `identify` for pulse tests, as `barnax.hppc` describes.
 
     Raises `InputError` where a record has no pulses.
     """
-    reading = reading or Reading()
-    own = {name: options.pop(name) for name in list(options) if hasattr(reading, name)}
-    reading = replace(reading, **own)
-    with watch("Finding pulses", 0):
-        tests = _read(listed(records), reading)
-        chosen = windows_by_name(window)
-        ocv_tests, cell = listed(ocv), None
-        if not ocv_tests:
-            given_ah = chosen.get("", Window()).capacity_ah if capacity is None else capacity
-            # A polynomial would swing between ten points, whatever was asked for.
-            options["ocv_fit"] = "interpolated"
+    with job.watch("Finding pulses", 0):
+        tests = _read(listed(job.records), job)
+        chosen = windows_by_name(job.window)
+        cell = None
+        if not listed(job.ocv):
+            given_ah = chosen.get("", Window()).capacity_ah
             by_degc = group_near((_degc(each, chosen), each) for each in tests)
-            own = {degc: each[:1] for degc, each in by_degc.items()}
+            own = {degc: each[0] for degc, each in by_degc.items()}
             cell = characterize_over_temperature(
-                {degc: [first.record] for degc, (first,) in own.items()},
-                capacity_ah=given_ah,
+                {degc: [first.record] for degc, first in own.items()},
+                capacity_ah=given_ah if job.capacity is None else job.capacity,
                 ocv_fit="interpolated",
             )
-            ocv_tests = [first.source for (first,) in own.values()]
-            reading = replace(reading, ocv_current_sign=reading.current_sign)
+            job = job.changed(
+                ocv=[first.source for first in own.values()],
+                # A polynomial would swing between ten points, whatever was asked for.
+                ocv_fit="interpolated",
+                ocv_current_sign=job.current_sign,
+            )
         # From the rest before the first pulse on, but where something else is chosen.
         windows = {
             each.record.name: _own_window(each, cell, window_of(chosen, each.record.name))
             for each in tests
         }
         is_one = len(group_near((_degc(each, chosen), each) for each in tests)) == 1
-    return {
-        "over": "soc" if is_one else OVER_TEMPERATURE,
-        **options,
-        "records": [each.source for each in tests],
-        "ocv": ocv_tests,
-        "window": {"": window_of(chosen, ""), **chosen, **windows},
-        "capacity": capacity,
-        "reading": reading,
-        "watch": watch,
-    }
+    return job.changed(
+        records=[each.source for each in tests],
+        over=job.over or ("soc" if is_one else OVER_TEMPERATURE),
+        window={"": window_of(chosen, ""), **chosen, **windows},
+    )
 
 
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:

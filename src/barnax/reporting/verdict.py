@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
-from ..inputs import OVER_TEMPERATURE
+from ..settings import OVER_TEMPERATURE
 from ..weighing import FITTING_AGAIN
 from .candidates import held_out_errors, tables_pay, unseen_errors
 from .sentences import (

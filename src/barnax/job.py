@@ -1,0 +1,199 @@
+"""One request: all that `identify` can be asked for, whoever asks.
+
+Python's keywords, the command line, a plan, a row of a fleet and `hppc` each make a `Job`.
+"""
+
+import difflib
+import functools
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Literal,
+    ParamSpec,
+    Self,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from .cell import CIRCUITS, CellModel
+from .display import brief
+from .errors import InputError
+from .inputs import Given, Watch, unwatched
+from .model.search_space import Range
+from .model.window import Window
+from .optimizers import OPTIMIZERS
+from .over_soc import TableSettings
+from .settings import ARGS, CellSettings, Reading, Settings, TableOptions, Trust, explained
+
+Asked = ParamSpec("Asked")
+Found = TypeVar("Found")
+AnyJob = TypeVar("AnyJob", bound="Job")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Job(TableOptions, CellSettings, Reading, Settings):
+    """What `identify` is asked for, with the fields of `Settings`, `Reading` and others by name.
+
+    `chosen` tells what was given from defaults.
+
+    Args:
+        records: Files, `Record`s or data frames to identify on, one or several. None: the bundled
+            cell. For a folder, a plan, or files without `ocv`, roles and windows are chosen
+            (`plan.plan`).
+        ocv: Files, records, data frames or tables of the OCV test of the same cell.
+        validate: Files, records or data frames to validate on.
+        window: The part of a record that is simulated: one for all records, or a mapping from
+            record names to windows, with "" for the others.
+        capacity: Capacity of the cell in Ah when the records were measured.
+        bounds: Lowest and highest value by PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`),
+            or a TOML file of them.
+        fix: Parameters that keep a value, by the same names.
+        setup: "li2023" for the set-up of Li et al. (2023): iso-rc alone, on an OCV polynomial.
+        trust: "none", "basic" (intervals) or "full" (further fits).
+        cell: A known cell, which needs no `ocv`.
+        advise: Also weigh the usual circuits where `model` is given, and try the other hold of the
+            current where that is assumed.
+        command: The command that was run, kept in the result.
+        watch: Called with the title of every stage and its number of steps; returns a context
+            manager that gives a function to call with the steps done.
+        settings: Several of these options; those given by their names replace its own.
+        reading: So for how files are read.
+        tables: So for tables, and bounds and fixed values of tables alone.
+
+    Raises `TypeError` for an option that there is not, with the nearest one, and `InputError` for a
+    value that is none.
+    """
+
+    records: Given | Sequence[Given] = field(default=(), kw_only=False)
+    ocv: Given | Sequence[Given] = ()
+    validate: Given | Sequence[Given] = ()
+    window: Window | Mapping[str, Window] | None = None
+    capacity: float | None = None
+    bounds: Mapping[str, Range] | str | Path | None = None
+    fix: Mapping[str, float] | None = None
+    setup: Literal["li2023"] | None = None
+    trust: Trust = "basic"
+    cell: CellModel | None = None
+    advise: bool = True
+    command: Sequence[str] = ()
+    watch: Watch = unwatched
+    settings: Settings | None = None
+    reading: Reading | None = None
+    tables: TableSettings | None = None
+
+    def __repr__(self) -> str:
+        return f"Job({', '.join(f'{name}={brief(each)}' for name, each in self.chosen.items())})"
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    __hash__ = object.__hash__
+
+    if not TYPE_CHECKING:
+
+        def __new__(cls, *given, **options):
+            cls.require_names(options)
+            job = super().__new__(cls)
+            vars(job)["_chosen"] = {*options, *(["records"] if given else ())}
+            return job
+
+    def __post_init__(self) -> None:
+        own = vars(self)
+        # What is given by its name replaces what an object of several holds.
+        for kind, part in (
+            (Settings, self.settings),
+            (Reading, self.reading),
+            (TableOptions, self.tables),
+        ):
+            names = [each.name for each in fields(kind) if part and each.name not in own["_chosen"]]
+            own |= {name: getattr(part, name) for name in names}
+            own["_chosen"] |= {name for name in names if own[name] != getattr(kind, name)}
+        if self.setup is not None:
+            own["model"], own["ocv_fit"] = self.model or "iso-rc", self.ocv_fit or "polynomial"
+        super().__post_init__()
+        for name in own["_chosen"]:
+            require_choice(name, own[name])
+        are_own = self.table_settings != TableSettings()
+        if are_own and self.over is None and self.model is not None:
+            raise InputError("settings of tables need `over` 'soc'; give it too, or no `model`")
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """What was given, by name."""
+        return {name: value for name, value in vars(self).items() if name in vars(self)["_chosen"]}
+
+    @property
+    def table_settings(self) -> TableSettings:
+        """How tables are fitted. Raises `InputError` where these options do not go together."""
+        more = self.tables or TableSettings()
+        return TableSettings(**vars(self.part(TableOptions)), bounds=more.bounds, fixed=more.fixed)
+
+    def part(self, kind: Callable[..., Found]) -> Found:
+        """The options of one kind, such as `Reading`, by themselves."""
+        names = [each.name for each in fields(kind)]  # pyright: ignore[reportArgumentType]
+        return kind(**{name: getattr(self, name) for name in names})
+
+    def changed(self, **options: Any) -> Self:
+        """The same with other options; what stays a default is still one."""
+        return type(self)(**{**self.chosen, **options})
+
+    @classmethod
+    def require_names(cls, options: Mapping[str, Any]) -> None:
+        """Raise `TypeError` for an option that there is not, with the nearest one that there is."""
+        known = [each.name for each in fields(cls)]
+        for name in sorted(options.keys() - {*known}):
+            near = difflib.get_close_matches(name, known, 1)
+            remedy = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
+            if name in {each.name for each in fields(Window)}:
+                remedy = f"; give window=barnax.Window({name}=...)"
+            raise TypeError(f"there is no option {name}{remedy}")
+
+
+# The options of `identify` with their types.
+OPTIONS: Mapping[str, Any] = get_type_hints(Job)
+
+
+def require_choice(name: str, value: Any) -> None:
+    """Raise `InputError` where an option has few values, and this is none of them."""
+    known = {"model": CIRCUITS, "method": OPTIMIZERS}.get(name) or choices_of(name)
+    if value is not None and known and value not in known:
+        raise InputError(f"`{name}` {value!r} is not known; there are {', '.join(known)}")
+
+
+def choices_of(name: str) -> tuple[str, ...]:
+    """The values that an option takes, where its type names them."""
+    hint = OPTIONS.get(name)
+    hints = (hint, *get_args(hint))
+    return next((get_args(each) for each in hints if get_origin(each) is Literal), ())
+
+
+def takes_options(
+    make: Callable[Asked, AnyJob],
+) -> Callable[[Callable[[AnyJob], Found]], Callable[Asked, Found]]:
+    """Lets a function of a job be called with the job's own options, each with its type."""
+
+    def decorate(run: Callable[[AnyJob], Found]) -> Callable[Asked, Found]:
+        @functools.wraps(run)
+        def function(*given: Asked.args, **options: Asked.kwargs) -> Found:
+            if given and isinstance(given[0], Job):
+                given, options = (), {**given[0].chosen, **options}  # pyright: ignore
+            return run(make(*given, **options))
+
+        own = explained(run)
+        more = {name: text for name, text in explained(make).items() if name not in own}
+        lines = [f"    {name}: {text}\n" for name, text in more.items()]
+        doc = inspect.cleandoc(run.__doc__ or "")
+        function.__doc__ = re.sub(ARGS, lambda found: found[0] + "".join(lines), doc)
+        shown = inspect.signature(make.__init__)
+        taken = [each for name, each in shown.parameters.items() if name != "self"]
+        function.__signature__ = shown.replace(parameters=taken)  # pyright: ignore
+        return function
+
+    return decorate

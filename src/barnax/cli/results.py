@@ -175,16 +175,18 @@ def validate(on: OnRecord, output: Errors) -> None:
 
 
 def _validation_page(evaluation: "Evaluation", table: "Table", answer: str) -> bytes:
-    from .. import plots
+    from ..plots import plot_condition, plot_error, plot_voltage
+    from ..plots.pictures import illustrate
     from ..reporting.document import Document, Section, picture
-    from ..reporting.illustrations import Figures
     from ..reporting.render import to_html
 
-    figures, record = Figures(), evaluation.prepared.record.name
-    figures.add("voltage", "voltage", record, partial(plots.plot_voltage, evaluation))
-    figures.add("error", "error", record, partial(plots.plot_error, evaluation))
-    figures.add_condition("validation", evaluation)
-    drawn = tuple(picture(draw()) for draw in figures.drawings.values())
+    prepared, record = evaluation.prepared, evaluation.prepared.record.name
+    figures = (
+        illustrate("voltage", record, plot_voltage, evaluation),
+        illustrate("error", record, plot_error, evaluation),
+        illustrate("validation-condition", record, plot_condition, prepared),
+    )
+    drawn = tuple(map(picture, figures))
     document = Document(f"{answer} on {record}", "", (Section("Errors", (table, *drawn)),))
     return to_html(document).encode()
 

@@ -64,7 +64,7 @@ def make_result(run: Run, command: Sequence[str] = ()) -> Result:
         ),
         other_hold=run.other_hold,
         search=search_part(run.search) if run.search else None,
-        refined=_refined_part(run.refinement) if run.refinement else None,
+        refined=run.refinement and RefinedPart.model_validate(run.refinement, from_attributes=True),
         bounds=dict(problem.bounds.ranges),
         fixed=dict(problem.bounds.fixed),
     )
@@ -137,32 +137,12 @@ def search_part(search: Search) -> SearchPart:
     )
 
 
-def _refined_part(refinement: Refinement) -> RefinedPart:
-    return RefinedPart(
-        rmse_v=refinement.rmse_v,
-        objective=refinement.objective,
-        evaluations=refinement.evaluations,
-        at_bound=refinement.at_bound,
-        optima=refinement.optima,
-        seeds=refinement.refined,
-    )
-
-
 def _global_part(refinement: Refinement | None, optimum: GlobalOptimum) -> GlobalPart:
     """The global optimum as it is stored, with the optimality gap of every answer.
 
     Local optima are counted once, whoever found them: the seeds or the grid.
     """
-    part = GlobalPart(
-        rmse_v=optimum.rmse_v,
-        parameters=optimum.parameters,
-        status=optimum.status,
-        lower_bound_v=optimum.lower_bound_v,
-        proved_gap=optimum.proved_gap,
-        cells=optimum.cells,
-        local_optima=optimum.local_optima,
-        at_bound=optimum.at_bound,
-    )
+    part = GlobalPart.model_validate(optimum, from_attributes=True)
     if refinement is None:
         return part
     gaps = [optimality_gap(seed.rmse_v, optimum.rmse_v) for seed in refinement.search.seeds]
@@ -178,7 +158,7 @@ def _global_part(refinement: Refinement | None, optimum: GlobalOptimum) -> Globa
             "best_gap": min(gaps),
             "refined_gap": optimality_gap(refinement.rmse_v, optimum.rmse_v),
             "seeds_there": sum(
-                seed.rmse_v <= optimum.rmse_v * (1 + SAME_RMSE) for seed in refinement.refined
+                seed.rmse_v <= optimum.rmse_v * (1 + SAME_RMSE) for seed in refinement.seeds
             ),
         }
     )

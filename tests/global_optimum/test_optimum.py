@@ -58,7 +58,7 @@ def assert_certified(optimum, problem):
 
 def test_the_optimum_is_certified_and_no_seed_is_better(short_problem, short_optimum, refinement):
     assert_certified(short_optimum, short_problem)
-    for seed in (*refinement.refined, *refinement.search.seeds):
+    for seed in (*refinement.seeds, *refinement.search.seeds):
         assert optimality_gap(seed.rmse_v, short_optimum.rmse_v) > -SAME
         assert seed.rmse_v >= short_optimum.lower_bound_v
     assert optimality_gap(refinement.rmse_v, short_optimum.rmse_v) < SAME

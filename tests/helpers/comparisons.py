@@ -7,17 +7,15 @@ from barnax import bundled_file, characterize, read_record
 from barnax.cell import CellModel
 from barnax.comparison import ComparisonResult
 from barnax.comparison.result import (
-    BandPart,
     BudgetPart,
-    DifferencePart,
     ModelPart,
-    OverSeedsPart,
-    OverTimePart,
     RecordErrorsPart,
     RowPart,
     SeedAnswerPart,
     SpreadPart,
 )
+from barnax.comparison.run import Difference
+from barnax.comparison.statistics import BandError, Resampled, SeedPairs
 from barnax.records import Decision
 from barnax.result_parts import InputPart, MetricsPart
 
@@ -48,7 +46,7 @@ def bundled_cell() -> CellModel:
 
 def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErrorsPart:
     """A hundred samples below 10 % SOC with twice the error, nine hundred above 20 %."""
-    low = BandPart(
+    low = BandError(
         low_soc=0.0,
         high_soc=0.1,
         samples=low_samples,
@@ -56,8 +54,10 @@ def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErr
         mean_v=-rmse_v if low_samples else None,
         max_v=4 * rmse_v if low_samples else None,
     )
-    empty = BandPart(low_soc=0.1, high_soc=0.2, samples=0, rmse_v=None, mean_v=None, max_v=None)
-    high = BandPart(low_soc=0.2, high_soc=1.0, samples=900, rmse_v=rmse_v, mean_v=0.001, max_v=0.05)
+    empty = BandError(0.1, 0.2, 0)
+    high = BandError(
+        low_soc=0.2, high_soc=1.0, samples=900, rmse_v=rmse_v, mean_v=0.001, max_v=0.05
+    )
     return RecordErrorsPart(
         metrics=MetricsPart(
             record=record,
@@ -125,19 +125,19 @@ def make_difference(
     record: str = DRIVE,
     seeds: tuple[int, int, float] | None = None,
     is_capped: bool = False,
-) -> DifferencePart:
+) -> Difference:
     """A difference in the middle of its interval, real where that leaves out zero."""
     low_v, high_v = (end / 1e3 for end in interval_mv)
     over_seeds = None
     if seeds is not None:
         wins, losses, p_value = seeds
-        over_seeds = OverSeedsPart(median_v=0.0, wins=wins, losses=losses, p_value=p_value)
-    return DifferencePart(
+        over_seeds = SeedPairs(median_v=0.0, wins=wins, losses=losses, p_value=p_value)
+    return Difference(
         first=first,
         second=second,
         record=record,
         is_validation=record != DRIVE,
-        over_time=OverTimePart(
+        over_time=Resampled(
             difference_v2=0.0,
             interval_v2=(low_v, high_v),
             difference_v=(low_v + high_v) / 2,
@@ -152,7 +152,7 @@ def make_difference(
 
 def make_comparison(
     rows: Sequence[RowPart],
-    differences: Sequence[DifferencePart] = (),
+    differences: Sequence[Difference] = (),
     optima_mv: dict[str, float] | None = None,
     names: dict[str, str] | None = None,
     **changes: object,

@@ -37,7 +37,7 @@ def refined_at(rmse_v, circuit=CIRCUIT):
 
 
 def test_no_seed_is_made_worse(found, refinement):
-    for before, after in zip(found.seeds, refinement.refined, strict=True):
+    for before, after in zip(found.seeds, refinement.seeds, strict=True):
         assert after.rmse_v <= before.rmse_v * (1 + 1e-12)
         assert refinement.rmse_v <= after.rmse_v * (1 + 1e-12)
 
@@ -51,11 +51,11 @@ def test_an_optimum_already_reached_is_not_left(found, refinement):
     at_the_end = replace(found.best, parameters=refinement.parameters, rmse_v=refinement.rmse_v)
     again = refine(replace(found, seeds=(at_the_end,) * 8))
     assert again.rmse_v == pytest.approx(refinement.rmse_v, rel=1e-9)
-    assert max(seed.moved for seed in again.refined) < 1e-3
+    assert max(seed.moved for seed in again.seeds) < 1e-3
 
 
 def test_every_seed_says_how_far_it_moved(found, refinement):
-    for before, after in zip(found.seeds, refinement.refined, strict=True):
+    for before, after in zip(found.seeds, refinement.seeds, strict=True):
         old, new = (np.array(list(each.parameters.to_dict().values())) for each in (before, after))
         assert after.moved == pytest.approx(np.max(np.abs(new / old - 1)), rel=1e-12)
 
@@ -65,7 +65,7 @@ def test_every_seed_is_counted_in_one_optimum_or_was_still_moving(refinement):
         return optimum.rmse_v <= seed.rmse_v * (1 + 1e-12) <= optimum.rmse_v * (1 + SAME_RMSE)
 
     outside = [
-        seed for seed in refinement.refined if not any(is_in(seed, o) for o in refinement.optima)
+        seed for seed in refinement.seeds if not any(is_in(seed, o) for o in refinement.optima)
     ]
     unsettled = sum(not seed.has_converged for seed in outside)
     assert sum(optimum.seeds for optimum in refinement.optima) + unsettled == 8
@@ -75,14 +75,14 @@ def test_the_best_optimum_comes_first_with_its_faster_pair_first_and_touches_no_
     errors_v = [optimum.rmse_v for optimum in refinement.optima]
     assert errors_v == sorted(errors_v)
     assert refinement.parameters == refinement.optima[0].parameters
-    tau_s = [seed.parameters.tau_s for seed in refinement.refined]
+    tau_s = [seed.parameters.tau_s for seed in refinement.seeds]
     assert tau_s == [tuple(sorted(each)) for each in tau_s]
     assert refinement.at_bound == ()
 
 
 def test_a_seed_is_refined_the_same_among_any_number_of_seeds(found, refinement):
     fewer = refine(replace(found, seeds=found.seeds[:3]))
-    assert fewer.refined == refinement.refined[:3]
+    assert fewer.seeds == refinement.seeds[:3]
 
 
 @pytest.mark.parametrize("is_double", [False, True])
@@ -92,7 +92,7 @@ def test_a_search_is_refined_to_the_same_bits_in_any_callers_precision(
     with jax.enable_x64(is_double):
         again = refine(found)
         assert jax.config.jax_enable_x64 is is_double
-    assert again.refined == refinement.refined
+    assert again.seeds == refinement.seeds
     assert (again.optima, again.at_bound) == (refinement.optima, refinement.at_bound)
     assert again.evaluations == refinement.evaluations
 
@@ -100,7 +100,7 @@ def test_a_search_is_refined_to_the_same_bits_in_any_callers_precision(
 def test_progress_sums_to_the_seeds_and_many_blocks_finish(found):
     steps = []
     many = refine(replace(found, seeds=found.seeds * 5), progress=steps.append)
-    assert sum(steps) == len(many.refined) == 40
+    assert sum(steps) == len(many.seeds) == 40
 
 
 @pytest.mark.parametrize(("factors", "end"), [((0.5, 0.95), "upper"), ((1.05, 2.0), "lower")])
@@ -125,7 +125,7 @@ def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
     )
     searched = search_seeds(problem, make_optimizer("pso", 8, 20), key=jax.random.key(0), seeds=8)
     refined = refine(searched)
-    for seed in (*searched.seeds, *refined.refined):
+    for seed in (*searched.seeds, *refined.seeds):
         assert seed.parameters.to_dict() == pytest.approx(seed.parameters.to_dict() | fixed)
     assert not {each.name for each in refined.at_bound} & {"C1 [F]", "R0 [Ohm]", "tau1 [s]"}
 

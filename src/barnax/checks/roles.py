@@ -39,15 +39,13 @@ class Traits:
     """Numbers of a record that tell what it can serve as.
 
     `steps` are those of the current that are sampled finely enough; they reach over `reach_ah` of
-    charge and last `reach_s`. `steep_v` is the travel of the voltage where the cell stands at a
-    steep end throughout, else zero. `temperature_degc` is the column's median, else the one in the
-    name, else None.
+    charge. `steep_v` is the travel of the voltage where the cell stands at a steep end throughout,
+    else zero. `temperature_degc` is the column's median, else the one in the name, else None.
     """
 
     sweeps: tuple[Sweep, ...]
     steps: int
     reach_ah: float
-    reach_s: float
     span_ah: float
     charged_ah: float
     discharged_ah: float
@@ -108,10 +106,9 @@ def traits_of(given: CheckInput) -> Traits:
     record = given.record
     fine = np.flatnonzero(given.samples.is_step & (record.interval_s <= FINE_S))
     discharged_ah = record.discharged_ah
-    reach_ah = reach_s = 0.0
+    reach_ah = 0.0
     if len(fine):
         reach_ah = float(np.ptp(np.quantile(discharged_ah[fine], _REACH)))
-        reach_s = float(record.time_s[fine[-1] + 1] - record.time_s[fine[0]])
     loaded_s = record.interval_s[~given.is_rested[1:]]
     bulk_s, travel_v = given.samples.bulk_time
     # The deepest point below the highest one before it: charge taken out without going back up.
@@ -120,7 +117,6 @@ def traits_of(given: CheckInput) -> Traits:
         sweeps=() if isinstance(given.sweeps, str) else tuple(given.sweeps),
         steps=len(fine),
         reach_ah=reach_ah,
-        reach_s=reach_s,
         span_ah=given.span_ah,
         charged_ah=given.charged_ah,
         discharged_ah=given.discharged_ah,

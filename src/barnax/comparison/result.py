@@ -25,7 +25,7 @@ from ..settings import Settings, TableOptions
 from ..storing import all_versions, input_part, metrics_part, record_part
 from ..weighing import search_and_assess, weigh
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
-from .statistics import BandError, Resampled, SeedPairs
+from .statistics import BandError
 
 # Options of one circuit, or of its tables.
 _OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
@@ -45,13 +45,6 @@ OWN_KEYS = {
     "low_soc": "from SOC",
     "high_soc": "to SOC",
 }
-
-
-# Stored as the numerics return them.
-BandPart = BandError
-DifferencePart = Difference
-OverTimePart = Resampled
-OverSeedsPart = SeedPairs
 
 
 class ComparisonPart(Part):

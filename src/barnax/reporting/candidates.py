@@ -25,7 +25,7 @@ def ranked(candidates: "Sequence[Candidate]") -> "list[Candidate]":
 
 
 def candidates_section(
-    candidates: "Sequence[Candidate]", validation: Sequence[str], title: str = "Circuits"
+    candidates: "Sequence[Candidate]", validation: Sequence[str]
 ) -> list[Section]:
     """Every circuit that was weighed with its errors, the answer marked; none for a single one."""
     if len(candidates) < 2:
@@ -37,7 +37,7 @@ def candidates_section(
         "lowers their error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
         "that was given is the answer in any case."
     )
-    return [Section(title, (Bullets((told,)), candidates_table(candidates, validation)))]
+    return [Section("Circuits", (Bullets((told,)), candidates_table(candidates, validation)))]
 
 
 def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str]) -> Table:

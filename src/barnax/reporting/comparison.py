@@ -29,7 +29,8 @@ from .words import NOTHING, counted, fixed, joined, millivolts_cell, sentence, s
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..comparison.result import DifferencePart, RowPart
+    from ..comparison.result import RowPart
+    from ..comparison.run import Difference
 
 # With more pairs than these only those are shown that a reader asks for first.
 ALL_PAIRS = 15
@@ -227,7 +228,7 @@ def differences_table(result: "ComparisonResult", on: OnRecord) -> Table:
     if any(each.over_time.is_block_capped for each in found):
         note += f" {NARROW_MARK}: {NARROW}."
     has_seeds = any(each.over_seeds is not None for each in found)
-    cells: Cells[DifferencePart] = {
+    cells: Cells[Difference] = {
         "first": lambda each: each.first,
         "second": lambda each: each.second,
         "difference [mV]": lambda each: millivolts_cell(each.over_time.difference_v),

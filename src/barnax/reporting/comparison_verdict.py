@@ -10,7 +10,8 @@ from .words import bound_words, joined, millivolt, sentence
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..comparison.result import DifferencePart, RecordErrorsPart, RowPart
+    from ..comparison.result import RecordErrorsPart, RowPart
+    from ..comparison.run import Difference
 
 NARROW = "the residuals stay correlated longer than a block, so the interval is too narrow"
 # The plainest model, against which others must show that they pay.
@@ -26,7 +27,7 @@ class OnRecord:
     name: str
     is_validation: bool
     errors: "dict[str, RecordErrorsPart]"
-    differences: "list[DifferencePart]"
+    differences: "list[Difference]"
 
     def rmse_v(self, row: str) -> float:
         return self.errors[row].metrics.rmse_v
@@ -42,7 +43,7 @@ class OnRecord:
         most_v = self.rmse_v(self.ranked[0]) * (1 + SAME_RMSE)
         return [row for row in self.ranked if self.rmse_v(row) <= most_v]
 
-    def between(self, first: str, second: str) -> "DifferencePart | None":
+    def between(self, first: str, second: str) -> "Difference | None":
         """How two rows differ, in either order, or None where that was not compared."""
         pair = {first, second}
         found = (each for each in self.differences if {each.first, each.second} == pair)

@@ -52,16 +52,16 @@ class Descent:
     """Levenberg-Marquardt on one problem, compiled once for blocks of `CIRCUITS_PER_BLOCK`.
 
     It runs on the compressed objective, whichever the search took, unless the box is too wide for
-    that or `kind` says otherwise; the errors it returns are the scan's unless that is left out.
+    that; the errors it returns are the scan's unless that is left out.
     Compiling depends on the problem alone, so it can be done beside the search.
     """
 
     @in_float64
-    def __init__(self, problem: Problem, kind: Kind = "compressed"):
+    def __init__(self, problem: Problem):
         self.problem = problem
-        self.kind: Kind = kind
+        self.kind: Kind = "compressed"
         try:
-            self.objective = problem.padded_objective(kind)
+            self.objective = problem.padded_objective(self.kind)
         except InputError:
             self.kind = "scan"
             self.objective = problem.padded_objective("scan")
@@ -225,7 +225,7 @@ class Refinement(Brief):
 
     Attributes:
         search: The search that was refined.
-        refined: Each seed's answer.
+        seeds: Each seed's answer.
         optima: The distinct optima, the best first.
         at_bound: Parameters of the best at a bound.
         objective: How errors were computed on the way.
@@ -233,7 +233,7 @@ class Refinement(Brief):
     """
 
     search: Search
-    refined: tuple[RefinedSeed, ...]
+    seeds: tuple[RefinedSeed, ...]
     optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
     objective: Kind

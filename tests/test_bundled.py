@@ -1,6 +1,5 @@
 """The bundled virtual cell is what its provenance page says it is."""
 
-import doctest
 import hashlib
 import re
 import runpy
@@ -170,7 +169,3 @@ def test_an_installed_wheel_finds_the_files_beside_the_module(
     shutil.copytree(BUNDLED.record.parent, package / "data" / "virtual_cell")
     monkeypatch.setattr(bundled, "__file__", str(package / "bundled.py"))
     assert bundled_file("validation").parent == (package / "data" / "virtual_cell").resolve()
-
-
-def test_the_docstring_examples_hold():
-    assert doctest.testmod(bundled).failed == 0

@@ -174,7 +174,7 @@ class Result(Document):
         ...     _ = Path(folder, "result.json").write_text(result.to_json())
         ...     again = Result.load(folder)
         >>> len(again.figure("voltage").axes)
-        3
+        4
         """
         return hook("Result.load")(cls, path, data, columns, series)
 
@@ -214,7 +214,7 @@ class Result(Document):
         >>> time_s = np.arange(3.0)
         >>> found = result.simulate({"Time [s]": time_s, "Current [A]": [0.0, 2.0, 2.0]})
         >>> found["Voltage [V]"].round(2)
-        array([4.17, 4.07, 4.07])
+        array([4.18, 4.07, 4.07])
         """
         known = {"initial_soc": initial_soc, "initial_direction": initial_direction}
         return hook("Result.simulate")(self, current, time, temperature_degc=temperature, **known)

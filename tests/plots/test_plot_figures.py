@@ -1,9 +1,6 @@
 """What holds for every figure."""
 
-import doctest
-import importlib
 import io
-import pkgutil
 import re
 import subprocess
 import sys
@@ -146,12 +143,3 @@ def test_importing_the_figures_loads_neither_jax_nor_pyplot():
     )
     ran = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, timeout=60)
     assert (ran.returncode, ran.stderr) == (0, "")
-
-
-def module_names() -> list[str]:
-    return [module.name for module in pkgutil.iter_modules(plots.__path__)]
-
-
-@pytest.mark.parametrize("module", module_names())
-def test_the_examples_in_the_docstrings_hold(module):
-    assert doctest.testmod(importlib.import_module(f"barnax.plots.{module}")).failed == 0

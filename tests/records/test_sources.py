@@ -1,9 +1,6 @@
 """Records come from files of any name and from data frames of any library, by the same rules."""
 
-import doctest
-import importlib
 import os
-import pkgutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +9,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-import barnax
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame
@@ -137,16 +133,3 @@ def test_writing_to_what_a_record_was_made_from_does_not_change_it():
     current_a[3], time_s[3] = 7.0, -1.0
     assert (record.current_a == 1).all()
     assert (np.diff(record.time_s) > 0).all()
-
-
-PACKAGES = ["errors", "records", "checks", "cell"]
-MODULES = [
-    module.name
-    for module in pkgutil.walk_packages(barnax.__path__, "barnax.")
-    if module.name.split(".")[1] in PACKAGES
-]
-
-
-@pytest.mark.parametrize("module", MODULES)
-def test_the_examples_run(module):
-    assert doctest.testmod(importlib.import_module(module)).failed == 0

@@ -39,7 +39,7 @@ def test_every_option_is_a_keyword_that_an_editor_and_the_help_know(function):
     known = inspect.signature(function).parameters
     assert known["seeds"].default == 30
     assert {"model", "series", "nodes", "ocv_fit", "window", "trust"} <= known.keys()
-    assert "nodes: States of charge at which tables have a value." in function.__doc__
+    assert "nodes: States of charge at which tables have a value" in function.__doc__
 
 
 @pytest.mark.parametrize(

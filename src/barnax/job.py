@@ -13,12 +13,9 @@ from pathlib import Path
 from typing import (
     TYPE_CHECKING,
     Any,
-    Literal,
     ParamSpec,
     Self,
     TypeVar,
-    get_args,
-    get_origin,
     get_type_hints,
 )
 
@@ -30,7 +27,16 @@ from .model.search_space import Range
 from .model.window import Window
 from .optimizers import OPTIMIZERS
 from .over_soc import TableSettings
-from .settings import ARGS, CellSettings, Reading, Settings, TableOptions, Trust, explained
+from .settings import (
+    ARGS,
+    CellSettings,
+    Reading,
+    Scope,
+    Settings,
+    TableOptions,
+    choices_in,
+    explained,
+)
 
 Asked = ParamSpec("Asked")
 Found = TypeVar("Found")
@@ -38,7 +44,7 @@ AnyJob = TypeVar("AnyJob", bound="Job")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Job(TableOptions, CellSettings, Reading, Settings):
+class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     """What `identify` is asked for, with the fields of `Settings`, `Reading` and others by name.
 
     `chosen` tells what was given from defaults.
@@ -55,8 +61,6 @@ class Job(TableOptions, CellSettings, Reading, Settings):
         bounds: Lowest and highest value by PyBaMM's names (`"R0 [Ohm]"`, `"C1 [F]"`, `"tau1 [s]"`),
             or a TOML file of them.
         fix: Parameters that keep a value, by the same names.
-        setup: "li2023" for the set-up of Li et al. (2023): iso-rc alone, on an OCV polynomial.
-        trust: "none", "basic" (intervals) or "full" (further fits).
         cell: A known cell, which needs no `ocv`.
         advise: Also weigh the usual circuits where `model` is given, and try the other hold of the
             current where that is assumed.
@@ -78,8 +82,6 @@ class Job(TableOptions, CellSettings, Reading, Settings):
     capacity: float | None = None
     bounds: Mapping[str, Range] | str | Path | None = None
     fix: Mapping[str, float] | None = None
-    setup: Literal["li2023"] | None = None
-    trust: Trust = "basic"
     cell: CellModel | None = None
     advise: bool = True
     command: Sequence[str] = ()
@@ -162,16 +164,9 @@ OPTIONS: Mapping[str, Any] = get_type_hints(Job)
 
 def require_choice(name: str, value: Any) -> None:
     """Raise `InputError` where an option has few values, and this is none of them."""
-    known = {"model": CIRCUITS, "method": OPTIMIZERS}.get(name) or choices_of(name)
+    known = {"model": CIRCUITS, "method": OPTIMIZERS}.get(name) or choices_in(OPTIONS.get(name))
     if value is not None and known and value not in known:
         raise InputError(f"`{name}` {value!r} is not known; there are {', '.join(known)}")
-
-
-def choices_of(name: str) -> tuple[str, ...]:
-    """The values that an option takes, where its type names them."""
-    hint = OPTIONS.get(name)
-    hints = (hint, *get_args(hint))
-    return next((get_args(each) for each in hints if get_origin(each) is Literal), ())
 
 
 def takes_options(

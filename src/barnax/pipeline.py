@@ -8,7 +8,6 @@ validated.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
 
 from .bundled import BUNDLED
 from .candidates import CONTRADICTED
@@ -23,7 +22,7 @@ from .plan.running import prepare_pulse_tests
 from .records import Record
 from .results import Result
 from .run import Run
-from .settings import OVER_TEMPERATURE, Settings
+from .settings import OVER_TEMPERATURE, Settings, Trust
 from .storing import make_result
 from .table_run import table_warnings
 from .weighing import Weighing, search_and_assess, weigh
@@ -108,14 +107,14 @@ def identify_problem(
     problem: Problem,
     settings: Settings | None = None,
     *,
-    trust: Literal["none", "basic"] = "basic",
+    trust: Trust = "basic",
 ) -> Result:
     """`identify` for a problem that is set up already.
 
     Args:
         problem: A problem from `make_problem`.
         settings: How to search; None runs no seeds, and the answer is the global optimum.
-        trust: "none" or "basic" (intervals).
+        trust: How closely to examine the answer, as in `identify`.
     """
     settings = settings or Settings(seeds=0)
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)

@@ -5,10 +5,11 @@ their help of the lines of `Args`. Nothing heavy is loaded here.
 """
 
 import inspect
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin
 
 from .errors import InputError
 
@@ -46,17 +47,23 @@ class Settings:
     """The circuit and how to search for it.
 
     Args:
-        model: The circuit. None: so-rc, iso-rc and esc are weighed against each other and against
-            tables over SOC, and what is best on held-out blocks is the answer.
-        method: An optimizer of `OPTIMIZERS`.
-        objective: The error, by simulation of every sample or from a reduced record; "auto" reduces
-            the record where the bounds allow it.
-        coordinates: A search over R and C ("rc"), or over logarithms of R and tau ("log").
-        seeds: Runs of the optimizer; 0 leaves the global optimum.
-        population: Candidates of a generation.
-        iterations: Generations of a run.
-        key: The key of all random numbers.
-        over: Tables over SOC, or over SOC and temperature, whatever they gain.
+        model: This circuit, with constants: two RC pairs with switched (iso-rc), no (so-rc) or
+            dynamic (esc) hysteresis; takacs has loops after a turn; 1rc, 3rc and 4rc have one,
+            three and four pairs and no hysteresis; +diffusion adds a finite Warburg element, as in
+            1rc+diffusion. By default so-rc, iso-rc, esc and tables over SOC are weighed on held-out
+            blocks.
+        method: Optimizer: ibmo, ibmo-centered, pso or any other that "barnax optimizers" lists.
+        objective: How the search computes errors: scan simulates every sample, compressed reduces
+            the record once; auto is compressed if the bounds allow it, in compare scan. Reported
+            errors are always computed by scan.
+        coordinates: Search R and C themselves, as in the paper (rc), or logarithms of R and tau
+            (log).
+        seeds: Independent runs of the optimizer; 0: only the global optimum.
+        population: Candidates per generation.
+        iterations: Generations.
+        key: Random key; the same key gives the same result.
+        over: Tables over SOC of the resistances and an OCV correction, whatever they gain; with
+            temperature, one set of tables per temperature, with shared time constants.
 
     Raises `InputError` for a number out of range and an unknown `over`.
     """
@@ -84,18 +91,18 @@ class Settings:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """The current of files: its sign and its sampling; "auto" decides from the data.
-
-    A sign is "charge-positive" or "discharge-positive". A sample's current flows until the next
-    sample ("forward") or since the previous one ("backward").
+    """How files are read: the sign of the current, its sampling, columns, cells in series.
 
     Args:
-        current_sign: The sign in records to identify on.
-        ocv_current_sign: The sign in OCV tests.
-        validate_current_sign: The sign in records to validate on.
-        current_hold: When a sample's current flows, in all files.
-        columns: Names of columns, as for `read_record`.
-        series: How many cells are in series, as for `read_record`.
+        current_sign: Sign of current in the records: charge-positive, discharge-positive, or auto
+            (decided from the data).
+        ocv_current_sign: Sign of current in the OCV tests.
+        validate_current_sign: Sign of current in the validation records.
+        current_hold: When a sample's current flows: until the next sample (forward), since the
+            previous one (backward), or auto (decided from the data).
+        columns: Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME,
+            with a unit if the name has none.
+        series: Cells in series, for packs and modules: the voltage is divided by it.
     """
 
     current_sign: AutoSign = "auto"
@@ -117,16 +124,30 @@ class CellSettings:
     """How OCV tests become curves.
 
     Args:
-        ocv_capacity: Capacity in Ah in the OCV test, where that does not span full to empty.
-        ocv_fit: The OCV curves: a monotone interpolation (PCHIP), the default, or a polynomial of
-            degree seven.
-        hysteresis_fit: Five segments of the hysteresis voltage, joined at the knots ("continuous")
-            or each by itself ("independent").
+        ocv_capacity: Capacity in Ah in the OCV test, if it does not span full to empty.
+        ocv_fit: OCV curves: interpolated (PCHIP), the default, or a polynomial of degree 7.
+        hysteresis_fit: Hysteresis segments: continuous (they meet at the knots) or independent.
     """
 
     ocv_capacity: float | None = None
     ocv_fit: OcvFit | None = None
     hysteresis_fit: HysteresisFit = "continuous"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scope:
+    """How far a run goes.
+
+    Args:
+        setup: The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al.
+            (2023).
+        trust: How closely to examine the answer: basic gives intervals, identifiability and
+            residuals; full also gives profile likelihoods, a block bootstrap, and what would lower
+            the error.
+    """
+
+    setup: Literal["li2023"] | None = None
+    trust: Trust = "basic"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,20 +160,20 @@ class TableOptions:
     node numbers, not SOC.
 
     Args:
-        nodes: States of charge at which tables have a value.
-        ocv_correction: Also fit a table that is added to the OCV.
-        rising_ocv: OCV and correction together rise with SOC, as the OCV of a cell does, between
-            all nodes.
-        half_hysteresis: Fit the amplitude of a dynamic hysteresis instead of using half the
-            hysteresis voltage.
-        roughness: The weight of second differences.
-        resistance_ridge: The ridge of resistances.
-        voltage_ridge: The ridge of voltages.
+        nodes: States of charge at which tables have a value: 17, from -0.05 to 1.
+        ocv_correction: Fit a table that corrects the OCV, or not.
+        rising_ocv: Let the corrected OCV only rise with SOC, as the OCV of a cell does, or leave
+            the correction free.
+        half_hysteresis: Fit the amplitude of a dynamic hysteresis as a table, instead of using half
+            the hysteresis voltage; needs records in both directions.
+        roughness: Weight of the tables' second differences.
+        resistance_ridge: Weight of squared resistances.
+        voltage_ridge: Weight of squared voltages.
         proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
             lowest.
         most_cells: At most so many boxes of time constants for the proof; 0 means no proof.
-        folds: Every so-many-th block is held out in turn for cross-validation; 0 means none.
-        block_s: The length of a block, less for a record that has no five of them in a fold.
+        folds: Folds of the cross-validation, blocks held out in turn; 0 means none.
+        block_s: Longest held-out block in s, less for a record that has no five of them in a fold.
     """
 
     nodes: tuple[float, ...] = NODES
@@ -168,11 +189,140 @@ class TableOptions:
     block_s: float = BLOCK_S
 
 
+def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) -> tuple[Any, ...]:
+    values = tuple(kind(part) for part in text.split(","))
+    if count is not None and len(values) != count:
+        raise ValueError(text)
+    return values
+
+
+# What is known of a record, as options and tables give it: the field it is of a `Window`, how its
+# text is read (`ValueError` where it is none), and an example of one.
+WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
+    "capacity": ("capacity_ah", float, "5"),
+    "temperature": ("temperature_degc", float, "25"),
+    "start_time": ("start_time_s", float, "5"),
+    "start_after_step": ("start_after_step", int, "5"),
+    "initial_soc": ("initial_soc", float, "0.9"),
+    "initial_direction": ("initial_direction", int, "-1"),
+    "score_steps": ("score_steps", lambda text: _numbers(text, int), "7,8"),
+    "score_from": ("score_from_s", float, "5"),
+    "score_to": ("score_to_s", float, "5"),
+    "score_soc": ("score_soc", lambda text: _numbers(text, float, 2), "0.1,1"),
+    "rest_current": ("rest_current_a", float, "5"),
+}
+
+
+def is_temperature(degc: float) -> bool:
+    """Whether it may be a cell's; what is not is of another unit, or of a sensor that is not there.
+
+    >>> is_temperature(25.0), is_temperature(298.15)
+    (True, False)
+    """
+    return -100 < degc < 200
+
+
+@dataclass(frozen=True)
+class Window:
+    """The part of a record that is simulated and counted, and what is known about its start.
+
+    Args:
+        start_time_s: Time at which the simulation starts, on the file's clock.
+        start_after_step: Start at the last sample of the last block of this step.
+        initial_soc: State of charge at the start, a fraction (default: from the rested voltage).
+        score_steps: Score only these steps, such as 7,8.
+        score_from_s: Score from this time on.
+        score_to_s: Score up to this time.
+        score_soc: Score only between these states of charge, such as 0.1,1.
+        rest_current_a: Current below which the cell is at rest (default: C/100).
+        initial_direction: Last direction before the start, if the record does not show it: +1
+            charge, -1 discharge (default: both are tried).
+        capacity_ah: Capacity of the cell when the record was measured (default: that of the OCV
+            test).
+        temperature_degc: Temperature in degC (default: the median of the record's column).
+
+    Raises `InputError` if these contradict each other.
+    """
+
+    start_time_s: float | None = None
+    start_after_step: int | None = None
+    initial_soc: float | None = None
+    score_steps: tuple[int, ...] | None = None
+    score_from_s: float | None = None
+    score_to_s: float | None = None
+    score_soc: tuple[float, float] | None = None
+    rest_current_a: float | None = None
+    initial_direction: Literal[-1, 1] | None = None
+    capacity_ah: float | None = None
+    temperature_degc: float | None = None
+
+    def __post_init__(self):
+        for name in ("score_steps", "score_soc"):
+            # As a warning about the file prints them.
+            if isinstance(text := getattr(self, name), str):
+                _, read, example = WINDOW_OPTIONS[name]
+                try:
+                    object.__setattr__(self, name, read(text))
+                except ValueError:
+                    raise InputError(f"`{name}` {text!r} is not as in {example}") from None
+        if self.start_time_s is not None and self.start_after_step is not None:
+            raise InputError("give `start_time` or `start_after_step`, not both")
+        if self.initial_soc is not None and not 0 <= self.initial_soc <= 1:
+            raise InputError(
+                f"`initial_soc` {self.initial_soc} is not a fraction; state of charge runs from "
+                "0 (empty) to 1 (full)"
+            )
+        if self.initial_direction not in (1, -1, None):
+            raise InputError(
+                f"`initial_direction` {self.initial_direction} is neither +1 (the cell was last "
+                "charged) nor -1 (discharged)"
+            )
+        for name, value in (("rest_current", self.rest_current_a), ("capacity", self.capacity_ah)):
+            if value is not None and not 0 < value < math.inf:
+                raise InputError(f"`{name}` {value} must be positive")
+        if not is_temperature(self.temperature_degc or 0.0):
+            raise InputError(f"`temperature` {self.temperature_degc:g} must be the cell's, in degC")
+        if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
+            raise InputError(
+                f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "
+                "first, as in 0.1,1"
+            )
+        if (
+            self.score_from_s is not None
+            and self.score_to_s is not None
+            and self.score_to_s <= self.score_from_s
+        ):
+            raise InputError(
+                f"`score_to` {self.score_to_s} s must come after `score_from` {self.score_from_s} s"
+            )
+
+    @property
+    def is_chosen(self) -> bool:
+        """Whether it says where to start or what to score."""
+        return self != Window(
+            rest_current_a=self.rest_current_a,
+            initial_direction=self.initial_direction,
+            capacity_ah=self.capacity_ah,
+            temperature_degc=self.temperature_degc,
+        )
+
+
+def choices_in(hint: Any) -> tuple[str, ...]:
+    """The values that a type names.
+
+    >>> choices_in(Over | None), choices_in(int)
+    (('soc', 'soc,temperature'), ())
+    """
+    return next(
+        (get_args(one) for one in (hint, *get_args(hint)) if get_origin(one) is Literal), ()
+    )
+
+
 def explained(thing: Any) -> dict[str, str]:
     """What docstrings say of each argument of a function, or each field of a class and its bases.
 
     >>> explained(Settings)["seeds"]
-    'Runs of the optimizer; 0 leaves the global optimum.'
+    'Independent runs of the optimizer; 0: only the global optimum.'
     """
     found: dict[str, str] = {}
     for each in getattr(thing, "__mro__", (thing,)):

@@ -34,7 +34,7 @@ def warned(table, cell, capacity_ah, given):
     """What identify says of a record before it searches; an error is the only thing said."""
     how = {name: value.strip("'") for name, value in given.items() if name in HOW_READ}
     others = {name: [value] for name, value in given.items() if name not in HOW_READ}
-    window = RecordOptions(**others).windows()
+    window = RecordOptions(given=others).windows()
     source = source_from_frame(table, "cell", columns=how.get("columns", ""))
     try:
         inputs = read_inputs(

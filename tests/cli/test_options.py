@@ -61,9 +61,8 @@ def test_a_message_is_spelled_for_who_reads_it(text, spelled):
 
 
 def test_a_record_s_own_start_replaces_the_common_one():
-    options = RecordOptions(
-        start_time=["60"], initial_soc=["0.9"], start_after_step=["b.csv=3"], score_to=["900"]
-    )
+    given = {"start_time": ["60"], "initial_soc": ["0.9"], "score_to": ["900"]}
+    options = RecordOptions(given={**given, "start_after_step": ["b.csv=3"]})
     assert options.windows() == {
         "": Window(start_time_s=60.0, initial_soc=0.9, score_to_s=900.0),
         "b.csv": Window(start_after_step=3, initial_soc=0.9, score_to_s=900.0),
@@ -71,6 +70,6 @@ def test_a_record_s_own_start_replaces_the_common_one():
 
 
 def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
-    options = RecordOptions(start_time=["b.csv=60"], start_after_step=["b.csv=3"])
+    options = RecordOptions(given={"start_time": ["b.csv=60"], "start_after_step": ["b.csv=3"]})
     with pytest.raises(InputError, match=r"^b\.csv: give `start_time` or `start_after_step`"):
         options.windows()

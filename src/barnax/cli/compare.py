@@ -6,20 +6,22 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..settings import Scope
 from .options import (
     LIVE,
     PAPER,
     SEARCH,
-    SETUP,
     Files,
+    Given,
     RecordOptions,
     SearchOptions,
     argument,
     group,
     option,
+    options_of,
     require_choice,
     run_options,
 )
@@ -66,7 +68,7 @@ class Comparing:
     search: SearchOptions
     rows: Rows
     output: Output
-    setup: Literal["li2023"] | None = SETUP
+    scope: Given = options_of(Scope(), SEARCH, "setup")
     live: bool = LIVE
     paper: bool = PAPER
 
@@ -97,7 +99,7 @@ def compare(options: Comparing) -> None:
         require_choice("methods", method, METHODS)
     records = [record] if record else []
     given = run_options(options.files, options.of_records, options.search, records)
-    job = ComparisonJob(**given, rows=rows, setup=options.setup, watch=session.watch)
+    job = ComparisonJob(**given, **options.scope, rows=rows, watch=session.watch)
     found = plan_of(job)
     if found is not None:
         if found.command == "hppc":

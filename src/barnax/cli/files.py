@@ -9,20 +9,21 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import InputError, printable
+from ..settings import Reading
 from .options import (
-    COLUMNS,
     FORCE,
+    HOW_READ,
     INPUT,
     OUTPUT,
     QUIET,
-    SERIES,
     STORED,
-    HowRead,
+    Given,
     argument,
     flag,
     group,
     known_names,
     option,
+    options_of,
 )
 from .output import require_free_file, tell_unfinished, write_file
 from .results import load
@@ -46,8 +47,7 @@ class Checked:
     rest_current: float | None = option(
         INPUT, "A", "The cell rests below this current (default: C/100, more where it is noisy)."
     )
-    columns: str = COLUMNS
-    series: int = SERIES
+    read: Given = options_of(Reading(), INPUT, "columns", "series")
     as_json: bool = flag(OUTPUT, "--json", "Print the findings as JSON.")
     quiet: bool = flag(
         OUTPUT, "--quiet -q", "Print no tables and no notes; findings go to stderr, one per line."
@@ -75,7 +75,7 @@ def check(what: Checked) -> None:
     for file in what.files:
         try:
             with session.watch(f"Looking at {file.name}"):
-                source = read_source(file, columns=what.columns, series=what.series)
+                source = read_source(file, **what.read)
                 each = check_file(
                     source, capacity_ah=what.capacity, rest_current_a=what.rest_current
                 )
@@ -111,7 +111,7 @@ class Converted:
         "FILE",
         "File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).",
     )
-    read: HowRead
+    read: Given = options_of(Reading(), INPUT, *HOW_READ)
     force: bool = FORCE
     quiet: bool = QUIET
 
@@ -137,10 +137,10 @@ def convert(what: Converted) -> None:
         require_free_file(path.with_name(f"{path.name[:-4]}.json"), what.force)
     tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
-        how = dict(vars(what.read))
-        source = read_source(file, columns=how.pop("columns"), series=how.pop("series"))
-        record = read_record(source, **how)
-        found = check_file(source, **how).findings
+        how = Reading(**what.read)
+        source = read_source(file, columns=how.columns, series=how.series)
+        record = read_record(source, **how.options())
+        found = check_file(source, **how.options()).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
     told = [each.sentence(record.name) for each in found if each.counts]

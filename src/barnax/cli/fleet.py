@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ..errors import InputError, as_keys
 from ..files import replacing
+from ..settings import Settings
 from .options import (
     FIX,
     INPUT,
     OUTPUT,
     SEARCH,
     Files,
+    Given,
     RecordOptions,
-    TableOptions,
+    Tables,
     argument,
     flag,
     group,
-    known_names,
     option,
+    options_of,
 )
 from .output import tell_unfinished
 from .session import Session, as_flags, require_platform, shown
@@ -39,27 +41,7 @@ MOST_LISTED = 50
 class FleetSearch:
     """Which circuit, and how each cell's is found."""
 
-    model: str | None = option(
-        SEARCH,
-        "iso-rc|so-rc|esc|...",
-        "Circuit of the cells without one in the manifest (default: as in identify).",
-        autocompletion=known_names("cell", "CIRCUITS"),
-    )
-    method: str = option(
-        SEARCH,
-        "NAME",
-        "Optimizer of the seeds.",
-        "ibmo",
-        autocompletion=known_names("optimizers", "OPTIMIZERS"),
-    )
-    seeds: int = option(
-        SEARCH,
-        "N",
-        "Runs of the optimizer in addition to the global optimum, on which no seed improves.",
-        0,
-        min=0,
-    )
-    key: int = option(SEARCH, "N", "Random key of the seeds.", 0, min=0)
+    settings: Given = options_of(Settings(seeds=0), SEARCH, "model", "method", "seeds", "key")
     trust: Literal["none", "basic"] = option(
         SEARCH, "none|basic", "Compute intervals (basic) or not (none).", "basic"
     )
@@ -103,7 +85,7 @@ class FleetOptions:
     files: Files
     of_records: RecordOptions
     search: FleetSearch
-    tables: TableOptions
+    tables: Tables
     engine: EngineOptions
     out: Path = option(
         OUTPUT,
@@ -120,8 +102,7 @@ class FleetOptions:
     def settings(self) -> dict[str, Any]:
         """How every cell is identified."""
         search = self.search
-        chosen = {name: getattr(search, name) for name in ("method", "seeds", "key", "trust")}
-        chosen |= {"model": search.model} if search.model else {}
+        chosen: dict[str, Any] = {"seeds": 0, "trust": search.trust, **search.settings}
         if search.fix:
             from ..model.search_space import parse_fixed
 
@@ -132,14 +113,12 @@ class FleetOptions:
     @property
     def defaults(self) -> dict[str, Any]:
         """What a row has where the manifest leaves it open."""
-        given: dict[str, Any] = {}
-        parts = vars(self.files) | vars(self.files.read) | vars(self.of_records)
-        for name, value in parts.items():
-            if isinstance(value, list) and value:
-                is_path = name in ("ocv", "validate")
-                given[name] = [path.absolute() for path in value] if is_path else value[-1]
-            elif value and name != "read" and value not in ("auto", 1):
-                given[name] = value
+        files = {"ocv": self.files.ocv, "validate": self.files.validate}
+        given = {
+            name: [each.absolute() for each in paths] for name, paths in files.items() if paths
+        }
+        given |= {name: each[-1] for name, each in self.of_records.given.items()}
+        given |= {**self.files.cell, **self.files.read}
         for name in ("bounds", "cell"):
             if value := getattr(self.search, name):
                 given[name] = value.absolute()

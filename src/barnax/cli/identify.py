@@ -3,7 +3,6 @@
 import shlex
 import sys
 import threading
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,22 +10,22 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import InputError
+from ..settings import WINDOW_OPTIONS, CellSettings, Reading, Scope, Settings
 from .options import (
     INPUT,
     LIVE,
     PAPER,
     REPORT,
     SEARCH,
-    SETUP,
     Files,
+    Given,
     RecordOptions,
     SearchOptions,
-    TableOptions,
+    Tables,
     argument,
     flag,
     group,
-    known_names,
-    option,
+    options_of,
     run_options,
 )
 from .output import DEFAULT_FOLDER, Output, free_name
@@ -41,48 +40,20 @@ from .session import (
 )
 
 if TYPE_CHECKING:
-    from ..model.window import Window
+    from ..job import Job
     from ..plan import Part, Plan
     from ..results import Result
 
 # Options of the run that a plan may hold; those of records go into its windows.
-PLANNED = (
-    "ocv_capacity", "ocv_fit", "hysteresis_fit", "setup", "model", "method", "trust", "over",
-    "current_hold", "current_sign", "ocv_current_sign", "validate_current_sign", "columns",
-    "series",
-)  # fmt: skip
+PLANNED = (*vars(CellSettings()), *vars(Reading()), *vars(Scope()), "model", "method", "over")
 
 
 @group
 class Choices:
     """Which circuit, which method, and how far the answer is looked into."""
 
-    setup: Literal["li2023"] | None = SETUP
-    model: str | None = option(
-        SEARCH,
-        "iso-rc|so-rc|esc|...",
-        "This circuit, with constants: two RC pairs with switched (iso-rc), no (so-rc) or dynamic "
-        "(esc) hysteresis; takacs has loops after a turn; 1rc, 3rc and 4rc have one, three and "
-        "four pairs and no hysteresis; +diffusion adds a finite Warburg element, as in "
-        "1rc+diffusion (default: so-rc, iso-rc, esc and tables over SOC are weighed "
-        "on held-out blocks).",
-        autocompletion=known_names("cell", "CIRCUITS"),
-    )
-    method: str = option(
-        SEARCH,
-        "NAME",
-        "Optimizer: ibmo, ibmo-centered, pso or any other that [bold]barnax optimizers[/bold] "
-        "lists.",
-        "ibmo",
-        autocompletion=known_names("optimizers", "OPTIMIZERS"),
-    )
-    trust: Literal["none", "basic", "full"] = option(
-        SEARCH,
-        "none|basic|full",
-        "How closely to examine the answer: basic gives intervals, identifiability and residuals; "
-        "full also gives profile likelihoods, a block bootstrap, and what would lower the error.",
-        "basic",
-    )
+    circuit: Given = options_of(Settings(), SEARCH, "model", "method")
+    scope: Given = options_of(Scope(), SEARCH)
     report: bool = REPORT
     live: bool = LIVE
     paper: bool = PAPER
@@ -96,13 +67,13 @@ class Identification:
     of_records: RecordOptions
     search: SearchOptions
     chosen: Choices
-    tables: TableOptions
+    tables: Tables
     output: Output
 
     def given(self, records: list[Path]) -> dict[str, Any]:
-        """The shared options of a run, by the names of the library's arguments."""
-        options = run_options(self.files, self.of_records, self.search, records)
-        return {**options, **self.tables.chosen()}
+        """What was chosen, by the names of `barnax.identify`."""
+        shared = run_options(self.files, self.of_records, self.search, records)
+        return {**shared, **self.chosen.circuit, **self.chosen.scope, **self.tables.chosen()}
 
 
 @group
@@ -156,7 +127,7 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
     found = plan_of(job)
     if found is None:
         raise InputError("`plan` is for a folder, or for files without `ocv`")
-    typer.echo(plan_to_toml(_changed(found, job.window, options)), nl=False)
+    typer.echo(plan_to_toml(_changed(found, job)), nl=False)
 
 
 def hppc(options: Identification, on: PulseTests) -> None:
@@ -189,18 +160,15 @@ def _run(
         module = "matplotlib.backends.backend_agg"
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
-    given = {
-        **options.given(records),
-        **{name: getattr(chosen, name) for name in ("setup", "model", "method", "trust")},
-        "watch": session.watch,
-    }
-    planned = plan_of(Job(**given)) if command == "identify" else None
-    if planned is not None:
-        planned = _changed(planned, given["window"], options)
-        if not planned.missing:
-            session.show(plan_lines(planned, as_flags))
-        given = _arguments(planned, given, records)
-    result = run(**given)
+    job = Job(**options.given(records), watch=session.watch)
+    found = plan_of(job) if command == "identify" else None
+    if found is not None:
+        found = _changed(found, job)
+        if not found.missing:
+            session.show(plan_lines(found, as_flags))
+        words = _command(found, records)
+        job = job.changed(records=found, ocv=(), validate=(), window=None, command=words)
+    result = run(job)
     unseen = None
     try:
         # Read while the figures are drawn.
@@ -288,34 +256,14 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
     return advice, command
 
 
-def _changed(
-    planned: "Plan", window: "Window | Mapping[str, Window] | None", options: Identification
-) -> "Plan":
+def _changed(found: "Plan", job: "Job") -> "Plan":
     """The plan with what the command line says otherwise."""
-    flags = {word.partition("=")[0] for word in sys.argv}
-    given = {
-        name: value
-        for part in (options.files, options.files.read, options.chosen, options.tables)
-        for name, value in vars(part).items()
-        if name in PLANNED and flag_of(name) in flags
-    }
-    return planned.changed(window, **given)
-
-
-def _arguments(planned: "Plan", options: dict[str, Any], records: list[Path]) -> dict[str, Any]:
-    """What `identify` is called with: the plan, and all that it does not settle."""
-    left = {
-        name: value
-        for name, value in options.items()
-        if name not in {*planned.options, "ocv", "validate", "window"}
-    }
-    return {**left, "records": planned, "command": _command(planned, records)}
+    given = {name: value for name, value in job.chosen.items() if name in PLANNED}
+    return found.changed(job.window, **given)
 
 
 def _command(planned: "Plan", records: list[Path]) -> list[str]:
     """The command that does the same without planning, of the same files where they are cut."""
-    from ..model.window import OPTIONS as WINDOW_OPTIONS
-
     settled = {**APPEARANCE, **DRAWN, "--plan": 1}
     served = [part for part in planned.parts if part.role != "not used"]
     if any(part.span_s for part in served):
@@ -337,8 +285,6 @@ def _command(planned: "Plan", records: list[Path]) -> list[str]:
 
 
 def _window_words(part: "Part") -> list[str]:
-    from ..model.window import OPTIONS as WINDOW_OPTIONS
-
     words = []
     for asked, (name, *_) in WINDOW_OPTIONS.items():
         value = getattr(part.window, name)

@@ -2,20 +2,31 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, dataclass_transform, get_type_hints
+from typing import Any, dataclass_transform, get_type_hints
 
 import typer
 from typer.models import ParameterInfo
 
 from ..errors import InputError
-from .session import command_line
+from ..settings import (
+    LIMITS,
+    WINDOW_OPTIONS,
+    CellSettings,
+    Reading,
+    Settings,
+    TableOptions,
+    Window,
+    choices_in,
+    explained,
+)
+from .session import as_flags, command_line
 
-if TYPE_CHECKING:
-    from ..model.window import Window
+# What was given of some options, by name.
+Given = Mapping[str, Any]
 
 # The panels of the help.
 WINDOW = "Records (FILE=VALUE for one of them)"
@@ -53,6 +64,63 @@ def known_names(module: str, registry: str) -> Callable[[str], list[str]]:
     return complete
 
 
+# What the help writes for a value, where its type does not say it.
+METAVARS: dict[Any, str] = {
+    int: "N",
+    **{"model": "iso-rc|so-rc|esc|...", "method": "NAME", "columns": "NAMES", "block_s": "S"},
+    **dict.fromkeys(("current_sign", "ocv_current_sign", "validate_current_sign"), "SIGN"),
+    **{"current_hold": "HOLD", "ocv_fit": "FIT", "hysteresis_fit": "FIT", "nodes": "SOC,SOC,..."},
+    **dict.fromkeys(("roughness", "resistance_ridge", "voltage_ridge"), "WEIGHT"),
+    **{"capacity": "AH", "ocv_capacity": "AH", "temperature": "DEGC", "rest_current": "A"},
+    **{"start_time": "S", "score_from": "S", "score_to": "S", "start_after_step": "N"},
+    **{"initial_soc": "0..1", "initial_direction": "+1|-1", "score_steps": "N,N"},
+    "score_soc": "LOW,HIGH",
+}
+FLAGS = {"rising_ocv": "--rising-ocv/--free-ocv", "half_hysteresis": "--half-hysteresis"}
+COMPLETED = {
+    "model": known_names("cell", "CIRCUITS"),
+    "method": known_names("optimizers", "OPTIMIZERS"),
+}
+
+
+def options_of(kind: Any, panel: str, *names: str) -> Any:
+    """A part of a group: options of a dataclass, with its types, defaults and help; all, or some.
+
+    A command gets those that were given, by name. `kind` is an instance, whose values are defaults.
+    """
+    told, hints = explained(type(kind)), get_type_hints(type(kind))
+    made = {}
+    for name in names or hints:
+        hint, default, choices = hints[name], getattr(kind, name), choices_in(hints[name])
+        if hint not in (int, float, float | None, str, str | None, bool) and not choices:
+            # Written in one word, and read where it is used.
+            hint, default = str, None
+        metavar = METAVARS.get(name) or METAVARS.get(hint) or "|".join(choices) or None
+        flags = (FLAGS[name],) if name in FLAGS else ()
+        more = {"autocompletion": COMPLETED.get(name), "rich_help_panel": panel}
+        more["min"] = LIMITS.get(name, (None,))[0]
+        declared = typer.Option(default, *flags, metavar=metavar, help=_help(told[name]), **more)
+        made[name] = _parameter(name, hint, declared)
+    return field(metadata={DECLARED: made})
+
+
+def windows_of_records() -> Any:
+    """The fields of a `Window` as options: each for all records, or for one by its name."""
+    told, made = explained(Window), {}
+    for asked, (name, *_) in WINDOW_OPTIONS.items():
+        declared = option(WINDOW, f"[FILE=]{METAVARS[asked]}", _help(told[name]))
+        made[asked] = _parameter(asked, list[str] | None, declared)
+    return field(metadata={DECLARED: made})
+
+
+def _help(text: str) -> str:
+    return as_flags(text).replace("[", r"\[")
+
+
+def _parameter(name: str, hint: Any, default: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def group(cls: Any) -> Any:
     """A dataclass of arguments, options, flags and other groups."""
@@ -69,32 +137,40 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     groups.pop("return")
 
     @functools.wraps(command)
-    def spread(**given: Any) -> None:
-        command(**{name: _made(each, given) for name, each in groups.items()})
+    def spread(context: typer.Context, **given: Any) -> None:
+        sources = {name: context.get_parameter_source(name) for name in given}
+        typed = {name for name, each in sources.items() if each and each.name == "COMMANDLINE"}
+        command(**{name: _made(each, given, typed) for name, each in groups.items()})
 
-    spelled = [each for of in groups.values() for each in _spelled(of)]
+    spelled = [_parameter("context", typer.Context, inspect.Parameter.empty)]
+    spelled += [each for of in groups.values() for each in _spelled(of)]
     spread.__signature__ = inspect.Signature(spelled)  # pyright: ignore
     spread.__annotations__ = {each.name: each.annotation for each in spelled}
     return spread
 
 
 def _spelled(group: Any) -> Iterator[inspect.Parameter]:
-    hints, kind = get_type_hints(group), inspect.Parameter.KEYWORD_ONLY
-    for each in fields(group):
-        hint = hints[each.name]
-        if is_dataclass(hint):
-            yield from _spelled(hint)
-        else:
-            declared = each.metadata[DECLARED]
-            yield inspect.Parameter(each.name, kind, default=declared, annotation=hint)
-
-
-def _made(group: Any, given: Mapping[str, Any]) -> Any:
     hints = get_type_hints(group)
-    values = {
-        name: _made(hint, given) if is_dataclass(hint) else given[name]
-        for name, hint in hints.items()
-    }
+    for each in fields(group):
+        hint, declared = hints[each.name], each.metadata.get(DECLARED)
+        if declared is None:
+            yield from _spelled(hint)
+        elif isinstance(declared, dict):
+            yield from declared.values()
+        else:
+            yield _parameter(each.name, hint, declared)
+
+
+def _made(group: Any, given: Mapping[str, Any], typed: Collection[str]) -> Any:
+    hints, values = get_type_hints(group), {}
+    for each in fields(group):
+        declared = each.metadata.get(DECLARED)
+        if declared is None:
+            values[each.name] = _made(hints[each.name], given, typed)
+        elif isinstance(declared, dict):
+            values[each.name] = {name: given[name] for name in declared if name in typed}
+        else:
+            values[each.name] = given[each.name]
     return group(**values)
 
 
@@ -108,44 +184,8 @@ PAPER = flag(
     "Also write figures/paper: every figure as PDF and SVG, one journal column wide (89 mm, 7 pt).",
 )
 STORED = argument("RESULT", "The folder that identify wrote, or its result.json.")
-SETUP = option(
-    SEARCH,
-    "li2023",
-    "The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al. (2023).",
-)
-COLUMNS = option(
-    INPUT,
-    "NAMES",
-    "Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME, with a unit "
-    "if the name has none.",
-    "",
-)
-SERIES = option(
-    INPUT, "N", "Cells in series, for packs and modules: the voltage is divided by it.", 1, min=1
-)
-Sign = Literal["auto", "charge-positive", "discharge-positive"]
-
-
-@group
-class HowRead:
-    """How the records are read."""
-
-    current_sign: Sign = option(
-        INPUT,
-        "SIGN",
-        "Sign of current in the records: charge-positive, discharge-positive, or auto (decided "
-        "from the data).",
-        "auto",
-    )
-    current_hold: Literal["auto", "forward", "backward"] = option(
-        INPUT,
-        "HOLD",
-        "When a sample's current flows: until the next sample (forward), since the previous one "
-        "(backward), or auto (decided from the data).",
-        "auto",
-    )
-    columns: str = COLUMNS
-    series: int = SERIES
+# How a record is read.
+HOW_READ = ("current_sign", "current_hold", "columns", "series")
 
 
 @group
@@ -158,75 +198,21 @@ class Files:
         "OCV test of the same cell: pulses and rests, a slow sweep, or a table; repeatable.",
     )
     validate: list[Path] | None = option(INPUT, "FILE", "Record to validate on; repeatable.")
-    ocv_capacity: float | None = option(
-        INPUT, "AH", "Capacity in the OCV test, if it does not span full to empty."
-    )
-    ocv_fit: Literal["polynomial", "interpolated"] | None = option(
-        INPUT,
-        "FIT",
-        "OCV curves: interpolated (PCHIP) or a polynomial of degree 7 (default: interpolated).",
-    )
-    hysteresis_fit: Literal["continuous", "independent"] = option(
-        INPUT,
-        "FIT",
-        "Hysteresis segments: continuous (they meet at the knots) or independent.",
-        "continuous",
-    )
-    ocv_current_sign: Sign = option(INPUT, "SIGN", "Sign of current in the OCV tests.", "auto")
-    validate_current_sign: Sign = option(
-        INPUT, "SIGN", "Sign of current in the validation records.", "auto"
-    )
-    read: HowRead
-
-
-def _of_a_record(metavar: str, text: str) -> Any:
-    return option(WINDOW, f"[FILE=]{metavar}", text)
-
-
-PerRecord = list[str] | None
+    cell: Given = options_of(CellSettings(), INPUT)
+    read: Given = options_of(Reading(), INPUT)
 
 
 @group
 class RecordOptions:
     """What is known of the records, and what of them counts; for all, or for one by its name."""
 
-    capacity: PerRecord = _of_a_record(
-        "AH", "Capacity of the cell when the record was measured (default: that of the OCV test)."
-    )
-    temperature: PerRecord = _of_a_record(
-        "DEGC", "Temperature in degC (default: the median of the record's column)."
-    )
-    start_time: PerRecord = _of_a_record(
-        "S", "Time at which the simulation starts, on the file's clock."
-    )
-    start_after_step: PerRecord = _of_a_record(
-        "N", "Start at the last sample of the last block of this step."
-    )
-    initial_soc: PerRecord = _of_a_record(
-        "0..1", "State of charge at the start (default: from the rested voltage)."
-    )
-    initial_direction: PerRecord = _of_a_record(
-        "+1|-1",
-        "Last direction before the start, if the record does not show it: +1 charge, -1 discharge "
-        "(default: both are tried).",
-    )
-    score_steps: PerRecord = _of_a_record("N,N", "Score only these steps, such as 7,8.")
-    score_from: PerRecord = _of_a_record("S", "Score from this time on.")
-    score_to: PerRecord = _of_a_record("S", "Score up to this time.")
-    score_soc: PerRecord = _of_a_record(
-        "LOW,HIGH", "Score only between these states of charge, such as 0.1,1."
-    )
-    rest_current: PerRecord = _of_a_record(
-        "A", "Current below which the cell is at rest (default: C/100)."
-    )
+    given: Given = windows_of_records()
 
     def chosen(self) -> dict[str, dict[str, Any]]:
         """Fields of a `Window` by the name of the record they are for, "" for all."""
-        from ..model.window import OPTIONS
-
         found: dict[str, dict[str, Any]] = {}
-        for asked, (name, parse, example) in OPTIONS.items():
-            for text in getattr(self, asked) or []:
+        for asked, (name, parse, example) in WINDOW_OPTIONS.items():
+            for text in self.given.get(asked, ()):
                 record, _, value = text.rpartition("=")
                 try:
                     found.setdefault(record, {})[name] = parse(value)
@@ -237,14 +223,12 @@ class RecordOptions:
                     ) from problem
         return found
 
-    def windows(self) -> "Window | dict[str, Window] | None":
+    def windows(self) -> Window | dict[str, Window] | None:
         """One window for all records, or one for each that has its own; None where none is given.
 
         A record's own start replaces the common one. Raises `InputError` where options of one
         record contradict each other.
         """
-        from ..model.window import Window
-
         chosen = self.chosen()
         if not chosen:
             return None
@@ -268,27 +252,10 @@ FIX = option(SEARCH, "NAME=VALUE", 'Hold a parameter, such as "C1 \\[F]=500"; re
 class SearchOptions:
     """The box, and the search in it."""
 
-    objective: Literal["auto", "scan", "compressed"] = option(
+    settings: Given = options_of(
+        Settings(),
         SEARCH,
-        "auto|scan|compressed",
-        "How the search computes errors: scan simulates every sample, compressed reduces the "
-        "record once. auto: compressed if the bounds allow it; in compare, scan. Reported errors "
-        "are always computed by scan.",
-        "auto",
-    )
-    coordinates: Literal["rc", "log"] = option(
-        SEARCH,
-        "rc|log",
-        "Search R and C themselves, as in the paper (rc), or logarithms of R and tau (log).",
-        "rc",
-    )
-    seeds: int = option(
-        SEARCH, "N", "Independent runs of the optimizer; 0: only the global optimum.", 30, min=0
-    )
-    population: int = option(SEARCH, "N", "Candidates per generation.", 30, min=4)
-    iterations: int = option(SEARCH, "N", "Generations.", 500, min=1)
-    key: int = option(
-        SEARCH, "N", "Random key; the same key gives the same result.", 0, min=0, max=2**32 - 1
+        *("objective", "coordinates", "seeds", "population", "iterations", "key"),
     )
     bounds: Path | None = option(
         SEARCH,
@@ -299,60 +266,25 @@ class SearchOptions:
 
 
 @group
-class TableOptions:
+class Tables:
     """Tables over SOC, and temperature: whether, and how."""
 
-    over: str | None = option(
-        TABLES,
-        "soc|soc,temperature",
-        "Tables over SOC of the resistances and an OCV correction, whatever they gain; with "
-        "temperature, one set of tables per temperature, with shared time constants.",
-    )
-    ocv_correction: bool | None = flag(
-        TABLES,
-        "--ocv-correction/--no-ocv-correction",
-        "Fit a table that corrects the OCV, or not (default: yes).",
-        None,
-    )
-    rising_ocv: bool | None = flag(
-        TABLES,
-        "--rising-ocv/--free-ocv",
-        "Let the corrected OCV only rise with SOC, or leave the correction free (default: rising).",
-        None,
-    )
-    half_hysteresis: bool | None = flag(
-        TABLES,
-        "--half-hysteresis",
-        "Fit the amplitude of a dynamic hysteresis as a table, instead of using half the "
-        "hysteresis voltage; needs records in both directions.",
-        None,
-    )
-    nodes: str | None = option(
-        TABLES, "SOC,SOC,...", "Nodes of the tables (default: 17, from -0.05 to 1)."
-    )
-    roughness: float | None = option(
-        TABLES, "WEIGHT", "Weight of the tables' second differences (default: 1e-4)."
-    )
-    resistance_ridge: float | None = option(
-        TABLES, "WEIGHT", "Weight of squared resistances (default: 1e-9)."
-    )
-    voltage_ridge: float | None = option(
-        TABLES, "WEIGHT", "Weight of squared voltages (default: 1e-7)."
-    )
-    folds: int | None = option(
-        TABLES, "N", "Folds of the cross-validation, 0 for none (default: 5)."
-    )
-    block_s: float | None = option(TABLES, "S", "Longest held-out block in s (default: 400).")
+    over: Given = options_of(Settings(), TABLES, "over")
+    how: Given = options_of(
+        TableOptions(), TABLES,
+        *("ocv_correction", "rising_ocv", "half_hysteresis", "nodes", "roughness"),
+        *("resistance_ridge", "voltage_ridge", "folds", "block_s"),
+    )  # fmt: skip
 
     def chosen(self) -> dict[str, Any]:
-        """What was chosen, by the names of `Settings` and `TableSettings`."""
-        chosen = {name: value for name, value in vars(self).items() if value is not None}
-        if self.nodes is not None:
+        """What was chosen, by the names of `barnax.identify`."""
+        chosen = {**self.over, **self.how}
+        if "nodes" in chosen:
             try:
-                chosen["nodes"] = tuple(float(node) for node in self.nodes.split(","))
+                chosen["nodes"] = tuple(float(node) for node in chosen["nodes"].split(","))
             except ValueError as problem:
                 raise InputError(
-                    f"`nodes` {self.nodes!r}: write states of charge like 0,0.1,0.5,1"
+                    f"`nodes` {chosen['nodes']!r}: write states of charge like 0,0.1,0.5,1"
                 ) from problem
         return chosen
 
@@ -360,31 +292,23 @@ class TableOptions:
 def run_options(
     files: Files, of_records: RecordOptions, search: SearchOptions, records: list[Path]
 ) -> dict[str, Any]:
-    """What a run takes of the shared options, by the names of the library's arguments."""
+    """What was chosen of the shared options, by the names of `barnax.identify`."""
     from ..inputs import file_names
     from ..model.search_space import parse_fixed
-    from ..settings import Reading, Settings
 
-    given = [records, files.ocv or [], files.validate or []]
-    settings = dict(vars(search))
-    bounds, fix = settings.pop("bounds"), settings.pop("fix")
-    return {
-        "records": given[0],
-        "ocv": given[1],
-        "validate": given[2],
+    paths = {"records": records, "ocv": files.ocv or [], "validate": files.validate or []}
+    more = {
+        **paths,
         "window": of_records.windows(),
-        "ocv_capacity": files.ocv_capacity,
-        "bounds": bounds,
-        "fix": parse_fixed(fix or []),
-        **({"ocv_fit": files.ocv_fit} if files.ocv_fit else {}),
-        "hysteresis_fit": files.hysteresis_fit,
-        "reading": Reading(
-            ocv_current_sign=files.ocv_current_sign,
-            validate_current_sign=files.validate_current_sign,
-            **vars(files.read),
-        ),
-        "settings": Settings(**settings),
-        "command": command_line(file_names([path for paths in given for path in paths])),
+        "bounds": search.bounds,
+        "fix": parse_fixed(search.fix or []),
+    }
+    return {
+        **{name: value for name, value in more.items() if value},
+        **files.cell,
+        **files.read,
+        **search.settings,
+        "command": command_line(file_names([path for each in paths.values() for path in each])),
     }
 
 

@@ -14,21 +14,25 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import InputError
+from ..settings import Reading
 from .options import (
     FILTER,
     FORCE,
+    HOW_READ,
+    INPUT,
     OUTPUT,
     PAPER,
     QUIET,
     REPORT,
     STORED,
     WINDOW,
-    HowRead,
+    Given,
     RecordOptions,
     argument,
     flag,
     group,
     option,
+    options_of,
 )
 from .output import Output, require_free_file, write_file
 from .session import Session, as_flags, shown, use_compilation_cache
@@ -55,7 +59,7 @@ class OnRecord:
     result: Path = STORED
     record: Path = argument("RECORD", "Record to simulate.")
     of_records: RecordOptions
-    read: HowRead
+    read: Given = options_of(Reading(), INPUT, *HOW_READ)
     whole_record: bool = flag(
         WINDOW, "--whole-record", "Use the whole record, ignoring the stored window."
     )
@@ -157,7 +161,7 @@ def validate(on: OnRecord, output: Errors) -> None:
     stored = load(on.result)
     window = on.window(stored)
     with session.watch("Simulating"):
-        evaluation = stored.validate(on.record, window, **vars(on.read))
+        evaluation = stored.validate(on.record, window, **on.read)
     metrics = metrics_part(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
@@ -239,7 +243,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
     settings = FilterSettings(chosen.filter, chosen.form, names, tables=chosen.tables)
     with session.watch("Replaying"):
-        replay = replay_soc(stored, on.record, window, settings, **vars(on.read))
+        replay = replay_soc(stored, on.record, window, settings, **on.read)
     draw = partial(_soc_figures, replay, chosen.report, chosen.paper)
     folder, written = output.deliver(session, folder, "soc.json", replay.to_json(), draw)
     session.show(soc_screen(replay))

@@ -19,7 +19,7 @@ import polars as pl
 
 from .. import __version__
 from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
-from ..model.window import OPTIONS as WINDOW_OPTIONS
+from ..settings import WINDOW_OPTIONS, CellSettings, Reading
 
 if TYPE_CHECKING:
     from ..model.problem import Problem
@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 # Values of columns and options, by name.
 Options = Mapping[str, Any]
 # What a row of a manifest may say of how its files are read and what is identified.
-OPTIONS = (
-    *("ocv_capacity", "ocv_fit", "hysteresis_fit", "model"),
-    *("current_sign", "ocv_current_sign", "validate_current_sign", "current_hold", "columns"),
-    "series",
-)
+OPTIONS = ("model", *vars(CellSettings()), *vars(Reading()))
 
 
 @dataclass(frozen=True, eq=False)

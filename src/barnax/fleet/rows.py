@@ -64,8 +64,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
     job = job_of(settings)
     if cell.problem is not None:
-        trust = "none" if job.trust == "none" else "basic"
-        found = identify_problem(cell.problem, job.part(Settings), trust=trust)
+        found = identify_problem(cell.problem, job.part(Settings), trust=job.trust)
         return found, found.warnings
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")

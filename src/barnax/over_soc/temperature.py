@@ -18,8 +18,8 @@ from ..cell import SocTables, TemperatureTables
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
-from ..model.window import is_temperature
 from ..search.evaluate import Evaluation
+from ..settings import is_temperature
 from .axes import Axis
 from .certificate import Proof, certify, certify_together
 from .cross_validation import SocErrors

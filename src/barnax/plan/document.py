@@ -15,9 +15,9 @@ from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
 from ..job import Job
-from ..model.window import OPTIONS, Window
 from ..records import Source
 from ..result_parts import PlannedFile, Use
+from ..settings import WINDOW_OPTIONS, Window
 
 ROLES: tuple[Use, ...] = get_args(Use)
 # What says where a simulation starts: one such option of the user's replaces all planned ones.
@@ -154,7 +154,7 @@ _OF_RUN: _Kinds = {
     ),
 }
 # Options of a record, in the order of a `Window`, whose fields they are.
-_OPTION_OF = {name: option for option, (name, *_) in OPTIONS.items()}
+_OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
 _FIELD_OF = {_OPTION_OF[each.name]: each.name for each in fields(Window)}
 # What a file's table may hold.
 _OF_FILE: _Kinds = {

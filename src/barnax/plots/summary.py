@@ -11,21 +11,22 @@ from ..cell.elements import names_beside
 from .pictures import illustration
 from .soc_tables import drawn_tables
 from .style import (
+    ALONE,
     BLACK,
     BLUE,
     GREEN,
     ORANGE,
     PURPLE,
-    SKY_BLUE,
     SOC_LABEL,
     VERMILLION,
     draw_line,
     finish,
     is_column,
     make_figure,
+    row_looks,
     title,
 )
-from .voltage import choose_time_unit, shade_unscored
+from .voltage import choose_time_unit, draw_rows, shade_unscored
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -83,10 +84,8 @@ def plot_summary(
     voltage = figure.add_subplot(places[0])
     error = figure.add_subplot(places[1], sharex=voltage)
     over_soc = figure.add_subplot(places[2])
-    draw_line(voltage, time, prepared.voltage_v, color=SKY_BLUE, linewidth=1.8, label="measured")
-    simulated = f"simulated (RMSE {1e3 * evaluation.metrics.rmse_v:.3g} mV)"
-    draw_line(voltage, time, evaluation.simulated_v, color=BLACK, linewidth=0.6, label=simulated)
-    voltage.set_ylabel("Voltage [V]")
+    rows = {ALONE: evaluation}
+    draw_rows(voltage, time, slice(None), rows, row_looks(rows), is_close=False)
     title(voltage, prepared.record.name)
     _draw_error(error, evaluation, time)
     error.set_xlabel(unit.label)

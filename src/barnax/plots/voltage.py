@@ -253,7 +253,7 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
     )
     for (voltage, current), (clock, label, samples) in zip(panels.T, columns, strict=True):
         is_close = samples is span or span is None
-        _draw_rows(voltage, clock, samples, shown, looks, is_close=is_close)
+        draw_rows(voltage, clock, samples, shown, looks, is_close=is_close)
         _draw_current(current, prepared, clock, samples)
         current.set_xlabel(label)
     for axes in panels[:, 0]:
@@ -268,7 +268,7 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
     return finish(figure, *panels.flat)
 
 
-def _draw_rows(
+def draw_rows(
     axes: Axes,
     time: np.ndarray,
     samples: slice,

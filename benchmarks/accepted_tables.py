@@ -13,7 +13,7 @@ from pathlib import Path
 import barnax
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc import TableFit, errors_on
-from barnax.over_soc.objective import FOLDS
+from barnax.settings import FOLDS
 from benchmarks.pages import as_markdown, provenance, save_page
 from benchmarks.real_cells.cases import data_folder
 

@@ -105,6 +105,28 @@ def draw_exported() -> Figure:
     return style.finish(figure, left, right, columns=4)
 
 
+@style.figure_style()
+def draw_own_ocv() -> Figure:
+    """The OCV of a drive cycle alone, its intervals, and the OCV test."""
+    alone = barnax.identify(barnax.bundled_file("identification"), capacity=2.0, seeds=0)
+    assert alone.tables is not None
+    known = [e for e in alone.tables.fit.intervals if e.name == "OCV [V]" and e.low is not None]
+    soc, value, low, high = np.array([(e.soc, e.value, e.low, e.high) for e in known], float).T
+    tests = [barnax.read_record(barnax.bundled_file(f"ocv_{w}")) for w in ("discharge", "charge")]
+    measured_v = barnax.characterize(tests).average_ocv_v(soc)
+    figure = style.make_figure(height_in=2.8)
+    left, right = figure.subplots(1, 2)
+    left.plot(soc, measured_v, color=style.BLACK, label="OCV test", linewidth=2.4)
+    left.plot(soc, value, ".-", color=style.ORANGE, label="from the record", markersize=3)
+    left.set(xlabel=style.SOC_LABEL, ylabel="OCV [V]")
+    right.fill_between(soc, 1e3 * (low - measured_v), 1e3 * (high - measured_v), alpha=0.3,
+                       color=style.ORANGE, label="95 % interval")  # fmt: skip
+    right.plot(soc, 1e3 * (value - measured_v), ".-", color=style.ORANGE, markersize=3)
+    right.axhline(0.0, color=style.BLACK, linewidth=0.7)
+    right.set(xlabel=style.SOC_LABEL, ylabel="Record minus test [mV]")
+    return style.finish(figure, left, right)
+
+
 def simulated_cells() -> Iterator[dict]:
     """Cells of known circuits that carry the bundled record's current."""
     test = barnax.read_record(barnax.bundled_file("ocv_discharge"))
@@ -143,6 +165,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "ocv": draw_ocv,
     "intervals": draw_intervals,
     "exported": draw_exported,
+    "own_ocv": draw_own_ocv,
     "replay": draw_replay,
     "fleet": draw_fleet,
     "pulses": of_pulses("pulses"),

@@ -21,8 +21,9 @@ import barnax
 from barnax.cell.tables import hats
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.over_soc.fit import reduced_objective
-from barnax.over_soc.objective import Objective, TableSettings
+from barnax.over_soc.objective import Objective
 from barnax.over_soc.search import find_best
+from barnax.over_soc.settings import TableSettings
 from benchmarks.pages import as_markdown, provenance, save_page
 
 from . import report

@@ -49,13 +49,15 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What was in the files: records to identify and to validate on, OCV tests, and the cell."""
+    """What was in the files: records to identify and to validate on, OCV tests, and the cell, whose
+    OCV is that of the records where there is no test."""
 
     records: list[Record]
     ocv: list[Record | OcvTable]
     validation: list[Record]
     cell: CellModel
     warnings: tuple[str, ...]
+    is_without_test: bool = False
 
     @property
     def names(self) -> set[str]:
@@ -76,9 +78,11 @@ def read_inputs(
     cell: CellModel | None = None,
     over_temperature: bool = False,
     watch: Watch = unwatched,
+    without_test: Callable[[list[Record]], CellModel] | None = None,
 ) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that the OCV tests show,
-    unless that is known already; `over_temperature` those of each temperature by themselves."""
+    unless that is known already; `over_temperature` those of each temperature by themselves.
+    `without_test` gives the cell of records that have no OCV test."""
     given, tests, others = (listed(each) for each in (records, ocv, validate))
     common = window_of(window, "")
     capacity = common.capacity_ah if capacity is None else capacity
@@ -87,7 +91,7 @@ def read_inputs(
         if tests or others:
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
-    elif not tests and cell is None:
+    elif not tests and cell is None and without_test is None:
         raise InputError(
             f"{_name_of(given[0])}: an OCV test of the same cell is also needed; give it with `ocv`"
         )
@@ -110,6 +114,7 @@ def read_inputs(
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
         _require_different([each for each in ocv_records if isinstance(each, Record)])
+    is_without_test = not tests and cell is None
     with watch("Characterizing the cell", 0):
         options: Any = {
             "capacity_ah": capacity,
@@ -119,12 +124,14 @@ def read_inputs(
             "rest_current_a": common.rest_current_a,
         }
         by_degc = group_tests(ocv_records, window) if over_temperature else {}
-        if cell is None and by_degc:
+        if is_without_test and without_test is not None:
+            cell = without_test(dynamic)
+        elif cell is None and by_degc:
             cell = characterize_over_temperature(by_degc, **options)
         elif cell is None:
             cell = characterize(ocv_records, **options)
     warnings = [] if is_bundled else _checked(looked_at, cell, capacity, window, reading)
-    return Inputs(dynamic, ocv_records, further, cell, tuple(warnings))
+    return Inputs(dynamic, ocv_records, further, cell, tuple(warnings), is_without_test)
 
 
 def _checked(

@@ -8,15 +8,33 @@ validated.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from operator import ne
 
 from .bundled import BUNDLED
-from .candidates import CONTRADICTED
+from .candidates import CONTRADICTED, WEIGHED
+from .cell import CellModel, get_circuit
+from .errors import InputError
 from .global_optimum import with_better_directions, without_sweep_drop
-from .inputs import listed, read_inputs, telling, unwatched, windows_of
+from .inputs import (
+    listed,
+    ranges_of,
+    read_inputs,
+    telling,
+    unwatched,
+    window_of,
+    windows_by_name,
+    windows_of,
+)
 from .job import Job, takes_options
 from .model.problem import Problem
 from .optimizers import make_optimizer
-from .over_soc import group_by_temperature, require_temperature, require_temperatures
+from .over_soc import (
+    OwnOcv,
+    fit_with_ocv,
+    group_by_temperature,
+    require_temperature,
+    require_temperatures,
+)
 from .plan import plan_of, planned
 from .plan.running import prepare_pulse_tests
 from .records import Record
@@ -56,15 +74,33 @@ def _identified(job: Job) -> Result:
     """The same, where every file has its role."""
     is_over_temperature = job.over == OVER_TEMPERATURE
     optimizer = make_optimizer(job.method, job.population, job.iterations)
+    found: list[OwnOcv] = []
+
+    def cell_of(without_test: Sequence[Record]) -> CellModel:
+        """The cell of records that have no OCV test."""
+        found.append(_own_ocv(job, without_test))
+        return found[-1].cell
+
     inputs = read_inputs(
         job.records, job.ocv, job.validate, job,
         capacity=job.capacity, ocv_capacity=job.ocv_capacity,
         ocv_fit=job.ocv_fit or "interpolated", hysteresis_fit=job.hysteresis_fit,
         window=job.window, cell=job.cell, over_temperature=is_over_temperature, watch=job.watch,
+        without_test=cell_of,
     )  # fmt: skip
+    if found:
+        # The tables came with the OCV; a constant circuit with that OCV is another fit.
+        own = {"over": "soc"} if job.model is None else {}
+        job = job.changed(window={**windows_by_name(job.window), **found[0].windows}, **own)
     with telling(inputs.warnings), job.watch("Setting up the problem", 0):
         windows = windows_of(inputs, job.window, job.capacity)
-        weighing = weigh(inputs, windows, job, job.table_settings, job.bounds, job.fix, job.advise)
+        asked = job.table_settings, job.bounds, job.fix, job.advise
+        weighing = weigh(inputs, windows, job, *asked, *found)
+        held = [each.record for each in weighing.first.prepared_records]
+        if found and any(map(ne, held, inputs.records)):
+            # The voltage told another hold of the current than was assumed: all over again.
+            inputs = replace(inputs, records=held, cell=cell_of(held))
+            weighing = weigh(inputs, windows, job, *asked, found[-1])
         if is_over_temperature:
             require_temperatures(group_by_temperature(weighing.first.prepared_records))
             for each in weighing.validation(weighing.first):
@@ -75,6 +111,32 @@ def _identified(job: Job) -> Result:
     notes = dict.fromkeys(text for each in read if isinstance(each, Record) for text in each.notes)
     run = replace(run, notes=tuple(notes), warnings=_all_warnings(inputs.warnings, run))
     return make_result(run, job.command)
+
+
+def _own_ocv(job: Job, records: Sequence[Record]) -> OwnOcv:
+    """The cell of records that have no OCV test, and their tables. Raises `InputError` where what
+    is asked for needs one."""
+    circuit = get_circuit(job.model or WEIGHED[0])
+    asked = {
+        f"`over` {OVER_TEMPERATURE!r}": job.over == OVER_TEMPERATURE,
+        f"the hysteresis of {circuit.name}": circuit.has_hysteresis,
+        "an OCV polynomial": job.ocv_fit == "polynomial",
+    }
+    for what, is_asked in asked.items():
+        if is_asked:
+            raise InputError(
+                f"{what} needs an OCV test of the cell; give it with `ocv`, or leave that choice "
+                "out: the OCV then comes from the record itself"
+            )
+    _, ranges = ranges_of(job.bounds)
+    tables = job.table_settings
+    tables = replace(
+        tables,
+        bounds={**(ranges or {}), **tables.bounds},
+        fixed={**(job.fix or {}), **tables.fixed},
+    )
+    windows = {each.name: window_of(job.window, each.name) for each in records}
+    return fit_with_ocv(records, circuit.name, windows, tables, job.capacity)
 
 
 @takes_options(Job)

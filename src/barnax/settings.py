@@ -19,6 +19,16 @@ OcvFit = Literal["polynomial", "interpolated"]
 HysteresisFit = Literal["continuous", "independent"]
 Over = Literal["soc", "soc,temperature"]
 Trust = Literal["none", "basic", "full"]
+# How the state of charge at a start is known, where it was not given.
+SocSource = Literal[
+    "full end",
+    "empty end",
+    "full voltage",
+    "counters",
+    "rest elsewhere",
+    "own full charge",
+    "own span",
+]
 OVER_TEMPERATURE: Over = "soc,temperature"
 # The section of a docstring that explains arguments.
 ARGS = r"Args:\n((?:    .*(?:\n|$))+)"
@@ -161,6 +171,7 @@ class TableOptions:
 
     Args:
         nodes: States of charge at which tables have a value: 17, from -0.05 to 1.
+        ocv_nodes: Those of an OCV that is fitted without an OCV test.
         ocv_correction: Fit a table that corrects the OCV, or not.
         rising_ocv: Let the corrected OCV only rise with SOC, as the OCV of a cell does, or leave
             the correction free.
@@ -177,6 +188,7 @@ class TableOptions:
     """
 
     nodes: tuple[float, ...] = NODES
+    ocv_nodes: tuple[float, ...] | None = None
     ocv_correction: bool = True
     rising_ocv: bool = True
     half_hysteresis: bool = False
@@ -240,6 +252,7 @@ class Window:
         capacity_ah: Capacity of the cell when the record was measured (default: that of the OCV
             test).
         temperature_degc: Temperature in degC (default: the median of the record's column).
+        soc_source: What `initial_soc` is known from, where it was not given.
 
     Raises `InputError` if these contradict each other.
     """
@@ -255,6 +268,7 @@ class Window:
     initial_direction: Literal[-1, 1] | None = None
     capacity_ah: float | None = None
     temperature_degc: float | None = None
+    soc_source: SocSource | None = None
 
     def __post_init__(self):
         for name in ("score_steps", "score_soc"):

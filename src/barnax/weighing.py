@@ -40,6 +40,7 @@ from .model.problem import Kind, Problem, known_to, make_problem, require_enough
 from .model.search_space import Range
 from .model.window import Window
 from .over_soc import (
+    OwnOcv,
     SocErrors,
     TableFits,
     TableSettings,
@@ -68,6 +69,7 @@ class Weighing(Brief):
         tables: How they are fitted, and how blocks are held out, by circuit; a circuit without
             holds out nothing.
         validation: The records to validate on, prepared for the circuit of a problem.
+        fitted: The tables of `tabulated`, where they are known already.
     """
 
     problems: tuple[Problem, ...]
@@ -75,6 +77,7 @@ class Weighing(Brief):
     tabulated: Problem | None
     tables: Mapping[str, TableSettings]
     validation: Callable[[Problem], list[PreparedRecord]]
+    fitted: TableFits | None = None
 
     @property
     def first(self) -> Problem:
@@ -94,11 +97,14 @@ def weigh(
     bounds: Mapping[str, Range] | str | Path | None,
     fix: Mapping[str, float] | None,
     advise: bool,
+    own_ocv: OwnOcv | None = None,
 ) -> Weighing:
-    """The circuits that are weighed, each with its problem; a given one comes first."""
+    """The circuits that are weighed, each with its problem; a given one comes first. Without an OCV
+    test the tables came with the cell's OCV."""
     over, model = settings.over, settings.model
+    tables = tables if own_ocv is None else own_ocv.settings
     tabulated = model or tabulated_circuit(inputs.cell)
-    if over == OVER_TEMPERATURE:
+    if over == OVER_TEMPERATURE or own_ocv is not None:
         models = (tabulated,)
     elif model is None:
         models = WEIGHED
@@ -153,6 +159,7 @@ def weigh(
         of.get(tabulated, first) if has_tables else None,
         wanted,
         validation,
+        None if own_ocv is None else TableFits((own_ocv.fit,)),
     )
 
 
@@ -327,6 +334,10 @@ def _fitting(
     beside: Executor, over: str, weighing: Weighing, of: Problem
 ) -> "tuple[Problem, Future[TableFits]]":
     """Tables on the records of a problem, as they are being fitted."""
+    if weighing.fitted is not None:
+        known: Future[TableFits] = Future()
+        known.set_result(weighing.fitted)
+        return of, known
     return of, beside.submit(fit_over, over, of.prepared_records, weighing.tables[of.circuit])
 
 

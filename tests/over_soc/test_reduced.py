@@ -30,7 +30,7 @@ def whole(objective, place):
     """Every sample's columns and the penalty's rows, and the target, for SciPy."""
     found = objective.solve(place)
     columns, base, _ = map(np.concatenate, zip(*_linearized(objective, found), strict=True))
-    unknowns = found.values.size
+    unknowns = len(found.unknowns)
     matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.table_penalty])
     # An OCV correction that may fall by so much only is the sum of its steps.
     steps = np.eye(unknowns)
@@ -71,7 +71,7 @@ def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     matrix, target, steps = whole(objective, place)
     other = lsq_linear(matrix @ steps, -target, objective.box, method="bvls", tol=1e-14)
     assert found.root == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
-    assert found.values.ravel() == pytest.approx(steps @ other.x, rel=1e-6, abs=1e-8)
+    assert np.concatenate(found.values) == pytest.approx(steps @ other.x, rel=1e-6, abs=1e-8)
     # The scan of these tables has the error that the factor says.
     tables = objective.tables_at(found)
     error_v = (prepared.voltage_v - simulate_tables(prepared, tables))[prepared.scored]

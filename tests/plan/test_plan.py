@@ -80,8 +80,9 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
     (folder / "c.parquet").unlink()
     (folder / "a.parquet").unlink()
     lacking = plan(folder)
-    assert "no OCV test at -5 degC" in lacking.missing
-    assert "use the one there is, with `ocv`" in lacking.missing
+    assert roles(lacking)["cold.parquet"] == "identification"
+    assert "there is no OCV test" in reason(lacking, "cold.parquet")
+    assert reason(lacking, "b.parquet") == "measured at 25 degC, and cold.parquet at -5 degC"
     given = plan(folder, ocv=[folder / "b.parquet", folder / "d.parquet"])
     assert roles(given)["cold.parquet"] == "identification"
 
@@ -98,13 +99,10 @@ def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
     assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
 
 
-def test_where_a_test_is_missing_it_says_which_to_make(folder):
+def test_a_record_alone_shows_its_own_ocv_and_a_test_alone_lacks_a_record():
     lone = plan(BUNDLED.record)
-    assert lone.missing.startswith(
-        "there is no OCV test: measure one: from full, pulses of 5 to 10 %"
-    )
-    with pytest.raises(InputError, match=r"(?s)no OCV test.*drive cycle.*752 current steps"):
-        barnax.identify(BUNDLED.record)
+    assert not lone.missing
+    assert "its OCV is identified with it" in reason(lone, "identification.parquet")
     assert plan(BUNDLED.ocv).missing.startswith(
         "there is no record to identify on: measure a drive"
     )

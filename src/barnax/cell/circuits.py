@@ -81,6 +81,11 @@ class Circuit:
         )
 
     @property
+    def has_hysteresis(self) -> bool:
+        """Whether its voltage depends on more of the OCV test than the average of both branches."""
+        return self.has_rate or self.source_voltage is not average_ocv
+
+    @property
     def has_rate(self) -> bool:
         return self.hysteresis_amplitude is not None
 

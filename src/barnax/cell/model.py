@@ -115,6 +115,11 @@ class CellModel(Brief):
         return min(soc), max(soc)
 
     @property
+    def is_of_records(self) -> bool:
+        """Whether its OCV was identified with the circuit, on records that are no OCV test."""
+        return all(not point.row for point in self.charge_points + self.discharge_points)
+
+    @property
     def has_sweep_drop(self) -> bool:
         """Whether some of its points were measured under load, and that is still in them."""
         points = self.charge_points + self.discharge_points

@@ -13,9 +13,8 @@ from ..errors import InputError
 from ..records import Record, is_rested
 from ..records.record import FULL_CHARGE, rest_blocks, runs
 from ..records.samples import record_resistance_ohm
+from ..settings import SocSource
 from .window import Window
-
-SocSource = Literal["full end", "empty end", "full voltage", "counters", "rest elsewhere"]
 
 # A charge that ends full (`FullCharge`) does so below C/10; a discharge ends empty after so long,
 # at up to C/1.8, for many tests make it at C/2. The voltage without R I is within 2 % of the end.
@@ -93,6 +92,14 @@ def _full_ends(
 ) -> Iterator[KnownSoc]:
     """The last samples of charges to full."""
     full_v = float(cell.charge(np.array([1 - _AT_AN_END]))[0])
+    for last in held_charges(record, capacity_ah, rest_a):
+        if record.voltage_v[last] + ohm * record.current_a[last] >= full_v:
+            yield KnownSoc(1.0, "full end", last)
+
+
+def held_charges(record: Record, capacity_ah: float, rest_a: float) -> Iterator[int]:
+    """The last samples of charges that end as a charge to full does: at a voltage that is held
+    while the current tapers."""
     for first, last in zip(*runs(record.current_a < -rest_a), strict=True):
         current_a, voltage_v = (
             each[first : last + 1] for each in (record.current_a, record.voltage_v)
@@ -105,9 +112,8 @@ def _full_ends(
         is_tapered = FULL_CHARGE.has_tapered(float(current_a[held]), end_a)
         is_slow = end_a <= capacity_ah / _FULL_HOURS
         is_held = held_s >= FULL_CHARGE.least_held_s
-        is_high = voltage_v[-1] - ohm * end_a >= full_v
-        if is_long and is_held and is_tapered and is_slow and is_high:
-            yield KnownSoc(1.0, "full end", int(last))
+        if is_long and is_held and is_tapered and is_slow:
+            yield int(last)
 
 
 def _empty_ends(
@@ -197,7 +203,7 @@ def find_start(
         if only and known is not None and _denies(cell, voltage_v, known.soc):
             known = None
     if window.initial_soc is not None:
-        soc, soc_source = window.initial_soc, "given"
+        soc, soc_source = window.initial_soc, window.soc_source or "given"
     elif known is not None:
         soc, soc_source = known.soc, known.source
         row, voltage_v = int(record.row[known.known_at]), float(record.voltage_v[known.known_at])
@@ -269,6 +275,8 @@ def _denies(cell: CellModel, voltage_v: float, soc: float) -> bool:
 
 def _doubts(record: Record, cell: CellModel, window: Window, start: Start) -> list[str]:
     """What a rested voltage at the start has against the SOC that is taken for it."""
+    if cell.is_of_records:
+        return []
     branch = cell.charge if start.direction > 0 else cell.discharge
     low_v, high_v = (float(branch(np.array([end]))[0]) for end in cell.soc_range)
     beyond_v = max(start.voltage_v - high_v, low_v - start.voltage_v)

@@ -9,7 +9,9 @@ from .fit import constant_held_out as constant_held_out
 from .fit import errors_on as errors_on
 from .fit import fit_tables as fit_tables
 from .intervals import NodeInterval as NodeInterval
-from .objective import TableSettings as TableSettings
+from .own_ocv import OwnOcv as OwnOcv
+from .own_ocv import fit_with_ocv as fit_with_ocv
+from .settings import TableSettings as TableSettings
 from .simulate import evaluate_tables as evaluate_tables
 from .simulate import simulate_tables as simulate_tables
 from .temperature import LeftOut as LeftOut

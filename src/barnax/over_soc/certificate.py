@@ -41,8 +41,9 @@ from ..model.compressed import BLOCK
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from .axes import Axis
-from .objective import Objective, Solution, TableSettings
+from .objective import Objective, Solution
 from .search import Found, Searchable, alike_pairs, least_in_box, polish
+from .settings import TableSettings
 
 # Width of the first cells in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4
@@ -365,7 +366,7 @@ class _Relaxation:
             for weight, ridge in objective.weights
         ]
         # A step from node to node is at most the sum of both values.
-        furthest = np.repeat(furthest, objective.nodes) * (
+        furthest = np.repeat(furthest, [len(each) for each in objective.nodes_of]) * (
             1 + (objective.to_tables.sum(axis=0) > 1)
         )
         low, high = objective.box

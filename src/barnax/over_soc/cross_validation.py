@@ -9,9 +9,10 @@ from jaxtyping import Float, Int
 
 from ..cell.soc_axis import is_above
 from ..model.prepared import PreparedRecord
-from .objective import Objective, Solution, TableSettings
+from .objective import Objective, Solution
 from .reduced import Groups, Reduced
 from .search import find_best, least_in_box
+from .settings import TableSettings
 
 # Blocks that a fold holds of a record at least, unless they would be shorter than what residuals
 # are correlated over.

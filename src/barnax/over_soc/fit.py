@@ -28,16 +28,10 @@ from .cross_validation import (
     held_out_errors,
 )
 from .intervals import NodeInterval, intervals_of
-from .objective import (
-    FASTEST_TAU_S,
-    SLOWEST_SHARE,
-    SLOWEST_TAU_S,
-    Objective,
-    Solution,
-    TableSettings,
-)
+from .objective import Objective, Solution
 from .reduced import layout_of, reduce_records, together
 from .search import find_best
+from .settings import FASTEST_TAU_S, SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 from .simulate import error_blocks
 
 # A constant is at a bound within this share of the logarithm of its range.
@@ -134,8 +128,11 @@ def fit_tables(
     return fit_of(objective, proof)
 
 
-def fit_of(objective: Objective, proof: Proof) -> TableFit:
-    """All that is known of the tables of a proof."""
+def fit_of(
+    objective: Objective, proof: Proof, prepared_records: Sequence[PreparedRecord] | None = None
+) -> TableFit:
+    """All that is known of the tables of a proof; their errors are on other records than those of
+    the objective where these have another OCV."""
     settings, best = objective.settings, proof.best
     with one_blas_thread():
         tables = objective.tables_at(best)
@@ -147,13 +144,15 @@ def fit_of(objective: Objective, proof: Proof) -> TableFit:
     return TableFit(
         tables=tables,
         objective_v=best.root,
-        errors=tuple(errors_on(each, tables) for each in objective.prepared_records),
+        errors=tuple(
+            errors_on(each, tables) for each in prepared_records or objective.prepared_records
+        ),
         tau_ranges_s=taus_s,
         lower_bound_v=proof.lower_bound_v,
         status="certified" if is_close else "grid-verified",
         cells=proof.cells,
         at_bound=at_bound,
-        parameters=int(np.sum(objective.visited)) * objective.tables
+        parameters=sum(int(np.sum(objective.visited_of(n))) for n in range(objective.tables))
         + sum(axis.high > axis.low for axis in objective.axes),
         intervals=intervals,
         cross_validation=held_out,
@@ -186,6 +185,7 @@ def reduced_objective(
     ranges = ranges or box_of(prepared_records, settings)
     layout = layout_of(
         settings.nodes,
+        settings.ocv_nodes or settings.nodes,
         ranges,
         settings.ocv_correction,
         settings.half_hysteresis,

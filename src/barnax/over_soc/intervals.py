@@ -57,6 +57,11 @@ class NodeInterval:
         """Whether the value may have been moved further than its standard error."""
         return abs(self.bias) > self.standard_error
 
+    def moved(self, by: float) -> "NodeInterval":
+        """The same with value and interval counted from elsewhere."""
+        low, high = (None if end is None else end + by for end in (self.low, self.high))
+        return replace(self, value=self.value + by, low=low, high=high)
+
     def spanning(self, shifts: Sequence[float]) -> "NodeInterval":
         """The same with an interval that reaches over those of values so far off, as possible."""
         if self.low is None or self.high is None:
@@ -99,20 +104,19 @@ def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ..
         return NodeInterval(name, soc, value, error, bias, low, high)
 
     found = []
-    named = objective.tables_at(best).tables
-    nodes, seen = np.array(objective.reduced.layout.nodes), np.flatnonzero(objective.visited)
-    for table, name in enumerate(named):
-        sag = sag_of(nodes[seen], best.values[table, seen])
+    for table, name in enumerate(objective.names):
+        nodes, seen = objective.nodes_of[table], np.flatnonzero(objective.visited_of(table))
+        sag = sag_of(nodes[seen], best.values[table][seen])
         for node, own_sag in zip(seen, sag, strict=True):
-            value, lightly = float(best.values[table, node]), float(light.values[table, node])
-            number, soc = table * objective.nodes + int(node), float(nodes[node])
+            value, lightly = float(best.values[table][node]), float(light.values[table][node])
+            number, soc = objective.block(table).start + int(node), float(nodes[node])
             each = interval(name, soc, number, value, lightly, lightly + float(own_sag))
             if name.startswith("R") and each.low is not None:
                 each = replace(each, low=max(each.low, 0.0))
             found.append(each)
     for number, (axis, place) in enumerate(zip(objective.axes, best.place, strict=True)):
         # Of the logarithm, so that the interval is positive.
-        each = interval(axis.name, None, best.values.size + number, place, place)
+        each = interval(axis.name, None, len(best.unknowns) + number, place, place)
         value = math.exp(place)
         low, high = (None if end is None else math.exp(end) for end in (each.low, each.high))
         found.append(
@@ -158,7 +162,8 @@ def _noise_behind(
     for columns, base, informed in _linearized(objective, found):
         here = time_s[first : first + len(base)][informed]
         first += len(base)
-        error = (base + columns[:, : found.values.size] @ found.values.ravel())[informed]
+        values = np.concatenate(found.values)
+        error = (base + columns[:, : len(values)] @ values)[informed]
         columns = columns[informed] @ ways
         counts += slots.gathered(here, np.ones(len(error)))
         errors += slots.gathered(here, error)

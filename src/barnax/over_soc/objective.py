@@ -1,9 +1,8 @@
 """The objective of some tables, and its least value for given time constants."""
 
 import math
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,67 +13,15 @@ from ..cell import SocTables
 from ..cell.circuits import get_circuit
 from ..cell.elements import RC, Element, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
-from ..cell.tables import hats, require_nodes
-from ..errors import InputError
+from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION, hats
 from ..model.compressed import BLOCK
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from ..settings import TableOptions
 from .axes import Axis
 from .reduced import Columns, Reduced
 from .search import Place, Sides, Solved, least_in_box, least_squares_in_box
-
-FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
-# With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
-SLOWEST_SHARE = 0.1
-# What can be bounded or fixed; which of these a circuit has is known when it is fitted.
-TABULATED = re.compile(r"R(\d|_\w+) \[Ohm\]|tau(\d|_\w+) \[s\]|gamma")
-
-
-@dataclass(frozen=True, kw_only=True)
-class TableSettings(TableOptions):
-    """Tables over SOC: the options of `TableOptions`, with bounds and fixed values.
-
-    Args:
-        bounds: Lowest and highest value by PyBaMM's names; those of a resistance hold at every SOC.
-        fixed: Values by the same names; a time constant or gamma has one for all SOC.
-
-    Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
-    fixed values that are unknown, reversed, negative or both given.
-    """
-
-    bounds: Mapping[str, Range] = field(default_factory=dict)
-    fixed: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        require_nodes(self.nodes)
-        for name in ("roughness", "resistance_ridge", "voltage_ridge", "block_s"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InputError(f"`{name}` {getattr(self, name):g} must be positive")
-        if self.folds < 0 or self.folds == 1:
-            raise InputError(f"`folds` {self.folds} must be 0 or at least 2")
-        for name in [*self.bounds, *self.fixed]:
-            if TABULATED.fullmatch(name):
-                continue
-            raise InputError(
-                f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, time "
-                "constants such as 'tau1 [s]' and gamma can"
-            )
-        for name in self.bounds.keys() & self.fixed.keys():
-            raise InputError(f"{name!r} is both bounded and fixed; give one of them")
-        for name, (low, high) in self.ranges.items():
-            least = 0.0 if name.endswith("[Ohm]") else np.finfo(float).tiny
-            if not least <= low <= high < np.inf:
-                raise InputError(
-                    f"the bounds of {name!r} are [{low:g}, {high:g}]; the lower one comes first, "
-                    "and neither is negative"
-                )
-
-    @property
-    def ranges(self) -> dict[str, Range]:
-        """Bounds and fixed values alike, as ranges."""
-        return {**self.bounds, **{name: (each, each) for name, each in self.fixed.items()}}
+from .settings import OCV, TableSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +31,7 @@ class Solution(Solved):
     `unknowns` are the same as the problem in a box has them (`Objective.to_tables`).
     """
 
-    values: Float[np.ndarray, "tables nodes"]
+    values: tuple[Float[np.ndarray, "nodes"], ...]
     unknowns: Float[np.ndarray, "unknowns"]
     error: Float[np.ndarray, "rows"]
 
@@ -121,21 +68,43 @@ class Objective:
 
     @property
     def nodes(self) -> int:
+        """How many nodes all tables but an OCV correction have."""
         return len(self.reduced.layout.nodes)
 
     @cached_property
+    def nodes_of(self) -> tuple[Float[np.ndarray, "nodes"], ...]:
+        """Every table's nodes."""
+        layout = self.reduced.layout
+        found = [np.array(layout.nodes)] * self.tables
+        if layout.has_correction:
+            found[1 + self.pairs] = np.array(layout.ocv_nodes)
+        return tuple(found)
+
+    @cached_property
     def visited(self) -> Bool[np.ndarray, "nodes"]:
-        """Which nodes some scored sample is nearest to."""
-        found = np.zeros(self.nodes, bool)
+        """Which nodes of a resistance some scored sample is nearest to."""
+        return self._nearest(self.nodes_of[0])
+
+    def visited_of(self, table: int) -> Bool[np.ndarray, "nodes"]:
+        """The same of any table."""
+        return self._visited_ocv if len(self.nodes_of[table]) != self.nodes else self.visited
+
+    @cached_property
+    def _visited_ocv(self) -> Bool[np.ndarray, "nodes"]:
+        return self._nearest(np.array(self.reduced.layout.ocv_nodes))
+
+    def _nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
+        found = np.zeros(len(nodes), bool)
         for prepared in self.prepared_records:
             for part in prepared.parts(BLOCK):
-                shares = hats(part.soc[part.scored], self.reduced.layout.nodes)
+                shares = hats(part.soc[part.scored], nodes)
                 found |= np.any(shares >= 0.5, axis=0)
         return found
 
     def block(self, table: int) -> slice:
         """The unknowns of a table."""
-        return slice(table * self.nodes, (table + 1) * self.nodes)
+        first = sum(len(each) for each in self.nodes_of[:table])
+        return slice(first, first + len(self.nodes_of[table]))
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
@@ -197,13 +166,13 @@ class Objective:
     def _to_correction(self) -> Float[np.ndarray, "nodes nodes"]:
         """The OCV correction at every node from its unknowns: its value at the first node and the
         steps from node to node, each with a bound of its own, where the OCV is to rise."""
-        steps = np.tril(np.ones((self.nodes, self.nodes)))
-        return steps if self.settings.rising_ocv else np.eye(self.nodes)
+        count = len(self.reduced.layout.ocv_nodes)
+        return np.tril(np.ones((count, count))) if self.settings.rising_ocv else np.eye(count)
 
     @cached_property
     def to_tables(self) -> Float[np.ndarray, "values unknowns"]:
         """All tables' values from the unknowns."""
-        blocks = [np.eye(self.nodes)] * self.tables
+        blocks = [np.eye(len(nodes)) for nodes in self.nodes_of]
         if self.reduced.layout.has_correction:
             blocks[1 + self.pairs] = self._to_correction
         return np.asarray(block_diag(*blocks))
@@ -216,13 +185,12 @@ class Objective:
     @cached_property
     def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
         """The same by the tables' values."""
-        bent = math.sqrt(self.settings.roughness) * np.diff(np.eye(self.nodes), 2, axis=0)
-        blocks = [
-            weight
-            * math.sqrt(self.share)
-            * np.concatenate([bent, math.sqrt(ridge) * np.eye(self.nodes)])
-            for weight, ridge in self.weights
-        ]
+        blocks = []
+        for nodes, (weight, ridge) in zip(self.nodes_of, self.weights, strict=True):
+            eye = np.eye(len(nodes))
+            bent = math.sqrt(self.settings.roughness) * np.diff(eye, 2, axis=0)
+            rows = np.concatenate([bent, math.sqrt(ridge) * eye])
+            blocks.append(weight * math.sqrt(self.share) * rows)
         return np.asarray(block_diag(*blocks))
 
     @cached_property
@@ -233,19 +201,20 @@ class Objective:
     def box(self) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:
         """Lowest and highest value of every unknown. From node to node, a correction of an OCV that
         is to rise may fall by as much as the known OCV rises at least; else it is free."""
-        low, high = np.zeros((self.tables, self.nodes)), np.full((self.tables, self.nodes), np.inf)
+        low = [np.zeros(len(nodes)) for nodes in self.nodes_of]
+        high = [np.full(len(nodes), np.inf) for nodes in self.nodes_of]
         ranges = self.settings.ranges
         names = (OHMIC, *(each.resistance for each in names_of(self.elements)))
         for table, name in enumerate(names):
             if name in ranges:
-                low[table], high[table] = ranges[name]
+                low[table][:], high[table][:] = ranges[name]
         if self.reduced.layout.has_correction:
-            low[self.pairs + 1] = -np.inf
+            low[self.pairs + 1][:] = -np.inf
             if self.settings.rising_ocv:
-                nodes = np.array(self.reduced.layout.nodes)
+                nodes = self.nodes_of[self.pairs + 1]
                 slopes = [each.cell.least_ocv_slopes(nodes) for each in self.prepared_records]
-                low[self.pairs + 1, 1:] = -np.diff(nodes) * np.min(slopes, axis=0)
-        return low.ravel(), high.ravel()
+                low[self.pairs + 1][1:] = -np.diff(nodes) * np.min(slopes, axis=0)
+        return np.concatenate(low), np.concatenate(high)
 
     def columns(self, place: Place) -> tuple[Columns, Float[np.ndarray, "rows"]]:
         """Columns of all unknowns at a place, and the base error there."""
@@ -271,7 +240,8 @@ class Objective:
         error = base + columns @ x
         bent = self.penalty @ x
         squared = float(error @ error + bent @ bent)
-        values = (self.to_tables @ x).reshape(self.tables, -1)
+        rows = self.to_tables @ x
+        values = tuple(rows[self.block(table)] for table in range(self.tables))
         return Solution(place, sides, squared, values, x, error)
 
     def ways(self, found: Solution) -> Float[np.ndarray, "values ways"]:
@@ -282,11 +252,12 @@ class Objective:
         blocks = []
         for table in range(self.tables):
             is_free = found.sides[self.block(table)] == 0
-            own = np.eye(self.nodes)[is_free]
+            eye = np.eye(len(is_free))
+            own = eye[is_free]
             if self.reduced.layout.has_correction and table == self.pairs + 1:
                 tied = np.cumsum(is_free) - 1
-                own = np.eye(self.nodes)[: tied[-1] + 1, tied] if self.settings.rising_ocv else own
-            blocks.append(own[own @ self.visited > 0].T)
+                own = eye[: tied[-1] + 1, tied] if self.settings.rising_ocv else own
+            blocks.append(own[own @ self.visited_of(table) > 0].T)
         return np.asarray(block_diag(*blocks))
 
     def moved(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
@@ -300,18 +271,36 @@ class Objective:
         """The derivative of the least J by the place: that at fixed tables, which are optimal."""
         return np.array([2 * float(found.error @ each) for each in self.moved(found)])
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What every table is of."""
+        layout = self.reduced.layout
+        names = [OHMIC, *(each.resistance for each in names_of(self.elements))]
+        if layout.has_correction:
+            names.append(OCV_CORRECTION if self.settings.ocv_nodes is None else OCV)
+        return (*names, HALF_HYSTERESIS) if layout.has_amplitude else tuple(names)
+
+    def ocv_at(
+        self, found: Solution
+    ) -> tuple[Float[np.ndarray, "nodes"], Float[np.ndarray, "nodes"]]:
+        """Nodes and OCV in V of a solution that has one of its own."""
+        place = self.names.index(OCV)
+        nodes = self.nodes_of[place]
+        known_v = self.prepared_records[0].cell.average_ocv_v(nodes)
+        return nodes, known_v + found.values[place]
+
     def tables_at(self, found: Solution) -> SocTables:
-        """A solution as stored, pairs from fast to slow."""
-        layout, values = self.reduced.layout, found.values.tolist()
+        """A solution as stored, pairs from fast to slow; an OCV of its own is left out."""
+        values = dict(zip(self.names, (tuple(each.tolist()) for each in found.values), strict=True))
         tau_s = np.exp(found.place[: self.pairs]).tolist()
         gamma = math.exp(found.place[-1]) if len(found.place) > self.pairs else None
         return SocTables(
-            nodes=layout.nodes,
+            nodes=self.reduced.layout.nodes,
             tau_s=tuple(tau_s),
-            r0_ohm=tuple(values[0]),
-            r_ohm=tuple(tuple(row) for row in values[1 : self.pairs + 1]),
-            ocv_correction_v=tuple(values[self.pairs + 1]) if layout.has_correction else None,
-            half_hysteresis_v=tuple(values[-1]) if layout.has_amplitude else None,
+            r0_ohm=values[OHMIC],
+            r_ohm=tuple(values[each.resistance] for each in names_of(self.elements)),
+            ocv_correction_v=values.get(OCV_CORRECTION),
+            half_hysteresis_v=values.get(HALF_HYSTERESIS),
             gamma=gamma,
             visited=tuple(self.visited.tolist()),
             elements=self.elements,

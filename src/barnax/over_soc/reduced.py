@@ -50,9 +50,11 @@ Groups = Callable[[slice], Int[np.ndarray, "samples"]]
 @dataclass(frozen=True, eq=False)
 class Layout:
     """Which columns a factor has. `amplitude` says what a dynamic hysteresis has of them: none,
-    those of the measured gap, or those of a table."""
+    those of the measured gap, or those of a table. The OCV correction stands at `ocv_nodes`, all
+    other tables at `nodes`."""
 
     nodes: tuple[float, ...]
+    ocv_nodes: tuple[float, ...]
     in_tau: Span
     in_rate: Span | None
     has_correction: bool
@@ -80,7 +82,7 @@ class Layout:
             "turns": (0 if self.in_rate is None else len(self.in_rate.skeleton), turned),
             "standing": (int(self.has_amplitude), nodes),
             "current": (1, nodes),
-            "correction": (int(self.has_correction), nodes),
+            "correction": (int(self.has_correction), len(self.ocv_nodes)),
             "base": (1, 1),
         }
 
@@ -179,6 +181,7 @@ def join(
 
 def layout_of(
     nodes: tuple[float, ...],
+    ocv_nodes: tuple[float, ...],
     ranges: Mapping[str, Range],
     has_correction: bool,
     has_amplitude: bool,
@@ -199,7 +202,7 @@ def layout_of(
     fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
     slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
     in_tau = span_of(max(fastest_s, interval_s / AT_ONCE), slowest_s, TOLERANCE)
-    return Layout(nodes, in_tau, in_rate, has_correction, has_amplitude)
+    return Layout(nodes, ocv_nodes, in_tau, in_rate, has_correction, has_amplitude)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,8 +251,10 @@ def blocks(prepared: PreparedRecord, layout: Layout) -> Iterator[Block]:
         into.append(layout.places["current"][:, near])
         columns.append(np.asarray(inputs.current_a)[:size, None] * spread)
         if layout.has_correction:
+            spread = hats(prepared.soc[here], layout.ocv_nodes)
+            near = np.flatnonzero(np.any(spread, axis=0))
             into.append(layout.places["correction"][:, near])
-            columns.append(-spread)
+            columns.append(-spread[:, near])
         into.append(layout.places["base"])
         columns.append(base)
         own = np.eye(layout.width)[np.concatenate([each.ravel() for each in into])]

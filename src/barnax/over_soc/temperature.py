@@ -24,8 +24,9 @@ from .axes import Axis
 from .certificate import Proof, certify, certify_together
 from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
-from .objective import Objective, Solution, TableSettings
+from .objective import Objective, Solution
 from .search import Place, Solved, find_best, polish
+from .settings import TableSettings
 from .simulate import evaluate_tables
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +18,14 @@ from ..inputs import (
 from ..model.window import Window
 from ..records.fingerprint import Content
 from ..settings import OVER_TEMPERATURE, Reading
-from .document import ROLES, Part, Plan, Use
+from .document import Plan
+from .draft import Draft, another_cell, named_degc, reach_ah, why_useless, words_of
 from .looking import CandidateFile, by_temperature, files_of, is_same_degc, look, split
 from .ocv import (
     DIGITS,
     OCV_KINDS,
     SHOWN,
     OcvChoice,
-    Started,
     ocv_at,
     ocv_reason,
     record_capacity_ah,
@@ -35,8 +34,6 @@ from .ocv import (
 
 # Ranges of charge within this share of the widest are as good, and other things decide.
 _AS_WIDE = 0.9
-# What moves so many times the charge of a cell is of another.
-_BEYOND = 1.2
 # So many times, it is another's beside records that fit, or its current is in another unit.
 _ANOTHER = 1.5
 MAKE_OCV = (
@@ -50,52 +47,6 @@ MAKE_RECORD = (
 # What can be simulated, in its window; and the files of each temperature with their OCV test.
 Runnable = tuple[CandidateFile, Window]
 Chosen = Sequence[tuple[Sequence[CandidateFile], OcvChoice | None]]
-
-
-@dataclass(eq=False)
-class _Draft:
-    """What has been decided so far: a role, a reason and a window for some of the files.
-
-    `given_ah` is the capacity that was given, `is_over` whether all temperatures are asked for.
-    """
-
-    files: Sequence[CandidateFile]
-    given_ah: float | None = None
-    is_over: bool = False
-    taken: dict[CandidateFile, tuple[Use, str, Window]] = field(default_factory=dict)
-    capacity_ah: float | None = None
-    starts: dict[CandidateFile, Started] = field(default_factory=dict)
-
-    def take(
-        self, file: CandidateFile, role: Use, reason: str, window: Window | None = None
-    ) -> None:
-        """Settle a file's role, unless it is settled."""
-        self.taken.setdefault(file, (role, reason, window or Window()))
-
-    def take_tests(self, choice: OcvChoice) -> None:
-        """Settle the files of an OCV test."""
-        for each in choice.tests:
-            self.take(each, "OCV test", ocv_reason([each]))
-
-    def tell_temperatures(self) -> None:
-        """Put the temperature that a name tells into the windows of records without a column."""
-        for file, (role, reason, window) in self.taken.items():
-            is_open = role != "not used" and window.temperature_degc is None
-            if is_open and file.traits and file.record.temperature_degc is None:
-                window = replace(window, temperature_degc=file.temperature_degc)
-                self.taken[file] = role, reason, window
-
-    def parts(self) -> tuple[Part, ...]:
-        """Every file: those that serve first, by their role."""
-        parts = []
-        for each in self.files:
-            role, reason, window = self.taken[each]
-            kept = None if role == "not used" else each.source
-            what = (role, each.kind(self.capacity_ah), reason, window)
-            planned = window.initial_soc is not None and each.chosen.initial_soc is None
-            known = (each.source and each.source.span_s, each.temperature_degc, planned, kept)
-            parts.append(Part(each.path, each.name, *what, *known))
-        return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
 
 
 def plan(
@@ -149,11 +100,11 @@ def plan(
         free = [part for each in looked[:first] for part in split(each)]
         files = [*free, *looked[first:]]
         given_ah = windows.get("", Window()).capacity_ah if capacity is None else capacity
-        draft = _Draft(files, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
+        draft = Draft(files, given_ah=given_ah, is_over=over == OVER_TEMPERATURE)
         return _decide(draft, looked[first:last], looked[last:])
 
 
-def _decide(draft: _Draft, tests: Sequence[CandidateFile], others: Sequence[CandidateFile]) -> Plan:
+def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[CandidateFile]) -> Plan:
     """The plan of files of which some have their role given."""
     files = draft.files
     first_of: dict[tuple[object, ...], CandidateFile] = {}
@@ -189,7 +140,8 @@ def _decide(draft: _Draft, tests: Sequence[CandidateFile], others: Sequence[Cand
     chosen = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
     with_test = [(group, each) for group, each in chosen if each]
     if not with_test:
-        return _without_ocv(draft, dynamic, free)
+        groups = [group for _, group in by_temperature(dynamic)]
+        return _on_records(draft, groups, bool(others)) or _without_record(draft, free)
     choice, runs = with_test[0][1], []
     for group, choice in with_test if dynamic else []:
         runs = _runnable(draft, group, choice, is_pulsed)
@@ -205,7 +157,7 @@ def _decide(draft: _Draft, tests: Sequence[CandidateFile], others: Sequence[Cand
     record, window = runs[0]
     is_own = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record])}; " if is_own else ""
-    draft.take(record, "identification", why + _words(draft, record), window)
+    draft.take(record, "identification", why + words_of(draft, record), window)
     draft.take_tests(choice)
     _choose_validation(draft, record, runs[1:], is_given=bool(others))
     if draft.is_over or is_pulsed:
@@ -217,30 +169,45 @@ def _decide(draft: _Draft, tests: Sequence[CandidateFile], others: Sequence[Cand
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
 
 
-def _without_ocv(
-    draft: _Draft, dynamic: Sequence[CandidateFile], free: Sequence[CandidateFile]
-) -> Plan:
-    """A plan that lacks its OCV test."""
-    elsewhere = [each for each in free if each.kind(None) in OCV_KINDS]
-    for each in dynamic:
-        draft.take(each, "not used", f"usable once there is an OCV test: {_words(draft, each)}")
-    missing = f"there is no OCV test: {MAKE_OCV}, and add its file"
-    if dynamic and elsewhere:
-        at = _named_degc(dynamic[0].temperature_degc)
-        names = ", ".join(f"{each.name}{_named_degc(each.temperature_degc)}" for each in elsewhere)
-        missing = (
-            f"there is no OCV test{at}, the temperature of the records, but {names}: {MAKE_OCV}; "
-            "or use the one there is, with `ocv`"
-        )
-    elif not dynamic:
-        missing = f"{MAKE_RECORD}; nor is there an OCV test: {MAKE_OCV}"
+def _on_records(
+    draft: Draft, groups: Sequence[Sequence[CandidateFile]], is_given: bool
+) -> Plan | None:
+    """A plan without an OCV test, where a record of some temperature can do without: the OCV is
+    then the record's own."""
+    for group in groups:
+        runs = [
+            (each, each.window)
+            for each in group
+            if each not in draft.taken and not each.missing_for(draft.given_ah, VALIDATION_STEPS)
+        ]
+        runs.sort(key=lambda run: (bool(run[0].missing_for(draft.given_ah)), -reach_ah(run[0])))
+        if not runs or runs[0][0].missing_for(draft.given_ah):
+            continue
+        record, window = runs[0]
+        why = f"{words_of(draft, record)}; its OCV is identified with it, for there is no OCV test"
+        draft.take(record, "identification", why, window)
+        _choose_validation(draft, record, runs[1:], is_given)
+        at = named_degc(record.temperature_degc)
+        for each in draft.files:
+            if each not in draft.taken:
+                own = f"measured{named_degc(each.temperature_degc)}, and {record.name}{at}"
+                is_there = is_same_degc(each.temperature_degc, record.temperature_degc)
+                draft.take(each, "not used", why_useless(each, None) if is_there else own)
+        given = {} if draft.given_ah is None else {"capacity": draft.given_ah}
+        return Plan("identify", draft.parts(), given, dict.fromkeys(given, "given"))
+    return None
+
+
+def _without_record(draft: Draft, free: Sequence[CandidateFile]) -> Plan:
+    """A plan that has nothing to identify on, nor an OCV test."""
     for each in free:
-        draft.take(each, "not used", _why_useless(each, None))
+        draft.take(each, "not used", why_useless(each, None))
+    missing = f"{MAKE_RECORD}; nor is there an OCV test: {MAKE_OCV}"
     return Plan("identify", draft.parts(), missing=missing)
 
 
 def _runnable(
-    draft: _Draft, group: Sequence[CandidateFile], choice: OcvChoice, is_pulsed: bool
+    draft: Draft, group: Sequence[CandidateFile], choice: OcvChoice, is_pulsed: bool
 ) -> list[Runnable]:
     """What can be simulated with the cell, in its window, the best first to identify on.
 
@@ -258,7 +225,7 @@ def _runnable(
                 window = draft.starts[each].window
             except InputError as problem:
                 own = str(problem).removeprefix(f"{each.name}: ")
-                missing = _another_cell(each, choice.cell.capacity_ah) or own
+                missing = another_cell(each, choice.cell.capacity_ah) or own
         if missing:
             draft.take(each, "not used", missing)
         else:
@@ -268,37 +235,33 @@ def _runnable(
     others = [each for each, _ in found if each.traits and each.traits.span_ah > most_ah]
     if len(others) < len(found):
         for each in others:
-            draft.take(each, "not used", _why_useless(each, choice.cell.capacity_ah))
+            draft.take(each, "not used", why_useless(each, choice.cell.capacity_ah))
         found = [run for run in found if run[0] not in others]
-    widest_ah = max((_reach_ah(each) for each, _ in found), default=0.0)
+    widest_ah = max((reach_ah(each) for each, _ in found), default=0.0)
 
     def rank(run: Runnable) -> tuple:
         each = run[0]
-        is_wide = _reach_ah(each) >= _AS_WIDE * widest_ah
+        is_wide = reach_ah(each) >= _AS_WIDE * widest_ah
         return (
             bool(each.missing_for(choice.cell.capacity_ah)),
             not is_wide,
             each.warnings if is_wide else 0,
             not each.is_settled,
-            -_reach_ah(each),
+            -reach_ah(each),
         )
 
     return sorted(found, key=rank)
 
 
-def _reach_ah(file: CandidateFile) -> float:
-    return file.traits.reach_ah if file.traits else 0.0
-
-
 def _choose_validation(
-    draft: _Draft, record: CandidateFile, others: Sequence[Runnable], is_given: bool
+    draft: Draft, record: CandidateFile, others: Sequence[Runnable], is_given: bool
 ) -> None:
     """Another profile of the same temperature before the same one again, and the widest of them."""
     if is_given or not others:
         return
-    each, window = min(others, key=lambda run: (run[0].is_like(record), -_reach_ah(run[0])))
+    each, window = min(others, key=lambda run: (run[0].is_like(record), -reach_ah(run[0])))
     which = "the same profile again" if each.is_like(record) else "another profile"
-    draft.take(each, "validation", f"{which}: {_words(draft, each)}", window)
+    draft.take(each, "validation", f"{which}: {words_of(draft, each)}", window)
     for each, _ in others:
         draft.take(
             each, "not used", "equally suitable; add it with `validate` to validate on it too"
@@ -306,7 +269,7 @@ def _choose_validation(
 
 
 def _take_other_temperatures(
-    draft: _Draft,
+    draft: Draft,
     record: CandidateFile,
     chosen: Chosen,
     choice: OcvChoice,
@@ -321,13 +284,13 @@ def _take_other_temperatures(
         if test is None or not (test.tells_temperature and choice.tells_temperature):
             test = choice
         for each, window in _runnable(draft, own, test, is_pulsed)[:1]:
-            why = f"for tables over temperature too: {_words(draft, each)}"
+            why = f"for tables over temperature too: {words_of(draft, each)}"
             draft.take(each, "identification", why, window)
             draft.take_tests(test)
     draft.tell_temperatures()
 
 
-def _leave_others(draft: _Draft, choice: OcvChoice, chosen: Chosen) -> None:
+def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
     """What is left has no role, for a reason."""
     known = (each.temperature_degc for each in choice.tests if each.temperature_degc is not None)
     degc = next(known, None)
@@ -336,7 +299,7 @@ def _leave_others(draft: _Draft, choice: OcvChoice, chosen: Chosen) -> None:
         if each in draft.taken:
             continue
         if not is_same_degc(each.temperature_degc, degc):
-            at, of = _named_degc(each.temperature_degc), _named_degc(degc)
+            at, of = named_degc(each.temperature_degc), named_degc(degc)
             reason = f"measured{at}, the OCV test{of}"
             if each in usable:
                 reason = f"measured{at}: for tables over temperature (`over=soc,temperature`)"
@@ -346,24 +309,11 @@ def _leave_others(draft: _Draft, choice: OcvChoice, chosen: Chosen) -> None:
             reason = f"also an OCV test ({ocv_reason([each])}), but {names} is better"
             draft.take(each, "not used", reason)
         else:
-            draft.take(each, "not used", _why_useless(each, draft.capacity_ah))
-
-
-def _why_useless(file: CandidateFile, capacity_ah: float | None) -> str:
-    reason = file.missing_for(capacity_ah) or _another_cell(file, capacity_ah)
-    return reason or "no role is left for it"
-
-
-def _another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
-    """That a file moves more than the cell holds; empty where it does not."""
-    if not capacity_ah or not file.traits or file.traits.span_ah <= _BEYOND * capacity_ah:
-        return ""
-    moved = f"it moves {file.traits.span_ah:.3g} Ah"
-    return f"{moved}, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
+            draft.take(each, "not used", why_useless(each, draft.capacity_ah))
 
 
 def _options(
-    draft: _Draft, record: CandidateFile, window: Window, choice: OcvChoice
+    draft: Draft, record: CandidateFile, window: Window, choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {}
@@ -383,16 +333,3 @@ def _options(
         options["capacity"] = float(f"{choice.capacity_ah:.{DIGITS}g}")
         reasons["capacity"] = "in Ah; from the longest discharge, because the OCV test has none"
     return options, reasons
-
-
-def _words(draft: _Draft, file: CandidateFile) -> str:
-    """Why a record serves, as the checks say, and where its start is known from."""
-    for name in ("identification", "validation"):
-        role = file.role(name)
-        if role is not None and role.is_usable:
-            return role.reason + draft.starts.get(file, SHOWN).words
-    return ""
-
-
-def _named_degc(degc: float | None) -> str:
-    return "" if degc is None else f" at {degc:.3g} degC"

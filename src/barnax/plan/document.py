@@ -155,7 +155,7 @@ _OF_RUN: _Kinds = {
 }
 # Options of a record, in the order of a `Window`, whose fields they are.
 _OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
-_FIELD_OF = {_OPTION_OF[each.name]: each.name for each in fields(Window)}
+_FIELD_OF = {_OPTION_OF[each.name]: each.name for each in fields(Window) if each.name in _OPTION_OF}
 # What a file's table may hold.
 _OF_FILE: _Kinds = {
     "file": _TEXT,

@@ -33,6 +33,8 @@ ENDS = {1: "full", -1: "empty"}
 HASH_LETTERS = 16
 # What passes this close to its points passes through them.
 THROUGH_V = 1e-6
+# Sources of a start's SOC that are told in another line, or need no telling.
+TOLD = ("given", "rested voltage", "own full charge", "own span")
 # A change of R0 by less than this share is none.
 SAME_OHM = 1e-3
 
@@ -91,6 +93,7 @@ def decision_sentences(stored: "Stored") -> Iterator[str]:
 def guess_sentences(stored: "Result") -> Iterator[str]:
     """The decisions that were guesses and that the answer depends on, with how to settle them."""
     simulated = [each for each in stored.inputs if each.start is not None]
+    yield from own_ocv_sentences(stored)
     guessed = [each for each in simulated if each.hold and each.hold.strength == "assumed"]
     if guessed:
         value = guessed[0].hold.value if guessed[0].hold else ""
@@ -117,6 +120,23 @@ def guess_sentences(stored: "Result") -> Iterator[str]:
                 f"the cell was last {CAME_FROM[start.direction]} before {each.name}; "
                 "`initial_direction` changes this."
             )
+
+
+def own_ocv_sentences(stored: "Result") -> Iterator[str]:
+    """What the axis of SOC is where there is no OCV test."""
+    cell = stored.cell_model
+    if not cell.is_of_records:
+        return
+    first = stored.of_role("identification")[0]
+    start = {
+        "own full charge": "full after the full charge in it",
+        "own span": "full where it is fullest",
+    }.get(first.start.soc_source if first.start else "", "its start as given")
+    yield (
+        f"no OCV test: the OCV is that of {first.name}, whose SOC is counted over "
+        f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {start}; `capacity` and "
+        "`initial_soc` set this axis."
+    )
 
 
 def _other_r0(stored: "Result") -> tuple[float, float] | None:
@@ -167,13 +187,15 @@ def known_words(start: "Start") -> dict[str, str]:
         "full voltage": f"from the voltage of a full cell, {start.voltage_v:.4f} V at {row}",
         "counters": "from the tester's counters, which began at full or empty; the voltage agrees",
         "rest elsewhere": f"{rested} at {row}, and the ampere-hours since",
+        "own full charge": "counted in ampere-hours from the full charge in the record",
+        "own span": "its fullest sample being full",
     }
 
 
 def carried_sentences(stored: "Result") -> Iterator[str]:
     """Starts whose state of charge comes from another place of the record."""
     for each in stored.inputs:
-        if each.start is not None and each.start.soc_source not in ("given", "rested voltage"):
+        if each.start is not None and each.start.soc_source not in TOLD:
             known = known_words(each.start)[each.start.soc_source]
             yield f"{each.name} starts at {percent(each.start.soc)} SOC, {known}."
 

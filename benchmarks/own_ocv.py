@@ -1,0 +1,117 @@
+"""What an OCV test is worth: `python -m benchmarks.own_ocv [FOLDER OF MEASURED CELLS]`.
+
+Identifies tables over SOC with the OCV test and without it, on the bundled cell and, where the
+folder is given, on measured cells that cannot be shipped, and validates both on records that were
+not used. Writes benchmarks/results/own_ocv.md.
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+import barnax
+from barnax.over_soc import SocErrors
+from benchmarks.pages import as_markdown, provenance, save_page
+
+RESULTS = Path(__file__).parent / "results" / "own_ocv.md"
+INSIDE = np.linspace(0.1, 0.9, 81)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One cell: OCV tests, records to identify on together, and records that are not used."""
+
+    name: str
+    ocv: tuple[Path, ...]
+    records: tuple[Path, ...]
+    others: tuple[Path, ...]
+    options: dict = field(default_factory=dict)
+
+
+def cases(folder: Path | None) -> Iterator[Case]:
+    yield Case(
+        "bundled cell",
+        (barnax.bundled_file("ocv_discharge"), barnax.bundled_file("ocv_charge")),
+        (barnax.bundled_file("identification"),),
+        (barnax.bundled_file("validation"),),
+        {"capacity": 2.0},
+    )
+    if folder is None:
+        return
+    calce = folder / "calce-inr18650-20r"
+    dst, us06 = (
+        {each: calce / f"{name}_25degC_{each}soc_SP20-2.parquet" for each in (80, 50)}
+        for name in ("dst", "us06")
+    )
+    profile = barnax.Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
+    test = (calce / "ocv-incremental_25degC_SP20-3.parquet",)
+    known = {"window": profile, "capacity": 2.0}
+    others = (dst[50], us06[50])
+    yield Case("CALCE INR18650-20R, DST", test, (dst[80],), (us06[80], *others), known)
+    yield Case("CALCE INR18650-20R, DST and US06", test, (dst[80], us06[80]), others, known)
+    lg = folder / "lg-hg2-18650"
+    for degc in (25, 0):
+        names = (f"us06_{degc}degC", f"mixed1_{degc}degC", f"la92_{degc}degC")
+        first, second, other = (lg / f"{name}.parquet" for name in names)
+        test = (lg / f"c20_{degc}degC.parquet",)
+        yield Case(f"LG 18650HG2, {degc} degC, US06", test, (first,), (other,))
+        yield Case(f"LG 18650HG2, {degc} degC, US06 and Mixed1", test, (first, second), (other,))
+
+
+def identified(case: Case, ocv: tuple[Path, ...]) -> tuple[barnax.Result, float]:
+    # Read first: files without a test would be planned, not taken as they are.
+    records, others = (
+        [barnax.read_record(each) for each in of] for of in (case.records, case.others)
+    )
+    started = perf_counter()
+    result = barnax.identify(
+        records, ocv=ocv, validate=others, over="soc", seeds=0, trust="none", **case.options
+    )
+    return result, perf_counter() - started
+
+
+def shown(result: barnax.Result, seconds: float) -> list[str]:
+    answer = next(each for each in result.candidates if each.is_answer)
+
+    def millivolts(errors: SocErrors) -> str:
+        return f"{1e3 * errors.rmse_v:.2f} ({1e3 * (errors.above_v or 0.0):.2f})"
+
+    own = [f"{1e3 * (each or 0.0):.1f}" for each in answer.validation_v]
+    return [millivolts(answer.identification), ", ".join(own), f"{seconds:.1f}"]
+
+
+def main() -> None:
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else None
+    lines = [
+        "| identified on | OCV test | RMSE there (above 10 % SOC) [mV] | on others [mV] | "
+        "OCV apart, 10 to 90 % SOC: median, largest [mV] | [s] |",
+        "|---|---|---|---|---|---|",
+    ]
+    for case in cases(folder):
+        with_test, own_s = identified(case, case.ocv)
+        without, seconds = identified(case, ())
+        low, high = without.cell_model.soc_range
+        soc = INSIDE[(low <= INSIDE) & (high >= INSIDE)]
+        apart_v = without.cell_model.average_ocv_v(soc) - with_test.cell_model.average_ocv_v(soc)
+        apart = f"{1e3 * np.median(np.abs(apart_v)):.1f}, {1e3 * np.max(np.abs(apart_v)):.1f}"
+        for name, ran, at in (
+            ("with", (with_test, own_s), ""),
+            ("without", (without, seconds), apart),
+        ):
+            errors, others, took = shown(*ran)
+            lines.append(f"| {case.name} | {name} | {errors} | {others} | {at} | {took} |")
+    text = (
+        "# What an OCV test is worth\n\nTables over SOC (so-rc) identified with an OCV test and\n"
+        "its correction, and with an OCV of the records' own. The OCVs are compared on the axis\n"
+        "of each; where the capacity is not given, the second is the record's span.\n\n"
+    )
+    made = as_markdown(provenance("python -m benchmarks.own_ocv FOLDER", 0))
+    save_page(RESULTS, text + "\n".join(lines) + f"\n\n{made}\n")
+
+
+if __name__ == "__main__":
+    main()

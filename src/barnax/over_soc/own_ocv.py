@@ -1,0 +1,249 @@
+"""The OCV of a cell without an OCV test: one more table, fitted to the records with all others.
+
+The voltage is linear in the OCV's table too, so time constants, resistances and OCV are one search
+with one proof. What one record cannot tell is where its charge stands on the axis of SOC: its
+capacity and its start only name the axis, and are taken from what is given, from a full charge that
+the record holds, or from its own span.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ..blas import one_blas_thread
+from ..cell import CellModel, OcvPoint, OcvTable, characterize
+from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
+from ..cell.model import FitError
+from ..display import Brief
+from ..errors import InputError
+from ..model.prepared import prepare_record
+from ..model.start import held_charges
+from ..model.window import Window, first_sample
+from ..records import Record, rest_current_a
+from ..records.record import FULL_CHARGE
+from ..settings import NODES
+from .certificate import certify
+from .fit import TableFit, constant_held_out, fit_of, reduced_objective
+from .search import find_best
+from .settings import OCV, TableSettings
+
+# An OCV bends more than resistances do: closer nodes, but near empty, where no circuit follows and
+# the fall of one record would be taken for that of all.
+OCV_NODES = (
+    *(each for each in NODES if each < 0.05),
+    *(place / 80 for place in range(4, 16)),
+    *(place / 40 for place in range(8, 36)),
+    *(place / 80 for place in range(72, 81)),
+)
+# It is measured from a line that says nothing.
+FREE_RIDGE = 1e-12
+NEARLY_LEVEL_V = 1e-6
+# Between two nodes the OCV is a straight line: so many points of it make a curve of that.
+POINTS_A_NODE = 8
+
+AxisSource = Literal["given", "own full charge", "own span", "rest elsewhere"]
+# A start so far outside 0 to 1 is rounding.
+NEARLY_SOC = 0.02
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Where a record's charge stands on the axis of SOC, and what that is known from."""
+
+    initial_soc: float
+    source: AxisSource
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OwnOcv(Brief):
+    """A cell whose OCV the records themselves show, and the tables that were fitted with it.
+
+    Attributes:
+        cell: The cell; one OCV for both directions, no hysteresis.
+        windows: The windows of the records, each with its start on the axis.
+        fit: The tables over SOC, and the OCV among their intervals.
+        settings: How they were fitted.
+    """
+
+    cell: CellModel
+    windows: Mapping[str, Window]
+    fit: TableFit
+    settings: TableSettings
+
+
+def fit_with_ocv(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    settings: TableSettings,
+    capacity_ah: float | None = None,
+) -> OwnOcv:
+    """Tables over SOC and the OCV that fit some records of one cell best, together.
+
+    Records without a known start take theirs from a rest, on the OCV that the others show.
+
+    Args:
+        records: The records.
+        circuit: Name of the circuit; one without hysteresis, of which such records tell nothing.
+        windows: The window of each record by its name.
+        settings: How tables are fitted; the OCV stands at `ocv_nodes`, by default closer ones.
+        capacity_ah: The capacity; None takes what the records span.
+
+    Raises `InputError` where a start is not known, and as `fit_tables` does.
+    """
+    axis_ah, origin = _capacity(records, windows, capacity_ah)
+    axes = {each.name: _axis(each, windows[each.name], axis_ah) for each in records}
+    own = replace(
+        settings,
+        ocv_nodes=settings.ocv_nodes or OCV_NODES,
+        ocv_correction=True,
+        voltage_ridge=min(settings.voltage_ridge, FREE_RIDGE),
+    )
+    known = [each for each in records if axes[each.name].source != "own span"]
+    known = known or [max(records, key=_span_ah)]
+    if len(known) < len(records):
+        quick = replace(own, folds=0, most_cells=0)
+        first = _fitted(known, circuit, windows, axes, quick, axis_ah, origin)
+        for each in records:
+            if each not in known:
+                window = replace(windows[each.name], capacity_ah=axis_ah)
+                start = prepare_record(each, first.cell, circuit, window).start
+                axes[each.name] = Axis(start.soc, "rest elsewhere")
+    return _fitted(records, circuit, windows, axes, own, axis_ah, origin)
+
+
+def _fitted(
+    records: Sequence[Record],
+    circuit: str,
+    windows: Mapping[str, Window],
+    axes: Mapping[str, Axis],
+    settings: TableSettings,
+    capacity_ah: float,
+    origin: str,
+) -> OwnOcv:
+    windows = {
+        each.name: replace(
+            windows[each.name],
+            initial_soc=axis.initial_soc,
+            soc_source=None if axis.source == "given" else axis.source,
+            capacity_ah=capacity_ah,
+        )
+        for each in records
+        for axis in [axes[each.name]]
+    }
+    level = _level_cell(capacity_ah, float(np.median(records[0].voltage_v)))
+    prepared = [prepare_record(each, level, circuit, windows[each.name]) for each in records]
+    objective = reduced_objective(prepared, settings)
+    with one_blas_thread():
+        proof = certify(objective, find_best(objective))
+    nodes, ocv_v = objective.ocv_at(proof.best)
+    is_visited = objective.visited_of(objective.names.index(OCV))
+    soc = np.concatenate([each.soc[each.scored] for each in prepared])
+    cell = _cell_of(records, capacity_ah, nodes, ocv_v, nodes[is_visited], soc)
+    # Of its own kind: what a table of a measured OCV would be asked is not asked.
+    cell = replace(cell, capacity_origin=origin, warnings=())
+    at_home = [prepare_record(each, cell, circuit, windows[each.name]) for each in records]
+    fit = fit_of(objective, proof, at_home)
+    if fit.cross_validation is not None:
+        constant = constant_held_out(at_home, settings)
+        if constant is not None:
+            crossed = replace(fit.cross_validation, constant=constant)
+            fit = replace(fit, cross_validation=crossed)
+    intervals = tuple(
+        each.moved(float(level.average_ocv_v(np.array(each.soc)))) if each.name == OCV else each
+        for each in fit.intervals
+    )
+    return OwnOcv(cell, windows, replace(fit, intervals=intervals), settings)
+
+
+def _level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
+    """A cell whose OCV says nothing: all of it is left to the table."""
+    soc = np.array([-1.0, 2.0])
+    line = InterpolatedCurve.fit(soc, voltage_v + NEARLY_LEVEL_V * soc)
+    points = tuple(OcvPoint(each, voltage_v, "", 0, 0.0) for each in soc.tolist())
+    error = FitError(0.0, 0.0)
+    return CellModel(
+        capacity_ah, "", line, line, SegmentedHysteresis.zero(), (), points, {"average": error}
+    )
+
+
+def _cell_of(
+    records: Sequence[Record],
+    capacity_ah: float,
+    nodes: Float[np.ndarray, "nodes"],
+    ocv_v: Float[np.ndarray, "nodes"],
+    visited: Float[np.ndarray, "visited"],
+    soc: Float[np.ndarray, "samples"],
+) -> CellModel:
+    """The cell with the OCV of the table, as far as samples visit it."""
+    # Straight lines between nodes are the fit; a cubic through the nodes would be another one.
+    low, high = max(visited[0], float(soc.min())), min(visited[-1], float(soc.max()))
+    fine = np.interp(
+        np.arange(POINTS_A_NODE * (len(nodes) - 1) + 1) / POINTS_A_NODE,
+        np.arange(len(nodes)),
+        nodes,
+    )
+    at = np.unique([low, *fine[(fine > low) & (fine < high)], high])
+    name = " + ".join(each.name for each in records)
+    voltage_v = np.interp(at, nodes, ocv_v)
+    points = tuple(
+        OcvPoint(*pair, name, row=0, rest_s=0.0)
+        for pair in zip(at.tolist(), voltage_v.tolist(), strict=True)
+    )
+    table = OcvTable(name, {0: points}, sha256="")
+    return characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
+
+
+def _capacity(
+    records: Sequence[Record], windows: Mapping[str, Window], given_ah: float | None
+) -> tuple[float, str]:
+    """One capacity for the axis, given or the widest span, and where it comes from."""
+    own = {windows[each.name].capacity_ah for each in records} - {None}
+    if len(own) > 1:
+        raise InputError(
+            "records of one cell without an OCV test need one `capacity`; they were given "
+            f"{', '.join(f'{each:g}' for each in sorted(filter(None, own)))} Ah"
+        )
+    given_ah = next(iter(own), None) or given_ah
+    if given_ah is not None:
+        return given_ah, "given"
+    widest = max(records, key=_span_ah)
+    span_ah = _span_ah(widest)
+    if not span_ah > 0:
+        raise InputError(
+            f"{records[0].name}: its current moves no charge, so nothing tells the OCV; give a "
+            "record that goes over much of the state of charge"
+        )
+    return span_ah, f"the charge that {widest.name} spans"
+
+
+def _span_ah(record: Record) -> float:
+    return float(np.ptp(record.discharged_ah))
+
+
+def _axis(record: Record, window: Window, capacity_ah: float) -> Axis:
+    """Where a record starts on the axis: as given, by a full charge, or with its fullest sample as
+    full."""
+    if window.initial_soc is not None:
+        return Axis(window.initial_soc, "given")
+    first = first_sample(record, window)
+    rest_a = window.rest_current_a or rest_current_a(record, capacity_ah)
+    highest_v = float(record.voltage_v.max())
+    full = [
+        last
+        for last in held_charges(record, capacity_ah, rest_a)
+        if record.voltage_v[last] >= highest_v - FULL_CHARGE.held_near_v
+    ]
+    fullest = int(np.argmin(record.discharged_ah))
+    at = min(full, key=lambda each: abs(each - first)) if full else fullest
+    out_ah = float(record.discharged_ah[first] - record.discharged_ah[at])
+    soc = 1 - out_ah / capacity_ah
+    if not -NEARLY_SOC <= soc <= 1 + NEARLY_SOC:
+        raise InputError(
+            f"{record.name}: from its fullest sample to the start it loses {out_ah:.4g} Ah, more "
+            f"than the capacity of {capacity_ah:.4g} Ah; give a larger `capacity`, or `initial_soc`"
+        )
+    return Axis(min(max(soc, 0.0), 1.0), "own full charge" if full else "own span")

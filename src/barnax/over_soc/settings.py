@@ -1,0 +1,66 @@
+"""What may be chosen of tables over SOC: the options of all, and their bounds."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..cell.tables import require_nodes
+from ..errors import InputError
+from ..model.search_space import Range
+from ..settings import TableOptions
+
+FASTEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
+# With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
+SLOWEST_SHARE = 0.1
+# An OCV that stands in place of a measured one, with nodes of its own.
+OCV = "OCV [V]"
+# What can be bounded or fixed; which of these a circuit has is known when it is fitted.
+TABULATED = re.compile(r"R(\d|_\w+) \[Ohm\]|tau(\d|_\w+) \[s\]|gamma")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableSettings(TableOptions):
+    """Tables over SOC: the options of `TableOptions`, with bounds and fixed values.
+
+    Args:
+        bounds: Lowest and highest value by PyBaMM's names; those of a resistance hold at every SOC.
+        fixed: Values by the same names; a time constant or gamma has one for all SOC.
+
+    Raises `InputError` for nodes that do not rise, weights that are not positive, and bounds or
+    fixed values that are unknown, reversed, negative or both given.
+    """
+
+    bounds: Mapping[str, Range] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        require_nodes(self.nodes)
+        require_nodes(self.ocv_nodes or self.nodes)
+        for name in ("roughness", "resistance_ridge", "voltage_ridge", "block_s"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"`{name}` {getattr(self, name):g} must be positive")
+        if self.folds < 0 or self.folds == 1:
+            raise InputError(f"`folds` {self.folds} must be 0 or at least 2")
+        for name in [*self.bounds, *self.fixed]:
+            if TABULATED.fullmatch(name):
+                continue
+            raise InputError(
+                f"{name!r} cannot be bounded or fixed with tables over SOC; only resistances, time "
+                "constants such as 'tau1 [s]' and gamma can"
+            )
+        for name in self.bounds.keys() & self.fixed.keys():
+            raise InputError(f"{name!r} is both bounded and fixed; give one of them")
+        for name, (low, high) in self.ranges.items():
+            least = 0.0 if name.endswith("[Ohm]") else np.finfo(float).tiny
+            if not least <= low <= high < np.inf:
+                raise InputError(
+                    f"the bounds of {name!r} are [{low:g}, {high:g}]; the lower one comes first, "
+                    "and neither is negative"
+                )
+
+    @property
+    def ranges(self) -> dict[str, Range]:
+        """Bounds and fixed values alike, as ranges."""
+        return {**self.bounds, **{name: (each, each) for name, each in self.fixed.items()}}

@@ -1,0 +1,88 @@
+"""What a plan has decided so far of every file, and the words for it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from ..model.window import Window
+from .document import ROLES, Part, Use
+from .looking import CandidateFile
+from .ocv import SHOWN, OcvChoice, Started, ocv_reason
+
+# What moves so many times the charge of a cell is of another.
+_BEYOND = 1.2
+
+
+@dataclass(eq=False)
+class Draft:
+    """What has been decided so far: a role, a reason and a window for some of the files.
+
+    `given_ah` is the capacity that was given, `is_over` whether all temperatures are asked for.
+    """
+
+    files: Sequence[CandidateFile]
+    given_ah: float | None = None
+    is_over: bool = False
+    taken: dict[CandidateFile, tuple[Use, str, Window]] = field(default_factory=dict)
+    capacity_ah: float | None = None
+    starts: dict[CandidateFile, Started] = field(default_factory=dict)
+
+    def take(
+        self, file: CandidateFile, role: Use, reason: str, window: Window | None = None
+    ) -> None:
+        """Settle a file's role, unless it is settled."""
+        self.taken.setdefault(file, (role, reason, window or Window()))
+
+    def take_tests(self, choice: OcvChoice) -> None:
+        """Settle the files of an OCV test."""
+        for each in choice.tests:
+            self.take(each, "OCV test", ocv_reason([each]))
+
+    def tell_temperatures(self) -> None:
+        """Put the temperature that a name tells into the windows of records without a column."""
+        for file, (role, reason, window) in self.taken.items():
+            is_open = role != "not used" and window.temperature_degc is None
+            if is_open and file.traits and file.record.temperature_degc is None:
+                window = replace(window, temperature_degc=file.temperature_degc)
+                self.taken[file] = role, reason, window
+
+    def parts(self) -> tuple[Part, ...]:
+        """Every file: those that serve first, by their role."""
+        parts = []
+        for each in self.files:
+            role, reason, window = self.taken[each]
+            kept = None if role == "not used" else each.source
+            what = (role, each.kind(self.capacity_ah), reason, window)
+            planned = window.initial_soc is not None and each.chosen.initial_soc is None
+            known = (each.source and each.source.span_s, each.temperature_degc, planned, kept)
+            parts.append(Part(each.path, each.name, *what, *known))
+        return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
+
+
+def reach_ah(file: CandidateFile) -> float:
+    return file.traits.reach_ah if file.traits else 0.0
+
+
+def why_useless(file: CandidateFile, capacity_ah: float | None) -> str:
+    reason = file.missing_for(capacity_ah) or another_cell(file, capacity_ah)
+    return reason or "no role is left for it"
+
+
+def another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
+    """That a file moves more than the cell holds; empty where it does not."""
+    if not capacity_ah or not file.traits or file.traits.span_ah <= _BEYOND * capacity_ah:
+        return ""
+    moved = f"it moves {file.traits.span_ah:.3g} Ah"
+    return f"{moved}, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
+
+
+def words_of(draft: Draft, file: CandidateFile) -> str:
+    """Why a record serves, as the checks say, and where its start is known from."""
+    for name in ("identification", "validation"):
+        role = file.role(name)
+        if role is not None and role.is_usable:
+            return role.reason + draft.starts.get(file, SHOWN).words
+    return ""
+
+
+def named_degc(degc: float | None) -> str:
+    return "" if degc is None else f" at {degc:.3g} degC"

@@ -1,0 +1,173 @@
+"""Tables with an OCV of the records' own, against accepted numbers and a known truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.errors import InputError
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
+from barnax.over_soc import TableSettings, errors_on, fit_with_ocv
+from barnax.over_soc.settings import OCV
+from barnax.records import read_record
+from barnax.settings import NODES
+from helpers.problems import drive_a
+from helpers.reference import drop_v, filtered_response, make_record
+
+GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
+QUICK = TableSettings(most_cells=0, folds=0)
+R0_OHM, R_OHM, TAU_S = 0.05, (0.02, 0.03), (12.0, 150.0)
+SAMPLES = 6000
+
+
+def ocv_v(soc):
+    return 3.3 + 0.7 * soc + 0.15 * np.tanh((soc - 0.05) / 0.06) + 0.08 * soc**6
+
+
+def made(seed=0, start=1.0, hours=2.5, noise_v=2e-4, charge=False):
+    """A drive from `start` on a cell of 2 Ah that everything is known of, first charged to full
+    by a held voltage where `charge`."""
+    interval_s = 3600 * hours / SAMPLES
+    current_a = 0.7 * drive_a(SAMPLES, seed=seed, interval=20)
+    if charge:
+        taper_a = -np.concatenate([np.full(400, 0.8), 0.8 * np.exp(-np.arange(600) / 180)])
+        current_a = np.concatenate([taper_a, np.zeros(300), current_a])
+    time_s = interval_s * np.arange(len(current_a))
+    out_ah = np.append(0.0, np.cumsum(current_a[:-1] * interval_s)) / 3600
+    at = 1300 if charge else 0
+    soc = start - (out_ah - out_ah[at]) / 2.0
+
+    def response(time_s, current_a, tau, hold):
+        return filtered_response(interval_s, current_a, tau, hold)
+
+    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    if charge:
+        held = np.arange(len(soc)) < 1000
+        voltage_v = np.where(held, 4.25, voltage_v)
+    voltage_v += noise_v * np.random.default_rng(seed).standard_normal(len(soc))
+    return make_record(time_s, current_a, voltage_v, name=f"made{seed}.csv"), soc
+
+
+@pytest.mark.parametrize(
+    ("count", "rising", "root_mv", "errors_mv"),
+    [
+        (1, False, 6.164, [5.44, 1.35, 24.54, 5.26]),
+        (1, True, 6.398, [5.83, 1.36, 24.63, 5.28]),
+        (2, False, 9.300, [8.97, 2.73, 8.60, 2.92]),
+        (2, True, 9.555, [9.60, 2.72, 8.91, 2.93]),
+    ],
+)
+def test_given_time_constants_give_the_accepted_errors(
+    real_data, count, rising, root_mv, errors_mv
+):
+    folder = real_data / "calce-inr18650-20r"
+    names = ("dst_25degC_80soc", "us06_25degC_80soc")
+    records = [read_record(folder / f"{name}_SP20-2.parquet") for name in names]
+    profile = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8), capacity_ah=2.0)
+    windows = {each.name: profile for each in records}
+    settings = replace(QUICK, fixed=GIVEN, rising_ocv=rising, ocv_nodes=NODES)
+    own = fit_with_ocv(records[:count], "so-rc", windows, settings)
+    assert 1e3 * own.fit.objective_v == pytest.approx(root_mv, rel=1e-3)
+    if not rising:
+        return
+    # The cubic through the nodes is no straight line between them.
+    for record, whole, above in zip(records, errors_mv[::2], errors_mv[1::2], strict=True):
+        errors = errors_on(prepare_record(record, own.cell, "so-rc", profile), own.fit.tables)
+        assert 1e3 * errors.rmse_v == pytest.approx(whole, rel=0.05)
+        assert 1e3 * errors.above_v == pytest.approx(above, rel=0.05)
+
+
+@pytest.fixture(scope="module")
+def known():
+    record, soc = made()
+    window = {record.name: Window(initial_soc=1.0, capacity_ah=2.0)}
+    return record, soc, fit_with_ocv([record], "so-rc", window, TableSettings(folds=0))
+
+
+def test_ocv_and_circuit_of_a_known_cell_are_found_and_proved(known):
+    _, soc, own = known
+    assert own.fit.status == "certified"
+    assert own.fit.tables.tau_s == pytest.approx(TAU_S, rel=0.05)
+    inside = np.linspace(max(0.1, soc.min()), 0.9, 50)
+    assert np.max(np.abs(own.cell.average_ocv_v(inside) - ocv_v(inside))) < 3e-3
+    assert own.fit.tables.at("R0 [Ohm]", inside) == pytest.approx(R0_OHM, rel=0.01)
+    assert own.cell.is_of_records
+    assert np.all(np.diff(own.cell.average_ocv_v(np.linspace(*own.cell.soc_range, 500))) >= 0)
+
+
+def test_intervals_of_ocv_and_r0_hold_the_truth(known):
+    _, _, own = known
+    nodes = [each for each in own.fit.intervals if each.name == OCV and 0.23 < each.soc < 0.98]
+    assert len(nodes) > 30
+    assert np.mean([each.low <= ocv_v(each.soc) <= each.high for each in nodes]) >= 0.9
+    assert max(each.high - each.low for each in nodes) < 1e-3
+    r0 = [each for each in own.fit.of_table("R0 [Ohm]") if 0.23 < each.soc < 0.98]
+    assert np.mean([each.low <= R0_OHM <= each.high for each in r0]) >= 0.9
+
+
+def test_capacity_only_names_the_axis(known):
+    record, _, own = known
+    spanned = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
+    span_ah = np.ptp(record.discharged_ah)
+    assert spanned.cell.capacity_ah == pytest.approx(span_ah)
+    assert spanned.windows[record.name].soc_source == "own span"
+    assert spanned.fit.objective_v == pytest.approx(own.fit.objective_v, rel=0.2)
+    charge_ah = np.linspace(0.2, 0.9, 30) * span_ah
+    one_v = spanned.cell.average_ocv_v(1 - charge_ah / span_ah)
+    assert one_v == pytest.approx(own.cell.average_ocv_v(1 - charge_ah / 2.0), abs=4e-3)
+
+
+def test_a_full_charge_in_the_record_is_where_soc_is_one():
+    record, _ = made(charge=True, start=1.0)
+    first = float(record.time_s[1300])
+    window = {record.name: Window(start_time_s=first, capacity_ah=2.0)}
+    own = fit_with_ocv([record], "so-rc", window, QUICK)
+    started = own.windows[record.name]
+    assert started.soc_source == "own full charge"
+    assert started.initial_soc == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
+    whole, _ = made(seed=0)
+    rest, other = np.zeros(400), made(seed=1, start=0.7, hours=1.0)[0]
+    current_a = np.concatenate([rest, other.current_a])
+    voltage_v = np.concatenate([rest + ocv_v(0.7), other.voltage_v])
+    interval_s = other.time_s[1]
+    part = make_record(
+        interval_s * 40 * np.arange(len(current_a)) / 40, current_a, voltage_v, name="part.csv"
+    )
+    windows = {whole.name: Window(initial_soc=1.0, capacity_ah=2.0), part.name: Window()}
+    own = fit_with_ocv([whole, part], "so-rc", windows, QUICK)
+    assert own.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"model": "esc"}, "the hysteresis of esc needs an OCV test"),
+        ({"setup": "li2023"}, "the hysteresis of iso-rc needs an OCV test"),
+        ({"over": "soc,temperature"}, "needs an OCV test of the cell; give it with `ocv`"),
+        ({"ocv_fit": "polynomial"}, "an OCV polynomial needs an OCV test"),
+    ],
+)
+def test_what_needs_an_ocv_test_says_so(options, message):
+    with pytest.raises(InputError, match=message):
+        barnax.identify(read_record(BUNDLED.record), **options)
+
+
+def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
+    result = barnax.identify(
+        BUNDLED.record, validate=BUNDLED.validation, seeds=2, iterations=20, trust="none"
+    )
+    assert result.tables is not None
+    assert result.metrics.identification.rmse_v < 6.5e-3
+    assert result.metrics.validation[0].rmse_v < 5.5e-3
+    path = tmp_path / "result.json"
+    path.write_text(result.to_json())
+    again = barnax.Result.from_json(path)
+    assert again.cell_model.is_of_records
+    simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
+    assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]

@@ -80,7 +80,7 @@ def shown(result: barnax.Result, seconds: float) -> list[str]:
     def millivolts(errors: SocErrors) -> str:
         return f"{1e3 * errors.rmse_v:.2f} ({1e3 * (errors.above_v or 0.0):.2f})"
 
-    own = [f"{1e3 * (each or 0.0):.1f}" for each in answer.validation_v]
+    own = [f"{1e3 * float(each):.1f}" for each in answer.validation_v if each is not None]
     return [millivolts(answer.identification), ", ".join(own), f"{seconds:.1f}"]
 
 

@@ -72,7 +72,6 @@ FILES = [
     (RECORD, *OCV, "--validate", "part.csv"),
     (RECORD, "copy.parquet", *OCV),
     (300 * "x", *OCV),
-    (RECORD,),
     OCV,
     ("--current-sign", "discharge-positive"),
     ("--ocv-current-sign", "discharge-positive"),

@@ -213,7 +213,8 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
         Candidate(model, over, SocErrors(0.02, None), (), SocErrors(held_v, None))
         for model, over, held_v in (("esc", None, 0.0218), ("so-rc", None, 0.0245))
     )
-    held = SimpleNamespace(constant=SocErrors(0.0245, None), tables=SocErrors(0.0091, None))
+    errors = {"constant": SocErrors(0.0245, None), "tables": SocErrors(0.0091, None)}
+    held = SimpleNamespace(**errors, by_record=())
     fit = replace(result.tables.fit, cross_validation=held)
     found = result.model_copy(
         update={
@@ -227,7 +228,7 @@ def test_tables_are_compared_with_the_constant_circuit_that_is_named():
     told = pay_sentence(None, held_out_errors(found), "esc", "so-rc")
     assert "from 21.8 to 9.1 mV on held-out blocks, from constant esc to tables of so-rc." in told
     assert next_step(found).advice.startswith("validate on another record")
-    missed = SimpleNamespace(constant=held.constant, tables=SocErrors(0.0245, None))
+    missed = SimpleNamespace(constant=held.constant, tables=SocErrors(0.0245, None), by_record=())
     lost = replace(fit, cross_validation=missed)
     lost = found.model_copy(update={"tables": found.tables.model_copy(update={"fits": (lost,)})})
     assert "blocks left out of the fit are predicted to 24.50 mV, fitted ones to 4.90 mV" in (

@@ -6,11 +6,14 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.special import stdtrit
 
 from ..cell.soc_axis import is_above
 from ..model.prepared import PreparedRecord
+from ..uncertainty.covariance import CONFIDENCE
+from .intervals import NodeInterval
 from .objective import Objective, Solution
-from .reduced import Groups, Reduced
+from .reduced import Columns, Groups, Reduced
 from .search import find_best, least_in_box
 from .settings import TableSettings
 
@@ -19,6 +22,8 @@ from .settings import TableSettings
 FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
 # An extra is worth its parameters where it lowers both held-out errors by more than this share.
 WORTHWHILE = 0.1
+# Fewer records tell no spread.
+FEWEST_RECORDS = 3
 # And by more than this: less than voltmeters tell is no reason for another circuit.
 LEAST_GAIN_V = 1e-4
 
@@ -59,18 +64,20 @@ class SocErrors:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Errors on blocks that were held out of the fit, of the tables and of the constant circuit.
+    """Errors on samples that were held out of the fit, of the tables and of the constant circuit.
 
-    Each of the `folds` holds every `folds`-th block of every record, the longest of them of
-    `block_s` seconds. Time constants are those of all samples; what is linear is fitted in each
-    fold anew. The constant circuit is the same one with one value for every SOC and no OCV
-    correction.
+    Of one record, each of the `folds` holds every `folds`-th block, the longest of them of
+    `block_s` seconds. Several records are left out whole, one after another: `block_s` is None, and
+    `by_record` has the tables' errors on each. Time constants are those of all samples; what is
+    linear is fitted in each fold anew. The constant circuit is the same one with one value for
+    every SOC and no OCV correction.
     """
 
     folds: int
-    block_s: float
+    block_s: float | None
     tables: SocErrors
     constant: SocErrors
+    by_record: tuple[SocErrors, ...] = ()
 
 
 def blocks_of(
@@ -79,22 +86,24 @@ def blocks_of(
     """For each record what gives the groups of some samples, -1 where one is not scored, and how
     many groups there are.
 
-    Two groups a fold: the samples below and above 10 % SOC.
+    Two groups a fold: the samples below and above 10 % SOC. Several records are a fold each.
     """
+    are_several = len(prepared_records) > 1
 
-    def group(here: slice, each: PreparedRecord, start_s: float) -> Int[np.ndarray, "samples"]:
+    def group(here: slice, number: int) -> Int[np.ndarray, "samples"]:
+        each = prepared_records[number]
         if not settings.folds:
             return np.where(each.scored[here], 0, -1)
-        block_s = _block_s(each, settings)
-        fold = np.floor((each.time_s[here] - start_s) / block_s).astype(int)
-        groups = 2 * (fold % settings.folds) + is_above(each.soc[here])
-        return np.where(each.scored[here], groups, -1)
+        fold = np.full(here.stop - here.start, number)
+        if not are_several:
+            start_s = each.time_s[np.argmax(each.scored)]
+            block = np.floor((each.time_s[here] - start_s) / _block_s(each, settings)).astype(int)
+            fold = block % settings.folds
+        return np.where(each.scored[here], 2 * fold + is_above(each.soc[here]), -1)
 
-    groups: list[Groups] = [
-        partial(group, each=each, start_s=float(each.time_s[np.argmax(each.scored)]))
-        for each in prepared_records
-    ]
-    return groups, 2 * settings.folds or 1
+    groups: list[Groups] = [partial(group, number=n) for n in range(len(prepared_records))]
+    folds = len(prepared_records) if are_several and settings.folds else settings.folds
+    return groups, 2 * folds or 1
 
 
 def _block_s(prepared: PreparedRecord, settings: TableSettings) -> float:
@@ -115,17 +124,22 @@ def cross_validate(objective: Objective, best: Solution) -> CrossValidation | No
     plain = replace(settings, nodes=(0.5,), ocv_correction=False)
     whole = replace(objective, reduced=objective.reduced.constant(), settings=plain)
     flat = [part.constant() for part in parts]
+    records = objective.prepared_records
+    by_fold = _held_out(objective, best, parts)
     return CrossValidation(
-        settings.folds,
-        max(_block_s(each, settings) for each in objective.prepared_records),
-        _held_out(objective, best, parts),
-        _held_out(whole, find_best(whole), flat),
+        len(parts) // 2,
+        None if len(records) > 1 else _block_s(records[0], settings),
+        _together(by_fold),
+        _together(_held_out(whole, find_best(whole), flat)),
+        tuple(map(_errors_of, by_fold)) if len(records) > 1 else (),
     )
 
 
 def held_out_errors(objective: Objective, best: Solution) -> SocErrors | None:
-    """The errors on held-out blocks alone; None as `cross_validate` has it."""
-    return _held_out(objective, best, objective.parts) if _has_folds(objective) else None
+    """The errors on what is held out alone; None as `cross_validate` has it."""
+    if not _has_folds(objective):
+        return None
+    return _together(_held_out(objective, best, objective.parts))
 
 
 def _has_folds(objective: Objective) -> bool:
@@ -135,8 +149,22 @@ def _has_folds(objective: Objective) -> bool:
     return bool(np.count_nonzero(scored) > 1)
 
 
-def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> SocErrors:
-    folds = objective.settings.folds
+# Sums of squared errors in V^2, and how many there are, below and above 10 % SOC.
+Sums = tuple[Float[np.ndarray, "2"], Int[np.ndarray, "2"]]
+
+
+def _errors_of(sums: Sums) -> SocErrors:
+    return SocErrors.of_squares(*sums)
+
+
+def _together(folds: Sequence[Sums]) -> SocErrors:
+    squares_v2, counts = (np.sum(each, axis=0) for each in zip(*folds, strict=True))
+    return SocErrors.of_squares(squares_v2, counts)
+
+
+def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> list[Sums]:
+    """What every fold's samples come to, which the tables of the others predict."""
+    folds = len(parts) // 2
     # Of every group's factor only the columns at one place are wanted.
     columns, bases = zip(
         *(replace(objective, reduced=part).columns(best.place) for part in parts), strict=True
@@ -145,13 +173,66 @@ def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) ->
     squares = np.zeros(len(parts))
     for fold in range(folds):
         is_rest = np.arange(len(parts)) // 2 != fold
-        rest = np.flatnonzero(is_rest & (scored > 0))
-        share = scored[rest] / scored[rest].sum()
-        normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
-        for each, at in zip(share, rest, strict=True):
-            normal += each * columns[at].T @ columns[at]
-            gradient += each * columns[at].T @ bases[at]
-        x, _ = least_in_box(normal, gradient, *objective.box, best.sides)
+        x = _fitted_to(objective, best, columns, bases, np.where(is_rest, scored, 0))
         for at in np.flatnonzero(~is_rest):
             squares[at] = scored[at] * np.sum((bases[at] + columns[at] @ x) ** 2)
-    return SocErrors.of_squares(*(each.reshape(-1, 2).sum(axis=0) for each in (squares, scored)))
+    return list(zip(squares.reshape(-1, 2), scored.reshape(-1, 2), strict=True))
+
+
+def _fitted_to(
+    objective: Objective,
+    best: Solution,
+    columns: Sequence[Columns],
+    bases: Sequence[Float[np.ndarray, "rows"]],
+    scored: Int[np.ndarray, "groups"],
+) -> Float[np.ndarray, "unknowns"]:
+    """The unknowns that fit some groups of samples best, at the time constants of all."""
+    normal, gradient = objective.penalty_normal.copy(), np.zeros(len(objective.penalty_normal))
+    for at in np.flatnonzero(scored).tolist():
+        share = scored[at] / scored.sum()
+        normal += share * columns[at].T @ columns[at]
+        gradient += share * columns[at].T @ bases[at]
+    return least_in_box(normal, gradient, *objective.box, best.sides)[0]
+
+
+def with_spread(
+    objective: Objective, best: Solution, intervals: Sequence[NodeInterval]
+) -> tuple[NodeInterval, ...]:
+    """The intervals of nodes with those of what another record of the cell would show.
+
+    They follow from the spread of the records' own tables, at the time constants of all: the mean
+    and t s sqrt(1 + 1 / n) of at least three records that visit a node. A record's own interval is
+    far narrower than what another load of the same cell shows.
+    """
+    records, parts = objective.prepared_records, objective.parts
+    if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records):
+        return tuple(intervals)
+    columns, bases = zip(
+        *(replace(objective, reduced=part).columns(best.place) for part in parts), strict=True
+    )
+    scored = np.array([part.scored for part in parts])
+    rows, visits = [], []
+    for number, record in enumerate(records):
+        is_own = np.arange(len(parts)) // 2 == number
+        x = _fitted_to(objective, best, columns, bases, np.where(is_own, scored, 0))
+        alone = replace(objective, prepared_records=[record])
+        rows.append(objective.to_tables @ x)
+        visits.append(np.concatenate([alone.visited_of(n) for n in range(objective.tables)]))
+    values, is_there = np.array(rows), np.array(visits)
+    places = {
+        (name, float(soc)): objective.block(table).start + node
+        for table, name in enumerate(objective.names)
+        for node, soc in enumerate(objective.nodes_of[table])
+    }
+
+    def spread(each: NodeInterval) -> NodeInterval:
+        at = places.get((each.name, each.soc)) if each.soc is not None else None
+        own = values[is_there[:, at], at] if at is not None else []
+        if len(own) < FEWEST_RECORDS:
+            return each
+        reach = stdtrit(len(own) - 1, (1 + CONFIDENCE) / 2) * np.std(own, ddof=1)
+        reach = float(reach * np.sqrt(1 + 1 / len(own)))
+        middle, least = float(np.mean(own)), 0.0 if each.name.startswith("R") else -np.inf
+        return replace(each, record_low=max(middle - reach, least), record_high=middle + reach)
+
+    return tuple(map(spread, intervals))

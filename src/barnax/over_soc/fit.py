@@ -26,6 +26,7 @@ from .cross_validation import (
     blocks_of,
     cross_validate,
     held_out_errors,
+    with_spread,
 )
 from .intervals import NodeInterval, intervals_of
 from .objective import Objective, Solution
@@ -136,7 +137,7 @@ def fit_of(
     settings, best = objective.settings, proof.best
     with one_blas_thread():
         tables = objective.tables_at(best)
-        intervals = intervals_of(objective, best)
+        intervals = with_spread(objective, best, intervals_of(objective, best))
         held_out = cross_validate(objective, best)
     at_bound = _at_bound(objective, best)
     taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)

@@ -41,7 +41,9 @@ class NodeInterval:
 
     `standard_error` allows for the residuals' autocorrelation, `bias` is what smoothing and the
     straight lines between nodes may have moved; the interval holds both. `low` and `high` are None,
-    and the error zero, where a bound decides the value or no sample depends on it.
+    and the error zero, where a bound decides the value or no sample depends on it. `record_low` and
+    `record_high` are what another record of the cell would show, by the spread of those identified
+    on; None of fewer than three.
     """
 
     name: str
@@ -51,6 +53,8 @@ class NodeInterval:
     bias: float
     low: float | None
     high: float | None
+    record_low: float | None = None
+    record_high: float | None = None
 
     @property
     def is_biased(self) -> bool:
@@ -59,8 +63,11 @@ class NodeInterval:
 
     def moved(self, by: float) -> "NodeInterval":
         """The same with value and interval counted from elsewhere."""
-        low, high = (None if end is None else end + by for end in (self.low, self.high))
-        return replace(self, value=self.value + by, low=low, high=high)
+        ends = {
+            name: None if (end := getattr(self, name)) is None else end + by
+            for name in ("low", "high", "record_low", "record_high")
+        }
+        return replace(self, value=self.value + by, **ends)
 
     def spanning(self, shifts: Sequence[float]) -> "NodeInterval":
         """The same with an interval that reaches over those of values so far off, as possible."""

@@ -63,12 +63,18 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     )
 
 
-def pay_sentence(unseen: "Both | None", held: "Both | None", constant: str, tables: str) -> str:
+def pay_sentence(
+    unseen: "Both | None",
+    held: "Both | None",
+    constant: str,
+    tables: str,
+    held_out: str = "held-out blocks",
+) -> str:
     """Whether tables pay beside the best constant circuit, both named; empty where nothing was
     held out and no other record is there.
 
     `unseen` are the errors on the validation records, which decide where there are any; else
-    `held`, those on blocks held out of the fit, do.
+    `held`, those on what was held out of the fit, do: `held_out` says what that is.
     """
     told, pays = [], tables_pay(unseen, held)
     if unseen is not None:
@@ -76,7 +82,7 @@ def pay_sentence(unseen: "Both | None", held: "Both | None", constant: str, tabl
     if held is not None:
         is_alike = (held[1].rmse_v < held[0].rmse_v) == pays
         joint = "" if not told else ", and from " if is_alike else ", but from "
-        told.append(f"{joint}{_change(*held)} on held-out blocks")
+        told.append(f"{joint}{_change(*held)} on {held_out}")
     if not told:
         return ""
     change = f"RMSE from {''.join(told)}, from constant {constant} to tables of {tables}"
@@ -115,6 +121,12 @@ def held_out_errors(result: "Result") -> "Both | None":
     if tables is not None and constant is None and result.constant.model == result.model:
         return tables
     return None if tables is None or constant is None else (constant, tables[1])
+
+
+def held_out_words(fit: "TableFit") -> str:
+    """What was held out of a fit."""
+    held = fit.cross_validation
+    return "records left out in turn" if held and held.by_record else "held-out blocks"
 
 
 def both_held_out(fit: "TableFit") -> "Both | None":

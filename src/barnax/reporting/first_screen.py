@@ -14,6 +14,7 @@ from .decisions import carried_sentences, guess_sentences
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import (
     expectation,
+    left_out_sentences,
     middle_of_tables,
     prediction_sentences,
 )
@@ -62,6 +63,7 @@ def first_screen(
         yield Text()
     unfit = [("Do not use", text) for text in result.warnings if UNFIT in text]
     lines = [*unfit, ("Best possible", best_possible(result))]
+    lines += [("Left out", text) for text in left_out_sentences(result)]
     lines += [("Search", text) for text in search_sentences(result)]
     over = None if result.tables is None else result.tables.over_temperature
     if over is not None:

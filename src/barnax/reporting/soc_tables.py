@@ -11,6 +11,7 @@ from .candidates import (
     both_held_out,
     errors_words,
     held_out_errors,
+    held_out_words,
     pay_sentence,
     unseen_errors,
 )
@@ -89,7 +90,8 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
             f"error by {percent(max(costs, 0.0))}."
         )
         for at, each in zip(degc, part.fits, strict=True):
-            if pays := pay_sentence(None, both_held_out(each), result.model, result.model):
+            both, what = both_held_out(each), held_out_words(each)
+            if pays := pay_sentence(None, both, result.model, result.model, what):
                 yield f"At {at}, {pays}"
         yield (
             "Between measured temperatures the logarithm of every resistance is linear in 1/T, and "
@@ -105,7 +107,8 @@ def _sentences(part: "TablesPart", result: "Result") -> Iterator[str]:
     )
     yield f"Best possible: {best_of(part, result.model)}"
     unseen, held = unseen_errors(result), held_out_errors(result)
-    if pays := pay_sentence(unseen, held, result.constant.model, result.model):
+    names = result.constant.model, result.model
+    if pays := pay_sentence(unseen, held, *names, held_out_words(fit)):
         yield capitalized(pays)
     if part.settings.ocv_correction:
         yield (
@@ -256,8 +259,15 @@ def middle_of_tables(part: "TablesPart") -> tuple[list[str], list[tuple[str, ...
     fit, nodes = part.fit, part.fit.tables.nodes
     visited = _visited(fit)
     middle = min(visited, key=lambda place: abs(nodes[place] - MIDDLE_SOC))
-    heads = ["", f"at {100 * nodes[middle]:g} % SOC", "95 % interval", "over SOC", "", "", ""]
-    known = {(each.name, each.soc): _between(each, fit) for each in fit.intervals}
+    are_several = any(each.record_low is not None for each in fit.intervals)
+    kind = "another record" if are_several else "95 % interval"
+    heads = ["", f"at {100 * nodes[middle]:g} % SOC", kind, "over SOC", "", "", ""]
+    known = {
+        (each.name, each.soc): _of_another(each)
+        if are_several and each.soc is not None
+        else _between(each, fit)
+        for each in fit.intervals
+    }
     constants = fit.tables.constants
     rows = []
     for name, values in fit.tables.tables.items():
@@ -319,6 +329,26 @@ def _held_out(fit: "TableFit") -> "SocErrors | None":
 
 def _name(name: str) -> str:
     return SHORT.get(name, symbol(name))
+
+
+def _of_another(each: "NodeInterval") -> str:
+    """What another record of the cell would show."""
+    if each.record_low is None or each.record_high is None:
+        return NOT_DETERMINED
+    return between(each.name, each.record_low, each.record_high)
+
+
+def left_out_sentences(result: "Result") -> Iterator[str]:
+    """How well the other records predict each one, where several were identified on."""
+    held = result.tables and result.tables.fit.cross_validation
+    if not held or not held.by_record:
+        return
+    names = [each.name for each in result.of_role("identification")]
+    told = [
+        f"{name} {errors_words(errors)}"
+        for name, errors in zip(names, held.by_record, strict=False)
+    ]
+    yield f"predicted by the other records, in mV (above 10 % SOC): {joined(told)}"
 
 
 def _between(each: "NodeInterval", fit: "TableFit") -> str:

@@ -200,7 +200,9 @@ def _more_data(result: "Result") -> str:
         what = "a record loaded at every SOC, such as a drive cycle"
         use = f"identify on {what}, with this test as `ocv`"
     left, fitted = millivolt(held[1].rmse_v), millivolt(fitted_v)
-    return f"{use}: blocks left out of the fit are predicted to {left}, fitted ones to {fitted}"
+    crossed = result.tables and result.tables.fit.cross_validation
+    what = "records" if crossed and crossed.by_record else "blocks"
+    return f"{use}: {what} left out of the fit are predicted to {left}, fitted ones to {fitted}"
 
 
 def _other_temperatures(result: "Result") -> list[float]:

@@ -160,6 +160,9 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
 # The options of `identify` with their types.
 OPTIONS: Mapping[str, Any] = get_type_hints(Job)
+# Those that a plan holds: all but data, and what is done while it runs.
+_GROUPS = (Settings, Reading, CellSettings, Scope, TableOptions)
+PLANNED = (*(each.name for kind in _GROUPS for each in fields(kind)), "capacity", "bounds", "fix")
 
 
 def require_choice(name: str, value: Any) -> None:

@@ -3,6 +3,8 @@
 import shlex
 import sys
 import threading
+from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 
 from ..errors import InputError
-from ..settings import WINDOW_OPTIONS, CellSettings, Reading, Scope, Settings
+from ..settings import WINDOW_OPTIONS, Scope, Settings
 from .options import (
+    FLAGS,
     INPUT,
     LIVE,
     PAPER,
@@ -31,7 +34,6 @@ from .options import (
 from .output import DEFAULT_FOLDER, Output, free_name
 from .session import (
     APPEARANCE,
-    DRAWN,
     Session,
     as_flags,
     flag_of,
@@ -40,12 +42,9 @@ from .session import (
 )
 
 if TYPE_CHECKING:
-    from ..job import Job
-    from ..plan import Part, Plan
+    from ..plan import Plan
+    from ..result_parts import Use
     from ..results import Result
-
-# Options of the run that a plan may hold; those of records go into its windows.
-PLANNED = (*vars(CellSettings()), *vars(Reading()), *vars(Scope()), "model", "method", "over")
 
 
 @group
@@ -121,13 +120,14 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
     with session.watch("Loading"):
         from ..job import Job
-        from ..plan import plan_of, plan_to_toml
+        from ..plan import plan_given, plan_of, plan_to_toml, with_choices
 
+    if not records:
+        raise InputError("`plan` is for files or a folder; give them")
     job = Job(**options.given(records), watch=session.watch)
     found = plan_of(job)
-    if found is None:
-        raise InputError("`plan` is for a folder, or for files without `ocv`")
-    typer.echo(plan_to_toml(_changed(found, job)), nl=False)
+    plan = plan_given(job, "identify") if found is None else with_choices(found, job)
+    typer.echo(plan_to_toml(plan), nl=False)
 
 
 def hppc(options: Identification, on: PulseTests) -> None:
@@ -146,14 +146,10 @@ def _run(
     session, folder = output.begun(DEFAULT_FOLDER, inputs)
     with session.watch("Loading JAX"):
         use_compilation_cache()
+        from .. import pipeline
         from ..job import Job
-        from ..plan import plan_of
+        from ..plan import plan_given, plan_of, plan_to_toml, with_choices
         from ..reporting.terminal import plan_lines
-
-        if command == "hppc":
-            from ..pipeline import hppc as run
-        else:
-            from ..pipeline import identify as run
 
     if folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
@@ -162,13 +158,17 @@ def _run(
         threading.Thread(target=__import__, args=(module,)).start()
     job = Job(**options.given(records), watch=session.watch)
     found = plan_of(job) if command == "identify" else None
+    plan = None
     if found is not None:
-        found = _changed(found, job)
-        if not found.missing:
-            session.show(plan_lines(found, as_flags))
-        words = _command(found, records)
-        job = job.changed(records=found, ocv=(), validate=(), window=None, command=words)
-    result = run(job)
+        plan = with_choices(found, job)
+        if not plan.missing:
+            session.show(plan_lines(plan, as_flags))
+    elif records:
+        plan = plan_given(job, command)
+    if plan is not None:
+        job = Job(plan, watch=session.watch, command=_command(plan))
+    is_pulsed = plan is None and command == "hppc"
+    result = pipeline.hppc(job) if is_pulsed else pipeline.identify(job)
     unseen = None
     try:
         # Read while the figures are drawn.
@@ -177,7 +177,12 @@ def _run(
         # A screen that takes no more, such as a closed pipe, costs no result.
         unseen = problem
     draw = partial(result_files, result, chosen.report, chosen.paper, chosen.live)
-    folder, written = output.deliver(session, folder, "result.json", result.to_json(), draw)
+    beside = {}
+    # A name that no plan can hold costs the plan.
+    with suppress(InputError):
+        beside = {} if plan is None else {"plan.toml": plan_to_toml(plan.anywhere)}
+    document = result.to_json()
+    folder, written = output.deliver(session, folder, "result.json", document, draw, beside)
     if unseen is not None:
         raise unseen
     _show_files(session, result, folder, written)
@@ -256,42 +261,50 @@ def _next(result: "Result", folder: Path | None) -> tuple[str, str]:
     return advice, command
 
 
-def _changed(found: "Plan", job: "Job") -> "Plan":
-    """The plan with what the command line says otherwise."""
-    given = {name: value for name, value in job.chosen.items() if name in PLANNED}
-    return found.changed(job.window, **given)
+def _command(plan: "Plan") -> list[str]:
+    """The command that does the same with every role given; of the same files if they are cut."""
+    from ..plan.document import GIVEN
+    from ..records.source import STDIN
 
-
-def _command(planned: "Plan", records: list[Path]) -> list[str]:
-    """The command that does the same without planning, of the same files where they are cut."""
-    settled = {**APPEARANCE, **DRAWN, "--plan": 1}
-    served = [part for part in planned.parts if part.role != "not used"]
-    if any(part.span_s for part in served):
-        names = dict.fromkeys(part.path.name for part in served)
-        kept = without_options(sys.argv[2:], settled)
-        return ["barnax", "identify", *names, *(w for w in kept if Path(w) not in records)]
-    words = [part.name for part in planned.of_role("identification")]
-    words += [word for part in planned.of_role("OCV test") for word in ("--ocv", part.name)]
-    words += [word for part in planned.of_role("validation") for word in ("--validate", part.name)]
-    for part in planned.parts:
-        words += _window_words(part)
-    for name, value in planned.options.items():
-        if not (name == "over" and planned.command == "hppc"):
-            words += [flag_of(name), _written(value)]
-    decided = [*WINDOW_OPTIONS, *PLANNED, "ocv", "validate"]
-    settled |= {flag_of(name): 2 for name in decided}
-    kept = without_options(sys.argv[2:], settled)
-    return ["barnax", planned.command, *words, *(w for w in kept if Path(w) not in records)]
-
-
-def _window_words(part: "Part") -> list[str]:
-    words = []
+    served = [part for part in plan.parts if part.role != "not used"]
+    is_cut = any(part.span_s for part in served)
+    options = {
+        name: value
+        for name, value in plan.options.items()
+        if value is not None and not (is_cut and plan.reasons.get(name, GIVEN) != GIVEN)
+    }
+    last = [word for name, value in options.items() for word in _words(name, value)]
+    common = {name: getattr(plan.window, name) for name, *_ in WINDOW_OPTIONS.values()}
     for asked, (name, *_) in WINDOW_OPTIONS.items():
-        value = getattr(part.window, name)
-        if value is not None:
-            words += [flag_of(asked), f"{part.name}={_written(value)}"]
-    return words
+        last += [] if common[name] is None else _words(asked, common[name])
+    if is_cut:
+        names = dict.fromkeys(part.path.name for part in served)
+        return ["barnax", "identify", *names, *last]
+    files: dict[Use, list[str]] = {
+        "identification": [],
+        "OCV test": ["--ocv"],
+        "validation": ["--validate"],
+    }
+    words = []
+    for role, before in files.items():
+        for part in plan.of_role(role):
+            words += [*before, str(STDIN) if part.path == STDIN else part.name]
+    for part in served:
+        for asked, (name, *_) in WINDOW_OPTIONS.items():
+            value = getattr(part.window, name)
+            if value not in (None, common[name]):
+                words += _words(asked, value, f"{part.name}=")
+    return ["barnax", plan.command, *words, *last]
 
 
-def _written(value: Any) -> str:
-    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+def _words(name: str, value: Any, of: str = "") -> list[str]:
+    """An option with its value as the command line writes it."""
+    flag = flag_of(name)
+    if isinstance(value, bool):
+        flags = FLAGS.get(name, f"{flag}/{flag.replace('--', '--no-')}").split("/")
+        return flags[:1] if value else flags[1:]
+    if isinstance(value, Mapping):
+        return [word for key, each in value.items() for word in (flag, f"{key}={each}")]
+    if isinstance(value, tuple):
+        value = ",".join(map(str, value))
+    return [flag, f"{of}{value.name if isinstance(value, Path) else value}"]

@@ -58,13 +58,16 @@ class Output:
         name: str,
         document: str,
         draw: Callable[[], Mapping[str, bytes]],
+        beside: Mapping[str, str] | None = None,
     ) -> tuple[Path | None, set[str]]:
-        """Write a result under its name with its figures, and print it, as far as is wanted.
+        """Write a result under its name with its figures and what stands `beside` it, and print it,
+        as far as is wanted.
 
         What fails to be drawn costs only itself. Gives the folder that it went to, and the files
         in it.
         """
-        written = {name: document.encode()}
+        texts = {name: document, **(beside or {})}
+        written = {name: text.encode() for name, text in texts.items()}
         if folder is not None:
             with session.watch("Drawing figures"):
                 try:

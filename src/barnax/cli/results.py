@@ -293,6 +293,8 @@ def rerun(of: Rerun) -> None:
     command = _with_files(result, stored, [*(of.data or []), Path(), place, place.parent])
     with session.watch("Repeating"), tempfile.TemporaryDirectory() as folder:
         repeated = _run(command, Path(folder, "repeated"))
+    # The roles that a plan chose are given now.
+    repeated = repeated.model_copy(update={"plan": repeated.plan or stored.plan})
     if repeated.to_json() == stored.to_json():
         session.show(["The result is the same, byte for byte."])
         return

@@ -2,7 +2,7 @@
 
 from .choosing import plan
 from .document import ROLES, Part, Plan, plan_from_toml, plan_to_toml
-from .running import plan_of, planned
+from .running import plan_given, plan_of, planned, with_choices
 
 __all__ = [
     "ROLES",
@@ -10,7 +10,9 @@ __all__ = [
     "Plan",
     "plan",
     "plan_from_toml",
+    "plan_given",
     "plan_of",
     "plan_to_toml",
     "planned",
+    "with_choices",
 ]

@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import tomlkit
-from pydantic import StrictFloat, StrictInt, StrictStr, TypeAdapter
+from pydantic import StrictBool, StrictFloat, StrictInt, StrictStr, TypeAdapter
 from tomlkit.items import Table
 
 from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
-from ..job import Job
+from ..job import OPTIONS, PLANNED, Job
 from ..records import Source
+from ..records.source import STDIN
 from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window
 
@@ -23,6 +24,8 @@ ROLES: tuple[Use, ...] = get_args(Use)
 # What says where a simulation starts: one such option of the user's replaces all planned ones.
 _START = ("start_time_s", "start_after_step", "initial_soc")
 
+# Why an option is so where a user chose it.
+GIVEN = "given"
 # Arguments of `identify`, by name.
 Options = Mapping[str, Any]
 
@@ -40,8 +43,8 @@ class Part:
     path: Path
     name: str
     role: Use
-    kind: str
-    reason: str
+    kind: str = ""
+    reason: str = ""
     window: Window = field(default_factory=Window)
     span_s: tuple[float, float] | None = None
     temperature_degc: float | None = None
@@ -64,6 +67,7 @@ class Plan(Brief):
         options: Arguments of `identify`, such as the capacity in Ah.
         reasons: Why these, by option.
         missing: Which test must be measured before the plan can be run; empty if it can be run.
+        window: What is known of all records.
     """
 
     command: Literal["identify", "hppc"]
@@ -71,6 +75,7 @@ class Plan(Brief):
     options: Options = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
     missing: str = ""
+    window: Window = field(default_factory=Window)
 
     def of_role(self, role: Use) -> tuple[Part, ...]:
         """The parts that serve for a role."""
@@ -83,11 +88,24 @@ class Plan(Brief):
 
     @property
     def stored(self) -> tuple[PlannedFile, ...]:
-        """Every file as a result keeps it."""
+        """Every file as a result keeps it; none where the roles were given."""
+        if not any(part.reason for part in self.parts):
+            return ()
         names = ("name", "role", "kind", "reason", "temperature_degc", "plans_soc")
         return tuple(
             PlannedFile(**{name: getattr(part, name) for name in names}) for part in self.parts
         )
+
+    @property
+    def anywhere(self) -> "Plan":
+        """The same with its files by their whole paths."""
+        parts = tuple(
+            part if part.path == STDIN else replace(part, path=part.path.absolute())
+            for part in self.parts
+        )
+        bounds = self.options.get("bounds")
+        own = {"bounds": Path(bounds).absolute()} if isinstance(bounds, str | Path) else {}
+        return replace(self, parts=parts, options={**self.options, **own})
 
     def changed(self, window: Window | Mapping[str, Window] | None, **options: Any) -> "Plan":
         """The plan with what a user has chosen otherwise, by record or for all; None is no choice.
@@ -106,10 +124,18 @@ class Plan(Brief):
             if part.is_simulated:
                 planned = part.plans_soc and own.initial_soc is None
                 part = replace(part, window=merged(part.window, own), plans_soc=planned)
+            elif part.role == "OCV test" and part.name in windows:
+                part = replace(part, window=merged(part.window, own))
             parts.append(part)
         given = {name: value for name, value in options.items() if value is not None}
-        reasons = {**self.reasons, **dict.fromkeys(given, "given")}
-        return replace(self, parts=tuple(parts), options={**self.options, **given}, reasons=reasons)
+        reasons = {**self.reasons, **dict.fromkeys(given, GIVEN)}
+        return replace(
+            self,
+            parts=tuple(parts),
+            options={**self.options, **given},
+            reasons=reasons,
+            window=merged(self.window, windows.get("", Window())),
+        )
 
 
 def merged(planned: Window, chosen: Window) -> Window:
@@ -126,9 +152,10 @@ def merged(planned: Window, chosen: Window) -> Window:
 
 _HEAD = (
     "A barnax plan. Edit it if you like, and run it with `barnax identify FILE`.",
-    "The roles are identification, validation, OCV test and not used.",
-    "A window accepts start_time, start_after_step, initial_soc, score_steps, score_from, score_to",
-    "and the other options of a record. Times are on the file's own clock.",
+    "It has the options of `barnax identify` by their names, and a table [[files]] for every file.",
+    "The roles are identification, validation, OCV test and not used. Options of a record, such as",
+    "start_time, initial_soc and score_to, stand above for all, or in a file's table for it alone.",
+    "Times are on the file's own clock. What kind and reason say is told again in results.",
 )
 
 
@@ -138,35 +165,58 @@ _WHOLE = ("a whole number", TypeAdapter(StrictInt))
 _WHOLES = ("whole numbers, as [7, 8]", TypeAdapter(tuple[StrictInt, ...]))
 _PAIR = ("two numbers, as [0.1, 1.0]", TypeAdapter(tuple[StrictFloat, StrictFloat]))
 _TEXT = ("text in quotes", TypeAdapter(StrictStr))
+_FLAG = ("true or false", TypeAdapter(StrictBool))
+_NUMBERS = ("numbers, as [0.1, 0.5, 1.0]", TypeAdapter(tuple[StrictFloat, ...]))
+_VALUES = ("numbers by name", TypeAdapter(dict[StrictStr, StrictFloat]))
+_RANGES = dict[StrictStr, tuple[StrictFloat, StrictFloat]]
+_BOUNDS = ("the name of a file, or pairs of numbers by name", TypeAdapter(StrictStr | _RANGES))
+_COLUMNS = ("text in quotes, or texts by name", TypeAdapter(StrictStr | dict[StrictStr, StrictStr]))
+# By the type of an option; of all others it is a text.
+_BY_TYPE: Mapping[Any, tuple[str, TypeAdapter[Any]]] = {
+    int: _WHOLE,
+    float: _NUMBER,
+    float | None: _NUMBER,
+    bool: _FLAG,
+    tuple[float, ...]: _NUMBERS,
+    tuple[float, ...] | None: _NUMBERS,
+}
 _Kinds = Mapping[str, tuple[str, TypeAdapter[Any]]]
 
-# Options of the run, by the names of `barnax.identify`.
-_OF_RUN: _Kinds = {
-    "capacity": _NUMBER,
-    "ocv_capacity": _NUMBER,
-    "series": _WHOLE,
-    **dict.fromkeys(
-        (
-            *("model", "method", "setup", "over", "trust", "ocv_fit", "hysteresis_fit", "columns"),
-            *("current_sign", "ocv_current_sign", "validate_current_sign", "current_hold"),
-        ),
-        _TEXT,
-    ),
-}
 # Options of a record, in the order of a `Window`, whose fields they are.
 _OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
 _FIELD_OF = {_OPTION_OF[each.name]: each.name for each in fields(Window) if each.name in _OPTION_OF}
+_OF_RECORD: _Kinds = {
+    **dict.fromkeys(_FIELD_OF, _NUMBER),
+    "start_after_step": _WHOLE,
+    "initial_direction": _WHOLE,
+    "score_steps": _WHOLES,
+    "score_soc": _PAIR,
+}
+# Those of all records; one capacity for all is an option of the run.
+_COMMON = {*_FIELD_OF} - {"capacity"}
+# What was found of a file: results tell it again.
+_TOLD: _Kinds = {
+    "kind": _TEXT,
+    "reason": _TEXT,
+    "temperature_degc": _NUMBER,
+    "plans_soc": _FLAG,
+}
+# Options of the run, by the names of `barnax.identify`.
+_OF_RUN: _Kinds = {
+    **{name: _BY_TYPE.get(OPTIONS[name], _TEXT) for name in PLANNED},
+    "bounds": _BOUNDS,
+    "fix": _VALUES,
+    "columns": _COLUMNS,
+    **{name: _OF_RECORD[name] for name in _COMMON},
+}
 # What a file's table may hold.
 _OF_FILE: _Kinds = {
     "file": _TEXT,
     "name": _TEXT,
     "role": _TEXT,
     "span": _PAIR,
-    **dict.fromkeys(_FIELD_OF, _NUMBER),
-    "start_after_step": _WHOLE,
-    "initial_direction": _WHOLE,
-    "score_steps": _WHOLES,
-    "score_soc": _PAIR,
+    **_OF_RECORD,
+    **_TOLD,
 }
 
 
@@ -191,14 +241,15 @@ def plan_to_toml(plan: Plan) -> str:
         document.add(tomlkit.comment(printable(line)))
     document.add(tomlkit.nl())
     document.add("command", tomlkit.item(plan.command))
-    for name, value in plan.options.items():
-        item = tomlkit.item(value)
-        if name in plan.reasons:
-            item.comment(printable(plan.reasons[name]))
-        document.add(name, item)
+    values = {name: value for name, value in plan.options.items() if value is not None}
+    for name, value in (values | _known(plan.window)).items():
+        document.add(name, tomlkit.item(str(value) if isinstance(value, Path) else value))
+    reasons = {name: each for name, each in plan.reasons.items() if each != GIVEN}
+    if reasons:
+        document.add("reasons", tomlkit.item(reasons))
     tables = tomlkit.aot()
     for part in plan.parts:
-        tables.append(_table(part))
+        tables.append(_table(part, _known(plan.window)))
     document.add("files", tables)
     # Comments are printable already: what is left stands in quotes.
     return "".join(
@@ -207,19 +258,28 @@ def plan_to_toml(plan: Plan) -> str:
     )
 
 
-def _table(part: Part) -> Table:
+def _table(part: Part, common: Mapping[str, Any]) -> Table:
     table = tomlkit.table()
-    table.add(tomlkit.comment(printable(f"{part.kind}: {part.reason}")))
     table.add("file", str(part.path))
     table.add("role", part.role)
     if part.span_s is not None:
         table.add("name", part.name)
         table.add("span", list(part.span_s))
-    for option, name in _FIELD_OF.items():
-        value = getattr(part.window, name)
-        if value is not None:
-            table.add(option, list(value) if isinstance(value, tuple) else value)
+    own = _known(part.window)
+    if not any(own.get(_OPTION_OF[name]) != common.get(_OPTION_OF[name]) for name in _START):
+        own = {option: value for option, value in own.items() if value != common.get(option)}
+    for option, value in own.items():
+        table.add(option, value)
+    for name in _TOLD:
+        if value := getattr(part, name):
+            table.add(name, value)
     return table
+
+
+def _known(window: Window) -> dict[str, Any]:
+    """What a window says, by the names of options."""
+    values = ((option, getattr(window, name)) for option, name in _FIELD_OF.items())
+    return {option: value for option, value in values if value is not None}
 
 
 def plan_from_toml(path: str | Path) -> Plan:
@@ -243,23 +303,34 @@ def plan_from_toml(path: str | Path) -> Plan:
     command = content.pop("command", "identify")
     if command not in ("identify", "hppc"):
         raise InputError(f"{shown}: command {command!r} is not known; there are identify, hppc")
+    reasons = content.pop("reasons", {})
     options = _read(shown, content, _OF_RUN)
+    common = {_FIELD_OF[name]: options.pop(name) for name in _COMMON if name in options}
+    if isinstance(options.get("bounds"), str):
+        options["bounds"] = _beside(path.parent, options["bounds"])
     try:
-        _ = Job(**options)
+        _, window = Job(**options), Window(**common)
     except InputError as problem:
         raise InputError(f"{shown}: {as_keys(str(problem))}") from problem
     if not isinstance(listed, list) or not all(isinstance(each, dict) for each in listed):
         raise InputError(f"{shown}: each file needs a line [[files]] above it")
-    parts = tuple(_part(shown, path.parent, each) for each in listed)
-    roles = {part.role for part in parts}
-    for role in ("identification", "OCV test"):
-        # A pulse test shows its own OCV.
-        if role not in roles and (role, command) != ("OCV test", "hppc"):
-            raise InputError(f"{shown}: no file has the role {role}; give one file that role")
-    return Plan(command, _named(parts), options)
+    parts = tuple(_part(shown, path.parent, each, window) for each in listed)
+    role = "identification"
+    if not any(part.role == role for part in parts):
+        raise InputError(f"{shown}: no file has the role {role}; give one file that role")
+    reasons = {
+        **dict.fromkeys(options, GIVEN),
+        **_read(shown, reasons, dict.fromkeys(options, _TEXT)),
+    }
+    return Plan(command, _named(parts), options, reasons, window=window)
 
 
-def _part(shown: str, folder: Path, table: Mapping[str, Any]) -> Part:
+def _beside(folder: Path, file: str) -> Path:
+    """A file that a plan names: beside it, else where the command runs."""
+    return folder / file if os.path.isfile(folder / file) else Path(file)
+
+
+def _part(shown: str, folder: Path, table: Mapping[str, Any], common: Window) -> Part:
     given = _read(shown, table, _OF_FILE)
     missing = [key for key in ("file", "role") if key not in given]
     if missing:
@@ -270,14 +341,15 @@ def _part(shown: str, folder: Path, table: Mapping[str, Any]) -> Part:
             f"{shown}: role {role!r} of {file} is not known; there are {', '.join(ROLES)}"
         )
     name, span = given.pop("name", ""), given.pop("span", None)
+    told = {key: given.pop(key) for key in _TOLD if key in given}
     if span and not name:
         raise InputError(f"{shown}: a part of {file} needs a 'name' beside its span")
     try:
         window = Window(**{_FIELD_OF[option]: value for option, value in given.items()})
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
-    place = folder / file
-    return Part(place if os.path.isfile(place) else Path(file), name, role, "", "", window, span)
+    part = Part(_beside(folder, file), name, role, window=window, span_s=span, **told)
+    return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 
 def _named(parts: tuple[Part, ...]) -> tuple[Part, ...]:

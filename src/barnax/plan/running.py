@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..cell import CellModel, OcvPoint, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..inputs import Given, file_names, listed, source_of, window_of, windows_by_name
-from ..job import Job
+from ..job import PLANNED, Job
 from ..model.prepared import OCV_MARGIN, soc_along, temperature_of
 from ..model.window import Window
 from ..pulses import Pulse, first_pulse
@@ -51,6 +51,26 @@ def plan_of(job: Job) -> Plan | None:
     )  # fmt: skip
 
 
+def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
+    """The plan of a job whose files have their roles given already."""
+    given: dict[Use, list[Any]] = {
+        "identification": listed(job.records),
+        "OCV test": listed(job.ocv),
+        "validation": listed(job.validate),
+    }
+    names = file_names([path for each in given.values() for path in each])
+    parts = tuple(
+        Part(Path(path), names[Path(path)], role) for role, paths in given.items() for path in paths
+    )
+    return with_choices(Plan(command, parts), job)
+
+
+def with_choices(found: Plan, job: Job) -> Plan:
+    """A plan with all that was chosen otherwise."""
+    chosen = {name: value for name, value in job.chosen.items() if name in PLANNED}
+    return found.changed(job.window, **chosen)
+
+
 def planned(found: Plan, job: Asked) -> Asked:
     """The job that a plan is; what was chosen in `job` replaces what the plan has.
 
@@ -71,7 +91,7 @@ def planned(found: Plan, job: Asked) -> Asked:
         records=_sources(found, "identification", job),
         ocv=_sources(found, "OCV test", job),
         # Windows for names that are not simulated are refused further on.
-        window={**windows_by_name(job.window), **windows},
+        window={**windows_by_name(job.window), "": found.window, **windows},
     )
     if found.command == "hppc":
         job = prepare_pulse_tests(job)

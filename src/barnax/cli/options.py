@@ -99,7 +99,9 @@ def options_of(kind: Any, panel: str, *names: str) -> Any:
         flags = (FLAGS[name],) if name in FLAGS else ()
         more = {"autocompletion": COMPLETED.get(name), "rich_help_panel": panel}
         more["min"] = LIMITS.get(name, (None,))[0]
-        declared = typer.Option(default, *flags, metavar=metavar, help=_help(told[name]), **more)
+        declared = typer.Option(
+            default, *flags, metavar=metavar, help=_help(told.get(name, "")), **more
+        )
         made[name] = _parameter(name, hint, declared)
     return field(metadata={DECLARED: made})
 
@@ -108,7 +110,7 @@ def windows_of_records() -> Any:
     """The fields of a `Window` as options: each for all records, or for one by its name."""
     told, made = explained(Window), {}
     for asked, (name, *_) in WINDOW_OPTIONS.items():
-        declared = option(WINDOW, f"[FILE=]{METAVARS[asked]}", _help(told[name]))
+        declared = option(WINDOW, f"[FILE=]{METAVARS[asked]}", _help(told.get(name, "")))
         made[asked] = _parameter(asked, list[str] | None, declared)
     return field(metadata={DECLARED: made})
 

@@ -99,7 +99,9 @@ def _identified(job: Job) -> Result:
         held = [each.record for each in weighing.first.prepared_records]
         if found and any(map(ne, held, inputs.records)):
             # The voltage told another hold of the current than was assumed: all over again.
-            inputs = replace(inputs, records=held, cell=cell_of(held))
+            # Its capacity is that of the first fit, which the windows give now.
+            again = replace(cell_of(held), capacity_origin=inputs.cell.capacity_origin)
+            inputs = replace(inputs, records=held, cell=again)
             weighing = weigh(inputs, windows, job, *asked, found[-1])
         if is_over_temperature:
             require_temperatures(group_by_temperature(weighing.first.prepared_records))

@@ -118,10 +118,11 @@ def _doubts(result: Result, profile: Profile, soc: Float[np.ndarray, "samples"])
     far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * most_a)
     if most_a and len(far):
         worst = far[np.argmax(np.abs(profile.current_a[far]))]
+        more = f", and at {len(far) - 1} more such samples," if len(far) > 1 else ""
         yield (
             f"{NAME} is {profile.current_a[worst]:.4g} A at {profile.time_s[worst]:g} s (row "
             f"{worst}, from 0), and at most {most_a:.3g} A in the identification: the voltage "
-            f"there, and at {len(far) - 1} more such samples, is an extrapolation"
+            f"there{more} is an extrapolation"
         )
     ranges = [each.soc_range for each in parts if each.soc_range is not None]
     if ranges:
@@ -130,10 +131,10 @@ def _doubts(result: Result, profile: Profile, soc: Float[np.ndarray, "samples"])
         if len(outside):
             what = "the circuit was" if result.tables is None else "the tables were"
             held = "" if result.tables is None else ", where they are held constant"
+            count = "1 sample," if len(outside) == 1 else f"{len(outside)} samples, the first"
             yield (
-                f"{NAME} takes {len(outside)} samples, the first at {profile.time_s[outside[0]]:g} "
-                f"s, out of the SOC that {what} identified on ({100 * low:.0f} to "
-                f"{100 * high:.0f} %){held}"
+                f"{NAME} takes {count} at {profile.time_s[outside[0]]:g} s, out of the SOC that "
+                f"{what} identified on ({100 * low:z.0f} to {100 * high:z.0f} %){held}"
             )
     degc = profile.temperature_degc
     if degc is not None and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:

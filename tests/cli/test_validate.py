@@ -150,10 +150,7 @@ def test_two_results_are_shown_side_by_side(run, stored, tmp_path):
         folder.mkdir()
         (folder / "result.json").write_bytes(stored.read_bytes())
     shown = " ".join(run("show", *folders).out.split())
-    assert (
-        "aged: nothing differs from fresh beyond the intervals; they are too wide to tell of R1"
-        in shown
-    )
+    assert "aged: nothing differs from fresh beyond the intervals; for R1" in shown
     assert "+0 %, within" in shown
 
 

@@ -190,7 +190,7 @@ def test_an_unknown_option_value_is_refused_with_the_allowed_ones(tmp_path, opti
 
 def test_what_is_no_file_is_refused(tmp_path):
     for path, words in (
-        (tmp_path, "this is a folder; give one file"),
+        (tmp_path, "this is a folder; give the files in it"),
         (tmp_path / "nowhere.csv", "there is no such file"),
         (tmp_path / f"{300 * 'x'}.csv", "cannot be read (File name too long)"),
         (tmp_path / "a\0b.csv", "cannot be read (embedded null"),

@@ -87,7 +87,7 @@ def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():
     beside = barnax.show(*results, names=("fresh", "aged"))
     assert beside.differing == {"aged": ()}
     assert beside.too_wide == {"aged": ("R0",)}
-    assert "nothing differs from fresh beyond the intervals; they are too wide to tell of R0." in (
+    assert "nothing differs from fresh beyond the intervals; for R0 they are too wide to tell." in (
         " ".join(repr(beside).split())
     )
     assert "+40 %, too wide to tell" in repr(beside)

@@ -152,7 +152,7 @@ class CellModel(Brief):
             raise InputError(
                 f"the rested voltage {voltage_v:.4f} V is outside the OCV of this cell, "
                 f"{low_v:.4f} to {high_v:.4f} V; check that the OCV test is of this "
-                "cell, or give the SOC there as `initial_soc`"
+                "cell and reaches that voltage, or give the SOC there as `initial_soc`"
             )
         # Flat stretches have no inverse; keep their lowest sample.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])

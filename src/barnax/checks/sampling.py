@@ -210,9 +210,9 @@ def find_late_voltage(given: CheckInput) -> Iterator[Finding]:
     first, second, third = (1e3 * each for each in answers_ohm)
     late = second - _LASTING * third
     what = (
-        f"of a step of the current the voltage shows {first:.3g} mOhm at once, {second:.3g} mOhm "
-        f"one sample ({usual_s:.3g} s) later and {third:.3g} mOhm after that: it lags by part of a "
-        f"sample, or pairs are faster than the log, and R0 is up to "
+        f"after a current step the voltage shows {first:.3g} mOhm at once, {second:.3g} mOhm more "
+        f"one sample ({usual_s:.3g} s) later and {third:.3g} mOhm more after that: it lags by part "
+        f"of a sample, or pairs are faster than the log, and R0 is up to "
         f"{100 * late / (first + late):.0f} % too low"
     )
     remedy = "use a record that logs current and voltage at one moment, or one sampled faster"

@@ -184,7 +184,10 @@ def _on_records(
         if not runs or runs[0][0].missing_for(draft.given_ah):
             continue
         record, window = runs[0]
-        why = f"{words_of(draft, record)}; its OCV is identified with it, for there is no OCV test"
+        why = (
+            f"{words_of(draft, record)}; its OCV is identified with it, because there is no OCV "
+            "test"
+        )
         draft.take(record, "identification", why, window)
         _choose_validation(draft, record, runs[1:], is_given)
         at = named_degc(record.temperature_degc)
@@ -326,10 +329,10 @@ def _options(
     elif window.capacity_ah is None and own_ah is not None:
         options["capacity"] = own_ah
         reasons["capacity"] = (
-            f"in Ah; {record.name} takes that much out of the full cell, the OCV test "
+            f"the Ah that {record.name} takes out of the full cell; the OCV test has "
             f"{choice.cell.capacity_ah:.4g} Ah"
         )
     elif choice.capacity_ah is not None:
         options["capacity"] = float(f"{choice.capacity_ah:.{DIGITS}g}")
-        reasons["capacity"] = "in Ah; from the longest discharge, because the OCV test has none"
+        reasons["capacity"] = "the Ah of the longest discharge, because the OCV test has none"
     return options, reasons

@@ -142,7 +142,8 @@ def _draw_resistances(
         tau_s = {n: s for n, s in found.tables.constants.items() if n.startswith("tau")}
     names = [names_beside(name).resistance.partition(" ")[0] for name in tau_s]
     each_tau = zip(names, tau_s.values(), strict=True)
-    labels = ["R0", *(f"{name}, tau {each:.3g} s" for name, each in each_tau)]
+    told = ((name, f"{each:.3g}" if each < 1000 else f"{each:.0f}") for name, each in each_tau)
+    labels = ["R0", *(f"{name}, tau {seconds} s" for name, seconds in told)]
     axes.legend(lines, labels, loc="upper center")
     axes.set_ylim(0.0, WIDEST * max(tops))
     axes.set_xlabel(SOC_LABEL)

@@ -208,7 +208,7 @@ def heading(record: str, kept: int, of: int) -> str:
 
 @illustration(
     "Measured and simulated voltage on {}, and the current. On the right, the framed part with the "
-    "largest error, of several circuits that of the lowest RMSE.",
+    "largest error; of several circuits, of the one with the lowest RMSE.",
     "Measured and simulated voltage over time, above the current",
     is_main=True,
 )

@@ -243,7 +243,7 @@ def _no_record(table: Table, file: str) -> str:
         f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
         for quantity in REQUIRED
     )
-    return f"{message}Accepted names: {accepted}. Rename the columns so."
+    return f"{message}Accepted names: {accepted}. Rename the columns, or name them with `columns`."
 
 
 def _missing(

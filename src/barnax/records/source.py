@@ -195,7 +195,7 @@ def _read_content(path: Path) -> bytes:
             # A pipe or a device has no size, and the latter no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
     except IsADirectoryError:
-        raise InputError(f"{shown}: this is a folder; give one file of measured samples.") from None
+        raise InputError(f"{shown}: this is a folder; give the files in it.") from None
     except FileNotFoundError:
         words = "there is no such file; check the name and the folder."
         raise InputError(f"{shown}: {words}") from None

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from .decisions import FLOWS
 from .document import Cells, Document, Paragraph, Section, Table, make_table
 from .words import NOTHING, counted, duration
 
@@ -23,7 +24,7 @@ def check_document(found: "FileCheck") -> Document:
                 f"{facts.samples:,} samples over {duration(facts.last_s - facts.first_s)}, every "
                 f"{facts.interval_s:.3g} s, {low_v:.3f} to {high_v:.3f} V, "
                 f"{facts.charged_ah:.4g} Ah in, {facts.discharged_ah:.4g} Ah out; current "
-                f"{facts.current_sign}, held {facts.current_hold}."
+                f"{facts.current_sign}, flowing {FLOWS[facts.current_hold]}."
             )
         )
     blocks.append(

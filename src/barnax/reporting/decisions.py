@@ -127,15 +127,23 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
     cell = stored.cell_model
     if not cell.is_of_records:
         return
-    first = stored.of_role("identification")[0]
-    start = {
+    parts = stored.of_role("identification")
+    starts = {
         "own full charge": "full after the full charge in it",
         "own span": "full where it is fullest",
-    }.get(first.start.soc_source if first.start else "", "its start as given")
+        "given": "its start as given",
+    }
+    # The others start by their rest on the OCV of this one.
+    name, start = next(
+        (each.name, starts[each.start.soc_source])
+        for each in parts
+        if each.start is not None and each.start.soc_source in starts
+    )
+    whose = f"{name} " if len(parts) > 1 else ""
     yield (
-        f"no OCV test: the OCV is that of {first.name}, whose SOC is counted over "
-        f"{cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {start}; `capacity` and "
-        "`initial_soc` set this axis."
+        f"no OCV test: the OCV is that of {joined([each.name for each in parts])}, whose SOC is "
+        f"counted over {cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {whose}{start}; "
+        "`capacity` and `initial_soc` set this axis."
     )
 
 

@@ -275,7 +275,11 @@ def _uncertainty_section(result: "Result") -> list[Section]:
     found = result.constant.assessment
     if found is None:
         return []
-    sentences = [uncertainty_sentence(found.uncertainty)]
+    whose, sentences = "", []
+    if result.tables is not None:
+        whose = f" of constant {result.constant.model}"
+        sentences = [f"This section is about constant {result.constant.model}, not the tables."]
+    sentences.append(uncertainty_sentence(found.uncertainty))
     sentences += identifiability_sentences(found.identifiability)
     sentences += diagnostics_sentences(found.diagnostics)
     blocks = []
@@ -285,7 +289,7 @@ def _uncertainty_section(result: "Result") -> list[Section]:
         )
         blocks.append(_examination_table(found.examination))
     told = Bullets(tuple(each for each in sentences if each))
-    return [Section("What the data determine", (told, *blocks, _bands_table(found)))]
+    return [Section("What the data determine", (told, *blocks, _bands_table(found, whose)))]
 
 
 def _examination_table(examination: "Examination") -> Table:
@@ -310,7 +314,7 @@ def _examination_table(examination: "Examination") -> Table:
     )
 
 
-def _bands_table(found: "AssessmentPart") -> Table:
+def _bands_table(found: "AssessmentPart", whose: str) -> Table:
     by = found.diagnostics
     kinds: dict[BandQuantity, tuple[Band, ...]] = {"SOC": by.by_soc, "current": by.by_current}
     if by.by_temperature is not None:
@@ -319,7 +323,7 @@ def _bands_table(found: "AssessmentPart") -> Table:
         (kind, band) for kind, of_kind in kinds.items() for band in of_kind
     ]
     return make_table(
-        f"Errors by {joined(list(kinds))}; the mean is measured minus simulated.",
+        f"Errors{whose} by {joined(list(kinds))}; the mean is measured minus simulated.",
         bands,
         {
             "by": lambda each: each[0],

@@ -216,7 +216,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         beyond, wide = differing[name], _places(key for key in words if words[key][:3] == "too")
         verb = "differ" if len(beyond) > 1 else "differs"
         text = f"{name}: {joined(beyond) or 'nothing'} {verb} from {called[0]} beyond the intervals"
-        said.append(f"{text}; they are too wide to tell of {wide}." if wide else f"{text}.")
+        said.append(f"{text}; for {wide} they are too wide to tell." if wide else f"{text}.")
     if len({result.model for result in found}) > 1:
         said.append("The circuits differ, so the same name may stand for another part of the cell.")
     what = "Tables over SOC" if have_tables else "Constant circuits"

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from ..candidates import WEIGHED
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
 from ..cell.model import SAME_DEGC
 from ..cell.soc_axis import ABOVE_SOC
@@ -168,6 +169,8 @@ def next_step(result: "Result") -> Next:
     if result.tables is not None:
         return Next("export the tables", exports=True)
     if len(result.candidates) > 1 and not any(each.over for each in result.candidates):
+        if result.model not in WEIGHED:
+            return Next("try tables over SOC of this circuit too", {"over": "soc"})
         return Next("weigh tables over SOC too, without `model`", without=("model", "setup"))
     found = result.constant.assessment
     if found is None:

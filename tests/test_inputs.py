@@ -97,9 +97,9 @@ def test_an_ocv_table_is_an_ocv_test():
 
 
 def test_a_record_without_an_ocv_test_is_refused_by_its_name():
-    with pytest.raises(InputError, match=r"^identification.parquet: an OCV test"):
+    with pytest.raises(InputError, match=r"^identification.parquet: circuits are compared with"):
         read(BUNDLED.record, ocv=())
-    with pytest.raises(InputError, match=r"^data frame: an OCV test"):
+    with pytest.raises(InputError, match=r"^data frame: circuits are compared with"):
         read(pl.read_parquet(BUNDLED.record), ocv=())
 
 

@@ -93,7 +93,8 @@ def read_inputs(
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None and without_test is None:
         raise InputError(
-            f"{_name_of(given[0])}: an OCV test of the same cell is also needed; give it with `ocv`"
+            f"{_name_of(given[0])}: circuits are compared with an OCV test of the same cell; give "
+            "it with `ocv`, or identify one circuit, whose OCV then comes from the record itself"
         )
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
     looked_at: list[tuple[str, Source, Record | OcvTable]] = []

@@ -144,6 +144,21 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     assert own.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
 
 
+@pytest.mark.parametrize("window", [Window(capacity_ah=0.9), Window(initial_soc=0.5)])
+def test_a_record_that_leaves_the_axis_of_soc_says_what_it_spans(window):
+    record, _ = made()
+    with pytest.raises(InputError, match=r"give a larger `capacity` \(the record spans 1\.\d+ Ah"):
+        fit_with_ocv([record], "so-rc", {record.name: window}, QUICK)
+
+
+def test_the_cell_has_the_ocv_of_every_sample():
+    record, _ = made(start=0.81, hours=1.5)
+    window = Window(initial_soc=0.81, capacity_ah=2.0)
+    own = fit_with_ocv([record], "so-rc", {record.name: window}, QUICK)
+    prepared = prepare_record(record, own.cell, "so-rc", own.windows[record.name])
+    assert not prepared.warnings
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

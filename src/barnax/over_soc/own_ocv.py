@@ -19,9 +19,9 @@ from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
 from ..cell.model import FitError
 from ..display import Brief
 from ..errors import InputError
-from ..model.prepared import prepare_record
+from ..model.prepared import OCV_MARGIN, prepare_record, soc_along
 from ..model.start import held_charges
-from ..model.window import Window, first_sample
+from ..model.window import Window, first_sample, scored_samples
 from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
 from ..settings import NODES
@@ -104,6 +104,8 @@ def fit_with_ocv(
     )
     known = [each for each in records if axes[each.name].source != "own span"]
     known = known or [max(records, key=_span_ah)]
+    for each in known:
+        _require_on_axis(each, windows[each.name], axes[each.name].initial_soc, axis_ah)
     if len(known) < len(records):
         quick = replace(own, folds=0, most_cells=0)
         first = _fitted(known, circuit, windows, axes, quick, axis_ah, origin)
@@ -140,9 +142,8 @@ def _fitted(
     with one_blas_thread():
         proof = certify(objective, find_best(objective))
     nodes, ocv_v = objective.ocv_at(proof.best)
-    is_visited = objective.visited_of(objective.names.index(OCV))
     soc = np.concatenate([each.soc[each.scored] for each in prepared])
-    cell = _cell_of(records, capacity_ah, nodes, ocv_v, nodes[is_visited], soc)
+    cell = _cell_of(records, capacity_ah, nodes, ocv_v, soc)
     # Of its own kind: what a table of a measured OCV would be asked is not asked.
     cell = replace(cell, capacity_origin=origin, warnings=())
     at_home = [prepare_record(each, cell, circuit, windows[each.name]) for each in records]
@@ -175,12 +176,11 @@ def _cell_of(
     capacity_ah: float,
     nodes: Float[np.ndarray, "nodes"],
     ocv_v: Float[np.ndarray, "nodes"],
-    visited: Float[np.ndarray, "visited"],
     soc: Float[np.ndarray, "samples"],
 ) -> CellModel:
-    """The cell with the OCV of the table, as far as samples visit it."""
+    """The cell with the OCV of the table, as far as samples go."""
     # Straight lines between nodes are the fit; a cubic through the nodes would be another one.
-    low, high = max(visited[0], float(soc.min())), min(visited[-1], float(soc.max()))
+    low, high = max(nodes[0], float(soc.min())), min(nodes[-1], float(soc.max()))
     fine = np.interp(
         np.arange(POINTS_A_NODE * (len(nodes) - 1) + 1) / POINTS_A_NODE,
         np.arange(len(nodes)),
@@ -218,6 +218,21 @@ def _capacity(
             "record that goes over much of the state of charge"
         )
     return span_ah, f"the charge that {widest.name} spans"
+
+
+def _require_on_axis(record: Record, window: Window, initial_soc: float, capacity_ah: float):
+    """Raise `InputError` where a record that starts there leaves the axis of SOC."""
+    first = first_sample(record, window)
+    soc = soc_along(record, capacity_ah, first, initial_soc)
+    soc = soc[scored_samples(record, window, first, soc)]
+    low, high = float(soc.min()), float(soc.max())
+    if low < -OCV_MARGIN or high > 1 + OCV_MARGIN:
+        raise InputError(
+            f"{record.name}: from a state of charge of {initial_soc:.4g} at its start, over a "
+            f"capacity of {capacity_ah:.4g} Ah, its charge takes the cell from {low:.3f} to "
+            f"{high:.3f}; give a larger `capacity` (the record spans {_span_ah(record):.4g} Ah), "
+            "or another `initial_soc`"
+        )
 
 
 def _span_ah(record: Record) -> float:

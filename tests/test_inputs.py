@@ -1,5 +1,6 @@
 """What is read, under which name, and what the checks have against it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -208,3 +209,12 @@ def test_a_record_of_a_larger_cell_is_called_so(tmp_path):
     told = refusal(tmp_path / "larger.csv")
     assert told.startswith("larger.csv: it looks like a record of another cell: ")
     assert "check that the OCV test is of this cell" in told
+
+
+def test_data_frames_and_records_of_one_name_are_numbered():
+    frame = pl.read_parquet(BUNDLED.record)
+    found = read([frame[:9000], frame[9000:]], ocv=list(BUNDLED.ocv))
+    assert [each.name for each in found.records] == ["data frame", "data frame 2"]
+    again = [replace(each, name="log") for each in found.records]
+    found = read(again, ocv=list(BUNDLED.ocv))
+    assert [each.name for each in found.records] == ["log", "log 2"]

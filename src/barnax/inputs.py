@@ -98,12 +98,18 @@ def read_inputs(
         )
     names = file_names([each for each in (*given, *tests, *others) if isinstance(each, str | Path)])
     looked_at: list[tuple[str, Source, Record | OcvTable]] = []
+    called: dict[str, int] = {}
 
     def take(each: Given, role: str) -> Any:
         """What a file or frame holds, read once, and remembered to be checked."""
-        if isinstance(each, Record | OcvTable):
+        if isinstance(each, OcvTable):
             return each
-        source = source_of(each, names, reading, _FRAMES.get(role, FRAME))
+        is_record = isinstance(each, Record)
+        source = each if is_record else source_of(each, names, reading, _FRAMES.get(role, FRAME))
+        if role != "OCV test":
+            source = numbered(source, called)
+        if is_record:
+            return source
         read = read_ocv_test if role == "OCV test" else read_record
         looked_at.append((role, source, read(source, **reading.options(role))))
         return looked_at[-1][2]
@@ -226,6 +232,13 @@ def source_of(
         return source_from_frame(given, frame, **read)
     source = read_source(given, **read)
     return replace(source, name=names.get(Path(given), source.name))
+
+
+def numbered(source: Any, called: dict[str, int]) -> Any:
+    """A source or record, numbered where `called` has its name: windows go by name, and two of one
+    name would share a start."""
+    count = called[source.name] = called.get(source.name, 0) + 1
+    return source if count == 1 else replace(source, name=f"{source.name} {count}")
 
 
 def input_warnings(

@@ -139,6 +139,13 @@ def test_every_other_verdict_is_the_golden_one():
     require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")
 
 
+def test_tables_are_advised_of_a_circuit_that_is_not_weighed():
+    met = STORED.model_copy(update={"cell": replace(STORED.cell, errors={})})
+    advised = next_step(with_constant(met, model="1rc+diffusion"))
+    assert advised.options == {"over": "soc"}
+    assert "model" not in advised.without
+
+
 def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen():
     start = replace(STORED.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
     told = " ".join(screen(changed(STORED, start=start)).split())

@@ -14,7 +14,7 @@ import numpy as np
 from ..cell import CellModel, OcvPoint, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..inputs import Given, file_names, listed, source_of, window_of, windows_by_name
+from ..inputs import Given, file_names, listed, numbered, source_of, window_of, windows_by_name
 from ..job import PLANNED, Job
 from ..model.prepared import OCV_MARGIN, soc_along, temperature_of
 from ..model.window import Window
@@ -158,12 +158,11 @@ def prepare_pulse_tests(job: Asked) -> Asked:
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     """Every test once. Raises `InputError` where one has no pulses."""
     names = file_names([each for each in given if isinstance(each, str | Path)])
-    tests = []
+    tests, called = [], {}
     for each in given:
-        source = record = each
-        if not isinstance(each, Record):
-            source = source_of(each, names, reading)
-            record = read_record(source, **reading.options())
+        is_record = isinstance(each, Record)
+        source = numbered(each if is_record else source_of(each, names, reading), called)
+        record = source if is_record else read_record(source, **reading.options())
         pulse = first_pulse(record)
         if pulse is None:
             raise InputError(

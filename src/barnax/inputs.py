@@ -105,7 +105,9 @@ def read_inputs(
         if isinstance(each, OcvTable):
             return each
         is_record = isinstance(each, Record)
-        source = each if is_record else source_of(each, names, reading, _FRAMES.get(role, FRAME))
+        source: Any = each
+        if not is_record:
+            source = source_of(each, names, reading, _FRAMES.get(role, FRAME))
         if role != "OCV test":
             source = numbered(source, called)
         if is_record:

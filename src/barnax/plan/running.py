@@ -158,7 +158,8 @@ def prepare_pulse_tests(job: Asked) -> Asked:
 def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
     """Every test once. Raises `InputError` where one has no pulses."""
     names = file_names([each for each in given if isinstance(each, str | Path)])
-    tests, called = [], {}
+    tests: list[_Test] = []
+    called: dict[str, int] = {}
     for each in given:
         is_record = isinstance(each, Record)
         source = numbered(each if is_record else source_of(each, names, reading), called)

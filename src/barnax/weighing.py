@@ -224,6 +224,10 @@ def search_and_assess(
                 optima.append(_optimum_or_none(each))
                 advance(1)
             held_out = [each.result() if each else None for each in held_out_futures]
+            if weighing.fitted is not None:
+                # The OCV here is that of all samples: only with its own are the errors alike.
+                crossed = weighing.fitted.reference.cross_validation
+                held_out = [crossed and crossed.constant] * len(problems)
         place = best_of(held_out) if weighing.chosen is None else problems.index(weighing.chosen)
         problem, optimum = problems[place], optima[place]
         if weighing.chosen is None and problem.circuit == FOLLOWING != weighing.tabulated_name:

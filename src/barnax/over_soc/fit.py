@@ -169,10 +169,15 @@ def constant_held_out(
     Its time constants are those of all samples, as those of tables are. None where nothing is held
     out.
     """
-    plain = replace(
-        settings, nodes=(0.5,), ocv_correction=False, half_hysteresis=False, rising_ocv=False
-    )
-    objective = reduced_objective(prepared_records, plain)
+    plain = replace(settings, ocv_correction=False, half_hysteresis=False, rising_ocv=False)
+    return constant_with_ocv_held_out(prepared_records, plain)
+
+
+def constant_with_ocv_held_out(
+    prepared_records: Sequence[PreparedRecord], settings: TableSettings
+) -> SocErrors | None:
+    """The same of a constant circuit with such a table of the OCV as the settings have."""
+    objective = reduced_objective(prepared_records, replace(settings, nodes=(0.5,)))
     with one_blas_thread():
         return held_out_errors(objective, find_best(objective))
 

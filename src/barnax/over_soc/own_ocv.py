@@ -26,7 +26,7 @@ from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
 from ..settings import NODES
 from .certificate import certify
-from .fit import TableFit, constant_held_out, fit_of, reduced_objective
+from .fit import TableFit, constant_with_ocv_held_out, fit_of, reduced_objective
 from .search import find_best
 from .settings import OCV, TableSettings
 
@@ -149,7 +149,8 @@ def _fitted(
     at_home = [prepare_record(each, cell, circuit, windows[each.name]) for each in records]
     fit = fit_of(objective, proof, at_home)
     if fit.cross_validation is not None:
-        constant = constant_held_out(at_home, settings)
+        # With its own OCV too, which in each fold knows no more than the tables' does.
+        constant = constant_with_ocv_held_out(prepared, settings)
         if constant is not None:
             crossed = replace(fit.cross_validation, constant=constant)
             fit = replace(fit, cross_validation=crossed)

@@ -11,7 +11,7 @@ import jax
 import pytest
 
 from barnax.bundled import BUNDLED
-from barnax.cell import CellModel, characterize
+from barnax.cell import CIRCUITS, CellModel, characterize
 from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
@@ -21,6 +21,12 @@ from barnax.search.seeds import Search, search_seeds
 from helpers.compiling import QUICK_FLAGS
 
 REPOSITORY = Path(__file__).parents[1]
+
+
+@pytest.fixture(autouse=True)
+def known_circuits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A circuit that a test or a page makes is known there only."""
+    monkeypatch.setattr(CIRCUITS, "_known", dict(CIRCUITS))
 
 
 def pytest_configure(config: pytest.Config) -> None:

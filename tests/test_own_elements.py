@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import barnax
-from barnax.cell import CIRCUITS, CircuitParameters, Element, make_circuit
+from barnax.cell import CircuitParameters, Element, make_circuit
 from barnax.errors import InputError
 from barnax.export import get_exporter
 from barnax.filters.model import ErrorModel, make_model
@@ -52,9 +52,8 @@ CASES = [("1rc+diffusion", series, 5e-4), (OWN, two, 1e-6)]
 
 
 @pytest.fixture(autouse=True)
-def own_circuit(monkeypatch):
-    """The circuit of one's own, known only here."""
-    monkeypatch.setattr(CIRCUITS, "_known", dict(CIRCUITS))
+def own_circuit(known_circuits):
+    """The circuit of one's own."""
     return make_circuit(OWN, "rc", TWO)
 
 

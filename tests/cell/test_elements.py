@@ -86,8 +86,7 @@ def test_what_no_circuit_is_is_refused(name, message):
         get_circuit(name)
 
 
-def test_a_circuit_of_ones_own_is_known_by_its_name(monkeypatch):
-    monkeypatch.setattr(CIRCUITS, "_known", dict(CIRCUITS))
+def test_a_circuit_of_ones_own_is_known_by_its_name():
     made = make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc")
     assert get_circuit("cell/test_elements") is made
     assert made.source_voltage is get_circuit("iso-rc").source_voltage

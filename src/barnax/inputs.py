@@ -108,7 +108,8 @@ def read_inputs(
         source: Any = each
         if not is_record:
             source = source_of(each, names, reading, _FRAMES.get(role, FRAME))
-        if role != "OCV test":
+        # Files have names of their own already; one that is given twice is told by its name.
+        if role != "OCV test" and not isinstance(each, str | Path):
             source = numbered(source, called)
         if is_record:
             return source

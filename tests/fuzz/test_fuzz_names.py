@@ -105,7 +105,8 @@ def test_a_plan_is_the_same_table_whatever_a_file_is_called(examples):
                 name.encode()
             return
         values = {"role": "validation", "name": shown, "span": [0.0, 1.0], "initial_soc": 1.0}
-        file = values | {"file": str(Path(name))}
+        told = {"kind": name, "reason": name} if name else {}
+        file = values | {"file": str(Path(name)), **told}
         expected = {"command": "identify", "columns": shown, "files": [file]}
         expected["reasons"] = {"columns": name}
         assert tomllib.loads(text.encode().decode()) == expected

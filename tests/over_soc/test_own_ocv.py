@@ -142,6 +142,11 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     windows = {whole.name: Window(initial_soc=1.0, capacity_ah=2.0), part.name: Window()}
     own = fit_with_ocv([whole, part], "so-rc", windows, QUICK)
     assert own.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
+    # It may go deeper than the record whose OCV tells its start.
+    upper = replace(windows[whole.name], score_soc=(0.6, 1.0))
+    both = fit_with_ocv([whole, part], "so-rc", windows | {whole.name: upper}, QUICK)
+    assert both.windows[part.name].initial_soc == pytest.approx(0.7, abs=5e-3)
+    assert both.cell.soc_range[0] < 0.4
 
 
 @pytest.mark.parametrize("window", [Window(capacity_ah=0.9), Window(initial_soc=0.5)])

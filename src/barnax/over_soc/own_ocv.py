@@ -20,7 +20,7 @@ from ..cell.model import FitError
 from ..display import Brief
 from ..errors import InputError
 from ..model.prepared import OCV_MARGIN, prepare_record, soc_along
-from ..model.start import held_charges
+from ..model.start import find_start, held_charges
 from ..model.window import Window, first_sample, scored_samples
 from ..records import Record, rest_current_a
 from ..records.record import FULL_CHARGE
@@ -111,8 +111,10 @@ def fit_with_ocv(
         first = _fitted(known, circuit, windows, axes, quick, axis_ah, origin)
         for each in records:
             if each not in known:
-                window = replace(windows[each.name], capacity_ah=axis_ah)
-                start = prepare_record(each, first.cell, circuit, window).start
+                # Where it goes from there is looked at with the OCV of all.
+                window, at = windows[each.name], first_sample(each, windows[each.name])
+                rest_a = window.rest_current_a or rest_current_a(each, axis_ah)
+                start, _ = find_start(each, first.cell, window, axis_ah, at, rest_a)
                 axes[each.name] = Axis(start.soc, "rest elsewhere")
     return _fitted(records, circuit, windows, axes, own, axis_ah, origin)
 

@@ -43,6 +43,14 @@ Found = TypeVar("Found")
 AnyJob = TypeVar("AnyJob", bound="Job")
 
 
+class _Signature:
+    """What a class is made of: the arguments of its `__init__`, whatever its `__new__` takes."""
+
+    def __get__(self, _: object, owner: type) -> inspect.Signature:
+        own = inspect.signature(owner.__init__)
+        return own.replace(parameters=[*own.parameters.values()][1:])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     """What `identify` is asked for, with the fields of `Settings`, `Reading` and others by name.
@@ -99,6 +107,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     __hash__ = object.__hash__
 
     if not TYPE_CHECKING:
+        __signature__ = _Signature()
 
         def __new__(cls, *given, **options):
             cls.require_names(options)
@@ -189,9 +198,7 @@ def takes_options(
         lines = [f"    {name}: {text}\n" for name, text in more.items()]
         doc = inspect.cleandoc(run.__doc__ or "")
         function.__doc__ = re.sub(ARGS, lambda found: found[0] + "".join(lines), doc)
-        shown = inspect.signature(make.__init__)
-        taken = [each for name, each in shown.parameters.items() if name != "self"]
-        function.__signature__ = shown.replace(parameters=taken)  # pyright: ignore
+        function.__signature__ = inspect.signature(make)  # pyright: ignore
         return function
 
     return decorate

@@ -214,7 +214,7 @@ def search_and_assess(
             tables_futures.append(_fitting(beside, over, weighing, weighing.tabulated))
         held_out_futures = [
             beside.submit(_held_out_or_none, each, weighing.tables.get(each.circuit))
-            if len(problems) > 1 or tables_futures
+            if weighing.fitted is None and (len(problems) > 1 or tables_futures)
             else None
             for each in problems
         ]

@@ -107,6 +107,13 @@ def test_parameters_with_diffusion_are_read_as_they_are_written():
     read = CircuitParameters.from_dict(given.to_dict())
     assert read.tau_s == pytest.approx(given.tau_s)
     assert read.elements == given.elements
+    # Elements keep the order in which they were written, not that in which they became known.
+    add_element(Element("late", "Q", "late", (1.0,), (1.0,)))
+    for elements in (("rc", "late", "diffusion"), ("rc", "diffusion", "late")):
+        written = CircuitParameters.of_tau(
+            0.05, (0.03, 0.01, 0.02), (9.0, 8.0, 7.0), None, elements
+        )
+        assert CircuitParameters.from_dict(written.to_dict()).elements == elements
     # Diffusion stays last, however fast it is.
     assert given.ordered().tau_s == pytest.approx((8.0, 90.0, 400.0))
 

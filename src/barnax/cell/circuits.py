@@ -1,4 +1,4 @@
-"""The circuits: which elements, which hysteresis voltage, and the numbers of one circuit.
+"""The circuits: which elements, and which source voltage and hysteresis.
 
 A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 """
@@ -6,7 +6,6 @@ A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -23,9 +22,6 @@ from .elements import (
 )
 from .model import CellModel
 from .parameters import MOST_PAIRS, parameter_names
-
-if TYPE_CHECKING:
-    pass
 
 Samples = Float[np.ndarray, "samples"]
 

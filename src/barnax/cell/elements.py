@@ -118,8 +118,8 @@ def get_element(name: str) -> Element:
     """The element of that name. Raises `InputError` that lists the names."""
     if name not in _ELEMENTS:
         raise InputError(
-            f"no element is called {name!r}; there are {', '.join(_ELEMENTS)}. A circuit of your "
-            "own is known once its `Circuit` is made"
+            f"no element is called {name!r}; there are {', '.join(_ELEMENTS)}. One of your own is "
+            "known once `make_circuit` was given it"
         )
     return _ELEMENTS[name]
 

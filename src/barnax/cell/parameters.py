@@ -34,16 +34,16 @@ def parameter_names(elements: Sequence[str], has_rate: bool = False) -> tuple[st
 
 
 def elements_in(names: Iterable[str]) -> tuple[str, ...]:
-    """The elements that parameters of these names are of.
+    """The elements that parameters of these names are of, in their order.
 
     >>> elements_in(["R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R_D [Ohm]", "tau_D [s]"])
     ('rc', 'diffusion')
     """
-    symbols = {name.partition(" [")[0].lstrip("RCtau") for name in names} - {"0", RATE}
+    symbols = dict.fromkeys(name.partition(" [")[0].lstrip("RCtau") for name in names)
     known = {str(number): number for number in range(1, MOST_PAIRS + 1)}
     pairs = max((known.get(each, 0) for each in symbols), default=0)
-    others = [each.name for each in ELEMENTS.values() if f"_{each.symbol}" in symbols]
-    return (*[RC.name] * pairs, *others)
+    others = {f"_{each.symbol}": each.name for each in ELEMENTS.values() if each.symbol}
+    return (*[RC.name] * pairs, *(others[each] for each in symbols if each in others))
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,10 @@ def candidates_section(
         return []
     told = (
         "Each is the best circuit of its kind that was found; how much better another of its kind "
-        "could be is proved for some. Blocks left out of the fit decide which is the answer: the "
-        "simplest circuit, unless another "
-        "lowers their error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
-        "that was given is the answer in any case."
+        "could be is proved for some. What is left out of the fit, blocks of one record or each of "
+        "several records, decides which is the answer: the simplest circuit, unless another "
+        "lowers that error, and that above 10 % SOC, by more than 10 %; but a `model` or `over` "
+        "that was given is the answer in any case, and so are tables without an OCV test."
     )
     return [Section("Circuits", (Bullets((told,)), candidates_table(candidates, validation)))]
 

@@ -119,7 +119,7 @@ def get_element(name: str) -> Element:
     if name not in _ELEMENTS:
         raise InputError(
             f"no element is called {name!r}; there are {', '.join(_ELEMENTS)}. One of your own is "
-            "known once `make_circuit` was given it"
+            "known once make_circuit was given it"
         )
     return _ELEMENTS[name]
 

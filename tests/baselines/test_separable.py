@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
 
 from barnax.baselines import METHODS, Budget
-from barnax.baselines.separable import OuterSearch, bounded_least_squares
 from helpers.reference import drop_v, filtered_response, fit_circuit
 
 NOISY = (0.05, (0.02, 0.03), (8.0, 90.0))
@@ -76,21 +74,3 @@ def test_bounds_and_fixed_values_hold_exactly(bounds, fixed, known_problem):
         assert low * (1 - 1e-9) <= values[name] <= high * (1 + 1e-9)
     for name, value in fixed.items():
         assert values[name] == pytest.approx(value, rel=1e-9)
-
-
-def test_resistances_are_the_exact_bounded_optimum(known_problem):
-    search = OuterSearch(known_problem(NOISY, noise_v=2e-3))
-    columns, base = search.columns(np.array([3.0, 40.0])), search.bases(np.array([]))[:, 0]
-    for low, high in ((0.0, 1.0), (0.03, 0.04), (0.0, 0.02)):
-        found = bounded_least_squares(columns, base, np.full(3, low), np.full(3, high))
-        expected = lsq_linear(columns, -base, (low, high), method="trf", tol=1e-14).x
-        assert found == pytest.approx(expected, abs=1e-6)
-
-
-def test_a_value_with_equal_bounds_is_held():
-    rng = np.random.default_rng(0)
-    columns, base = rng.normal(size=(50, 3)), rng.normal(size=50)
-    low, high = np.array([-5.0, 0.25, -5.0]), np.array([5.0, 0.25, 5.0])
-    found = bounded_least_squares(columns, base, low, high)
-    rest = np.linalg.lstsq(columns[:, [0, 2]], -(base + 0.25 * columns[:, 1]))[0]
-    assert found == pytest.approx([rest[0], 0.25, rest[1]], rel=1e-10)

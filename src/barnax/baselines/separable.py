@@ -1,6 +1,5 @@
 """Methods that solve for the resistances at given time constants: by a search, by subspaces."""
 
-import itertools
 from dataclasses import replace
 
 import equinox as eqx
@@ -8,11 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.ndimage import minimum_filter
-from scipy.optimize import least_squares, lsq_linear
+from scipy.optimize import least_squares
 
 from ..cell import CircuitParameters
 from ..execution import in_float64
+from ..model.box_least_squares import least_in_boxes, with_free_values
+from ..model.grid import GridSizes, minima_of, points_in_order
 from ..model.problem import Problem
 from ..model.simulate import RCParameters, SimulationInput, overpotential, unit_response
 from ..search.evaluate import evaluate
@@ -21,42 +21,12 @@ from .regression import answer_of, even_samples
 
 # Grid points a time constant, by the number of pairs, and grid points of the hysteresis' rate.
 TAUS = {1: 48, 2: 24, 3: 14, 4: 11}
-GAMMAS = 8
+GRID = GridSizes(TAUS, TAUS, 8)
 # Of the grid points that are better than all around them, this many are polished.
 POLISHED = 4
 TOLERANCE = 1e-12
 
 Point = Float[np.ndarray, "outer"]
-
-
-def bounded_least_squares(
-    columns: Float[np.ndarray, "samples resistances"],
-    base: Float[np.ndarray, "samples"],
-    low: Float[np.ndarray, "resistances"],
-    high: Float[np.ndarray, "resistances"],
-) -> Float[np.ndarray, "resistances"]:
-    """The values in [low, high] with the least sum of squares of base + columns @ values.
-
-    Exact: SciPy's bounded-variable least squares (Stark and Parker, Comput. Stat. 10 (1995) 129)
-    on the triangular factor. Where low and high are one value, that is it.
-    """
-    is_free = high > low
-    values = low.copy()
-    if not np.any(is_free):
-        return values
-    target = -(base + columns[:, ~is_free] @ low[~is_free])
-    scale = np.maximum(np.linalg.norm(columns[:, is_free], axis=0), np.finfo(float).tiny)
-    factor = triangular_factor(np.column_stack([columns[:, is_free] / scale, target]))
-    found = lsq_linear(
-        factor[:, :-1],
-        factor[:, -1],
-        (low[is_free] * scale, high[is_free] * scale),
-        method="bvls",
-        tol=1e-14,
-        max_iter=100,
-    )
-    values[is_free] = np.clip(found.x / scale, low[is_free], high[is_free])
-    return values
 
 
 def triangular_factor(
@@ -109,7 +79,7 @@ class OuterSearch:
 
     def __init__(self, problem: Problem):
         self.inputs, self.bounds = problem.all_inputs[0], problem.bounds
-        self.pairs, self.is_ordered = self.bounds.pairs, self.bounds.alike_pairs > 0
+        self.pairs, self.ordered = self.bounds.pairs, self.bounds.alike_pairs
         ranges = [self.bounds.tau_range_s(pair) for pair in range(self.pairs)]
         if self.bounds.gamma_range is not None:
             ranges.append(self.bounds.gamma_range)
@@ -148,40 +118,33 @@ class OuterSearch:
         tau_s = np.exp(point[: self.pairs])
         gamma = float(np.exp(point[-1])) if len(point) > self.pairs else None
         found = CircuitParameters.of_tau(r0, r, tau_s, gamma)
-        return found.ordered() if self.is_ordered else found
+        return found.ordered() if self.ordered else found
 
     def grid_minima(self) -> list[Point]:
         """The best grid points that are better than all around them."""
-        axes = [self._axis(index) for index in range(len(self.low))]
+        axes = GRID.places(zip(self.low, self.high, strict=True), self.pairs)
         taus, gammas = axes[: self.pairs], axes[self.pairs :]
         # Pairs with one box share their responses.
-        own = taus[:1] if self.is_ordered else taus
-        begin = np.cumsum([1, *(len(axis) for axis in own)]).tolist()
-        starts = [1] * self.pairs if self.is_ordered else begin[:-1]
+        own = taus[:1] if self.ordered else taus
+        begin = np.cumsum([1, *(len(axis) for axis in own)])
+        starts = np.resize(begin[: len(own)], self.pairs)
         columns = self.columns(np.exp(np.concatenate(own)))
         bases = self.bases(np.exp(gammas).ravel())
         self.evaluations += columns.shape[1] - 1 + (bases.shape[1] if gammas else 0)
-        # All grid points share one triangular factor, a few hundred numbers.
+        # All grid points share one triangular factor, a few hundred numbers, and its products.
         factor = triangular_factor(np.concatenate([columns, bases], axis=1))
-        errors = np.full([len(axis) for axis in axes], np.inf)
-        for place in itertools.product(*(range(len(axis)) for axis in taus)):
-            # Two pairs of one time constant are one pair.
-            if self.is_ordered and any(b <= a for a, b in itertools.pairwise(place)):
-                continue
-            chosen = [0, *(start + index for start, index in zip(starts, place, strict=True))]
-            at = np.array([axis[index] for axis, index in zip(taus, place, strict=True)])
-            box = self.bounds.resistance_box(np.exp(at))
-            for number in range(bases.shape[1]):
-                base = factor[:, columns.shape[1] + number]
-                values = bounded_least_squares(factor[:, chosen], base, *box)
-                error = np.linalg.norm(base + factor[:, chosen] @ values)
-                errors[(*place, *([number] * len(gammas)))] = error
-        is_minimum = np.isfinite(errors) & (minimum_filter(errors, 3) == errors)
-        places = sorted(np.argwhere(is_minimum).tolist(), key=lambda place: errors[tuple(place)])
-        return [
-            np.array([axis[index] for axis, index in zip(axes, place, strict=True)])
-            for place in places[:POLISHED]
-        ]
+        products = factor.T @ factor
+        shape = tuple(len(axis) for axis in axes)
+        points = points_in_order(shape, self.ordered, apart=True)
+        at = points[: self.pairs]
+        chosen = np.concatenate([np.zeros_like(at[:1]), starts[:, None] + at])
+        base = columns.shape[1] + (points[-1] if gammas else np.zeros_like(at[0]))
+        box = self.bounds.resistance_box(np.exp(np.stack([*map(np.take, taus, at)])))
+        values = least_in_boxes(products[chosen[:, None], chosen], products[chosen, base], *box)
+        errors = np.full(shape, np.inf)
+        error = factor[:, base] + np.einsum("rup,up->rp", factor[:, chosen], values)
+        errors[*points] = np.linalg.norm(error, axis=0)
+        return [np.array([*map(np.take, axes, point)]) for point in minima_of(errors)[:POLISHED]]
 
     def polish(self, start: Point) -> Point:
         """The local minimum near a point, inside the box."""
@@ -207,18 +170,20 @@ class OuterSearch:
         )
         return at(end.x)
 
-    def _axis(self, index: int) -> np.ndarray:
-        size = TAUS[self.pairs] if index < self.pairs else GAMMAS
-        low, high = self.low[index], self.high[index]
-        return np.linspace(low, high, size) if high > low else np.array([low])
-
     def _solve(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Columns, base and the best resistances at a point."""
         self.evaluations += 1
         tau_s, gamma = np.exp(point[: self.pairs]), np.exp(point[self.pairs :])
         columns, base = self.columns(tau_s), self.bases(gamma)[:, 0]
-        box = self.bounds.resistance_box(tau_s)
-        return columns, base, bounded_least_squares(columns, base, *box)
+        low, high = self.bounds.resistance_box(tau_s)
+        factor = triangular_factor(np.column_stack([columns, base]))
+        products = (factor.T @ factor)[:-1, :, None]
+        ends = low[:, None], high[:, None]
+        values = least_in_boxes(products[:, :-1], products[:, -1], *ends)[:, 0]
+        is_free = (low < values) & (values < high)
+        exact = with_free_values(factor[:, :-1], factor[:, -1], values, is_free)
+        # Columns that hardly differ may ask for values outside.
+        return columns, base, exact if np.all((low <= exact) & (exact <= high)) else values
 
 
 VARPRO = deterministic(

@@ -15,7 +15,8 @@ from jaxtyping import Float, Int
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
-from .reduced import Axis, Columns, Reduced, dot, errors_of, least_in_box, normal_equations
+from ..model.box_least_squares import least_in_boxes
+from .reduced import Axis, Columns, Reduced, dot, errors_of, normal_equations
 
 # In x = log(s / tau) a pair's kernel is exp(x - exp(x)); this is the integral of the absolute
 # value of its third derivative, rounded up. The RMS of a response's third derivative in log(tau) is
@@ -141,7 +142,7 @@ def _bound(
     columns = [np.broadcast_to(reduced.current, base.shape), *(side.responses[1] for side in sides)]
     normal, gradient = normal_equations(columns, base)
 
-    found = least_in_box(normal, gradient, *box)
+    found = least_in_boxes(normal, gradient, *box)
     errors_v = errors_of(columns, base, found)
     at_middle_v = np.linalg.norm(errors_v, axis=1)
     bounds_v, loss = _dual(errors_v, base, columns[0], sides, allowed)
@@ -152,7 +153,7 @@ def _bound(
 
     # A little more slope than needed leaves free resistances at their lower limits, which cost
     # far less than the upper ones.
-    tilted = least_in_box(normal, gradient - 1.05 * at_middle_v * loss, *box)
+    tilted = least_in_boxes(normal, gradient - 1.05 * at_middle_v * loss, *box)
     errors_v = errors_of(columns, base, tilted)
     tilted_v, loss = _dual(errors_v, base, columns[0], sides, allowed)
     split = np.argmax((np.abs(tilted) * loss)[1:], axis=0)

@@ -1,13 +1,11 @@
 """The problem for given time constants: linear in the resistances, solved exactly in their box."""
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..cell import CircuitParameters
 from ..cell.elements import RC, Element, get_element
@@ -16,109 +14,6 @@ from ..model.exponentials import Lagrange, span_of
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem
 from ..model.search_space import Bounds
-
-# A column this dependent on those before it, relative to its own square, moves nothing.
-RIDGE = 1e-13
-# Guesses of which unknowns are at a bound; those few problems that still change are enumerated.
-GUESSES = 10
-# Active sets, over all problems, that are tried at once.
-SETS_AT_ONCE = 4096
-
-Unknowns = Float[np.ndarray, "unknowns problems"]
-
-
-def least_in_box(
-    normal: Float[np.ndarray, "unknowns unknowns problems"],
-    gradient: Unknowns,
-    low: Unknowns,
-    high: Unknowns,
-) -> Unknowns:
-    """Each problem's x in [low, high] with the least x.(normal x) / 2 + gradient.x.
-
-    `normal` is A'A and `gradient` A'b for the least squares of b + A x. Where low and high are
-    one value, that is it. Active sets are guessed for all problems together, each from the signs
-    of the last guess's multipliers (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13 (2002)
-    865); where that runs in circles all sets are tried. Columns that depend on others cost
-    nothing but which of the equally good x is found.
-    """
-    scale = np.sqrt(np.einsum("iin->in", normal))
-    scale = np.where(scale > 0, scale, 1.0)
-    normal = normal / scale[:, None] / scale
-    gradient, box = gradient / scale, (low, high)
-    low, high = low * scale, high * scale
-    given = [normal, gradient, low, high, low >= high]
-    at_low = at_high = np.zeros(low.shape, bool)
-    found, open_problems = low.copy(), np.arange(low.shape[1])
-    for _ in range(GUESSES):
-        h, g, least, most, pinned = given
-        is_free = ~(at_low | at_high | pinned)
-        x = _free_minimum(h, g, np.where(at_high, most, least), is_free)
-        slope = g + _times(h, x)
-        now_low = ((is_free & (x < least)) | (at_low & (slope >= 0))) & ~pinned
-        now_high = ((is_free & (x > most)) | (at_high & (slope <= 0))) & ~pinned
-        settled = np.all((now_low == at_low) & (now_high == at_high), axis=0)
-        found[:, open_problems[settled]] = np.clip(x, least, most)[:, settled]
-        if np.all(settled):
-            break
-        at_low, at_high = now_low[:, ~settled], now_high[:, ~settled]
-        open_problems, *given = (each[..., ~settled] for each in (open_problems, *given))
-    else:
-        found[:, open_problems] = _enumerated(*given[:-1])
-    return np.clip(found / scale, *box)
-
-
-def _enumerated(normal, gradient: Unknowns, low: Unknowns, high: Unknowns) -> Unknowns:
-    """The best of all active sets, each moved into the box."""
-    sides = np.array([*itertools.product((-1, 0, 1), repeat=len(low))]).T[..., None]
-    step, best = max(1, SETS_AT_ONCE // sides.shape[1]), low.copy()
-    for first in range(0, low.shape[1], step):
-        here = slice(first, first + step)
-        h, g, least, most = (each[..., None, here] for each in (normal, gradient, low, high))
-        x = _free_minimum(h, g, np.where(sides > 0, most, least), (sides == 0) & (least < most))
-        x = np.clip(x, least, most)
-        value = np.sum(x * (2 * g + _times(h, x)), axis=0)
-        lowest = np.argmin(np.where(np.isnan(value), np.inf, value), axis=0)
-        best[:, here] = np.take_along_axis(x, lowest[None, None], axis=1)[:, 0]
-    return best
-
-
-def _free_minimum(
-    normal,
-    gradient: Float[np.ndarray, "unknowns *problems"],
-    x: Float[np.ndarray, "unknowns *sets"],
-    is_free: Bool[np.ndarray, "unknowns *sets"],
-) -> Float[np.ndarray, "unknowns *sets"]:
-    """x with its free entries where the slope vanishes, by an L D L' factorization.
-
-    The diagonal of `normal` is one.
-    """
-    count = len(x)
-    target = -(gradient + _times(normal, np.where(is_free, 0.0, x)))
-    coupled = np.where(is_free[:, None] & is_free, normal, 0.0)
-    factor = {}
-    pivots, forward = [], []
-    for i in range(count):
-        for j in range(i):
-            value = coupled[i, j]
-            for k in range(j):
-                value = value - factor[i, k] * factor[j, k] * pivots[k]
-            factor[i, j] = value / pivots[j]
-        # Of an unknown that is not free, nothing here reaches the others.
-        pivot = 1.0 + RIDGE - sum(factor[i, k] ** 2 * pivots[k] for k in range(i))
-        pivots.append(np.maximum(pivot, RIDGE))
-        forward.append(target[i] - sum(factor[i, k] * forward[k] for k in range(i)))
-    solved = [np.empty(0)] * count
-    for i in reversed(range(count)):
-        below = sum(factor[k, i] * solved[k] for k in range(i + 1, count))
-        solved[i] = forward[i] / pivots[i] - below
-    return np.where(is_free, np.stack(solved), x)
-
-
-def _times(normal, x: Float[np.ndarray, "unknowns *sets"]) -> Float[np.ndarray, "unknowns *sets"]:
-    # In a fixed order of summation, however many problems there are.
-    total: Any = sum(normal[:, j] * x[j] for j in range(len(x)))
-    return total
-
 
 Columns = Float[np.ndarray, "points rows"]
 

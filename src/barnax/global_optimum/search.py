@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import label, minimum_filter
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters, without_drop
@@ -14,6 +13,8 @@ from ..cell.model import NEAR_DEGC
 from ..display import Brief
 from ..errors import InputError
 from ..execution import SEEDS_PER_BLOCK, in_float64
+from ..model.box_least_squares import least_in_boxes
+from ..model.grid import GridSizes, minima_of, points_in_order
 from ..model.prepared import both_directions, prepare_record
 from ..model.problem import Problem
 from ..search.refine import (
@@ -28,13 +29,11 @@ from ..search.refine import (
     distinct_optima,
 )
 from .certificate import CERTIFIED_GAP, SMALLEST_RMSE_V, Certificate, certify
-from .reduced import Reduced, errors_of, least_in_box, normal_equations
+from .reduced import Reduced, errors_of, normal_equations
 
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
 # over a factor of e in tau; four pairs are still sampled twice as densely as that.
-TAUS = {1: 192, 2: 96, 3: 28, 4: 18}
-TAUS_BESIDE_GAMMA = {1: 96, 2: 48, 3: 20, 4: 12}
-GAMMAS = 24
+GRID = GridSizes({1: 192, 2: 96, 3: 28, 4: 18}, {1: 96, 2: 48, 3: 20, 4: 12}, 24)
 # Points that are solved at a time.
 CHUNK = 8192
 # Local minima of the grid up to this many times its lowest error are polished, but never more of
@@ -76,26 +75,18 @@ class Landscape(Brief):
 
         Only those with at most `factor` times the lowest error.
         """
-        known_v = np.where(np.isnan(self.rmse_v), np.inf, self.rmse_v)
-        is_minimum = known_v == minimum_filter(known_v, 3, mode="nearest")
-        is_minimum &= known_v <= factor * np.min(known_v)
-        grounds = np.empty(known_v.shape, int)
-        label(is_minimum, np.ones((3,) * known_v.ndim), output=grounds)
-        _, first = np.unique(grounds[is_minimum], return_index=True)
-        points = np.argwhere(is_minimum)[first].tolist()
-        return sorted(map(tuple, points), key=lambda point: self.rmse_v[point])
+        return minima_of(self.rmse_v, factor)
 
 
 def landscape_of(reduced: Reduced) -> Landscape:
     """The landscape of a problem, whichever its objective, from the compressed form."""
-    places = _grid(reduced)
+    pairs = reduced.bounds.pairs
+    places = GRID.places(((axis.low, axis.high) for axis in reduced.axes), pairs)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
         tables = [axis.columns(place) for axis, place in zip(reduced.axes, places, strict=True)]
-    shape, pairs = tuple(len(place) for place in places), reduced.bounds.pairs
-    points = np.indices(shape).reshape(len(shape), -1)
-    if reduced.ordered:
-        points = points[:, np.all(np.diff(points[: reduced.ordered], axis=0) >= 0, axis=0)]
+    shape = tuple(len(place) for place in places)
+    points = points_in_order(shape, reduced.ordered, apart=False)
     rmse_v = np.full(shape, np.nan)
     resistances_ohm = np.full((pairs + 1, *shape), np.nan)
     for first in range(0, points.shape[1], CHUNK):
@@ -105,7 +96,7 @@ def landscape_of(reduced: Reduced) -> Landscape:
         columns += [table[index] for table, index in zip(tables, here, strict=True)]
         at = np.stack([place[index] for place, index in zip(places, here, strict=True)])
         box = reduced.coefficient_box(at)
-        found = least_in_box(*normal_equations(columns, base), *box)
+        found = least_in_boxes(*normal_equations(columns, base), *box)
         errors_v = errors_of(columns, base, found)
         rmse_v[tuple(here)] = np.linalg.norm(errors_v, axis=1)
         resistances_ohm[:, *here] = found[: pairs + 1]
@@ -116,17 +107,6 @@ def landscape_of(reduced: Reduced) -> Landscape:
         resistances_ohm=resistances_ohm,
         elements=reduced.bounds.elements,
     )
-
-
-def _grid(reduced: Reduced) -> list[Float[np.ndarray, "places"]]:
-    """Evenly spaced places on every axis; one where there is nothing to choose."""
-    pairs = reduced.bounds.pairs
-    has_gamma = len(reduced.axes) > pairs
-    sizes = [(TAUS_BESIDE_GAMMA if has_gamma else TAUS)[pairs]] * pairs + [GAMMAS] * has_gamma
-    return [
-        np.linspace(axis.low, axis.high, size if axis.high > axis.low else 1)
-        for axis, size in zip(reduced.axes, sizes, strict=True)
-    ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -37,12 +37,13 @@ from ..global_optimum.certificate import (
     lowest_of_parabola,
 )
 from ..global_optimum.reduced import earlier_rms
+from ..model.box_least_squares import least_in_box
 from ..model.compressed import BLOCK
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from .axes import Axis
 from .objective import Objective, Solution
-from .search import Found, Searchable, alike_pairs, least_in_box, polish
+from .search import Found, Searchable, alike_pairs, polish
 from .settings import TableSettings
 
 # Width of the first cells in the logarithm of a time constant: few wider ones have a bound.

@@ -9,12 +9,13 @@ from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
 from ..cell.soc_axis import is_above
+from ..model.box_least_squares import least_in_box
 from ..model.prepared import PreparedRecord
 from ..uncertainty.covariance import CONFIDENCE
 from .intervals import NodeInterval
 from .objective import Objective, Solution
 from .reduced import Columns, Groups, Reduced
-from .search import find_best, least_in_box
+from .search import find_best
 from .settings import TableSettings
 
 # Blocks that a fold holds of a record at least, unless they would be shorter than what residuals

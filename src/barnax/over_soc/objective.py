@@ -14,13 +14,14 @@ from ..cell.circuits import get_circuit
 from ..cell.elements import RC, Element, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION, hats
+from ..model.box_least_squares import Sides, least_in_box, least_squares_in_box
 from ..model.compressed import BLOCK
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from .axes import Axis
 from .reduced import Columns, Reduced
-from .search import Place, Sides, Solved, least_in_box, least_squares_in_box
+from .search import Place, Solved
 from .settings import OCV, TableSettings
 
 

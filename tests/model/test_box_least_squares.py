@@ -1,4 +1,4 @@
-"""Many bounded least-squares problems at once, against SciPy's bounded-variable least squares."""
+"""Least squares in a box, of one problem and of many at once, against SciPy."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,43 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from barnax.global_optimum.reduced import least_in_box
+from barnax.model.box_least_squares import least_in_box, least_in_boxes, least_squares_in_box
+
+
+def made(seed, rows=60, unknowns=24):
+    rng = np.random.default_rng(seed)
+    matrix = rng.normal(size=(rows, unknowns)) * np.geomspace(1, 1e-3, unknowns)
+    # Neighbors that hardly differ, as those of two time constants.
+    matrix[:, 1::2] = matrix[:, ::2] + 1e-3 * matrix[:, 1::2]
+    low = np.where(rng.random(unknowns) < 0.3, -np.inf, 0.0)
+    high = np.where(rng.random(unknowns) < 0.3, 0.5, np.inf)
+    return matrix, rng.normal(size=rows), low, high
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_scipy_finds_the_same_minimum(seed):
+    matrix, base, low, high = made(seed)
+    x, sides = least_squares_in_box(matrix, base, low, high)
+    other = lsq_linear(matrix, -base, (low, high), method="bvls", tol=1e-14)
+    assert np.sum((base + matrix @ x) ** 2) == pytest.approx(2 * other.cost, rel=1e-10)
+    assert np.all((x >= low) & (x <= high))
+    assert np.all(x[sides < 0] == low[sides < 0])
+
+
+def test_any_guess_of_the_sides_ends_at_the_same_answer():
+    matrix, base, low, high = made(1)
+    normal, gradient = matrix.T @ matrix, matrix.T @ base
+    expected, sides = least_in_box(normal, gradient, low, high)
+    for guess in (sides, -np.ones_like(sides) * np.isfinite(low)):
+        found, _ = least_in_box(normal, gradient, low, high, guess.astype(int))
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_held_unknowns_keep_their_values():
+    matrix, base, low, high = made(2)
+    low[3] = high[3] = 0.25
+    assert least_squares_in_box(matrix, base, low, high)[0][3] == 0.25
+
 
 ROWS = 12
 
@@ -14,7 +50,7 @@ ROWS = 12
 def solved(columns, base, low, high):
     """The solution of every problem; `columns` has axes problem, row and unknown."""
     normal = np.einsum("nri,nrj->ijn", columns, columns)
-    return least_in_box(normal, np.einsum("nri,nr->in", columns, base), low.T, high.T).T
+    return least_in_boxes(normal, np.einsum("nri,nr->in", columns, base), low.T, high.T).T
 
 
 def error(columns, base, x):

@@ -35,9 +35,8 @@ CASES = [
 @pytest.fixture(scope="module")
 def by_hand():
     return barnax.identify(
-        BUNDLED.record,
+        [BUNDLED.record, BUNDLED.validation],
         ocv=BUNDLED.ocv,
-        validate=BUNDLED.validation,
         current_hold="forward",
         **SMALL,
     )
@@ -49,8 +48,8 @@ def test_a_folder_in_a_dialect_gives_the_same_circuit(by_hand, tmp_path, write):
         (tmp_path / name).write_bytes(write(pl.read_parquet(path)))
     found = barnax.identify(tmp_path, current_hold="forward", **SMALL)
     assert {each.name: each.role for each in found.inputs} == {
-        "drive": "identification", "trip": "validation", "up": "ocv", "down": "ocv",
+        "drive": "identification", "trip": "identification", "up": "ocv", "down": "ocv",
     }  # fmt: skip
     assert found.parameters == pytest.approx(by_hand.parameters, rel=1e-6)
-    ours, theirs = (each.metrics.validation[0].rmse_v for each in (found, by_hand))
+    ours, theirs = (each.metrics.identification.rmse_v for each in (found, by_hand))
     assert ours == pytest.approx(theirs, rel=1e-6)

@@ -38,14 +38,19 @@ def reason(found, name):
     return part.reason
 
 
-def test_the_record_of_the_widest_range_is_identified_and_the_other_validates(folder):
+def test_all_suitable_records_are_identified_on_the_one_of_the_widest_range_first(folder):
     found = plan(folder)
     assert roles(found) == {
-        "a.parquet": "validation",
+        "a.parquet": "identification",
         "b.parquet": "OCV test",
         "c.parquet": "identification",
         "d.parquet": "OCV test",
     }
+    assert [part.name for part in found.of_role("identification")] == ["c.parquet", "a.parquet"]
+    # What is given to validate on is not identified on; a comparison is of one record.
+    kept = plan(folder, validate=folder / "a.parquet")
+    assert roles(kept)["a.parquet"] == "validation"
+    assert roles(found.on_one) == roles(kept)
     assert (found.command, found.missing) == ("identify", "")
     # Where they start they show themselves, and nothing is given in their place.
     assert [part.window.initial_soc for part in found.parts if part.is_simulated] == [None, None]
@@ -123,7 +128,7 @@ def test_a_record_of_each_temperature_is_identified_on_with_its_own_ocv_test(fol
         table.write_parquet(path)
     assert roles(plan(folder))["a.parquet"] == "not used"
     found = plan(folder, over="soc,temperature")
-    assert [part.name for part in found.of_role("identification")] == ["a.parquet", "c.parquet"]
+    assert [part.name for part in found.of_role("identification")] == ["c.parquet", "a.parquet"]
     for name in ("b", "d"):
         warm = pl.read_parquet(folder / f"{name}.parquet")
         cold = warm.with_columns(pl.lit(5.0).alias(TEMPERATURE), pl.col("Voltage / V") + 1e-3)

@@ -32,9 +32,8 @@ def folder(tmp_path_factory):
 def by_hand():
     window = barnax.Window(score_to_s=1500.0)
     return barnax.identify(
-        BUNDLED.record,
+        [BUNDLED.record, BUNDLED.validation],
         ocv=BUNDLED.ocv,
-        validate=BUNDLED.validation,
         window=window,
         **SMALL,
     )
@@ -56,7 +55,7 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(folder, by_h
     assert str(folder) not in " ".join(stored.command)
     assert {each.name: each.role for each in stored.plan} == {
         "identification.parquet": "identification",
-        "validation.parquet": "validation",
+        "validation.parquet": "identification",
         "ocv_discharge.parquet": "OCV test",
         "ocv_charge.parquet": "OCV test",
     }
@@ -124,7 +123,7 @@ def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
         (each.path, each.name, each.role, each.window) for each in found.parts
     ]
     # A start that is chosen replaces the planned one as a whole.
-    assert read.of_role("validation")[0].window.initial_soc is None
+    assert read.of_role("identification")[1].window.initial_soc is None
 
 
 def test_records_of_other_temperatures_are_the_next_step_towards_tables_over_it(by_hand):

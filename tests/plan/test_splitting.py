@@ -47,15 +47,15 @@ def schedule(tmp_path_factory):
 
 def test_each_test_of_a_schedule_has_a_role_of_its_own(schedule):
     found = plan(schedule)
-    served = {part.role: part for part in found.parts if part.role != "not used"}
-    assert {role: part.name for role, part in served.items()} == {
-        "OCV test": "schedule.parquet#1",
-        "identification": "schedule.parquet#2",
-        "validation": "schedule.parquet#3",
+    served = {part.name: part for part in found.parts if part.role != "not used"}
+    assert {name: part.role for name, part in served.items()} == {
+        "schedule.parquet#1": "OCV test",
+        "schedule.parquet#2": "identification",
+        "schedule.parquet#3": "identification",
     }
     # The charge before it ends full, whatever the rest after it was.
-    assert served["validation"].window.initial_soc == 1.0
-    begin_s, end_s = served["identification"].span_s
+    assert served["schedule.parquet#3"].window.initial_soc == 1.0
+    begin_s, end_s = served["schedule.parquet#2"].span_s
     assert end_s - begin_s == pytest.approx(5.47 * 3600, rel=0.01)
 
 
@@ -72,9 +72,8 @@ def test_a_cut_file_gives_the_circuit_of_its_parts(schedule, tmp_path):
     start = barnax.Window(initial_soc=1.0)
     found = barnax.identify(schedule, window=start, **SMALL)
     alone = barnax.identify(
-        BUNDLED.record,
+        [BUNDLED.record, BUNDLED.validation],
         ocv=BUNDLED.ocv,
-        validate=BUNDLED.validation,
         window=start,
         ocv_fit="interpolated",
         **SMALL,
@@ -85,7 +84,7 @@ def test_a_cut_file_gives_the_circuit_of_its_parts(schedule, tmp_path):
     )
     (tmp_path / "result.json").write_text(found.to_json())
     loaded = barnax.Result.load(tmp_path, data=schedule.parent)
-    for one, other in zip(found.run.validation, loaded.run.validation, strict=True):
+    for one, other in zip(found.run.identification, loaded.run.identification, strict=True):
         np.testing.assert_array_equal(one.simulated_v, other.simulated_v)
     path = tmp_path / "plan.toml"
     path.write_text(plan_to_toml(plan(schedule)))
@@ -102,7 +101,7 @@ def test_a_file_of_one_test_stays_whole():
 
 def test_a_part_keeps_the_sign_and_the_hold_of_its_file(schedule):
     whole = read_record(schedule)
-    (part,) = plan(schedule).of_role("validation")
+    _, part = plan(schedule).of_role("identification")
     record = read_record(part.source)
     assert (record.sign, record.hold) == (whole.sign, whole.hold)
     assert record.time_s[0] >= part.span_s[0]

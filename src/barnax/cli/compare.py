@@ -104,6 +104,7 @@ def compare(options: Comparing) -> None:
     if found is not None:
         if found.command == "hppc":
             raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
+        found = found.on_one
         session.show(plan_lines(found, as_flags))
         job = planned(found, job)
     total = sum(1 if METHODS[method].is_deterministic else job.seeds for _, method in rows)

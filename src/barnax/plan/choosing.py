@@ -141,7 +141,7 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     with_test = [(group, each) for group, each in chosen if each]
     if not with_test:
         groups = [group for _, group in by_temperature(dynamic)]
-        return _on_records(draft, groups, bool(others)) or _without_record(draft, free)
+        return _on_records(draft, groups) or _without_record(draft, free)
     choice, runs = with_test[0][1], []
     for group, choice in with_test if dynamic else []:
         runs = _runnable(draft, group, choice, is_pulsed)
@@ -159,21 +159,21 @@ def _decide(draft: Draft, tests: Sequence[CandidateFile], others: Sequence[Candi
     why = f"{ocv_reason([record])}; " if is_own else ""
     draft.take(record, "identification", why + words_of(draft, record), window)
     draft.take_tests(choice)
-    _choose_validation(draft, record, runs[1:], is_given=bool(others))
     if draft.is_over or is_pulsed:
+        _choose_validation(draft, record, runs[1:], is_given=bool(others))
         _take_other_temperatures(draft, record, chosen, choice, is_pulsed)
+    else:
+        _take_others(draft, runs[1:], choice.cell.capacity_ah)
     _leave_others(draft, choice, chosen)
-    options, reasons = _options(draft, record, window, choice)
+    options, reasons = _options(draft, runs, choice)
     if is_own:
         return Plan("hppc", draft.parts())
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
 
 
-def _on_records(
-    draft: Draft, groups: Sequence[Sequence[CandidateFile]], is_given: bool
-) -> Plan | None:
-    """A plan without an OCV test, where a record of some temperature can do without: the OCV is
-    then the record's own."""
+def _on_records(draft: Draft, groups: Sequence[Sequence[CandidateFile]]) -> Plan | None:
+    """A plan without an OCV test, where records of some temperature can do without: the OCV is
+    then the records' own."""
     for group in groups:
         runs = [
             (each, each.window)
@@ -189,7 +189,7 @@ def _on_records(
             "test"
         )
         draft.take(record, "identification", why, window)
-        _choose_validation(draft, record, runs[1:], is_given)
+        _take_others(draft, runs[1:], draft.given_ah)
         at = named_degc(record.temperature_degc)
         for each in draft.files:
             if each not in draft.taken:
@@ -271,6 +271,16 @@ def _choose_validation(
         )
 
 
+def _take_others(draft: Draft, others: Sequence[Runnable], capacity_ah: float | None) -> None:
+    """All further records of the same temperature are identified on too, each left out once; those
+    too poor for that are left to validate on."""
+    for each, window in others:
+        if missing := each.missing_for(capacity_ah):
+            draft.take(each, "validation", f"too little to identify on: {missing}", window)
+        else:
+            draft.take(each, "identification", words_of(draft, each), window)
+
+
 def _take_other_temperatures(
     draft: Draft,
     record: CandidateFile,
@@ -316,13 +326,18 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
 
 
 def _options(
-    draft: Draft, record: CandidateFile, window: Window, choice: OcvChoice
+    draft: Draft, runs: Sequence[Runnable], choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     options: dict[str, Any] = {}
     reasons: dict[str, str] = {}
-    is_full = window.initial_soc == 1.0 or draft.starts.get(record, SHOWN).is_full
-    own_ah = record_capacity_ah(record, window, choice, is_full)
+    (record, window), own_ah = runs[0], None
+    for each, own in runs:
+        is_full = own.initial_soc == 1.0 or draft.starts.get(each, SHOWN).is_full
+        taken_ah = record_capacity_ah(each, own, choice, is_full)
+        is_used = draft.taken[each][0] == "identification"
+        if taken_ah is not None and is_used and taken_ah > (own_ah or 0.0):
+            record, window, own_ah = each, own, taken_ah
     if draft.given_ah is not None:
         options["capacity"] = draft.given_ah
         reasons["capacity"] = "given"

@@ -97,6 +97,19 @@ class Plan(Brief):
         )
 
     @property
+    def on_one(self) -> "Plan":
+        """The same identified on the first record and validated on all others."""
+        first, *others = self.of_role("identification")
+        why = f"validated on, for {first.name} is identified on"
+        parts = (
+            replace(each, role="validation", reason=f"{why}: {each.reason}")
+            if each in others
+            else each
+            for each in self.parts
+        )
+        return replace(self, parts=tuple(sorted(parts, key=lambda each: ROLES.index(each.role))))
+
+    @property
     def anywhere(self) -> "Plan":
         """The same with its files by their whole paths."""
         parts = tuple(

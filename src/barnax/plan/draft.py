@@ -46,9 +46,10 @@ class Draft:
                 self.taken[file] = role, reason, window
 
     def parts(self) -> tuple[Part, ...]:
-        """Every file: those that serve first, by their role."""
+        """Every file: those that serve first, by their role, the best to identify on first."""
         parts = []
-        for each in self.files:
+        best = [each for each, (role, *_) in self.taken.items() if role == "identification"]
+        for each in (*best, *(each for each in self.files if each not in best)):
             role, reason, window = self.taken[each]
             kept = None if role == "not used" else each.source
             what = (role, each.kind(self.capacity_ah), reason, window)

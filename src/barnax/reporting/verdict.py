@@ -160,7 +160,9 @@ def next_step(result: "Result") -> Next:
         return Next(what, {"over": OVER_TEMPERATURE})
     if told := _more_data(result):
         return Next(told)
-    if not result.metrics.validation:
+    crossed = result.tables and result.tables.fit.cross_validation
+    is_tried = bool(result.metrics.validation or (crossed and crossed.by_record))
+    if not is_tried:
         return Next("validate on another record of the cell, with `validate`")
     pays = tables_pay(unseen_errors(result), held_out_errors(result))
     if result.tables is not None and not pays:

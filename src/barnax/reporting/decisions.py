@@ -35,6 +35,8 @@ HASH_LETTERS = 16
 THROUGH_V = 1e-6
 # Sources of a start's SOC that are told in another line, or need no telling.
 TOLD = ("given", "rested voltage", "own full charge", "own span")
+# More records are counted, not named.
+MOST_NAMES = 2
 # A change of R0 by less than this share is none.
 SAME_OHM = 1e-3
 
@@ -140,8 +142,10 @@ def own_ocv_sentences(stored: "Result") -> Iterator[str]:
         if each.start is not None and each.start.soc_source in starts
     )
     whose = f"{name} " if len(parts) > 1 else ""
+    names = [each.name for each in parts]
+    whole = joined(names) if len(names) <= MOST_NAMES else f"these {len(names)} records"
     yield (
-        f"no OCV test: the OCV is that of {joined([each.name for each in parts])}, whose SOC is "
+        f"no OCV test: the OCV is that of {whole}, whose SOC is "
         f"counted over {cell.capacity_ah:.4g} Ah ({cell.capacity_origin}), {whose}{start}; "
         "`capacity` and `initial_soc` set this axis."
     )

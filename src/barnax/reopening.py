@@ -57,6 +57,7 @@ class Inputs:
         decided: dict[str, Any] = {
             "current_sign": part.sign.value if part.sign else "auto",
             "current_hold": part.hold.value if part.hold else "auto",
+            "voltage_lag": part.voltage_lag_s,
         }
         if not isinstance(given, Record):
             source = source_of(given, {}, self.reading)

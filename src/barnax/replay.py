@@ -229,6 +229,7 @@ def replay_soc(
     scenarios: Sequence[Scenario] = SCENARIOS,
     current_sign: AutoSign = "auto",
     current_hold: AutoHold = "auto",
+    voltage_lag: float | None = None,
     columns: Mapping[str, str] | str = "",
     series: int = 1,
 ) -> SocReplay:
@@ -245,6 +246,7 @@ def replay_soc(
         scenarios: Errors of a battery manager's knowledge; by default four cases.
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: When a sample's current flows; "auto" decides from the data.
+        voltage_lag: How much older its voltage is than its current, as for `read_record`.
         columns: Names of columns, as for `read_record`.
         series: How many cells are in series, as for `read_record`.
 
@@ -255,6 +257,7 @@ def replay_soc(
     reading = Reading(
         validate_current_sign=current_sign,
         current_hold=current_hold,
+        voltage_lag=voltage_lag,
         columns=columns,
         series=series,
     )

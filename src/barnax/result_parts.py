@@ -159,6 +159,7 @@ class InputPart(Part):
             (discharge positive) and voltage, in s, A and V.
         sign: The sign of its current, and why.
         hold: When a sample's current flows, and why.
+        voltage_lag_s: By how much its voltage is older than the current in its row.
         window: The part that was simulated.
         start: Where and from which SOC, and why.
         rest_current_a: The cell rests below this current.
@@ -176,6 +177,7 @@ class InputPart(Part):
     fingerprint: str = ""
     sign: Decision | None = None
     hold: Decision | None = None
+    voltage_lag_s: float = 0.0
     window: Window | None = None
     start: Start | None = None
     rest_current_a: float | None = None

@@ -226,6 +226,7 @@ class Result(Document):
         *,
         current_sign: str = "auto",
         current_hold: str = "auto",
+        voltage_lag: float | None = None,
         columns: Mapping[str, str] | str = "",
         series: int = 1,
     ) -> Evaluation:
@@ -236,9 +237,7 @@ class Result(Document):
             window: The part of the record that is simulated; by default the window on which the
                 records identified on agree.
             current_sign: The sign of the file's current; "auto" decides from the data.
-            current_hold: When a sample's current flows; "auto" decides from the data.
-            columns: Names of columns, as for `read_record`.
-            series: How many cells are in series, as for `read_record`.
+            current_hold, voltage_lag, columns, series: As for `read_record`.
 
         Raises `InputError` if the record or its window cannot be used.
 
@@ -248,8 +247,9 @@ class Result(Document):
         >>> round(1e3 * found.metrics.rmse_v, 1), found.warnings
         (17.1, ())
         """
-        read = {"current_sign": current_sign, "current_hold": current_hold}
-        return hook("Result.validate")(self, record, window, **read, columns=columns, series=series)
+        read: dict[str, Any] = {"current_sign": current_sign, "current_hold": current_hold}
+        more: dict[str, Any] = {"voltage_lag": voltage_lag, "columns": columns, "series": series}
+        return hook("Result.validate")(self, record, window, **read, **more)
 
     def to_frame(self) -> "polars.DataFrame":
         """The parameters of the answer with their 95 % intervals, units in the names.

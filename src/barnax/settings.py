@@ -110,6 +110,8 @@ class Reading:
         validate_current_sign: Sign of current in the validation records.
         current_hold: When a sample's current flows: until the next sample (forward), since the
             previous one (backward), or auto (decided from the data).
+        voltage_lag: Seconds by which the voltage is older than the current of its row, negative
+            where it is newer; by default found from the data, 0 takes them as logged.
         columns: Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME,
             with a unit if the name has none.
         series: Cells in series, for packs and modules: the voltage is divided by it.
@@ -119,14 +121,17 @@ class Reading:
     ocv_current_sign: AutoSign = "auto"
     validate_current_sign: AutoSign = "auto"
     current_hold: AutoHold = "auto"
+    voltage_lag: float | None = None
     columns: Mapping[str, str] | str = ""
     series: int = 1
 
     def options(self, role: str = "identification") -> dict[str, Any]:
-        """Sign and hold of a file of that role, as `read_record` and `check_file` take them."""
+        """Sign, hold and lag of a file of that role, as `read_record` and `check_file` take
+        them."""
         signs = {"OCV test": self.ocv_current_sign, "validation": self.validate_current_sign}
         sign = signs.get(role, self.current_sign)
-        return {"current_sign": sign, "current_hold": self.current_hold}
+        how = {"current_hold": self.current_hold, "voltage_lag": self.voltage_lag}
+        return {"current_sign": sign, **how}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -207,9 +207,8 @@ def input_part(role: Any, record: Record | OcvTable) -> InputPart:
     """A file that was read, with what was decided about it."""
     if isinstance(record, OcvTable):
         return InputPart(role=role, name=record.name, sha256=record.sha256)
-    return InputPart(
-        role=role, name=record.name, sha256=record.sha256, sign=record.sign, hold=record.hold
-    )
+    how = {"sign": record.sign, "hold": record.hold, "voltage_lag_s": record.voltage_lag_s}
+    return InputPart(role=role, name=record.name, sha256=record.sha256, **how)
 
 
 def record_part(role: Any, evaluation: Evaluation) -> InputPart:

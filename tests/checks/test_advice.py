@@ -16,7 +16,7 @@ from checks.test_findings import CAPACITY_AH, FAULTS
 from helpers.records import CURRENT, changed, frame, with_counters
 
 OPTION = re.compile(r"`([a-z_]+)=([^`]+)`")
-HOW_READ = ("current_sign", "current_hold", "columns")
+HOW_READ = {"current_sign": str, "current_hold": str, "columns": str, "voltage_lag": float}
 MORE = {
     "counters that prove the other hold": with_counters(frame()).with_columns(
         pl.col("Charging Capacity / Ah", "Discharging Capacity / Ah").shift(-1, fill_value=0.0)
@@ -32,7 +32,9 @@ TABLES = {name: table for name, (table, _) in FAULTS.items()} | MORE
 
 def warned(table, cell, capacity_ah, given):
     """What identify says of a record before it searches; an error is the only thing said."""
-    how = {name: value.strip("'") for name, value in given.items() if name in HOW_READ}
+    how = {
+        name: HOW_READ[name](value.strip("'")) for name, value in given.items() if name in HOW_READ
+    }
     others = {name: [value] for name, value in given.items() if name not in HOW_READ}
     window = RecordOptions(given=others).windows()
     source = source_from_frame(table, "cell", columns=how.get("columns", ""))

@@ -153,7 +153,8 @@ def test_an_interval_of_r0_reaches_up_to_what_comes_a_sample_late(pchip_cell):
     late = table[VOLTAGE].to_numpy().copy()
     late[1:] -= 0.4 * np.diff(late)
     given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
-    result = barnax.identify(table.with_columns(pl.Series(VOLTAGE, late)), **given)
+    table = table.with_columns(pl.Series(VOLTAGE, late))
+    result = barnax.identify(table, voltage_lag=0.0, **given)
     assert result.constant.assessment
     r0 = result.constant.assessment.uncertainty["R0 [Ohm]"]
     assert r0.value < 0.8 * 0.05

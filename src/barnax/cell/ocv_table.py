@@ -122,10 +122,13 @@ def read_ocv_test(
     *,
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
+    voltage_lag: float | None = None,
 ) -> Record | OcvTable:
     """What a file gives to characterize a cell by: a table of OCV over SOC, else a record."""
     if not isinstance(source, Source):
         source = read_source(source)
     if is_ocv_table(source.table.header):
         return read_ocv_table(source)
-    return read_record(source, current_sign=current_sign, current_hold=current_hold)
+    return read_record(
+        source, current_sign=current_sign, current_hold=current_hold, voltage_lag=voltage_lag
+    )

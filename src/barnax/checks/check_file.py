@@ -136,6 +136,7 @@ def check_file(
     columns: Mapping[str, str] | str = "",
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
+    voltage_lag: float | None = None,
     rest_current_a: float | None = None,
 ) -> FileCheck:
     """Every problem in a cycler file, and what the file can be used for.
@@ -150,6 +151,7 @@ def check_file(
         columns: Names of columns, as for `read_record`.
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: When a sample's current flows; "auto" decides from the data.
+        voltage_lag: Seconds by which the voltage is older than the current of its row, if known.
         rest_current_a: The cell rests below this current; by default found from the data.
 
     Raises `InputError` if the file is not a table or the capacity is not positive.
@@ -177,7 +179,9 @@ def check_file(
             is_told = any(each.check == "sign" for each in examined.findings)
             findings += named("sign", found if is_told else [*found, *doubts])
             record = make_record(source, samples, sign, decide_hold(samples, current_hold))
-            given = CheckInput(source.cut(samples), record, capacity_ah, rest_current_a)
+            given = CheckInput(
+                source.cut(samples), record, capacity_ah, rest_current_a, voltage_lag
+            )
             for name, check in CHECKS.items():
                 findings += named(name, check(given))
             traits = traits_of(given)

@@ -22,14 +22,15 @@ _FEWEST_READINGS, _MOST_STEPS = 20, 0.9
 class CheckInput:
     """A file's samples, in its own sign of current, and the record made of them.
 
-    Both have the same samples. `capacity_ah` and `given_rest_a`, the current below which the cell
-    rests, are the user's.
+    Both have the same samples. `capacity_ah`, `given_rest_a`, the current below which the cell
+    rests, and `voltage_lag_s` are the user's.
     """
 
     samples: Samples
     record: Record
     capacity_ah: float | None
     given_rest_a: float | None = None
+    voltage_lag_s: float | None = None
 
     @cached_property
     def span_ah(self) -> float:

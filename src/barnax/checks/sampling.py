@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from ..errors import counted
 from ..records import Record
 from ..records.findings import Finding
+from ..records.lag import find_lag
 from .check_input import CheckInput
 from .roles import FINE_S
 
@@ -203,10 +204,30 @@ def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
 
 def find_late_voltage(given: CheckInput) -> Iterator[Finding]:
     """A voltage that shows part of a step of the current only in the next sample."""
+    if given.voltage_lag_s is not None:
+        return
+    lag = find_lag(given.record)
+    usual_s = float(np.median(given.record.interval_s))
+    if lag is not None:
+        at_once, beside = 1e3 * lag.at_once_ohm, 1e3 * lag.beside_ohm
+        older, next_to, loss = "newer", "before", "leave errors at every step"
+        if lag.share > 0:
+            older, next_to = "older", "later"
+            loss = f"make R0 some {100 * lag.share:.0f} % too low"
+        what = (
+            f"of a current step the voltage shows {at_once:.3g} mOhm at once and {beside:.3g} mOhm "
+            f"one sample ({usual_s:.3g} s) {next_to}: it is {abs(lag.seconds):.3g} s {older} than "
+            f"the current of its row, which as they are would {loss}"
+        )
+        remedy = (
+            "the current is taken at its moments, and R0 is all that shows within a sample; "
+            f"`voltage_lag={lag.seconds:.3g}` says so, 0 takes them as logged"
+        )
+        yield Finding("warning", what, remedy)
+        return
     answers_ohm = late_answers_ohm(given.record)
     if answers_ohm is None:
         return
-    usual_s = float(np.median(given.record.interval_s))
     first, second, third = (1e3 * each for each in answers_ohm)
     late = second - _LASTING * third
     what = (

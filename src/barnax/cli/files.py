@@ -3,6 +3,7 @@
 import json
 import os
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -139,6 +140,8 @@ def convert(what: Converted) -> None:
     with session.watch(f"Reading {file.name}"):
         how = Reading(**what.read)
         source = read_source(file, columns=how.columns, series=how.series)
+        # A current that is moved to the voltage's moments is no longer the file's.
+        how = replace(how, voltage_lag=how.voltage_lag or 0.0)
         record = read_record(source, **how.options())
         found = check_file(source, **how.options()).findings
     for name, content in bdf_files(record, path.name).items():

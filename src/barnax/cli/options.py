@@ -69,7 +69,13 @@ METAVARS: dict[Any, str] = {
     int: "N",
     **{"model": "iso-rc|so-rc|esc|...", "method": "NAME", "columns": "NAMES", "block_s": "S"},
     **dict.fromkeys(("current_sign", "ocv_current_sign", "validate_current_sign"), "SIGN"),
-    **{"current_hold": "HOLD", "ocv_fit": "FIT", "hysteresis_fit": "FIT", "nodes": "SOC,SOC,..."},
+    **{
+        "current_hold": "HOLD",
+        "voltage_lag": "S",
+        "ocv_fit": "FIT",
+        "hysteresis_fit": "FIT",
+        "nodes": "SOC,SOC,...",
+    },
     **dict.fromkeys(("roughness", "resistance_ridge", "voltage_ridge"), "WEIGHT"),
     **{"capacity": "AH", "ocv_capacity": "AH", "temperature": "DEGC", "rest_current": "A"},
     **{"start_time": "S", "score_from": "S", "score_to": "S", "start_after_step": "N"},
@@ -187,7 +193,7 @@ PAPER = flag(
 )
 STORED = argument("RESULT", "The folder that identify wrote, or its result.json.")
 # How a record is read.
-HOW_READ = ("current_sign", "current_hold", "columns", "series")
+HOW_READ = ("current_sign", "current_hold", "voltage_lag", "columns", "series")
 
 
 @group

@@ -19,6 +19,7 @@ from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
 from .findings import Finding, named, notes_of, raise_first_error, warnings_of
 from .hold import decide_hold
+from .lag import aligned
 from .quantities import NEEDED
 from .record import Decision, Hold, Record
 from .samples import Samples, samples_of
@@ -128,6 +129,7 @@ def read_record(
     *,
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
+    voltage_lag: float | None = None,
     columns: Mapping[str, str] | str = NOTHING,
     series: int = 1,
 ) -> Record:
@@ -138,6 +140,8 @@ def read_record(
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: A sample's current flows until the next sample ("forward") or since the
             previous one ("backward"); "auto" decides from the data.
+        voltage_lag: Seconds by which the voltage is older than the current of its row, which then
+            is taken so much earlier; None finds it in the data.
         columns: Names of unknown columns, with their units if the names have none: `{"time":
             "Zeit:min", "current": "I2:mA"}`, or the same as text, "time=Zeit:min,current=I2:mA".
             A unit that is given here is not doubted.
@@ -170,7 +174,9 @@ def read_record(
     record = make_record(source, samples, sign, decide_hold(samples, current_hold))
     found = (*examined.findings, *doubts)
     return replace(
-        record, warnings=warnings_of(found, source.name), notes=notes_of(found, source.name)
+        aligned(record, voltage_lag),
+        warnings=warnings_of(found, source.name),
+        notes=notes_of(found, source.name),
     )
 
 
@@ -180,6 +186,7 @@ def record_from_frame(
     name: str = "data frame",
     current_sign: Sign | Literal["auto"] = "auto",
     current_hold: Hold | Literal["auto"] = "auto",
+    voltage_lag: float | None = None,
     columns: Mapping[str, str] | str = NOTHING,
     series: int = 1,
 ) -> Record:
@@ -190,6 +197,7 @@ def record_from_frame(
         name: What messages call it.
         current_sign: The sign of its current; "auto" decides from the data.
         current_hold: When a sample's current flows, as for `read_record`.
+        voltage_lag: How much older its voltage is than its current, as for `read_record`.
         columns: Names of columns, as for `read_record`.
         series: How many cells are in series, as for `read_record`.
 
@@ -207,7 +215,8 @@ def record_from_frame(
     (20, 'discharge-positive')
     """
     source = source_from_frame(frame, name, columns=columns, series=series)
-    return read_record(source, current_sign=current_sign, current_hold=current_hold)
+    how: dict[str, Any] = {"current_sign": current_sign, "current_hold": current_hold}
+    return read_record(source, **how, voltage_lag=voltage_lag)
 
 
 def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision) -> Record:

@@ -59,7 +59,7 @@ class Record(Brief):
     Attributes:
         name: Name of the file.
         time_s: Time on the file's own clock.
-        current_a: Current.
+        current_a: Current, at the moments of the voltage.
         voltage_v: Voltage.
         temperature_degc: Temperature, if the file has a column of it.
         step: The tester's step numbers.
@@ -77,6 +77,7 @@ class Record(Brief):
         cycle: The tester's cycle numbers.
         state: +1 where the file says that a step discharges, -1 where it charges, 0 where it rests,
             and `OTHER_STATE` where it says anything else.
+        voltage_lag_s: By how much the file's voltage is older than the current in its row.
     """
 
     name: str
@@ -95,6 +96,7 @@ class Record(Brief):
     skipped_ah: Float[np.ndarray, "intervals"] | None = None
     cycle: Int[np.ndarray, "samples"] | None = None
     state: Int[np.ndarray, "samples"] | None = None
+    voltage_lag_s: float = 0.0
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():

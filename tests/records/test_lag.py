@@ -1,0 +1,104 @@
+"""A voltage that is older or newer than the current of its row."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax.bundled import bundled_file
+from barnax.checks import check_file
+from barnax.errors import InputError
+from barnax.records import read_record, record_from_frame, source_from_frame
+from barnax.records.lag import find_lag
+from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
+
+R0 = 0.05
+
+
+def log(interval_s, lag, seed=0, samples=2000):
+    """A load that switches with the log, whose voltage is so many samples older."""
+    rng = np.random.default_rng(seed)
+    levels = np.where(rng.random(samples) < 0.2, 0.0, rng.uniform(-2.0, 3.0, samples))
+    current_a = np.repeat(levels, rng.integers(2, 12, samples))[:samples]
+    current_a[:5] = 0.0
+    place = np.arange(samples)
+    volts = simulated_cell(current_a, interval_s, r0=R0)
+    volts = np.interp(place - lag, place, volts) + 5e-4 * rng.standard_normal(samples)
+    return pl.DataFrame({TIME: interval_s * place, CURRENT: -current_a, VOLTAGE: volts})
+
+
+@pytest.mark.parametrize("interval_s", [0.1, 1.0])
+@pytest.mark.parametrize("lag", [-0.9, -0.6, -0.3, 0.3, 0.6, 0.9])
+def test_a_lag_is_found_with_all_of_r0(interval_s, lag):
+    found = find_lag(record_from_frame(log(interval_s, lag), voltage_lag=0.0))
+    assert found is not None
+    assert found.share == pytest.approx(lag, abs=0.03)
+    assert found.seconds == pytest.approx(interval_s * found.share)
+    # What the pairs answer within a sample is a part of it.
+    whole = found.at_once_ohm + found.beside_ohm
+    assert R0 * 0.96 < whole < (R0 + 0.01 * interval_s / 8) * 1.03
+
+
+@pytest.mark.parametrize("interval_s", [0.1, 1.0])
+def test_without_a_lag_none_is_found_and_the_current_is_as_logged(interval_s):
+    table = log(interval_s, 0.0)
+    record = record_from_frame(table)
+    assert record.voltage_lag_s == 0.0
+    assert np.array_equal(record.current_a, -table[CURRENT].to_numpy())
+
+
+@pytest.mark.parametrize("name", ["identification", "validation"])
+def test_the_bundled_records_have_no_lag(name):
+    assert read_record(bundled_file(name)).voltage_lag_s == 0.0
+
+
+def test_a_pair_of_a_sample_is_no_lag():
+    rng = np.random.default_rng(2)
+    current_a = np.repeat(rng.uniform(-2, 3, 500), rng.integers(1, 9, 500))
+    pair_v, volts = 0.0, []
+    for amps in current_a:
+        volts.append(3.7 - R0 * amps - pair_v)
+        pair_v += (0.2 * R0 * amps - pair_v) * (1 - np.exp(-1 / 1.5))
+    table = pl.DataFrame({TIME: np.arange(len(volts)) * 1.0, CURRENT: -current_a, VOLTAGE: volts})
+    assert record_from_frame(table).voltage_lag_s == 0.0
+
+
+def test_a_given_lag_takes_the_current_that_much_earlier_and_keeps_its_charge():
+    table = log(1.0, 0.4)
+    raw, given = (record_from_frame(table, voltage_lag=lag) for lag in (0.0, 0.25))
+    assert given.voltage_lag_s == 0.25
+    mixed_a = 0.75 * raw.current_a[1:] + 0.25 * raw.current_a[:-1]
+    assert given.current_a[1:] == pytest.approx(mixed_a, abs=1e-12)
+    assert given.discharged_ah[-1] == pytest.approx(raw.discharged_ah[-1], abs=3.0 / 3600)
+
+
+def test_a_lag_longer_than_the_record_is_refused():
+    with pytest.raises(InputError, match=r"data frame: `voltage_lag` is 1e\+09 s; give seconds"):
+        record_from_frame(log(1.0, 0.0, samples=300), voltage_lag=1e9)
+
+
+def test_a_check_tells_the_lag_and_what_it_does():
+    checked = check_file(source_from_frame(log(0.1, 0.45), "log"))
+    (told,) = [each for each in checked.findings if each.check == "late voltage"]
+    assert told.severity == "warning"
+    assert "older than the current of its row, which as they are would make R0 some 4" in told.what
+
+
+def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_path):
+    path = tmp_path / "drive.csv"
+    log(0.1, 0.45, samples=6000).write_csv(path)
+    given = {"seeds": 0, "capacity": 0.2, "trust": "none", "advise": False}
+    result = barnax.identify(path, **given)
+    assert any("older than the current of its row" in text for text in result.warnings)
+    assert result.tables is not None
+    nodes = [each for each in result.tables.fit.of_table("R0 [Ohm]") if each.low]
+    assert np.median([each.value for each in nodes]) == pytest.approx(R0, rel=0.03)
+    assert result.tables.fit.proved_gap is not None
+    (tmp_path / "result.json").write_text(result.to_json())
+    loaded = barnax.Result.load(tmp_path)
+    assert loaded.inputs[0].voltage_lag_s == result.inputs[0].voltage_lag_s > 0.04
+    # Every error is computed again on the record as it was read.
+    assert loaded.run.tables is not None
+    assert loaded.run.tables.identification[0].metrics.rmse_v == pytest.approx(
+        result.metrics.identification.rmse_v
+    )

@@ -18,6 +18,7 @@ PACKAGE = Path(barnax.__file__).parent
 # which a record becomes a report.
 LAYERS = (
     ("display", "errors", "files", "metrics", "execution", "blas"),
+    ("notices",),
     ("schema", "bundled", "settings", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),
@@ -50,6 +51,8 @@ GENERAL = {
 READING = {"records/source.py", "schema.py", "model/search_space.py", "plan/document.py"}
 # Files within a file in memory.
 READING |= {"records/readers/room.py"}
+# The words of all that is told.
+READING |= {"notices.py"}
 # Where files are put in place whole.
 WRITING = "files.py"
 # A fleet's workers write their rows themselves, wherever they run; its manifest is read there too.

@@ -5,6 +5,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable
 from itertools import islice
+from typing import Any
 
 
 class InputError(ValueError):
@@ -13,7 +14,19 @@ class InputError(ValueError):
     Raised for files, options and values that come from outside. Options stand in it by their
     Python names between backticks, which are used for nothing else. The command line prints the
     message without a traceback and exits with status 2.
+
+    Attributes:
+        notice: What it says as a `Notice`, for what a program may act on; None for the rest.
     """
+
+    def __init__(self, message: str, *, notice: Any = None):
+        super().__init__(message)
+        self.notice = notice
+
+    @property
+    def code(self) -> str:
+        """The code of its notice, `input.refused` where it has none."""
+        return self.notice.code if self.notice else "input.refused"
 
 
 # An option in a message, with its value if it has one.

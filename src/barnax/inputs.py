@@ -23,8 +23,8 @@ from .errors import InputError, printable
 from .model.prepared import group_tests, temperature_of
 from .model.search_space import Range, read_bounds
 from .model.window import Window, first_sample, scored_samples
+from .notices import raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame
-from .records.findings import raise_first_error
 from .records.fingerprint import Content
 from .records.source import STDIN, STDIN_NAME
 from .settings import HysteresisFit, OcvFit, Reading
@@ -177,14 +177,14 @@ def _checked(
             against = compare_with_cell(taken, own_cell, own_ah)
             if not own.is_chosen:
                 raise_first_error(against, found.file)
-            warnings += [each.sentence(found.file) for each in against]
+            warnings += [str(each.about(found.file)) for each in against]
         warnings += input_warnings(found, role, window)
         if role == "identification" and found.traits:
             require_load(found.file, found.traits.kind(own_ah))
         # What has no one temperature has that told.
         if found.traits and not any(each.check == "temperature" for each in found.findings):
             degc[is_test].append((found.file, found.traits.temperature_degc))
-    return warnings + compare_temperatures(degc[False], degc[True], identified)
+    return warnings + [str(e) for e in compare_temperatures(degc[False], degc[True], identified)]
 
 
 def _simulated(source: Source, record: Record, window: Window) -> Source:
@@ -248,7 +248,7 @@ def input_warnings(
     found: FileCheck, role: str, window: Window | Mapping[str, Window] | None
 ) -> list[str]:
     """What the checks of a file have against the role that it is given."""
-    texts = [each.sentence(found.file) for each in found.findings if each.counts]
+    texts = [str(each.about(found.file)) for each in found.findings if each.counts]
     for each in found.roles:
         if each.name == role and not each.is_usable:
             texts.insert(0, f"{found.file}: {NOT_SUITABLE} {role}: {each.reason}")

@@ -29,6 +29,7 @@ from pydantic_core import core_schema
 
 from .display import brief
 from .errors import InputError, cut
+from .notices import Notice
 
 LARGEST_FILE = 200_000_000
 LONGEST_REASON = 500
@@ -95,6 +96,20 @@ Count = Annotated[int, Field(ge=0, lt=2**63)]
 Parameters = dict[str, float]
 # Numbers, texts, lists and such mappings, by key.
 Json = dict[str, Any]
+
+
+def notice_to_dict(notice: Notice) -> Json:
+    """A notice as plain values, units in the keys, with its words."""
+    return {
+        "code": notice.code,
+        "severity": notice.severity,
+        "subject": notice.subject,
+        "row": notice.row,
+        "sheet": notice.sheet,
+        "values": {key_of(name): value for name, value in notice.values.items()},
+        "what": notice.what,
+        "remedy": notice.remedy or None,
+    }
 
 
 class Part(BaseModel):

@@ -73,6 +73,7 @@ def test_temperatures_far_from_every_ocv_test_are_told():
     tests = [("ocv-0.csv", 0.4), ("ocv-45.csv", 45.0), ("ocv.csv", None)]
     records = [("warm.csv", 25.0), ("cold.csv", -10.0), ("near.csv", 2.0), ("unknown.csv", None)]
     warm, cold = compare_temperatures(records, tests)
-    assert warm.startswith("warm.csv: was measured at 25 degC, the OCV test ocv-45.csv at 45 degC")
-    assert cold.startswith("cold.csv: was measured at -10 degC, the OCV test ocv-0.csv at 0.4 degC")
+    assert (warm.subject, warm.values["other"]) == ("warm.csv", "ocv-45.csv")
+    assert (cold.subject, cold.values["other_degc"]) == ("cold.csv", 0.4)
+    assert str(warm).startswith("warm.csv: was measured at 25 degC, the OCV test ocv-45.csv at 45")
     assert compare_temperatures(records, tests[2:]) == []

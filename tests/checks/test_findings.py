@@ -293,8 +293,7 @@ def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_ra
     for finding in outcome.findings:
         assert finding.remedy or not finding.counts
     TEXTS[fault] = "".join(
-        f"  {finding.severity} {finding.check}: {finding.sentence('')}\n"
-        for finding in outcome.findings
+        f"  {finding.severity} {finding.check}: {finding}\n" for finding in outcome.findings
     )
     if (seen := outcome.facts) is not None:
         moved = f"{seen.charged_ah:.4f} Ah in, {seen.discharged_ah:.4f} Ah out"
@@ -306,7 +305,7 @@ def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_ra
         return
     with pytest.raises(InputError) as caught:
         read_record(tmp_path / "cell.csv")
-    assert str(caught.value) in {f"{each.sentence('cell.csv')}." for each in errors}
+    assert str(caught.value) in {f"{each.about('cell.csv')}." for each in errors}
 
 
 def test_every_finding_is_worded_as_it_was_written_down():

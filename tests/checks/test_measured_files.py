@@ -66,9 +66,7 @@ def test_every_finding_and_role_is_worded_as_it_was_written_down(checks):
     lines = []
     for file, outcome in checks.items():
         lines.append(file)
-        lines += [
-            f"  {each.severity} {each.check}: {each.sentence('')}" for each in outcome.findings
-        ]
+        lines += [f"  {each.severity} {each.check}: {each}" for each in outcome.findings]
         for role in outcome.roles:
             options = f" {role.window.options}" if role.window else ""
             options += " initial_soc" if role.window and role.window.needs_initial_soc else ""

@@ -53,7 +53,7 @@ def survive(folder, content):
         raised = {str(problem)}
     else:
         errors = [each for each in outcome.findings if each.severity == "error"]
-        raised = {f"{each.sentence('cell.csv')}." for each in errors}
+        raised = {f"{each.about('cell.csv')}." for each in errors}
     # A table of OCV is no record, and is checked as what it is.
     is_table = "It is a table of OCV over SOC" in refusal
     try:

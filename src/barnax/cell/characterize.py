@@ -82,7 +82,7 @@ def characterize(
         for direction in (DISCHARGE, CHARGE)
         if (same := [sweep for one, _ in found for sweep in one if sweep.direction == direction])
     }
-    warnings = [text for table in tables for text in table.warnings]
+    warnings = [str(each) for table in tables for each in table.warnings]
     warnings.extend(text for _, of_record in found for text in of_record)
     points: dict[int, tuple[OcvPoint, ...]] = {}
     for table in tables:

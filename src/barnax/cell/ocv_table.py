@@ -9,6 +9,7 @@ import numpy as np
 
 from ..display import Brief
 from ..errors import InputError
+from ..notices import Notice, notice
 from ..records import Hold, Record, Source, read_record, read_source
 from ..records.columns import find_columns, is_ocv_table
 from ..records.dialects import Sign
@@ -41,7 +42,7 @@ class OcvTable(Brief):
     name: str
     branches: Mapping[int, tuple[OcvPoint, ...]]
     sha256: str
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
 
 
 def read_ocv_table(source: str | Path | Source) -> OcvTable:
@@ -75,14 +76,14 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     voltages = {name: lines.values[name] for name in columns if name != "SOC"}
     lines = lines.having(**{name: source.of_one_cell(each) for name, each in voltages.items()})
     warnings = [
-        f"{source.name}: no unit in '{column.header}'; V is assumed"
+        notice("ocv-table.volts", source.name, column=column.header)
         for column in columns.values()
         if column.is_unit_assumed
     ]
     scale = 1.0
     if np.nanmax(lines.values["SOC"], initial=0.0) > _PERCENT_FROM:
         scale = 0.01
-        warnings.append(f"{source.name}: '{columns['SOC'].header}' is taken as percent")
+        warnings.append(notice("ocv-table.percent", source.name, column=columns["SOC"].header))
     branches = {
         _DIRECTIONS[name]: _branch(source.name, lines, name, scale)
         for name in columns
@@ -99,15 +100,19 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
         if lines.cell(name, line) is None:
             continue
         point = OcvPoint(float(soc[line]), float(voltage_v[line]), file, int(lines.row[line]), 0.0)
-        what = ""
+        code = ""
         if not _SOC_RANGE[0] <= point.soc <= _SOC_RANGE[1]:
-            what = f"{lines.cell('SOC', line)!r} is not an SOC between 0 and 1 (or 0 and 100 %)"
+            code = "ocv-table.no-soc"
         elif not CELL_RANGE_V[0] <= point.voltage_v <= CELL_RANGE_V[1]:
-            what = f"{lines.cell(name, line)!r} is not a cell voltage"
+            code = "ocv-table.no-voltage"
         elif points and point.soc == points[-1].soc:
-            what = f"SOC {point.soc:g} occurs twice; keep one of the rows"
-        if what:
-            raise InputError(f"{found_at(lines, line, 'error', what).sentence(file)}.")
+            code = "ocv-table.twice"
+        if code:
+            cells = {
+                "soc_cell": repr(lines.cell("SOC", line)),
+                "cell": repr(lines.cell(name, line)),
+            }
+            raise found_at(lines, line, code, soc=point.soc, **cells).about(file).error()
         points.append(point)
     if len(points) < MINIMUM_POINTS:
         raise InputError(

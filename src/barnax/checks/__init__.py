@@ -1,7 +1,6 @@
 """What is wrong with a file, what mends it, and what it can serve as."""
 
-from ..records.findings import Finding
 from .check_file import CHECKS, FileCheck, check_file
 from .roles import Role
 
-__all__ = ["CHECKS", "FileCheck", "Finding", "Role", "check_file"]
+__all__ = ["CHECKS", "FileCheck", "Role", "check_file"]

@@ -7,18 +7,18 @@ from jaxtyping import Float
 
 from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
+from ..notices import Notice, notice
 from ..records import Record
-from ..records.findings import Finding
 from ..records.samples import record_resistance_ohm
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
 _UNITS = {
-    60.0: "its time is in minutes",
-    3600.0: "its time is in hours",
-    1e-3: "its current is in mA, or its time in ms",
-    1e3: "its current is a thousand times too small",
-    2.0: "its current is half of what flowed",
-    0.5: "its current is twice what flowed",
+    60.0: "minutes",
+    3600.0: "hours",
+    1e-3: "milli",
+    1e3: "small",
+    2.0: "half",
+    0.5: "twice",
 }
 _CAPACITIES = np.geomspace(0.5, 2, 25)
 # What most of the voltage must leave the OCV by before anything is said of it, and what share of
@@ -71,7 +71,7 @@ def _source(
 
 def compare_with_cell(
     record: Record, cell: CellModel, capacity_ah: float | None = None
-) -> list[Finding]:
+) -> list[Notice]:
     """What says that the record's charge or voltage is not of the cell that the OCV test shows: an
     error where no unit makes its charge fit."""
     capacity_ah = capacity_ah or cell.capacity_ah
@@ -81,26 +81,18 @@ def compare_with_cell(
         return []
     factor = min((*_UNITS, *_CAPACITIES), key=apart_v)
     best_v = apart_v(factor)
-    apart = "its charge goes beyond full and empty"
-    if np.isfinite(own_v):
-        apart = f"the voltage leaves the OCV by {1e3 * own_v:.3g} mV wherever it starts"
+    is_near = bool(np.isfinite(own_v))
+    told = {"apart": "voltage", "apart_v": own_v} if is_near else {"apart": "charge"}
     # A large load leaves the OCV by some more, whatever its unit.
     allowed_v = max(_APART_V, _LEFT * min(own_v, _FAR_V))
     if best_v < min(_VANISHES * own_v, allowed_v):
-        remedy = "check `capacity`, and that the OCV test is of this cell"
-        meaning = f"as if the cell held {capacity_ah / factor:.3g} Ah"
+        told |= {"best_v": best_v, "factor": factor}
         if factor in _UNITS:
-            remedy = "correct the unit, here or in the OCV test, or give the right column"
-            meaning = _UNITS[factor]
-        what = (
-            f"{apart}, and by {1e3 * best_v:.2g} mV with {factor:.4g} times the charge: {meaning}"
-        )
-        return [Finding("warning", what, remedy)]
+            return [notice("cell.charge-unit", mistake=_UNITS[factor], **told)]
+        return [notice("cell.capacity", capacity_ah=capacity_ah / factor, **told)]
     if own_v > _ELSEWHERE_V:
-        remedy = "check that the OCV test is of this cell, and the units of both"
-        what = f"it looks like a record of another cell: {apart}, whatever its unit"
         # Charge that fits nowhere ends in an error sooner or later.
-        return [Finding("warning" if np.isfinite(own_v) else "error", what, remedy)]
+        return [notice("cell.other", **told).rated("warning" if is_near else "error")]
     return []
 
 
@@ -108,25 +100,21 @@ def compare_temperatures(
     records: Sequence[tuple[str, float | None]],
     tests: Sequence[tuple[str, float | None]],
     identified: Sequence[tuple[str, float | None]] = (),
-) -> list[str]:
-    """A sentence for each record that is much warmer or colder than every OCV test, or than every
+) -> list[Notice]:
+    """A notice of each record that is much warmer or colder than every OCV test, or than every
     record that its circuit was identified on."""
-    of_test = (
-        "the OCV test {} at {:.3g} degC: the open-circuit voltage and the capacity change with "
-        "temperature; give an OCV test of the record's temperature with `ocv`"
-    )
-    of_circuit = (
-        "{}, which the circuit was identified on, at {:.3g} degC: resistances, open-circuit "
-        "voltage and capacity change with temperature; identify at the record's temperature"
-    )
     found = []
-    for others, words in ((tests, of_test), (identified, of_circuit)):
+    for others, code in (
+        (tests, "cell.temperature-of-test"),
+        (identified, "cell.temperature-of-circuit"),
+    ):
         known = [(name, degc) for name, degc in others if degc is not None]
         for name, degc in records:
             if degc is None or not known:
                 continue
             apart = {abs(own_degc - degc): (other, own_degc) for other, own_degc in known}
             if min(apart) > _DEGREES:
-                other = words.format(*apart[min(apart)])
-                found.append(f"{name}: was measured at {degc:.3g} degC, {other}")
+                other, own_degc = apart[min(apart)]
+                told = {"temperature_degc": degc, "other": other, "other_degc": own_degc}
+                found.append(notice(code, name, **told))
     return found

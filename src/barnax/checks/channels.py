@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..errors import counted
+from ..notices import Notice, Severity
 from ..records.dialects import CHARGE, DISCHARGE
-from ..records.findings import Finding, Severity
 from ..records.samples import Samples
 from ..records.sign import step_votes
 from ..records.table import found_at
@@ -20,7 +19,7 @@ _FEWEST, _FEWEST_WITHIN, _AGREEING = 3, 6, 0.9
 Votes = Float[np.ndarray, "steps"]
 
 
-def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
+def find_turn(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples in one sign throughout, and an error where it was another over some rows."""
     at, votes = step_votes(samples)
     if len(votes) < 2 * _FEWEST:
@@ -42,20 +41,15 @@ def find_turn(samples: Samples) -> tuple[Samples, list[Finding]]:
     if last < len(votes) - 1:
         rows[1] = int(at[last + 1]) + 1
     turned = slice(*rows)
-    inner, outer = f"{kinds[1]} at {len(inside)} steps", f"{kinds[0]} at {len(outside)}"
-    where = f"{outer} steps before, {inner} from here on"
-    remedy = "split the file here and give each part its own `current_sign`"
-    if is_within:
-        back = int(samples.row[rows[1]])
-        where = f"{inner} from here on, {outer} others; it turns back at row {back}"
-        remedy = "turn its sign in these rows"
-    elif not first:
-        where = f"{inner} before, {outer} steps from here on"
+    told = {"inner": kinds[1], "inner_steps": len(inside)}
+    told |= {"outer": kinds[0], "outer_steps": len(outside)}
     current_a = samples.current_a.copy()
     current_a[turned] *= -1
     row = rows[0] if first else rows[1]
-    what = f"the sign of the current turns here: {where}"
-    return samples.having(current=current_a), [found_at(samples, row, "error", what, remedy)]
+    turn = found_at(samples, row, "sign.turns", where="begins" if first else "ends", **told)
+    if is_within:
+        turn = found_at(samples, row, "sign.turned-part", **told, back_row=samples.row[rows[1]])
+    return samples.having(current=current_a), [turn]
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:
@@ -77,17 +71,17 @@ _STEADY, _EXPLAINED = 0.4, 0.3
 Channel = Float[np.ndarray, "samples"]
 
 
-def find_voltage_spikes(given: CheckInput) -> Iterator[Finding]:
+def find_voltage_spikes(given: CheckInput) -> Iterator[Notice]:
     """Voltages that leave their neighbors, and no current says why."""
-    yield from _spike_findings(given, voltage_spikes(given), "voltage", "no current explains it")
+    yield from _spike(given, "voltage-spikes.unexplained", voltage_spikes(given), "voltage")
 
 
-def find_current_spikes(given: CheckInput) -> Iterator[Finding]:
+def find_current_spikes(given: CheckInput) -> Iterator[Notice]:
     """Currents that leave their neighbors, and the voltage does not answer."""
     if given.resistance_ohm:
         ohmic_v = given.record.current_a * given.resistance_ohm
         spiked = _spikes(ohmic_v, _least_v(given), given.record.voltage_v, after=1)
-        yield from _spike_findings(given, spiked, "current", "the voltage does not answer")
+        yield from _spike(given, "current-spikes.unanswered", spiked, "current")
 
 
 def voltage_spikes(given: CheckInput) -> Bool[np.ndarray, "samples"]:
@@ -103,21 +97,18 @@ def _least_v(given: CheckInput) -> float:
 
 
 def _channel(given: CheckInput, name: str) -> tuple[Channel, str]:
-    """The readings of a channel in the file's own sign, and their unit."""
-    return (given.samples.voltage_v, "V") if name == "voltage" else (given.samples.current_a, "A")
+    """The readings of a channel in the file's own sign, and their unit in names of values."""
+    return (given.samples.voltage_v, "v") if name == "voltage" else (given.samples.current_a, "a")
 
 
-def _spike_findings(
-    given: CheckInput, spiked: Bool[np.ndarray, "samples"], channel: str, other: str
-) -> Iterator[Finding]:
+def _spike(
+    given: CheckInput, code: str, spiked: Bool[np.ndarray, "samples"], channel: str
+) -> Iterator[Notice]:
     if spiked.any():
         values, unit = _channel(given, channel)
         at = int(np.argmax(spiked))
-        what = (
-            f"the {channel} spikes to {values[at]:.5g} {unit} beside {values[at - 1]:.5g} {unit}, "
-            f"and {other} ({counted(int(spiked.sum()), 'sample')})"
-        )
-        yield given.at(at, "warning", what, "delete these rows, or correct them")
+        told = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
+        yield given.at(at, code, samples=spiked.sum(), **told)
 
 
 def _spikes(
@@ -153,13 +144,16 @@ def _spikes(
 # What the current must do to a voltage that does not answer, in volts and in steps of resolution.
 _EXPECTED_V, _EXPECTED_STEPS = 0.01, 10.0
 _FEWEST_SAMPLES = 4
+# What is told of a channel that stands still, and that stops at the end of its range.
+_VOLTAGE = "stuck-voltage.still", "stuck-voltage.limit"
+_CURRENT = "stuck-current.still", "stuck-current.limit"
 # A voltage that jumps so, both ways, under a current that does not move.
 _JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
 
 Places = Int[np.ndarray, "runs"]
 
 
-def find_stuck_voltage(given: CheckInput) -> Iterator[Finding]:
+def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     """A voltage of one and the same reading while the current moves."""
     if not given.resistance_ohm:
         return
@@ -178,12 +172,11 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Finding]:
     is_stuck = swing_a * given.resistance_ohm > least_v
     if not is_stuck.any():
         return
-    expected_mv = 1e3 * float(np.max(swing_a[is_stuck])) * given.resistance_ohm
-    moved = f"the current should move it by {expected_mv:.3g} mV"
-    yield _stuck_finding(given, "voltage", first[is_stuck], last[is_stuck], moved)
+    expected_v = float(np.max(swing_a[is_stuck])) * given.resistance_ohm
+    yield _stuck(given, _VOLTAGE, "voltage", first[is_stuck], last[is_stuck], expected_v)
 
 
-def find_stuck_current(given: CheckInput) -> Iterator[Finding]:
+def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
     """A current of one and the same reading while the voltage jumps up and down."""
     current_a = given.record.current_a
     first, last = equal_runs(current_a)
@@ -200,14 +193,18 @@ def find_stuck_current(given: CheckInput) -> Iterator[Finding]:
     is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
     if not is_stuck.any():
         return
-    jump_mv = 1e3 * float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
-    moved = f"the voltage jumps by {jump_mv:.3g} mV"
-    yield _stuck_finding(given, "current", first[is_stuck], last[is_stuck], moved)
+    jump_v = float(np.abs(step_v[first[is_stuck][0] : last[is_stuck][0]]).max())
+    yield _stuck(given, _CURRENT, "current", first[is_stuck], last[is_stuck], jump_v)
 
 
-def _stuck_finding(
-    given: CheckInput, channel: str, first: Places, last: Places, moved: str
-) -> Finding:
+def _stuck(
+    given: CheckInput,
+    codes: tuple[str, str],
+    channel: str,
+    first: Places,
+    last: Places,
+    moved_v: float,
+) -> Notice:
     """The first run, and how many more there are."""
     values, unit = _channel(given, channel)
     value = values[first]
@@ -215,15 +212,17 @@ def _stuck_finding(
     worst = int(np.argmax(last - first))
     samples = int(np.sum(last - first + 1))
     rows = given.record.row
-    what = (
-        f"the {channel} {'stops' if is_limit else 'stands still'} at {value[worst]:.6g} {unit} "
-        f"over {samples} samples in {counted(len(first), 'place')} (rows "
-        f"{int(rows[first[worst]])} to {int(rows[last[worst]])}), where {moved}"
-    )
     severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
-    remedy = "measure again with a wider range" if is_limit else "check the sensor"
-    remedy += "; `score_from`, `score_to` or `score_steps` leave these rows out"
-    return given.at(int(first[0]), severity, what, remedy)
+    return given.at(
+        int(first[0]),
+        codes[bool(is_limit)],
+        samples=samples,
+        places=len(first),
+        first_row=rows[first[worst]],
+        last_row=rows[last[worst]],
+        moved_v=moved_v,
+        **{f"value_{unit}": value[worst]},
+    ).rated(severity)
 
 
 def equal_runs(values: Channel) -> tuple[Places, Places]:
@@ -260,7 +259,7 @@ _ELSEWHERE, _FEWEST_ELSEWHERE = 0.02, 100
 _LOADED = 0.05
 
 
-def find_clipped_current(given: CheckInput) -> Iterator[Finding]:
+def find_clipped_current(given: CheckInput) -> Iterator[Notice]:
     """Currents that read exactly the largest value again and again, while others vary."""
     current_a = given.samples.current_a
     first, last = equal_runs(current_a)
@@ -276,13 +275,6 @@ def find_clipped_current(given: CheckInput) -> Iterator[Finding]:
             continue
         if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:
             continue
-        what = (
-            f"the current stops at {limit_a:.6g} A: {int(np.sum((last - first + 1)[at_limit]))} "
-            f"samples in {counted(int(at_limit.sum()), 'place')} read exactly that, while other "
-            "readings vary"
-        )
-        remedy = (
-            "measure again with a wider range; `score_from`, `score_to` or `score_steps` leave "
-            "such rows out"
-        )
-        yield given.at(int(first[at_limit][0]), "error", what, remedy)
+        counts = {"samples": (last - first + 1)[at_limit].sum(), "places": at_limit.sum()}
+        at = int(first[at_limit][0])
+        yield given.at(at, "clipped-current.limit", limit_a=limit_a, **counts)

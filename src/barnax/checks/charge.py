@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
-from ..errors import counted
+from ..notices import Notice
 from ..records.counters import gain_ah
-from ..records.findings import Finding
 from ..records.record import runs
 from ..records.samples import STEADY_SHARE
 from .check_input import CheckInput
@@ -25,7 +24,7 @@ _BEGUN_SHARE = 0.01
 _HARDLY_MOVES, _MOVED_V = 0.02, 0.3
 
 
-def find_counters(given: CheckInput) -> Iterator[Finding]:
+def find_counters(given: CheckInput) -> Iterator[Notice]:
     """Counters of the tester that disagree with the integrated current, or began before."""
     counters = given.samples.counters.both
     if not counters:
@@ -34,36 +33,32 @@ def find_counters(given: CheckInput) -> Iterator[Finding]:
     gains_ah = gain_ah(counters[0]), gain_ah(counters[1])
     if sum(gains_ah) > 0:
         yield from _against_integral(given, gains_ah)
-    begun = [
-        f"{counter[0]:.4g} Ah {word}"
-        for counter, word in zip(counters, ("in", "out"), strict=True)
+    begun_ah = {
+        name: counter[0]
+        for counter, name in zip(counters, ("in_ah", "out_ah"), strict=True)
         if counter[0] > _BEGUN_SHARE * given.scale_ah
-    ]
-    if begun:
-        what = (
-            f"the record begins within a test: the tester had counted {' and '.join(begun)}, its "
-            f"clock was at {given.record.time_s[0]:.6g} s"
-        )
-        remedy = "give the file of the test's beginning too, where it matters"
-        yield given.at(0, "note", what, remedy)
+    }
+    if begun_ah:
+        began = "both" if len(begun_ah) > 1 else next(iter(begun_ah))
+        clock_s = given.record.time_s[0]
+        yield given.at(0, "counters.begun", begun=began, clock_s=clock_s, **begun_ah)
 
 
-def _against_net(given: CheckInput) -> Iterator[Finding]:
+def _against_net(given: CheckInput) -> Iterator[Notice]:
     """A lone counter of the net charge that is the integral times a factor."""
     ratio = given.samples.counters.net_ratio(given.moved_ah, given.samples.is_loaded)
     if ratio is None or abs(ratio - 1) <= _SCALED:
         return
-    name = given.samples.header("net capacity")
-    what = f"the current is {ratio:.3g} times what the tester counted in '{name}', throughout"
-    remedy = f"check the units of both: {1 / ratio:.3g} times the current would agree"
     other, other_ah = _by_the_other_hold(given)
     held = ratio * other_ah / (given.charged_ah + given.discharged_ah)
+    told = {"ratio": ratio, "column": given.samples.header("net capacity")}
     if abs(held - 1) < abs(ratio - 1) / 3:
-        remedy = f"`current_hold='{other}'`, which gives {held:.3g} times as much"
-    yield given.at(0, "warning", what, remedy)
+        yield given.at(0, "counters.net-by-other-hold", **told, hold=other, held_ratio=held)
+    else:
+        yield given.at(0, "counters.net-scaled", **told, inverse=1 / ratio)
 
 
-def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Finding]:
+def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Notice]:
     integrated = given.charged_ah, given.discharged_ah
     total_ah = sum(gains_ah)
     # The names of the counters are the tester's; the sign of the current is settled elsewhere.
@@ -72,30 +67,29 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
         return
     apart = apart_ah / total_ah
     swapped = max(abs(a - b) for a, b in zip(integrated, gains_ah[::-1], strict=True)) / total_ah
-    figures = (
-        f"{integrated[0]:.4g} Ah in and {integrated[1]:.4g} Ah out by integration, "
-        f"{gains_ah[0]:.4g} and {gains_ah[1]:.4g} by the tester's counters"
-    )
+    told = {
+        "integrated_in_ah": integrated[0],
+        "integrated_out_ah": integrated[1],
+        "counted_in_ah": gains_ah[0],
+        "counted_out_ah": gains_ah[1],
+    }
     if swapped < min(apart, _COUNTERS_DIFFER) and apart > _COUNTERS_DIFFER:
-        what = f"{figures}: its counters of charge and discharge are exchanged"
-        yield given.at(0, "note", what)
+        yield given.at(0, "counters.exchanged", **told)
         return
     ratio = sum(integrated) / total_ah
     if 1 / 5000 < ratio < 1 / 200:
-        what = f"{figures}: the counters look like mAh"
-        yield given.at(0, "warning", what, "write their unit into their names, as mAh")
+        yield given.at(0, "counters.milli", **told)
     elif apart > _COUNTERS_DIFFER:
         other, held = _by_the_other_hold(given)
-        verdict = f"{100 * apart:.1f} % apart"
-        remedy = "look for gaps and for a current offset; trust the counters before the integral"
         if abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
-            verdict = f"the current is {ratio:.3g} times what the tester counted, throughout"
-            remedy = f"check its unit and range: {1 / ratio:.3g} times as much would agree"
+            yield given.at(0, "counters.scaled", **told, ratio=ratio, inverse=1 / ratio)
         elif abs(held / total_ah - 1) < abs(ratio - 1) / 3:
-            remedy = f"`current_hold='{other}'`, which gives {held:.4g} Ah in and out"
-        yield given.at(0, "warning", f"{figures}: {verdict}", remedy)
+            by_other = {"hold": other, "held_ah": held}
+            yield given.at(0, "counters.by-other-hold", **told, apart_share=apart, **by_other)
+        else:
+            yield given.at(0, "counters.apart", **told, apart_share=apart)
     elif apart > _COUNTERS_NOTED:
-        yield given.at(0, "note", f"{figures}: {100 * apart:.1f} % apart")
+        yield given.at(0, "counters.somewhat-apart", **told, apart_share=apart)
 
 
 def _is_scaled(given: CheckInput, ratio: float) -> bool:
@@ -108,27 +102,23 @@ def _is_scaled(given: CheckInput, ratio: float) -> bool:
     return bool(np.all(np.abs(parts[0] / parts[1] / ratio - 1) < _SCALED))
 
 
-def find_capacity(given: CheckInput) -> Iterator[Finding]:
+def find_capacity(given: CheckInput) -> Iterator[Notice]:
     """Charge that does not fit the given capacity."""
     if given.capacity_ah is None or given.span_ah == 0:
         return
     share = given.span_ah / given.capacity_ah
-    moves = f"the record moves {given.span_ah:.4g} Ah between its extremes, {100 * share:.1f} %"
+    told = {"moved_ah": given.span_ah, "share": share, "capacity_ah": given.capacity_ah}
     if share > 1 + CAPACITY_WARNING:
         discharged_ah = given.record.discharged_ah
         at = max(int(np.argmax(discharged_ah)), int(np.argmin(discharged_ah)))
-        what = f"{moves} of the capacity of {given.capacity_ah:.4g} Ah"
-        remedy = "correct `capacity`, or the current's range, offset or unit"
-        yield given.at(at, "warning", what, remedy)
+        yield given.at(at, "capacity.exceeded", **told)
     elif share < _HARDLY_MOVES / 2 and (travel_v := given.samples.bulk_time[1]) >= _MOVED_V:
-        what = f"{moves} of the capacity, and yet the cell's voltage moves by {travel_v:.2g} V"
-        remedy = "check the unit and range of the current, and `capacity`"
-        yield given.at(0, "warning", what, remedy)
+        yield given.at(0, "capacity.hardly-used", **told, travel_v=travel_v)
     elif share < _HARDLY_MOVES:
-        yield given.at(0, "note", f"{moves} of the capacity: little of the cell is seen")
+        yield given.at(0, "capacity.little", **told)
 
 
-def find_closure(given: CheckInput) -> Iterator[Finding]:
+def find_closure(given: CheckInput) -> Iterator[Notice]:
     """A full discharge and a full charge in one record that do not pass the same charge."""
     if isinstance(given.sweeps, str):
         return
@@ -139,18 +129,19 @@ def find_closure(given: CheckInput) -> Iterator[Finding]:
     error = into.passed_ah / out.passed_ah - 1
     if abs(error) <= CLOSURE:
         return
-    ends = [
-        f"{sweep.points[0].voltage_v:.3f} to {sweep.points[-1].voltage_v:.3f} V"
-        for sweep in (out, into)
-    ]
     later = max(out.points[0].row, into.points[0].row)
     at = int(np.searchsorted(given.record.row, later)) if len(given.samples.table.sheets) < 2 else 0
-    what = (
-        f"the OCV test does not close: {out.passed_ah:.4g} Ah out ({ends[0]}), "
-        f"{into.passed_ah:.4g} Ah in ({ends[1]}), {100 * error:+.1f} %"
+    yield given.at(
+        at,
+        "closure.open",
+        out_ah=out.passed_ah,
+        out_from_v=out.points[0].voltage_v,
+        out_to_v=out.points[-1].voltage_v,
+        in_ah=into.passed_ah,
+        in_from_v=into.points[0].voltage_v,
+        in_to_v=into.points[-1].voltage_v,
+        error_share=error,
     )
-    remedy = "check the current's range and offset, and whether both ends were reached"
-    yield given.at(at, "warning", what, remedy)
 
 
 def _by_the_other_hold(given: CheckInput) -> tuple[str, float]:
@@ -188,18 +179,13 @@ class _Rest:
     length_s: float
 
 
-def find_rests(given: CheckInput) -> Iterator[Finding]:
+def find_rests(given: CheckInput) -> Iterator[Notice]:
     """A current that is not zero while the cell rests, or so noisy that it hides the rests."""
     rests = _rests(given)
     if rests:
         yield from _offset(given, rests)
     if given.given_rest_a is None and given.rest_current_a > 1.01 * given.scale_ah / 100:
-        what = (
-            f"the current is noisy at rest: below {1e3 * given.rest_current_a:.3g} mA counts as "
-            "rest, C/100 does not"
-        )
-        remedy = f"`rest_current={given.rest_current_a:.3g}` says so, or give another value"
-        yield given.at(given.is_rested, "note", what, remedy)
+        yield given.at(given.is_rested, "rests.noisy", rest_a=given.rest_current_a)
 
 
 def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
@@ -255,7 +241,7 @@ def _is_counted(given: CheckInput, first: int, last: int) -> bool:
     return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
 
-def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
+def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
     """An offset, if most of the rests have it and hardly any is without."""
     values_a = np.array([rest.current_a for rest in rests])
     lengths_s = np.array([rest.length_s for rest in rests])
@@ -277,24 +263,14 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Finding]:
         return
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
     first = rests[int(np.argmax(is_alike))].first
-    value = -1e3 * offset_a if record.sign.value == "charge-positive" else 1e3 * offset_a
-    what = (
-        f"the current is {value:.3g} mA while the cell rests, "
-        f"{drift_ah:.3g} Ah over the record ({counted(len(rests), 'rest')})"
-    )
-    if drift_ah > _DRIFT * turnover_ah and not isinstance(given.sweeps, str):
-        share = drift_ah / turnover_ah
-        what += (
-            f": it puts the OCV wrong by up to {100 * share:.2g} % of SOC, some "
-            f"{1e3 * share * given.samples.bulk_time[1]:.0f} mV, which R0 and the other "
-            "resistances then make up for"
-        )
-    remedy = "subtract it from the current"
-    if abs(offset_a) >= turnover_ah / 100:
-        if given.given_rest_a is None:
-            remedy += f", or `rest_current={1.5 * abs(offset_a):.3g}` to see the rests"
-        yield given.at(first, "warning", what, remedy)
-    elif drift_ah > _DRIFT * turnover_ah:
-        yield given.at(first, "warning", what, remedy)
+    value_a = -offset_a if record.sign.value == "charge-positive" else offset_a
+    told = {"offset_a": value_a, "drift_ah": drift_ah, "rests": len(rests)}
+    is_much, share = drift_ah > _DRIFT * turnover_ah, drift_ah / turnover_ah
+    if is_much and not isinstance(given.sweeps, str):
+        told |= {"soc_share": share, "ocv_v": share * given.samples.bulk_time[1]}
+    if abs(offset_a) >= turnover_ah / 100 or is_much:
+        is_hidden = abs(offset_a) >= turnover_ah / 100 and given.given_rest_a is None
+        rest_a = 1.5 * abs(offset_a) if is_hidden else None
+        yield given.at(first, "rests.offset", **told, rest_a=rest_a)
     elif drift_ah > _NOTED_DRIFT * turnover_ah:
-        yield given.at(first, "note", what, f"{remedy} if it is none")
+        yield given.at(first, "rests.slight-offset", **told)

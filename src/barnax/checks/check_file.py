@@ -10,15 +10,15 @@ import numpy as np
 from ..cell import OcvTable, read_ocv_table
 from ..display import Brief
 from ..errors import InputError
+from ..notices import Notice, notice
 from ..records import Hold
 from ..records.columns import is_ocv_table
 from ..records.dialects import Sign
-from ..records.findings import Finding, named
 from ..records.hold import decide_hold
 from ..records.read import examine, make_record
 from ..records.sign import decide_sign
 from ..records.source import Source, read_source
-from ..schema import Json
+from ..schema import Json, notice_to_dict
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput
 from .roles import Role, Traits, find_fall, find_roles, roles_of_table, traits_of
@@ -45,9 +45,8 @@ CHECKS: Mapping[str, Check] = {
     "resolution": sampling.find_resolution,
 }
 _ORDER = {"error": 0, "warning": 1, "note": 2}
-# Testers' own files, which nobody edits, and what is then to be done first.
+# Testers' own files, which nobody edits: they are exported first.
 _TESTERS_OWN = (".nda", ".ndax", ".mpr", ".res")
-_EDITED, _FIRST = "delete these rows", "export it as CSV, and "
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class FileCheck(Brief):
     """
 
     file: str
-    findings: tuple[Finding, ...]
+    findings: tuple[Notice, ...]
     facts: Facts | None
     roles: tuple[Role, ...]
     traits: Traits | None = None
@@ -107,7 +106,9 @@ class FileCheck(Brief):
         return {
             "file": self.file,
             "clean": self.is_clean,
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": [
+                {"check": finding.check, **notice_to_dict(finding)} for finding in self.findings
+            ],
             "facts": self.facts.to_dict() if self.facts else None,
             "roles": {role.name: role.to_dict() for role in self.roles},
         }
@@ -177,36 +178,30 @@ def check_file(
             sign, doubts = decide_sign(samples, current_sign, source.name)
             # Of a current without any sign that is told already.
             is_told = any(each.check == "sign" for each in examined.findings)
-            findings += named("sign", found if is_told else [*found, *doubts])
+            findings += found if is_told else [*found, *doubts]
             record = make_record(source, samples, sign, decide_hold(samples, current_hold))
             given = CheckInput(
                 source.cut(samples), record, capacity_ah, rest_current_a, voltage_lag
             )
-            for name, check in CHECKS.items():
-                findings += named(name, check(given))
+            for check in CHECKS.values():
+                findings += check(given)
             traits = traits_of(given)
             facts, roles = _facts(given), find_roles(given, traits)
     if source.name.lower().endswith(_TESTERS_OWN):
-        findings = [
-            replace(each, remedy=each.remedy.replace(_EDITED, _FIRST + _EDITED))
-            for each in findings
-        ]
+        findings = [replace(each, values={**each.values, "edit": "exported"}) for each in findings]
     findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
     return FileCheck(source.name, tuple(findings), facts, roles, traits)
 
 
 def _check_table(table: OcvTable) -> FileCheck:
     """What was found in a table of OCV over SOC."""
-    findings = [Finding("note", text.removeprefix(f"{table.name}: ")) for text in table.warnings]
+    findings = [replace(each, subject="", severity="note") for each in table.warnings]
     for points in table.branches.values():
         fall = find_fall(points)
         if fall:
             before, after = fall
-            what = (
-                f"the OCV falls from {before.voltage_v:.4f} V at SOC {before.soc:.4g} to "
-                f"{after.voltage_v:.4f} V at SOC {after.soc:.4g}"
-            )
-            remedy = "correct or delete these points"
-            findings.append(Finding("warning", what, remedy, after.row, check="monotone"))
+            told = {"from_v": before.voltage_v, "from_soc": before.soc}
+            told |= {"to_v": after.voltage_v, "to_soc": after.soc}
+            findings.append(notice("monotone.falls", "", after.row, **told))
     findings.sort(key=lambda finding: _ORDER[finding.severity])
     return FileCheck(table.name, tuple(findings), None, roles_of_table(table))

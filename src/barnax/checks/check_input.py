@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,8 +11,8 @@ from jaxtyping import Bool, Float
 from ..cell.ocv_points import NoOcvTest, find_sweeps
 from ..cell.soc_axis import Sweep
 from ..errors import InputError
+from ..notices import Notice
 from ..records import Record, is_rested, rest_current_a
-from ..records.findings import Finding, Severity
 from ..records.samples import Samples
 from ..records.table import found_at
 
@@ -110,16 +111,16 @@ class CheckInput:
 
     def at(
         self,
-        where: int | Bool[np.ndarray, "samples"],
-        severity: Severity,
-        what: str,
-        remedy: str = "",
-    ) -> Finding:
-        """A finding at one sample, or the first of several."""
-        return found_at(self.samples, where, severity, what, remedy)
+        place: int | Bool[np.ndarray, "samples"],
+        code: str,
+        /,
+        **values: Any,
+    ) -> Notice:
+        """A notice of one sample, or the first of several."""
+        return found_at(self.samples, place, code, **values)
 
 
-Check = Callable[[CheckInput], Iterable[Finding]]
+Check = Callable[[CheckInput], Iterable[Notice]]
 
 
 def _resolution(readings: Float[np.ndarray, "samples"]) -> float:

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..errors import counted
+from ..notices import Notice, notice
 from ..records import Record
-from ..records.findings import Finding
 from ..records.lag import find_lag
 from .check_input import CheckInput
 from .roles import FINE_S
@@ -40,7 +39,7 @@ _SLOW_S, _ALONE, _ALONE_SHARE = 2.5, 0.5, 0.1
 Intervals = Float[np.ndarray, "intervals"]
 
 
-def find_gaps(given: CheckInput) -> Iterator[Finding]:
+def find_gaps(given: CheckInput) -> Iterator[Notice]:
     """Intervals without samples where samples were to be expected."""
     record = given.record
     interval_s = record.interval_s
@@ -67,32 +66,25 @@ def find_gaps(given: CheckInput) -> Iterator[Finding]:
     doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     moved_ah = given.charged_ah + given.discharged_ah
     worst = gaps[int(np.argmax(interval_s[gaps]))]
-    where = f"a gap of {interval_s[worst]:.4g} s"
-    if len(gaps) > 1:
-        row = int(record.row[worst + 1])
-        where = f"{len(gaps)} gaps, the longest {interval_s[worst]:.4g} s before row {row}"
-    remedy = "score up to it only (`score_to`), or start behind it (`start_time`)"
-    if len(gaps) > 1:
-        remedy = "score a part between them only (`score_from`, `score_to`)"
+    told = {"longest_s": interval_s[worst], "longest_row": record.row[worst + 1]}
+    told |= {"gaps": len(gaps), "part": "several" if len(gaps) > 1 else "one"}
     first = int(gaps[0]) + 1
     held_ah = float(np.abs(given.moved_ah[gaps]).sum())
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
-        lost = f"up to {doubt_ah:.2g} Ah are in doubt"
+        lost = "doubted"
         if is_counted:
-            tell = "hardly move" if is_lost.any() else "tell the charge"
-            lost = f"the tester's counters {tell}"
+            lost = "standing" if is_lost.any() else "counted"
         elif is_lost.any() or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
-            lost = "what passed meanwhile was not logged"
-        what = f"{where}; the voltage moves by up to {1e3 * jump_v.max():.3g} mV across, and {lost}"
-        yield given.at(first, "warning", what, remedy)
+            lost = "unknown"
+        moved = {"moved_v": jump_v.max(), "charge": lost, "doubt_ah": doubt_ah}
+        yield given.at(first, "gaps.jump", **told, **moved)
     elif not is_counted and held_ah > _HELD_SHARE * given.scale_ah:
-        what = f"{where} under a steady load: {held_ah:.3g} Ah are assumed to have passed"
-        yield given.at(first, "warning", what, f"if the test was paused there, {remedy}")
+        yield given.at(first, "gaps.steady", **told, held_ah=held_ah)
     else:
-        yield given.at(first, "note", f"{where}, in which nothing seems to happen")
+        yield given.at(first, "gaps.idle", **told)
 
 
-def find_skipped(given: CheckInput) -> Iterator[Finding]:
+def find_skipped(given: CheckInput) -> Iterator[Notice]:
     """Loads that the logger left out, and the tester counted."""
     skipped_ah = given.record.skipped_ah
     if skipped_ah is None:
@@ -100,14 +92,10 @@ def find_skipped(given: CheckInput) -> Iterator[Finding]:
     places = np.flatnonzero(skipped_ah)
     counted_ah, more_ah = given.moved_ah[places], skipped_ah[places]
     shown_ah = float(np.abs(counted_ah - more_ah).sum())
-    what = (
-        f"in {counted(len(places), 'interval')} the tester counted "
-        f"{np.abs(counted_ah).sum():.4g} Ah where the samples show {shown_ah:.4g} Ah: its counters "
-        "tell the charge there"
-    )
     is_much = np.abs(more_ah).sum() > _SKIPPED_SHARE * given.scale_ah
-    severity = "warning" if is_much else "note"
-    yield given.at(int(places[0]) + 1, severity, what, "give the file with every sample, if any")
+    told = {"counted_ah": np.abs(counted_ah).sum(), "shown_ah": shown_ah}
+    found = given.at(int(places[0]) + 1, "skipped.load", intervals=len(places), **told)
+    yield found.rated("warning" if is_much else "note")
 
 
 # A voltage that moves so far from one sample to the next, and by so many times its noise,
@@ -118,7 +106,7 @@ _SIDE, _UNSTEADY = 10, 0.25
 _UNEXPLAINED = 3.0
 
 
-def find_breaks(given: CheckInput) -> Iterator[Finding]:
+def find_breaks(given: CheckInput) -> Iterator[Notice]:
     """Places where the voltage goes elsewhere between two samples, and no current says why."""
     record = given.record
     moved_v = np.abs(np.diff(given.source_v))
@@ -137,16 +125,12 @@ def find_breaks(given: CheckInput) -> Iterator[Finding]:
     places = places[is_break]
     if len(places) and given.resistance_ohm:
         at = int(places[0]) + 1
-        what = (
-            f"the voltage goes from {record.voltage_v[at - 1]:.4g} to {record.voltage_v[at]:.4g} V "
-            f"in {record.interval_s[at - 1]:.3g} s, stays there, and no current explains it "
-            f"({counted(len(places), 'such place')}): rows are missing, or another run begins"
-        )
-        remedy = "split the file, score up to here (`score_to`), or start behind it (`start_time`)"
-        yield given.at(at, "warning", what, remedy)
+        told = {"before_v": record.voltage_v[at - 1], "after_v": record.voltage_v[at]}
+        told |= {"interval_s": record.interval_s[at - 1], "places": len(places)}
+        yield given.at(at, "breaks.voltage", **told)
 
 
-def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
+def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
     """Long intervals under load in a record that is elsewhere sampled finely."""
     record = given.record
     interval_s = record.interval_s
@@ -156,12 +140,8 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Finding]:
     if is_coarse.sum() < 2 or fine_s > _FINE_SHARE * _COARSE_S:
         return
     long_s = float(np.median(interval_s[is_coarse]))
-    what = (
-        f"{int(is_coarse.sum())} intervals of {long_s:.3g} s under load beside others of "
-        f"{fine_s:.3g} s: what happened inside them was not logged"
-    )
-    remedy = "leave them out with `score_steps`, `score_from` or `score_to`"
-    yield given.at(int(np.argmax(is_coarse)) + 1, "note", what, remedy)
+    told = {"intervals": is_coarse.sum(), "long_s": long_s, "fine_s": fine_s}
+    yield given.at(int(np.argmax(is_coarse)) + 1, "coarse-intervals.load", **told)
 
 
 def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
@@ -202,45 +182,36 @@ def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
     return first, second, third
 
 
-def find_late_voltage(given: CheckInput) -> Iterator[Finding]:
+def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     """A voltage that shows part of a step of the current only in the next sample."""
     if given.voltage_lag_s is not None:
         return
     lag = find_lag(given.record)
     usual_s = float(np.median(given.record.interval_s))
     if lag is not None:
-        at_once, beside = 1e3 * lag.at_once_ohm, 1e3 * lag.beside_ohm
-        older, next_to, loss = "newer", "before", "leave errors at every step"
+        told = {"at_once_ohm": lag.at_once_ohm, "beside_ohm": lag.beside_ohm, "lag_s": lag.seconds}
+        told |= {"interval_s": usual_s, "apart_s": abs(lag.seconds)}
         if lag.share > 0:
-            older, next_to = "older", "later"
-            loss = f"make R0 some {100 * lag.share:.0f} % too low"
-        what = (
-            f"of a current step the voltage shows {at_once:.3g} mOhm at once and {beside:.3g} mOhm "
-            f"one sample ({usual_s:.3g} s) {next_to}: it is {abs(lag.seconds):.3g} s {older} than "
-            f"the current of its row, which as they are would {loss}"
-        )
-        remedy = (
-            "the current is taken at its moments, and R0 is all that shows within a sample; "
-            f"`voltage_lag={lag.seconds:.3g}` says so, 0 takes them as logged"
-        )
-        yield Finding("warning", what, remedy)
+            yield notice("late-voltage.lags", **told, missing_share=lag.share)
+        else:
+            yield notice("late-voltage.leads", **told)
         return
     answers_ohm = late_answers_ohm(given.record)
     if answers_ohm is None:
         return
-    first, second, third = (1e3 * each for each in answers_ohm)
-    late = second - _LASTING * third
-    what = (
-        f"after a current step the voltage shows {first:.3g} mOhm at once, {second:.3g} mOhm more "
-        f"one sample ({usual_s:.3g} s) later and {third:.3g} mOhm more after that: it lags by part "
-        f"of a sample, or pairs are faster than the log, and R0 is up to "
-        f"{100 * late / (first + late):.0f} % too low"
+    first_ohm, second_ohm, third_ohm = answers_ohm
+    late_ohm = second_ohm - _LASTING * third_ohm
+    yield notice(
+        "late-voltage.step",
+        first_ohm=first_ohm,
+        second_ohm=second_ohm,
+        third_ohm=third_ohm,
+        interval_s=usual_s,
+        missing_share=late_ohm / (first_ohm + late_ohm),
     )
-    remedy = "use a record that logs current and voltage at one moment, or one sampled faster"
-    yield Finding("warning", what, remedy)
 
 
-def find_fast_load(given: CheckInput) -> Iterator[Finding]:
+def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     """A current that changes as often as it is logged, slowly: what flowed between is not known."""
     record = given.record
     usual_s = float(np.median(record.interval_s))
@@ -250,15 +221,10 @@ def find_fast_load(given: CheckInput) -> Iterator[Finding]:
     share = float(np.mean(is_alone[is_loaded])) if is_loaded.any() else 0.0
     if usual_s < _SLOW_S or share < _ALONE:
         return
-    what = (
-        f"the current differs from both its neighbors in {100 * share:.0f} % of the samples under "
-        f"load, which are {usual_s:.3g} s apart: it changes faster than it is sampled, and every "
-        "resistance can be wrong by more than its interval"
-    )
-    yield Finding("warning", what, "log it faster, or a mean current over each interval")
+    yield notice("fast-load.current", share=share, interval_s=usual_s)
 
 
-def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
+def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     """A clock laid evenly inside each step, at a slightly different pace in each.
 
     A tester's clock jitters, or ticks at one pace throughout.
@@ -279,11 +245,8 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Finding]:
     is_even = high_s - low_s <= 1e-6 * high_s
     spread = float(np.ptp(low_s)) / float(np.median(low_s))
     if is_even.all() and 1e-5 < spread < 0.05:
-        what = (
-            f"time is laid evenly inside each of {len(starts)} steps, at {low_s.min():.6g} to "
-            f"{low_s.max():.6g} s a sample: it was rebuilt, not logged"
-        )
-        yield given.at(int(starts[0]), "note", what, "trust no time constant near one interval")
+        told = {"steps": len(starts), "low_s": low_s.min(), "high_s": low_s.max()}
+        yield given.at(int(starts[0]), "rebuilt-clock.even", **told)
 
 
 def _gaps(interval_s: Intervals) -> Int[np.ndarray, "gaps"]:
@@ -315,21 +278,18 @@ _TEMPERATURE_DEGC, ZERO_K = (-60.0, 120.0), 273.15
 _WIDE_DEGC, _ENDS = 15.0, (0.05, 0.95)
 
 
-def find_resolution(given: CheckInput) -> Iterator[Finding]:
+def find_resolution(given: CheckInput) -> Iterator[Notice]:
     """Readings so coarse that they show in the results."""
     magnitude_a = np.abs(given.record.current_a)
     loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * given.samples.peak_a]))
     share = given.resolution_a / loaded_a
     if given.resolution_v < _COARSE_V and share < _COARSE_SHARE:
         return
-    what = (
-        f"coarse readings: voltage in steps of {1e3 * given.resolution_v:.2g} mV, current in steps "
-        f"of {1e3 * given.resolution_a:.2g} mA ({100 * share:.2g} % of the usual load)"
-    )
-    yield Finding("note", what, "no fit can be better than its readings")
+    steps = {"resolution_v": given.resolution_v, "resolution_a": given.resolution_a}
+    yield notice("resolution.coarse", **steps, load_share=share)
 
 
-def find_temperature(given: CheckInput) -> Iterator[Finding]:
+def find_temperature(given: CheckInput) -> Iterator[Notice]:
     """Temperatures that no cell has, or of which no one is the record's."""
     temperature = given.record.temperature_degc
     if temperature is None:
@@ -337,16 +297,11 @@ def find_temperature(given: CheckInput) -> Iterator[Finding]:
     low, high = _TEMPERATURE_DEGC
     outside = (temperature < low) | (temperature > high)
     if outside.any():
-        what = (
-            f"a temperature of {temperature[np.argmax(outside)]:.4g} degC "
-            f"({int(outside.sum())} samples outside {low:g} to {high:g} degC)"
-        )
-        remedy = "check the sensor, or delete the column"
-        if low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high:
-            remedy = "it looks like kelvin: rename the column, as 'Temperature / K'"
-        yield given.at(outside, "warning", what, remedy)
+        is_kelvin = low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high
+        code = "temperature.kelvin" if is_kelvin else "temperature.outside"
+        told = {"temperature_degc": temperature[np.argmax(outside)], "samples": outside.sum()}
+        yield given.at(outside, code, **told, low_degc=low, high_degc=high)
         return
     low, high = np.quantile(temperature, _ENDS)
     if high - low > _WIDE_DEGC:
-        what = f"the temperature goes from {low:.3g} to {high:.3g} degC, and a circuit holds at one"
-        yield Finding("warning", what, "give a part of one temperature (`start_time`, `score_to`)")
+        yield notice("temperature.varies", low_degc=low, high_degc=high)

@@ -146,11 +146,11 @@ def convert(what: Converted) -> None:
         found = check_file(source, **how.options()).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
-    told = [each.sentence(record.name) for each in found if each.counts]
+    told = [str(each.about(record.name)) for each in found if each.counts]
     session.warn(dict.fromkeys([*record.warnings, *told]))
     for each in found:
         if not each.counts:
-            session.note(each.sentence(record.name))
+            session.note(str(each.about(record.name)))
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
 
 

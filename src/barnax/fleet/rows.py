@@ -93,7 +93,7 @@ def identified(cell: FleetCell, settings: Mapping[str, Any]) -> tuple[Result, tu
     run = result.run
     used = [each.prepared for each in (*run.identification, *run.validation)]
     measured = [(each.record.name, each.temperature_degc) for each in used]
-    more = compare_temperatures(measured, known.temperatures_degc)
+    more = map(str, compare_temperatures(measured, known.temperatures_degc))
     return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
 
 

@@ -203,7 +203,7 @@ def _looked_at(path: Path, source: Source, chosen: Window) -> CandidateFile:
     file = replace(file, check=check)
     error = next((one for one in check.findings if one.severity == "error"), None)
     if error is not None:
-        return replace(file, refusal=error.sentence(source.name))
+        return replace(file, refusal=str(error.about(source.name)))
     too_little = "" if check.traits else f"{source.name}: holds too few samples that can be read"
     return replace(file, refusal=too_little)
 

@@ -4,8 +4,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float
 
-from ..errors import counted
-from .findings import Finding
+from ..notices import Notice, notice
 from .samples import Samples
 from .table import found_at
 
@@ -17,7 +16,7 @@ _SLIPS, _FEW = 3, 0.01
 Clock = Float[np.ndarray, "samples"]
 
 
-def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
+def examine_clock(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples with a clock that never falls, and what was wrong with it.
 
     Stamps out of line are dropped, rows out of order are sorted, and a clock that starts again is
@@ -42,19 +41,18 @@ def examine_clock(samples: Samples) -> tuple[Samples, list[Finding]]:
     if not len(falls):
         return samples, findings
     at = int(falls[0]) + 1
-    drop = f"time runs backwards, from {time[at - 1]:.10g} s to {time[at]:.10g} s"
+    given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls)}
     fall_s = time[falls] - time[falls + 1]
     is_midnight = bool(np.all(np.abs(fall_s - _DAY_S) < 0.01 * _DAY_S))
     if not is_midnight and _is_shuffled(time, len(falls)):
-        what = f"{drop}: rows stand out of order ({counted(len(falls), 'place')})"
-        findings.append(found_at(samples, at, "error", what, "sort the rows by time"))
+        findings.append(found_at(samples, at, "clock.shuffled", **given))
         return samples.keep(np.argsort(time, kind="stable")), findings
-    what, remedy = _restart(samples, falls, is_midnight)
-    findings.append(found_at(samples, at, "error", f"{drop}: {what}", remedy))
+    code = "clock.midnight" if is_midnight else "clock.restart"
+    findings.append(found_at(samples, at, code, **given, column=samples.header("time")))
     return samples.having(time=_running_on(time)), findings
 
 
-def _by_counter(samples: Samples) -> tuple[Samples, list[Finding]]:
+def _by_counter(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples in the order of a column that counts the rows, where time falls less in it.
 
     Without one, what only falls is turned around.
@@ -69,12 +67,10 @@ def _by_counter(samples: Samples) -> tuple[Samples, list[Finding]]:
         if not np.all(np.diff(count[order]) == 1) or np.all(np.diff(order) == 1):
             continue
         if np.sum(np.diff(samples.time_s[order]) < 0) <= _FEW * falls:
-            name, places = samples.table.header[index], counted(falls, "place")
-            what = f"the rows stand out of order ({places}); they are sorted by '{name}'"
-            return samples.keep(order), [Finding("note", what, is_told=True)]
+            name = samples.table.header[index]
+            return samples.keep(order), [notice("clock.sorted", places=falls, column=name)]
     if falls > _SLIPS and falls >= (1 - _FEW) * len(samples.intervals_s):
-        what = "the newest row stands first: the rows are turned around"
-        return samples.keep(np.arange(len(samples))[::-1]), [Finding("note", what, is_told=True)]
+        return samples.keep(np.arange(len(samples))[::-1]), [notice("clock.turned")]
     return samples, []
 
 
@@ -82,7 +78,7 @@ def _by_counter(samples: Samples) -> tuple[Samples, list[Finding]]:
 _JITTER_SHARE = 0.1
 
 
-def _without_jitter(samples: Samples) -> tuple[Samples, list[Finding]]:
+def _without_jitter(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples with stamps put just where they belong that are a little behind the one before.
 
     A stamp is put one interval before the next, or hard behind the one before.
@@ -100,11 +96,8 @@ def _without_jitter(samples: Samples) -> tuple[Samples, list[Finding]]:
     behind = time[falls] + np.minimum(_APART_SHARE * room_s, _APART_S)
     mended = time.copy()
     mended[falls + 1] = np.maximum(after - usual_s, behind)
-    what = (
-        f"time falls by {1e3 * float(fall_s.max()):.3g} ms ({counted(len(falls), 'place')}), a "
-        "small part of the interval: put in order"
-    )
-    finding = found_at(samples, int(falls[0]) + 1, "note", what, is_told=True)
+    given = {"fall_s": fall_s.max(), "places": len(falls)}
+    finding = found_at(samples, int(falls[0]) + 1, "clock.jitter", **given)
     return samples.having(time=mended), [finding]
 
 
@@ -112,7 +105,7 @@ def _without_jitter(samples: Samples) -> tuple[Samples, list[Finding]]:
 _AT_STEPS, _FROM_ZERO = 0.8, 0.1
 
 
-def _join_steps(samples: Samples) -> tuple[Samples | None, list[Finding]]:
+def _join_steps(samples: Samples) -> tuple[Samples | None, list[Notice]]:
     """The samples on the clock of the test, where theirs begins anew with each step."""
     time = samples.time_s
     falls = np.diff(time) < 0
@@ -134,20 +127,15 @@ def _join_steps(samples: Samples) -> tuple[Samples | None, list[Finding]]:
     before = np.cumsum(np.where(starts, time[:-1], 0.0))
     joined = samples.having(time=time + np.concatenate([np.zeros(1), before]))
     at = int(np.argmax(falls)) + 1
-    times = counted(int(falls.sum()), "time")
-    what = f"'{samples.header('time')}' starts again with each step ({times}); they are joined"
-    remedy = "export the test's own clock too, in case the test was paused"
-    return joined, [found_at(samples, at, "warning", what, remedy)]
+    given = {"column": samples.header("time"), "times": falls.sum()}
+    return joined, [found_at(samples, at, "clock.steps", **given)]
 
 
-def _stray(samples: Samples, strays: Bool[np.ndarray, "samples"]) -> Finding:
+def _stray(samples: Samples, strays: Bool[np.ndarray, "samples"]) -> Notice:
     first = int(np.argmax(strays))
     beside = samples.time_s[first - 1 if first else 1]
-    what = (
-        f"time is out of line, {samples.time_s[first]:.10g} s beside {beside:.10g} s "
-        f"({counted(int(strays.sum()), 'such row')})"
-    )
-    return found_at(samples, first, "error", what, "delete these rows, or correct their times")
+    given = {"time_s": samples.time_s[first], "beside_s": beside, "rows": strays.sum()}
+    return found_at(samples, first, "clock.stray", **given)
 
 
 def _single_strays(time: Clock) -> Bool[np.ndarray, "samples"]:
@@ -192,16 +180,6 @@ def _is_shuffled(time: Clock, falls: int) -> bool:
     return int(np.sum(np.diff(piece) != 0)) <= 3 * falls + 2
 
 
-def _restart(samples: Samples, falls: np.ndarray, is_midnight: bool) -> tuple[str, str]:
-    """What kind of clock starts again, and what to do about it."""
-    name, times = samples.header("time"), counted(len(falls), "time")
-    if is_midnight:
-        what = f"'{name}' is a time of day, past midnight {times}"
-        return what, "give the time since the test began"
-    remedy = "split joined tests into files of their own, or give the test's own clock"
-    return f"the clock starts again ({times})", remedy
-
-
 def _running_on(time: Clock) -> Clock:
     """The clock with an ordinary interval where it fell."""
     interval = np.diff(time)
@@ -223,7 +201,7 @@ _CLOSE_S, _CLOSE_SHARE = 0.05, 0.1
 _APART_S, _APART_SHARE = 5e-4, 0.1
 
 
-def separate_steps(samples: Samples) -> tuple[Samples, list[Finding]]:
+def separate_steps(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples with both sides of a change of step that share a time stamp, a little apart."""
     is_repeat = samples.intervals_s == 0
     if samples.step is None or not is_repeat.any():
@@ -237,11 +215,9 @@ def separate_steps(samples: Samples) -> tuple[Samples, list[Finding]]:
     place = np.where(has_sides[stamp], np.arange(len(stamp)) - first[stamp], 0)
     room_s = np.append(np.diff(samples.time_s[first]), np.inf) * _APART_SHARE
     apart_s = np.clip(room_s / np.diff(first, append=len(stamp)), 0, _APART_S)[stamp]
-    count = int(np.sum(sides))
-    what = f"{counted(count, 'change')} of step with both sides on one time stamp: both kept"
     at = int(np.argmax(sides)) + 1
     moved = samples.having(time=samples.time_s + place * apart_s)
-    return moved, [found_at(samples, at, "note", what)]
+    return moved, [found_at(samples, at, "repeats.both-sides", changes=sides.sum())]
 
 
 def merge_repeats(samples: Samples) -> Samples:
@@ -249,7 +225,7 @@ def merge_repeats(samples: Samples) -> Samples:
     return samples.keep(np.concatenate([[True], samples.intervals_s != 0]))
 
 
-def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
+def examine_repeats(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples on a clock that strictly rises, and which of them were logged twice.
 
     Of two samples of one time stamp the first is kept. Where there are more of different values
@@ -270,44 +246,34 @@ def examine_repeats(samples: Samples) -> tuple[Samples, list[Finding]]:
     others = int(is_other.sum())
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
         at = int(np.argmax(is_other)) + 1
-        each = len(samples) / len(np.unique(samples.time_s))
-        what = (
-            f"{_two_values(samples, at)}, and so do {counted(others, 'row')}, {each:.3g} rows a "
-            "stamp: the clock has too few digits"
-        )
-        finding = found_at(samples, at, "error", what, "export the time with more digits")
+        mean = len(samples) / len(np.unique(samples.time_s))
+        given = {**_two_values(samples, at), "rows": others, "rows_a_stamp": mean}
+        finding = found_at(samples, at, "repeats.coarse-clock", **given)
         return samples.having(time=_spread(samples.time_s)), [finding]
     findings = []
-    for is_merged, words in (
-        (is_exact, "exact repeats of the row before"),
-        (is_near, "repeats of the row before within the tester's resolution"),
-    ):
+    for is_merged, alike in ((is_exact, "exact"), (is_near, "near")):
         if is_merged.any():
-            what = f"{counted(int(is_merged.sum()), 'row')} merged: {words}"
             at = int(np.argmax(is_merged)) + 1
-            findings.append(found_at(samples, at, "note", what, is_told=True))
+            given = {"rows": is_merged.sum(), "alike": alike}
+            findings.append(found_at(samples, at, "repeats.merged", **given))
     if others:
         at = int(np.argmax(is_other)) + 1
-        what = (
-            f"{_two_values(samples, at)}: {counted(others, 'such row')} merged, the first of the "
-            "two kept"
-        )
-        remedy = "export the time with more digits to keep both"
-        findings.append(found_at(samples, at, "warning", what, remedy))
+        given = {**_two_values(samples, at), "rows": others}
+        findings.append(found_at(samples, at, "repeats.merged-others", **given))
     samples = merge_repeats(samples)
     return samples, [*findings, *_close(samples)]
 
 
-def _two_values(samples: Samples, at: int) -> str:
-    values = [
+def _two_values(samples: Samples, at: int) -> dict[str, float]:
+    """The two samples of one time stamp."""
+    return {
+        "time_s": samples.time_s[at],
         # Adding zero turns a resting tester's -0 into 0.
-        f"{samples.current_a[k] + 0.0:.6g} A, {samples.voltage_v[k]:.6g} V"
-        for k in (at - 1, at)
-    ]
-    return (
-        f"time {samples.time_s[at]:.10g} s stands twice with different values ({values[0]}, then "
-        f"{values[1]})"
-    )
+        "first_a": samples.current_a[at - 1] + 0.0,
+        "first_v": samples.voltage_v[at - 1],
+        "second_a": samples.current_a[at] + 0.0,
+        "second_v": samples.voltage_v[at],
+    }
 
 
 def _spread(time_s: Clock) -> Clock:
@@ -319,16 +285,12 @@ def _spread(time_s: Clock) -> Clock:
     return time_s + np.append(gaps, last)[place] * within / times[place]
 
 
-def _close(samples: Samples) -> list[Finding]:
+def _close(samples: Samples) -> list[Notice]:
     """A note of samples hard upon the one before, which testers log where a step ends."""
     interval_s = samples.intervals_s
     usual_s = samples.interval_s
     is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * usual_s)
     if not is_close.any():
         return []
-    what = (
-        f"{counted(int(is_close.sum()), 'sample')} within "
-        f"{1e3 * interval_s[is_close].max():.3g} ms of the one before, as testers log both sides "
-        "of a step"
-    )
-    return [found_at(samples, int(np.argmax(is_close)) + 1, "note", what)]
+    given = {"samples": is_close.sum(), "interval_s": interval_s[is_close].max()}
+    return [found_at(samples, int(np.argmax(is_close)) + 1, "repeats.close", **given)]

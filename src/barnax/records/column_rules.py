@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError, counted, listed, printable
+from ..errors import InputError, listed, printable
+from ..notices import Notice, notice
 from .cell_values import CLOCKS, DAY_S, is_clock, numbers
 from .columns import (
     NOTHING,
@@ -21,7 +22,6 @@ from .columns import (
     normal,
     other_table,
 )
-from .findings import Finding
 from .quantities import QUANTITIES, Quantity, Unit
 from .table import Table, impedance_rows
 
@@ -66,7 +66,7 @@ def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
 
 def examine_columns(
     table: Table, file: str, given: Mapping[str, str] = NOTHING
-) -> tuple[dict[str, Column], list[Finding]]:
+) -> tuple[dict[str, Column], list[Notice]]:
     """The columns to go on with, and what is to be said of them.
 
     `given` are the user's own names. Where a required column has no accepted name but one likely
@@ -84,10 +84,9 @@ def examine_columns(
     is_like = any(q.name in found or likely_names(q, table.header) for q in REQUIRED)
     if not is_like and not is_nameless:
         if wrong:
-            raise InputError(wrong[0].sentence(file))
+            raise wrong[0].about(file).error()
         raise InputError(_no_record(table, file))
-    findings = [Finding("note", note, is_told=True) for note in table.notes]
-    findings.extend(wrong)
+    findings = [*table.notes, *wrong]
     for name in found.keys() & CLOCKS:
         # Numbers that are dates tell their unit by their size.
         is_dated = name == "date" or is_clock(table.columns[found[name].index])
@@ -98,14 +97,12 @@ def examine_columns(
     is_time_of_day = _is_time_of_day(table, found)
     if is_time_of_day:
         day, time = found["date"].header, found["time"].header
-        what = f"the time is by '{day}' and '{time}' together, a date and a time of day"
-        findings.append(Finding("note", what, is_told=True))
+        findings.append(notice("columns.time-of-day", day=day, time=time))
     else:
         findings.extend(_by_the_dates(table, found))
     if "current" not in found and "charge of the interval" in found:
         found["current"] = found["charge of the interval"]
-        what = f"the current is that of the charge in '{found['current'].header}' over its interval"
-        findings.append(Finding("note", what, is_told=True))
+        findings.append(notice("columns.interval-charge", column=found["current"].header))
     for unused in ("step time", "date", "charge of the interval"):
         if unused != "date" or not is_time_of_day:
             found.pop(unused, None)
@@ -118,39 +115,42 @@ def examine_columns(
         # What another quantity has taken is no candidate.
         free = ["" if name in _headers(found) else name for name in table.header]
         guess = likely_column(quantity, free)
-        missing.append((quantity, guess, _missing(quantity, guess, free, table)))
+        missing.append((quantity, guess, free))
         if guess is not None:
             found[quantity.name] = guess
     if missing:
-        what, remedy = missing[0][2] if len(missing) == 1 else _all_missing(missing, table)
+        code, values = _missing(*missing[0]) if len(missing) == 1 else _all_missing(missing)
         if is_nameless:
-            examples = ", ".join(_examples(quantity) for quantity, _, _ in missing)
-            what += "; the first row holds numbers, not names"
-            remedy = f"write a row of names above it, here {examples}"
-        findings.append(Finding("error", what, remedy, row=table.names_row))
+            values["examples"] = ", ".join(_examples(quantity) for quantity, _, _ in missing)
+            code = "columns.no-names"
+        names = {"quantities": ", ".join(quantity.name for quantity, _, _ in missing)}
+        there = {**names, "columns": _quoted(list(table.header)), "count": len(missing)}
+        findings.append(notice(code, "", table.names_row, **there, **values))
     return found, findings
 
 
-def _not_there(table: Table, found: Columns, given: Mapping[str, str]) -> Iterator[Finding]:
+def _not_there(table: Table, found: Columns, given: Mapping[str, str]) -> Iterator[Notice]:
     """Warnings of given names that the table does not have."""
     for name, wanted in given.items():
         column = named_column(table.header, QUANTITY_OF[name], wanted)
         if column is None:
             own, _, unit = wanted.rpartition(":")
-            what = f"no column is called '{wanted}', which `columns` gives for the {name}"
-            if own and named_column(table.header, QUANTITY_OF[name], own):
-                known = _symbols(QUANTITY_OF[name])
-                what = f"unknown unit '{unit}' of '{own}' in `columns`; known are {known}"
-            else:
-                what += f"; the file has {_quoted(list(table.header))}"
-            taken = f"; '{found[name].header}' is taken" if name in found else ""
             is_missing = QUANTITY_OF[name].is_required and name not in found
-            remedy = "correct `columns`" if is_missing else "leave it out for this file"
-            severity = "error" if is_missing else "warning"
-            yield Finding(severity, what + taken, remedy, row=table.names_row)
+            given_so = {
+                "quantity": name,
+                "taken": found[name].header if name in found else None,
+                "needed": "true" if is_missing else None,
+            }
+            severity, row = "error" if is_missing else "warning", table.names_row
+            if own and named_column(table.header, QUANTITY_OF[name], own):
+                known = {"unit": unit, "column": own, "known": _symbols(QUANTITY_OF[name])}
+                yield notice("columns.unknown-unit", "", row, **known, **given_so).rated(severity)
+            else:
+                names = {"wanted": wanted, "columns": _quoted(list(table.header))}
+                yield notice("columns.not-there", "", row, **names, **given_so).rated(severity)
 
 
-def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
+def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
     """Take the dates, or the clock of the steps, where there is no clock of the test."""
     if "time" in found or not found.keys() & {"date", "step time"}:
         return
@@ -160,9 +160,7 @@ def _other_clock(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
         stands = np.diff(numbers(table.columns[dates.index], dates)) == 0
         clock = "step time" if np.mean(stands) > _COARSE_DATES else "date"
     found["time"] = found[clock]
-    which = "date" if clock == "date" else "clock of the steps, joined"
-    what = f"no clock of the test; the time is by the {which}, '{found[clock].header}'"
-    yield Finding("note", what, is_told=True)
+    yield notice("columns.other-clock", clock=clock, column=found[clock].header)
 
 
 def _is_time_of_day(table: Table, found: Columns) -> bool:
@@ -191,7 +189,7 @@ def _is_time_of_day(table: Table, found: Columns) -> bool:
     return not began_s.max() < began_s.min() + DAY_S
 
 
-def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
+def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Notice]:
     """Correct the unit of the time where it is none, or a wrong one, by the dates beside it.
 
     By the median of many intervals, for a test may have paused.
@@ -212,14 +210,13 @@ def _by_the_dates(table: Table, found: dict[str, Column]) -> Iterator[Finding]:
     unit = next((u for u in set(time.quantity.units.values()) if _is_off_by(ratios, u, time)), None)
     if unit is None or unit == time.unit:
         return
-    what = f"by the dates in '{date.header}', '{time.header}' is in {unit.symbol}"
+    given = {"date": date.header, "time": time.header, "unit": unit.symbol}
     if time.is_unit_assumed:
         found["time"] = replace(time, unit=unit, is_unit_assumed=False)
-        yield Finding("warning", f"{what}: taken so", f"name it 'Test Time / {unit.symbol}'")
+        yield notice("columns.unit-by-dates", **given)
     else:
-        what += f", not in {time.unit.symbol}: {1 / np.median(ratios):.4g} times too long"
-        remedy = f"divide it by {1 / np.median(ratios):.4g}, or name it 'Test Time / {unit.symbol}'"
-        yield Finding("error", what, remedy, row=table.names_row)
+        stated = {"stated": time.unit.symbol, "factor": 1 / np.median(ratios)}
+        yield notice("columns.unit-against-dates", "", table.names_row, **given, **stated)
 
 
 def _some_places(table: Table) -> np.ndarray:
@@ -247,42 +244,39 @@ def _no_record(table: Table, file: str) -> str:
 
 
 def _missing(
-    quantity: Quantity, guess: Column | None, free: list[str], table: Table
-) -> tuple[str, str]:
-    """What is missing, and what to do about it."""
-    what = f"no column for the {quantity.name}"
+    quantity: Quantity, guess: Column | None, free: list[str]
+) -> tuple[str, dict[str, str | None]]:
+    """The notice of what is missing: its code and values."""
     names = f"{_examples(quantity)}, with its unit ({_symbols(quantity)})"
     if guess is not None:
-        given = f"{quantity.name}={guess.header}"
-        given += ":UNIT" if guess.is_unit_assumed else ""
-        remedy = f"give `columns='{given}'`, or rename '{guess.header}' to {names}"
-        return f"{what}; '{guess.header}' is likely it", remedy
+        option = f"{quantity.name}={guess.header}" + (":UNIT" if guess.is_unit_assumed else "")
+        return "columns.missing-likely", {"likely": guess.header, "option": option, "names": names}
     likely = likely_names(quantity, free)
-    if likely:
-        remedy = f"give the right one's name with `columns`, or rename it to {names}"
-        is_out = ["discharge" in name.lower() for name in likely]
-        if quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out):
-            remedy = f"write their difference, charge positive, into one column, {names}"
-        return f"{what}; likely: {_quoted(likely)}", remedy
-    remedy = f"export it, name it {names}, or give its name with `columns`"
-    return f"{what} among {_quoted(list(table.header))}", remedy
+    is_out = ["discharge" in name.lower() for name in likely]
+    is_pair = quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out)
+    code = "columns.missing-ambiguous" if likely else "columns.missing"
+    given = {
+        "likely": _quoted(likely) if likely else None,
+        "pair": "true" if is_pair else None,
+        "names": names,
+    }
+    return code, given
 
 
 def _all_missing(
-    missing: list[tuple[Quantity, Column | None, tuple[str, str]]], table: Table
-) -> tuple[str, str]:
-    """What is missing of several quantities, and the one option that names them all."""
-    names = ", ".join(quantity.name for quantity, _, _ in missing)
+    missing: list[tuple[Quantity, Column | None, list[str]]],
+) -> tuple[str, dict[str, str | None]]:
+    """The notice of several missing quantities, with the one option that names them all."""
     guesses = {quantity.name: guess for quantity, guess, _ in missing}
     likely = [f"'{guess.header}' is likely the {name}" for name, guess in guesses.items() if guess]
-    what = "; ".join([f"no columns for the {names} among {_quoted(list(table.header))}", *likely])
-    given = ",".join(
+    option = ",".join(
         f"{name}={guess.header if guess else 'NAME'}"
         + ("" if guess and not guess.is_unit_assumed else ":UNIT")
         for name, guess in guesses.items()
     )
-    examples = ", ".join(f"'{quantity.examples[0]}'" for quantity, _, _ in missing)
-    return what, f"give `columns='{given}'`, or export and name them {examples}"
+    names = ", ".join(f"'{quantity.examples[0]}'" for quantity, _, _ in missing)
+    given = {"likely": "; ".join(likely) or None, "option": option, "names": names}
+    return "columns.missing-several", given
 
 
 def _examples(quantity: Quantity) -> str:
@@ -310,32 +304,30 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _repeated_names(table: Table, found: Columns) -> Iterator[Finding]:
+def _repeated_names(table: Table, found: Columns) -> Iterator[Notice]:
     row = table.names_row
     for name, times in Counter(table.header).items():
-        what = f"{times} columns are called '{name}'"
         if not name:
-            yield Finding("note", f"{counted(times, 'column')} without a name; not used", "", row)
+            yield notice("columns.nameless", "", row, columns=times)
         elif times > 1 and name in _headers(found):
-            remedy = f"rename or delete the other{'s' if times > 2 else ''}"
-            yield Finding("warning", f"{what}; the first of them is taken", remedy, row)
+            others = "several" if times > 2 else None
+            yield notice("columns.first-taken", "", row, columns=times, name=name, others=others)
         elif times > 1:
-            yield Finding("note", f"{what}; none is used", "", row)
+            yield notice("columns.repeated", "", row, columns=times, name=name)
 
 
-def _units(found: Columns) -> Iterator[Finding]:
+def _units(found: Columns) -> Iterator[Notice]:
     """Notes of the units that were assumed, and of those that were converted."""
     bare = [column for column in found.values() if column.is_unit_assumed]
     if bare:
         units = [f"{column.unit.symbol} for '{column.header.strip()}'" for column in bare]
         needed = [column for column in bare if column.quantity.is_required] or bare
         names = ", ".join(f"'{column.quantity.examples[0]}'" for column in needed)
-        what = f"no units in the names; assumed {', '.join(units)}"
-        yield Finding("note", what, f"name the columns {names} to be sure", is_told=True)
+        yield notice("columns.units-assumed", units=", ".join(units), names=names)
     converted = [
         f"'{column.header}' from {column.unit.symbol} to {column.quantity.base_unit.symbol}"
         for column in found.values()
         if not column.is_unit_assumed and column.unit != column.quantity.base_unit
     ]
     if converted:
-        yield Finding("note", f"converted {', '.join(converted)}", is_told=True)
+        yield notice("columns.converted", columns=", ".join(converted))

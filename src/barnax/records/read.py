@@ -12,12 +12,12 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from ..errors import InputError
+from ..notices import Notice, notice, raise_first_error
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import examine_columns, read_columns
 from .columns import NOTHING
 from .counters import skipped_ah
 from .dialects import CHARGE, DISCHARGE, Sign
-from .findings import Finding, named, notes_of, raise_first_error, warnings_of
 from .hold import decide_hold
 from .lag import aligned
 from .quantities import NEEDED
@@ -52,7 +52,7 @@ class Examined:
 
     samples: Samples | None
     mended: Samples | None
-    findings: tuple[Finding, ...]
+    findings: tuple[Notice, ...]
 
 
 def examine(source: Source, capacity_ah: float | None = None) -> Examined:
@@ -60,14 +60,13 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
 
     Raises InputError where no column is like any of a record.
     """
-    columns, found = examine_columns(source.table, source.name, source.columns)
-    findings = named("columns", found)
+    columns, findings = examine_columns(source.table, source.name, source.columns)
     lines, found = examine_cells(take_lines(source.table, columns))
-    findings += named("cells", found)
+    findings += found
     if not columns.keys() >= NEEDED:
         return Examined(None, None, tuple(findings))
     samples, found = _one_cell(source, samples_of(lines))
-    findings += named("series", found)
+    findings += found
     mended = samples
     if short := _too_short(mended):
         # Where bad cells took the samples, that is said already.
@@ -75,53 +74,52 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
         return Examined(None, None, tuple(findings))
     # Absurd values overflow on their way to being found absurd.
     with np.errstate(all="ignore"):
-        for check, rule in (
-            ("clock", examine_clock),
-            ("repeats", separate_steps),
-            ("sign", examine_direction),
-            ("voltage unit", examine_voltage_unit),
-            ("voltage unit", examine_voltage_range),
-            ("repeats", examine_repeats),
-            ("time unit", examine_time_unit),
-            ("current unit", lambda given: examine_current_unit(given, capacity_ah)),
+        for rule in (
+            examine_clock,
+            separate_steps,
+            examine_direction,
+            examine_voltage_unit,
+            examine_voltage_range,
+            examine_repeats,
+            examine_time_unit,
+            lambda given: examine_current_unit(given, capacity_ah),
         ):
-            if check == "time unit" and source.table.has_known_units:
+            if rule is examine_time_unit and source.table.has_known_units:
                 continue
             mended, found = rule(mended)
-            findings += named(check, found)
+            findings += found
             if short := _too_short(mended):
                 return Examined(None, None, (*findings, short))
             # What follows judges the values, and a record keeps them.
             samples = mended if rule is examine_voltage_unit else samples
-        findings += named("twin columns", examine_twins(source, mended))
+        findings += examine_twins(source, mended)
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
         samples = merge_repeats(samples)
     return Examined(samples, mended if is_usable else None, tuple(findings))
 
 
-def _one_cell(source: Source, samples: Samples) -> tuple[Samples, list[Finding]]:
+def _one_cell(source: Source, samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples with the voltage of one cell of those in series, and a note of it."""
     voltage_v = source.of_one_cell(samples.voltage_v)
     if voltage_v is samples.voltage_v:
         return samples, []
     name = samples.header("voltage")
-    what = f"'{name}' is divided by {source.series}, the cells in series: all is of one cell"
-    return samples.having(voltage=voltage_v), [Finding("note", what, is_told=True)]
+    divided = notice("series.divided", column=name, series=source.series)
+    return samples.having(voltage=voltage_v), [divided]
 
 
-def _too_short(samples: Samples) -> Finding | None:
+def _too_short(samples: Samples) -> Notice | None:
     """An error where too few samples are left, or too little time."""
     count = len(samples)
-    what, remedy = "", "give a longer record"
     if count == 0:
-        what, remedy = "no samples stand below the header", "give the file with its data"
-    elif count < _FEWEST_SAMPLES:
-        what = f"a record of {count} samples is too short; at least {_FEWEST_SAMPLES} are needed"
-    elif samples.time_s[-1] - samples.time_s[0] < _SHORTEST_S > np.ptp(samples.time_s):
-        what = f"the record lasts {np.ptp(samples.time_s):.3g} s by '{samples.header('time')}'"
-        remedy = "give the column that holds the time, with its unit"
-    return Finding("error", what, remedy, check="length") if what else None
+        return notice("length.empty")
+    if count < _FEWEST_SAMPLES:
+        return notice("length.short", samples=count, needed=_FEWEST_SAMPLES)
+    length_s = np.ptp(samples.time_s)
+    if samples.time_s[-1] - samples.time_s[0] < _SHORTEST_S > length_s:
+        return notice("length.no-time", length_s=length_s, column=samples.header("time"))
+    return None
 
 
 def read_record(
@@ -172,11 +170,11 @@ def read_record(
     assert samples is not None  # Where there are none, that was an error.
     sign, doubts = decide_sign(samples, current_sign, source.name)
     record = make_record(source, samples, sign, decide_hold(samples, current_hold))
-    found = (*examined.findings, *doubts)
+    found = [each.about(source.name) for each in (*examined.findings, *doubts)]
     return replace(
         aligned(record, voltage_lag),
-        warnings=warnings_of(found, source.name),
-        notes=notes_of(found, source.name),
+        warnings=tuple(str(each) for each in found if each.severity == "warning"),
+        notes=tuple(str(each) for each in found if each.is_told),
     )
 
 
@@ -226,7 +224,7 @@ def make_record(source: Source, samples: Samples, sign: Decision, hold: Decision
     """
     samples = source.cut(samples)
     if short := _too_short(samples):
-        raise InputError(short.sentence(source.name))
+        raise InputError(str(short.about(source.name)), notice=short)
     turn = -1.0 if sign.value == CHARGE else 1.0
     held_ah = samples.begun_ah if hold.value == "forward" else samples.ended_ah
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)

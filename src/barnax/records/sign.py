@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..errors import InputError, counted
+from ..errors import counted
+from ..notices import Notice, notice
 from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
-from .findings import Finding
 from .record import Decision, runs
 from .samples import Samples, some, voltage_noise_v
 from .table import found_at
@@ -33,7 +33,7 @@ class Evidence:
 
 def decide_sign(
     samples: Samples, given: Sign | Literal["auto"], file: str
-) -> tuple[Decision, list[Finding]]:
+) -> tuple[Decision, list[Notice]]:
     """The file's sign of current, and what is to be said of how it was found.
 
     Raises InputError when a sign is given against strong evidence.
@@ -50,14 +50,11 @@ def decide_sign(
         return Decision(given, "given", "given by the user; the data do not show it"), []
     if found.value == given:
         return Decision(given, "given", f"given by the user, and {found.reason}"), []
-    what = f"the sign was given as {given}, but the data are {found.value}"
+    told = {"given": given, "found": found.value, "reason": found.reason}
     if found.strength == "strong":
-        raise InputError(
-            f"{file}: {what}: {found.reason}; leave `current_sign` at 'auto', or give "
-            f"'{found.value}' (`ocv_current_sign` and `validate_current_sign` for those records)."
-        )
+        raise notice("sign.against-data", file, **told).error()
     decision = Decision(given, "given", f"given by the user, although {found.reason}")
-    return decision, [Finding("warning", f"{what} on weak evidence: {found.reason}")]
+    return decision, [notice("sign.against-weak", **told)]
 
 
 def _from_data(samples: Samples) -> Decision | None:
@@ -85,27 +82,20 @@ def _from_data(samples: Samples) -> Decision | None:
     return Decision(CHARGE if vote > 0 else DISCHARGE, "strong" if is_strong else "weak", reason)
 
 
-def _doubts(samples: Samples, sign: Decision) -> list[Finding]:
+def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     """A sign that is doubtful, or another than the columns' names mean."""
     at, _ = step_votes(samples)
     start = int(at[0]) + 1 if len(at) else 0
     promised = samples.dialect.sign
+    told = {"sign": sign.value, "reason": sign.reason}
     if sign.strength in ("weak", "assumed"):
-        strength = "weak" if sign.strength == "weak" else "no"
-        what = f"the current is taken as {sign.value} on {strength} evidence: {sign.reason}"
-        remedy = f"say so: `current_sign='{sign.value}'`"
-    elif samples.dialect != PLAIN and sign.value != promised:
-        names = f"but {samples.dialect.name} names mean {promised}"
-        what = f"the current is {sign.value}, {names}: {sign.reason}"
-        remedy = (
-            f"barnax turns it, other programs may not: say `current_sign='{sign.value}'`, or turn "
-            "its sign in the file"
-        )
-    elif sign.value == DISCHARGE and samples.dialect == PLAIN:
-        return [found_at(samples, start, "note", f"the current is {sign.value}: {sign.reason}")]
-    else:
-        return []
-    return [found_at(samples, start, "warning", what, remedy)]
+        return [found_at(samples, start, "sign.doubtful", strength=sign.strength, **told)]
+    if samples.dialect != PLAIN and sign.value != promised:
+        names = {"dialect": samples.dialect.name, "promised": promised}
+        return [found_at(samples, start, "sign.unusual", **names, **told)]
+    if sign.value == DISCHARGE and samples.dialect == PLAIN:
+        return [found_at(samples, start, "sign.discharge-positive", **told)]
+    return []
 
 
 # A current of one sign, but for its noise. Of signed currents hardly any step contradicts the
@@ -113,7 +103,7 @@ def _doubts(samples: Samples, sign: Decision) -> list[Finding]:
 _NEVER_SHARE, _FEWEST_DENIALS, _DENIED_SHARE = 0.01, 3, 0.02
 
 
-def examine_direction(samples: Samples) -> tuple[Samples, list[Finding]]:
+def examine_direction(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples with a current that has a sign, and what gave it one.
 
     A tester may print the current without its sign, and the direction beside it. Without that, an
@@ -131,21 +121,17 @@ def examine_direction(samples: Samples) -> tuple[Samples, list[Finding]]:
         told = np.maximum.accumulate(np.where(np.abs(words) == 1, np.arange(len(words)), -1))
         directions = np.where(told >= 0, -words[told], 1)
         direction = np.repeat(directions, np.diff(begins, append=len(state)))
-        what = f"'{name}' has no sign; '{samples.header('state')}' tells what discharges"
+        told = notice("sign.by-state", column=name, state=samples.header("state"))
         signed = samples.having(current=np.abs(current_a) * direction)
-        return signed, [Finding("note", what, is_told=True)]
+        return signed, [told]
     _, votes = step_votes(samples)
     rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))
     if min(rising, falling) < max(_FEWEST_DENIALS, _DENIED_SHARE * len(votes)):
         return samples, []
     never = "negative" if current_a.max() > 0 else "positive"
-    what = (
-        f"the current is never {never}, yet it lifts the voltage at {rising} of its steps and "
-        f"lowers it at {falling}: the column has no sign"
-    )
-    remedy = "export the signed current, or turn its sign in the steps that discharge"
+    given = {"never": never, "rising": rising, "falling": falling}
     at = int(np.argmax(np.abs(current_a)))
-    return samples, [found_at(samples, at, "error", what, remedy)]
+    return samples, [found_at(samples, at, "sign.none", **given)]
 
 
 def step_votes(

@@ -13,9 +13,9 @@ import numpy as np
 import polars as pl
 
 from ..errors import LONGEST_NAME, InputError, cut, printable, reason_of
+from ..notices import Notice, notice
 from .column_rules import read_columns
 from .columns import NOTHING
-from .findings import Finding
 from .quantities import CELL_RANGE_V
 from .readers import read_table
 from .samples import Samples
@@ -33,7 +33,7 @@ _CONTENT = {
 _MOST_IN_SERIES, _LEAST_CELL_V = 1000, 1.0
 
 
-def examine_suffix(file: str, content: bytes) -> tuple[Finding, ...]:
+def examine_suffix(file: str, content: bytes) -> tuple[Notice, ...]:
     """A note where a file's suffix promises another format than its content is."""
     suffix = PurePath(file).suffix.lower()
     known = {own for _, suffixes in _CONTENT.values() for own in suffixes}
@@ -42,9 +42,7 @@ def examine_suffix(file: str, content: bytes) -> tuple[Finding, ...]:
     )
     if suffix in suffixes or (suffix not in known and kind == "text"):
         return ()
-    what = f"the content is {kind}, although the name ends in '{suffix}'"
-    remedy = "barnax goes by the content; other programs may not"
-    return (Finding("note", what, remedy, check="format"),)
+    return (notice("format.suffix", content=kind, suffix=suffix),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,7 @@ class Source:
     name: str
     table: Table
     sha256: str
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Notice, ...] = ()
     columns: Mapping[str, str] = field(default_factory=dict)
     span_s: tuple[float, float] | None = None
     series: int = 1
@@ -181,7 +179,6 @@ def _clean(source: Source) -> Source:
             table,
             header=tuple(printable(cut(name, LONGEST_NAME)) for name in header),
             sheets=tuple((printable(cut(name, LONGEST_NAME)), n) for name, n in table.sheets),
-            notes=tuple(map(printable, table.notes)),
         ),
     )
 

@@ -10,11 +10,11 @@ import numpy as np
 import polars as pl
 from jaxtyping import Bool, Int
 
-from ..errors import LONGEST_CELL, counted, cut
+from ..errors import LONGEST_CELL, cut
+from ..notices import Notice, notice
 from .cell_values import DAY_S, numbers
 from .columns import Column, normal, other_table
 from .counters import inner
-from .findings import Finding, Severity
 from .quantities import NEEDED
 from .record import OTHER_STATE
 
@@ -38,7 +38,7 @@ class Table:
     columns: tuple[pl.Series, ...]
     row: Int[np.ndarray, "lines"]
     sheets: tuple[tuple[str, int], ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Notice, ...] = ()
     has_known_units: bool = False
 
     @property
@@ -139,16 +139,15 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
 def found_at(
     source: Lines,
-    where: int | Bool[np.ndarray, "lines"],
-    severity: Severity,
-    what: str,
-    remedy: str = "",
-    **more: Any,
-) -> Finding:
-    """A finding at one line, or the first of several, with the row and sheet it stands in."""
-    line = int(np.argmax(where)) if isinstance(where, np.ndarray) else where
+    place: int | Bool[np.ndarray, "lines"],
+    code: str,
+    /,
+    **values: Any,
+) -> Notice:
+    """A notice of one line, or the first of several, with the row and sheet it stands in."""
+    line = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
     row, sheet = source.table.place(int(source.at[line]))
-    return Finding(severity, what, remedy, row, sheet, **more)
+    return replace(notice(code, **values), row=row, sheet=sheet)
 
 
 def table_sha256(table: Table) -> str:
@@ -162,7 +161,7 @@ def table_sha256(table: Table) -> str:
     return digest.hexdigest()
 
 
-def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
+def examine_cells(lines: Lines) -> tuple[Lines, list[Notice]]:
     """The lines whose time, current and voltage are finite, and what stands in the others.
 
     An optional column with such cells is left out.
@@ -171,20 +170,16 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
     is_good = np.ones(len(lines), bool)
     is_unread = ~is_good
     if (impedance := _impedance_rows(lines)).any():
-        count = counted(int(impedance.sum()), "row")
         word = lines.cell("state", int(np.argmax(impedance))) if "state" in lines.columns else None
-        what = f"{count} of an impedance measurement ({word or 'with a frequency'}) left out"
-        findings.append(found_at(lines, impedance, "note", what, is_told=True))
+        given = {"rows": impedance.sum(), "state": word or None}
+        findings.append(found_at(lines, impedance, "cells.impedance", **given))
         is_good &= ~impedance
     if _is_cut_short(lines):
-        what, last = "the last row is cut short: left out", len(lines) - 1
-        findings.append(found_at(lines, last, "warning", what, "copy or export the file again"))
+        findings.append(found_at(lines, len(lines) - 1, "cells.cut-short"))
         is_good[-1] = False
     units = _units_row(lines)
     if units:
-        what = f"the row below the names holds no numbers but {units}, as units"
-        remedy = "write the units into the names, as in 'Current / mA', and delete the row"
-        findings.append(found_at(lines, 0, "error", what, remedy))
+        findings.append(found_at(lines, 0, "cells.units-row", units=units))
         is_good[0] = False
     for name, column in lines.columns.items():
         bad = lines.bad(name) & is_good
@@ -192,23 +187,22 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
             continue
         first = int(np.argmax(bad))
         cell = lines.cell(name, first)
-        stands = "nothing" if cell is None else repr(cell)
         is_large = np.abs(lines.values[name][first]) > LARGEST_NUMBER
-        number = f"a number below {LARGEST_NUMBER:g}" if is_large else "a number"
-        cells = counted(int(bad.sum()), "cell")
-        what = f"{stands} stands under '{column.header}', where {number} is needed ({cells})"
+        given = {
+            "column": column.header,
+            "stands": None if cell is None else repr(cell),
+            "limit": LARGEST_NUMBER if is_large else None,
+            "cells": bad.sum(),
+        }
         # A clock of dates or steps may be what tells the time.
         if name not in NEEDED:
             lines = lines.without(name)
-            what += "; the column is left out"
-            if name == "state" and not isinstance(cell, str):
-                what = f"the numbers under '{column.header}' are codes without words: left out"
-            findings.append(found_at(lines, first, "note", what, is_told=True))
+            is_coded = name == "state" and not isinstance(cell, str)
+            code = "cells.state-codes" if is_coded else "cells.left-out"
+            findings.append(found_at(lines, first, code, **given))
             continue
-        remedy = "delete the row, or fill it from the tester's own file"
-        if bad.sum() == is_good.sum():
-            remedy = f"export the column as plain numbers in {column.unit.symbol}"
-        findings.append(found_at(lines, first, "error", what, remedy))
+        unit = column.unit.symbol if bad.sum() == is_good.sum() else None
+        findings.append(found_at(lines, first, "cells.no-number", **given, unit=unit))
         is_unread |= bad
     lines = lines.keep(is_good & ~is_unread)
     for name in ("step", "cycle", "state"):
@@ -218,8 +212,7 @@ def examine_cells(lines: Lines) -> tuple[Lines, list[Finding]]:
         is_small = values.min() > -_LARGEST_WHOLE and values.max() < _LARGEST_WHOLE
         if is_small and np.array_equal(values, values.astype(np.int32)):
             continue
-        what = f"the numbers under '{lines.columns[name].header}' are not whole: left out"
-        findings.append(Finding("note", what, is_told=True))
+        findings.append(notice("cells.not-whole", column=lines.columns[name].header))
         lines = lines.without(name)
     return lines, findings
 

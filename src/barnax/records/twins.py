@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from ..notices import Notice
 from .columns import Column, find_columns, likely_column, normal
-from .findings import Finding
 from .quantities import CELL_RANGE_V, QUANTITIES
 from .samples import Samples
 from .source import Source
@@ -31,7 +31,7 @@ _SAME_V, _OTHER_V, _ALIKE = 5e-3, 0.2, 0.9
 _MOST_NAMES = 200
 
 
-def examine_twins(source: Source, samples: Samples) -> Iterator[Finding]:
+def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
     """Other columns of voltage and current that differ as only a wrong one does.
 
     What the user has named is the right one, and a pack has voltages of other cells.
@@ -66,7 +66,7 @@ def _others(table: Table, name: str, own: Column) -> Iterator[Column]:
             yield replace(column, index=index)
 
 
-def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
+def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Notice]:
     """A voltage that differs by the current times a resistance, or otherwise."""
     if not CELL_RANGE_V[0] < np.median(other) < CELL_RANGE_V[1]:
         return
@@ -76,24 +76,18 @@ def _voltages(samples: Samples, own: Channel, other: Channel, column: Column) ->
     slope = float(current_a @ apart_v / max(current_a @ current_a, _TINY))
     swing_v = abs(slope) * float(np.ptp(current_a))
     left_v = apart_v - apart_v.mean() - slope * current_a
-    both = f"the voltages '{header}' and '{column.header}' differ by"
+    both = {"own": header, **_other(column)}
     if swing_v > _LEAST_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
-        what = (
-            f"{both} {1e3 * abs(slope):.3g} mohm times the current, up to {1e3 * swing_v:.3g} mV: "
-            f"one of them holds the drop of the leads, and R0 with it; '{header}' is used"
-        )
-        yield found_at(samples, at, "warning", what, _remedy(column))
+        drop = {"leads_ohm": abs(slope), "apart_v": swing_v}
+        yield found_at(samples, at, "twin-columns.leads", **both, **drop)
         return
     usual_v = float(np.median(np.abs(apart_v)))
     if usual_v <= _SAME_V:
         return
     if samples.dialect.name in _ANYBODYS and "voltage" in find_columns([column.header], QUANTITIES):
-        what = f"{both} {1e3 * usual_v:.3g} mV, and the data do not show which is the cell's"
-        remedy = f"say which: `columns='voltage={header}'` or `columns='voltage={column.header}'`"
-        yield found_at(samples, at, "error", what, remedy)
+        yield found_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
     elif usual_v < _OTHER_V and _likeness(own - own.mean(), other - other.mean()) > _ALIKE:
-        what = f"{both} {1e3 * usual_v:.3g} mV; '{header}' is used"
-        yield found_at(samples, at, "warning", what, _remedy(column))
+        yield found_at(samples, at, "twin-columns.voltage", **both, apart_v=usual_v)
 
 
 def _likeness(own: Channel, other: Channel) -> float:
@@ -101,17 +95,14 @@ def _likeness(own: Channel, other: Channel) -> float:
     return float(own @ other) / max(float(np.sqrt((own @ own) * (other @ other))), _TINY)
 
 
-def _scale(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Finding]:
+def _scale(samples: Samples, own: Channel, other: Channel, column: Column) -> Iterator[Notice]:
     """A current that is another by a factor."""
     ratio = float(own @ other) / max(float(own @ own), _TINY)
     if abs(_likeness(own, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
         header = samples.header("current")
-        what = (
-            f"the currents '{header}' and '{column.header}' disagree: the second is {ratio:.4g} "
-            f"times the first throughout; '{header}' is used"
-        )
-        yield found_at(samples, int(np.argmax(np.abs(own))), "warning", what, _remedy(column))
+        given, at = {"own": header, **_other(column), "ratio": ratio}, int(np.argmax(np.abs(own)))
+        yield found_at(samples, at, "twin-columns.current", **given)
 
 
-def _remedy(other: Column) -> str:
-    return f"`columns='{other.quantity.name}={other.header}'` takes the other"
+def _other(column: Column) -> dict[str, str]:
+    return {"other": column.header, "quantity": column.quantity.name}

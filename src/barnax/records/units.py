@@ -4,11 +4,12 @@ A unit that the user gives is not in doubt. Another is an error where two signs 
 on each other tell it, and a warning where one does.
 """
 
+from typing import Any
+
 import numpy as np
 
-from ..errors import counted
+from ..notices import Notice, Severity
 from .counters import gain_ah
-from .findings import Finding, Severity
 from .quantities import CELL_RANGE_V
 from .samples import Samples, few
 from .table import found_at
@@ -23,15 +24,14 @@ _NEARLY_ALL = 0.95
 _NOMINAL_V = 3.6
 
 
-def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
+def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples with a voltage in volts, and what was wrong with it."""
-    name = samples.header("voltage")
     middle_v = samples.middle_v
     findings = []
 
-    def mended(what: str, remedy: str, factor: float, severity: Severity = "error") -> Samples:
-        what = f"the median voltage in '{name}' is {what}"
-        findings.append(found_at(samples, 0, severity, what, remedy))
+    def mended(code: str, factor: float, **values: Any) -> Samples:
+        given = {"column": samples.header("voltage"), "middle_v": middle_v, **values}
+        findings.append(found_at(samples, 0, code, **given))
         return samples.having(voltage=samples.voltage_v * factor)
 
     if middle_v < 0:
@@ -39,47 +39,41 @@ def examine_voltage_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
         turned_v = -samples.voltage_v
         # Turned, nearly all of it has to be a cell's.
         is_swapped = np.mean((turned_v >= low_v) & (turned_v <= high_v)) > _NEARLY_ALL
-        remedy = "turn its sign (the sense leads were swapped), or give the right column"
-        if not is_swapped:
-            remedy = "give the column of the cell's voltage"
-        samples = mended(f"negative, {middle_v:.6g} V", remedy, -1.0 if is_swapped else 1.0)
+        code = "voltage-unit.swapped" if is_swapped else "voltage-unit.negative"
+        samples = mended(code, -1.0 if is_swapped else 1.0)
         middle_v = abs(middle_v)
     is_given = samples.columns["voltage"].is_unit_given
     if middle_v > _MILLIVOLT_V and not is_given:
         # Beside a current in milliamperes, that is how the tester was set.
         is_one = middle_v < 1e3 * _MODULE_V
         is_milli = samples.columns["current"].unit.symbol == "mA" and is_one
-        remedy = _read_as(samples, "voltage", "mV")
-        what = f"{middle_v:.6g}: millivolts, not volts"
+        given = _read_as(samples, "voltage", "mV")
         if is_milli:
-            what += f", as '{samples.header('current')}' is in mA; converted"
-        if not is_one:
-            remedy += ", with the cells in series as `series`"
-        samples = mended(what, remedy, 1e-3, "warning" if is_milli else "error")
+            current = samples.header("current")
+            samples = mended("voltage-unit.converted", 1e-3, **given, current=current)
+        else:
+            several = None if is_one else "true"
+            samples = mended("voltage-unit.milli", 1e-3, **given, several=several)
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
-        what = f"{middle_v:.6g} V, too much for one cell: about {cells} in series"
-        remedy = f"give how many, such as `series={cells}`, or the voltage of one cell"
-        samples = mended(what, remedy, 1 / cells)
+        samples = mended("voltage-unit.pack", 1 / cells, series=cells)
     elif 0 < middle_v < _KILOVOLT_V and not is_given:
-        remedy = "multiply it by 1000, or name the unit that its values have"
-        samples = mended(f"{middle_v:.4g} V: kilovolts, not volts", remedy, 1e3)
+        samples = mended("voltage-unit.kilo", 1e3)
     return samples, findings
 
 
-def _read_as(samples: Samples, quantity: str, symbol: str) -> str:
+def _read_as(samples: Samples, quantity: str, symbol: str) -> dict[str, str | None]:
     """How to say that a column is in another unit than its name says."""
     column = samples.columns[quantity]
-    if not column.quantity.examples:
-        return f"correct the unit of '{column.header}'"
-    label = column.quantity.examples[0].partition(" / ")[0]
-    option = f"`columns='{quantity}={column.header}:{symbol}'`"
-    return (
-        f"rename the column to '{label} / {symbol}', or give {option} if that holds for all files"
-    )
+    given = {"column": column.header, "quantity": quantity, "unit": symbol}
+    examples = column.quantity.examples
+    return {
+        **given,
+        "rename": f"{examples[0].partition(' / ')[0]} / {symbol}" if examples else None,
+    }
 
 
-def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:
+def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples whose voltage one cell can have, and what the others are."""
     name, (low_v, high_v) = samples.header("voltage"), CELL_RANGE_V
     voltage_v = samples.voltage_v
@@ -91,17 +85,13 @@ def examine_voltage_range(samples: Samples) -> tuple[Samples, list[Finding]]:
     beside = np.abs(np.diff(voltage_v, prepend=voltage_v[:1]))
     if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside[outside].max() < low_v / 2:
         # A cell that loses its contact jumps there.
-        what = f"the voltage in '{name}' goes down to {voltage_v.min():.4g} V: is it a half cell?"
-        return samples, [found_at(samples, int(np.argmin(voltage_v)), "note", what)]
-    what = (
-        f"{voltage_v[first]:.6g} V in '{name}' is no cell's voltage "
-        f"({counted(int(outside.sum()), 'sample')} outside {low_v} to {high_v} V)"
-    )
-    severity = "error" if impossible.any() else "warning"
-    remedy = "correct or delete these rows; `score_from` and `score_to` leave out an end"
-    if outside.mean() > 0.5:
-        remedy = "give the column of the cell's voltage, in volts"
-    finding = found_at(samples, first, severity, what, remedy)
+        at, given = int(np.argmin(voltage_v)), {"column": name, "least_v": voltage_v.min()}
+        return samples, [found_at(samples, at, "voltage-unit.half-cell", **given)]
+    severity: Severity = "error" if impossible.any() else "warning"
+    given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
+    limits = {"low_v": low_v, "high_v": high_v}
+    code = "voltage-unit.no-cell" if outside.mean() > 0.5 else "voltage-unit.outside"
+    finding = found_at(samples, first, code, **given, **limits).rated(severity)
     # Where nearly all is outside, the rest shows nothing either.
     return (samples if outside.mean() > 0.5 else samples.keep(~outside)), [finding]
 
@@ -135,23 +125,20 @@ _SHORTER = (
 )
 
 
-def examine_time_unit(samples: Samples) -> tuple[Samples, list[Finding]]:
+def examine_time_unit(samples: Samples) -> tuple[Samples, list[Notice]]:
     """The samples with time in s, and whether its column's name was wrong."""
     time = samples.columns["time"]
     suspicion = _too_fast(samples) or _too_slow(samples, time.unit.factor)
     if suspicion is None or time.is_unit_given:
         return samples, []
     words, symbol, factor, severity, reason = suspicion
-    name = samples.header("time")
-    remedy = _read_as(samples, "time", symbol)
+    given = {**_read_as(samples, "time", symbol), "reading": words, "reason": reason}
     if not symbol:
-        remedy = f"divide it by {1 / factor:.0f}"
+        given |= {"rename": "divided", "divisor": 1 / factor}
     if severity == "warning":
-        what = f"'{name}' may be in {words}: {reason}"
-        return samples, [found_at(samples, 0, severity, what, f"if it is, {remedy}")]
-    what = f"'{name}' looks like {words}: {reason}"
+        return samples, [found_at(samples, 0, "time-unit.doubtful", **given)]
     mended = samples.having(time=samples.time_s * factor)
-    return mended, [found_at(samples, 0, severity, what, remedy)]
+    return mended, [found_at(samples, 0, "time-unit.wrong", **given)]
 
 
 _Suspicion = tuple[str, str, float, Severity, str]
@@ -245,14 +232,11 @@ _SIGNS = 2
 
 def examine_current_unit(
     samples: Samples, capacity_ah: float | None
-) -> tuple[Samples, list[Finding]]:
+) -> tuple[Samples, list[Notice]]:
     """The samples with current in A, and whether its column's name was wrong."""
-    name = samples.header("current")
-    peak_a = samples.peak_a
-    if peak_a < _LEAST_A:
-        what = f"every current in '{name}' is zero: nothing can be learned from the record"
-        remedy = "give the column that holds the measured current"
-        return samples, [found_at(samples, 0, "warning", what, remedy)]
+    if samples.peak_a < _LEAST_A:
+        column = samples.header("current")
+        return samples, [found_at(samples, 0, "current-unit.zero", column=column)]
     if samples.columns["current"].is_unit_given:
         return samples, []
     for symbol, words, factor, reasons in (
@@ -262,13 +246,12 @@ def examine_current_unit(
         if not reasons:
             continue
         at = int(np.argmax(np.abs(samples.current_a)))
-        remedy = _read_as(samples, "current", symbol)
+        given = {**_read_as(samples, "current", symbol), "reading": words}
+        given["reason"] = "; ".join(reasons)
         if len(reasons) < _SIGNS:
-            what = f"'{name}' may be in {words}: {reasons[0]}"
-            return samples, [found_at(samples, at, "warning", what, f"if it is, {remedy}")]
-        what = f"'{name}' looks like {words}: {'; '.join(reasons)}"
+            return samples, [found_at(samples, at, "current-unit.doubtful", **given)]
         mended = samples.having(current=samples.current_a * factor)
-        return mended, [found_at(samples, at, "error", what, remedy)]
+        return mended, [found_at(samples, at, "current-unit.wrong", **given)]
     return samples, []
 
 

@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ..notices import Notice
 from .decisions import FLOWS
 from .document import Cells, Document, Paragraph, Section, Table, make_table
 from .words import NOTHING, counted, duration
 
 if TYPE_CHECKING:
-    from ..checks import FileCheck, Finding, Role
+    from ..checks import FileCheck, Role
+    from ..notices import Notice
 
 SEVERITIES = ("error", "warning", "note")
 
@@ -35,7 +37,7 @@ def check_document(found: "FileCheck") -> Document:
     return Document(found.file, "", (Section(found.file, tuple(blocks)),))
 
 
-def finding_line(file: str, finding: "Finding") -> str:
+def finding_line(file: str, finding: "Notice") -> str:
     """One finding as one line."""
     remedy = f" [{finding.remedy}]" if finding.remedy else ""
     return f"{file}: {_place(finding)}{finding.what}{remedy}"
@@ -52,15 +54,15 @@ def count_sentence(found: Sequence["FileCheck"], unreadable: int) -> str:
     return "; ".join(filter(None, (read, refused))) + "."
 
 
-def _place(finding: "Finding") -> str:
+def _place(finding: "Notice") -> str:
     if finding.row is None:
         return ""
     sheet = f" of sheet {finding.sheet}" if finding.sheet else ""
     return f"row {finding.row}{sheet}: "
 
 
-def _findings_table(findings: Sequence["Finding"]) -> Table:
-    cells: Cells[Finding] = {
+def _findings_table(findings: Sequence["Notice"]) -> Table:
+    cells: Cells[Notice] = {
         "kind": lambda each: each.severity,
         "row": lambda each: NOTHING if each.row is None else str(each.row),
         "found": lambda each: each.what,

@@ -19,6 +19,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, reason_of
+from ...notices import notice
 from ..table import Reader, Table
 from .room import NUMBER_BYTES, require_room, require_room_to_unpack, require_trial, unpacked
 
@@ -132,7 +133,7 @@ def _read_neware(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     if not frame.height:
         raise InputError(f"{file}: this Neware file has no samples; give another.")
     is_damaged = any(record.exc_info for record in told)
-    notes = ("a part beside the records is damaged, and was left out",) if is_damaged else ()
+    notes = (notice("columns.damaged-part"),) if is_damaged else ()
     columns = [
         column.cast(pl.String) if column.dtype == pl.Categorical else column
         for column in frame.get_columns()

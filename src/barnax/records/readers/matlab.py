@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ...errors import LONGEST_CELL, InputError, counted, cut, printable
+from ...errors import LONGEST_CELL, InputError, cut, printable
+from ...notices import Notice, notice
 from ..cell_values import DAY_S
 from ..columns import is_ocv_table, names_record
 from ..table import Reader, Table
@@ -75,8 +76,8 @@ def _read(content: bytes, file: str, given: Mapping[str, str]) -> Table:
     scripts = [path for path in records if _SCRIPTS.fullmatch(path)]
     if len(records) == 1 or (scripts and len(scripts) == len(records)):
         first, *others = sorted(records)
-        note = f"the record is '{first}'; {', '.join(others)} not used" if others else ""
-        return _table(records[first], note)
+        unused = notice("columns.other-structs", used=first, unused=", ".join(others))
+        return _table(records[first], (unused,) if others else ())
     raise InputError(_refusal(file, structs, [*records]))
 
 
@@ -180,11 +181,13 @@ def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str
     return chosen | {name: value for name, value in others.items() if len(value) == length}
 
 
-def _table(columns: Mapping[str, np.ndarray], note: str = "", **words: Sequence[str]) -> Table:
+def _table(
+    columns: Mapping[str, np.ndarray], notes: tuple[Notice, ...] = (), **words: Sequence[str]
+) -> Table:
     series = [pl.Series(name, np.asarray(value, float)) for name, value in columns.items()]
     series += [pl.Series(name, value) for name, value in words.items()]
     rows = np.arange(2, len(series[0]) + 2)
-    return Table((*columns, *words), tuple(series), rows, notes=(note,) if note else ())
+    return Table((*columns, *words), tuple(series), rows, notes=notes)
 
 
 def _begun(structs: Mapping[str, Struct], cycles: Sequence[str]) -> list[Struct]:
@@ -220,8 +223,8 @@ def _joined(
     words = [str(cycles[k].get("type", "")) for k in order]
     columns = {"Time": np.concatenate(clocks), "cycle": np.repeat(numbers, counts)}
     columns |= {name: np.concatenate([each[name] for each in own]) for name in shared}
-    note = f"{counted(len(own), 'cycle')} of '{path}' joined by the dates at which they began"
-    return _table(columns, note, state=np.repeat(words, counts).tolist())
+    joined = notice("columns.joined-cycles", cycles=len(own), path=path)
+    return _table(columns, (joined,), state=np.repeat(words, counts).tolist())
 
 
 def _refusal(file: str, structs: Mapping[str, Struct], records: Sequence[str]) -> str:

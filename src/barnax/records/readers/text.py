@@ -17,6 +17,7 @@ import polars as pl
 from jaxtyping import Bool
 
 from ...errors import InputError, counted
+from ...notices import Notice, notice
 from ..cell_values import numbers, without_groups
 from ..columns import columns_of, is_ocv_table, names_record, other_table, with_units
 from ..quantities import CELL_RANGE_V, NEEDED
@@ -112,8 +113,7 @@ def _within_the_names(table: Table, file: str) -> Table:
     where, names = f"{file}: row {table.row[wide[0]]}", len(table.header)
     if len(wide) > 0.5 * len(table.row):
         if _fits(table.header, columns) and not _fits(table.header, [*columns[1:], beyond]):
-            note = f"the rows have more cells than the {names} names: those at the end are not used"
-            return replace(table, notes=(*table.notes, note))
+            return replace(table, notes=(*table.notes, notice("columns.more-cells", names=names)))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
             "and it is not clear which cell has no name; add the missing name there."
@@ -342,10 +342,10 @@ def _guessed(content: bytes, names: list[str], delimiter: str) -> Schema:
     return {name: pl.Float64 if dtype.is_numeric() else pl.String for name, dtype in types}
 
 
-def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], noun: str, which: str) -> Table:
+def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], lines: str) -> Table:
     """The table without some lines, and a note of them."""
     kept = pl.Series(~is_left_out)
-    note = f"left out {counted(int(is_left_out.sum()), noun)} {which}"
+    note = notice("columns.lines-between", rows=is_left_out.sum(), lines=lines)
     return replace(
         table,
         columns=tuple(column.filter(kept) for column in table.columns),
@@ -371,7 +371,7 @@ def _records_of_layers(table: Table) -> Table:
         # Every other row begins a step; that of a cycle stands on one line with its first.
         header, columns = ("Step Count", *header), (pl.Series(np.cumsum(front)), *columns)
     records = replace(table, header=header, columns=columns)
-    return _kept(records, front, "row", "of cycles and steps between the records")
+    return _kept(records, front, "layers")
 
 
 def _without_headings(table: Table) -> Table:
@@ -383,16 +383,16 @@ def _without_headings(table: Table) -> Table:
     are_headings = are_bare & first.str.contains(_WORD).fill_null(False).to_numpy()
     if not are_headings.any() or not names_record(table.header):
         return table
-    return _kept(table, are_headings, "line", "of words between the rows")
+    return _kept(table, are_headings, "words")
 
 
-def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[str, ...]:
+def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[Notice, ...]:
     notes = []
     if layout.above:
-        notes.append(f"ignored the rows above the column names in row {layout.above + 1}")
+        notes.append(notice("columns.rows-above", names_row=layout.above + 1))
     if breaks:
         rows = ", ".join(str(place + dropped) for place, dropped in breaks[:5])
-        notes.append(f"the names stand again above row {rows}: several files in one")
+        notes.append(notice("columns.names-again", rows=rows))
     return tuple(notes)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, cut, listed
+from ...notices import notice
 from ..cell_values import numbers
 from ..columns import columns_of, is_ocv_table, names_record, with_units
 from ..quantities import NEEDED
@@ -159,10 +160,10 @@ def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) 
             for name in order
         }
         order.sort(key=lambda name: starts[name])
-    word = "sheets" if len(ignored) > 1 else "sheet"
-    notes = [f"ignored the {word} {listed(ignored)}"] if ignored else []
+    plural = "true" if len(ignored) > 1 else None
+    notes = [notice("columns.sheets", sheets=listed(ignored), plural=plural)] if ignored else []
     if names.above:
-        notes.append(f"ignored the rows above the column names in row {names.above + 1}")
+        notes.append(notice("columns.rows-above", names_row=names.above + 1))
     rows = (np.arange(filled[name].height) + first for name in order)
     return Table(
         header=header,

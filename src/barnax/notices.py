@@ -1,0 +1,188 @@
+"""Notices: what barnax tells of files, cells and results, as codes with numbers.
+
+A notice is made where something is found. Its sentence is made where somebody reads it, by its
+code, from `notices.toml`: every code with what it means, and its words.
+"""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from string import Formatter
+from typing import Any, Literal, Self
+
+from .errors import InputError, counted
+
+Severity = Literal["error", "warning", "note"]
+Value = float | int | str
+CODES = Path(__file__).with_name("notices.toml")
+# Units of a template that are no base units, and what a value in its base unit is times.
+_SCALES = {"mV": 1e3, "mA": 1e3, "mOhm": 1e3, "mohm": 1e3, "ms": 1e3, "%": 100, "microohm": 1e6}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A code, and the words of its notices.
+
+    `says` and `remedy` are templates: `{gap_s:.3g s}` is a number with its unit, `{rows:n row}` a
+    count. Of a value that is a choice, `words` has the text of each, under `none` that of a value
+    which is not given, and under `any` that of any other.
+    """
+
+    code: str
+    means: str
+    severity: Severity
+    says: str
+    remedy: str = ""
+    is_told: bool = False
+    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def missing(self, values: Mapping[str, Value]) -> set[str]:
+        """The values that the words need beside those given."""
+        waiting, seen = [self.says, self.remedy], set[str]()
+        while waiting:
+            names = {name for _, name, _, _ in Formatter().parse(waiting.pop()) if name} - seen
+            choices = names & self.words.keys()
+            waiting += [_chosen(self.words[name], values.get(name)) for name in choices]
+            seen |= names
+        return seen - values.keys() - self.words.keys()
+
+
+def _chosen(choices: Mapping[str, str], value: Value | None) -> str:
+    """The words of a choice."""
+    name = "none" if value is None else str(value)
+    return choices[name] if name in choices else choices["any"]
+
+
+class _Words(Formatter):
+    """The formatter of templates, which knows the words of choices."""
+
+    def __init__(self, words: Mapping[str, Mapping[str, str]]):
+        self.words = words
+
+    def get_value(self, key: int | str, args: Any, kwargs: Mapping[str, Any]) -> Any:
+        choices = self.words.get(str(key))
+        if choices is None:
+            return kwargs[str(key)]
+        others = {name: own for name, own in self.words.items() if name != key}
+        return _Words(others).vformat(_chosen(choices, kwargs.get(str(key))), args, kwargs)
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        number, _, unit = format_spec.partition(" ")
+        if number == "n":
+            return counted(value, unit)
+        if unit:
+            return f"{value * _SCALES.get(unit, 1):{number}} {unit}"
+        return format(value, format_spec)
+
+
+@cache
+def kinds() -> Mapping[str, Kind]:
+    """Every code that there is, in the order in which the documentation lists them."""
+    rooms = tomllib.loads(CODES.read_text(encoding="utf-8"))
+    shared = rooms.pop("words")
+    found: dict[str, Kind] = {}
+    for room, own in rooms.items():
+        for name, given in own.items():
+            code = f"{room}.{name}"
+            found[code] = Kind(code, **{**given, "words": {**shared, **given.get("words", {})}})
+    return found
+
+
+@dataclass(frozen=True)
+class Notice:
+    """An error, a warning or a note; printed, its sentence with what to do.
+
+    An `error` makes an input unusable as it is, or everything computed from it wrong. A `warning`
+    leaves it usable, at a price or with an option given. Both count for the exit status. A `note`
+    is what barnax copes with by itself, or a property to know about.
+
+    Attributes:
+        code: What was found: one of `barnax.notices.kinds()`.
+        subject: The file, record or parameter that it is about.
+        values: Numbers and names, units in the keys.
+        severity: "error", "warning" or "note".
+        row: The source row of the first place it was seen, counted as `Record.row` counts.
+        sheet: That row's sheet, where there are several.
+
+    >>> told = notice("repeats.close", "us06.csv", 12, samples=3, interval_s=0.002)
+    >>> told.code, told.values["interval_s"], told.severity
+    ('repeats.close', 0.002, 'note')
+    >>> print(told)  # doctest: +ELLIPSIS
+    us06.csv: row 12: 3 samples within 2 ms of the one before, ...
+    """
+
+    code: str
+    subject: str = ""
+    values: Mapping[str, Value] = field(default_factory=dict)
+    severity: Severity = "warning"
+    row: int | None = None
+    sheet: str | None = None
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.subject, self.row, *self.values.values()))
+
+    def __str__(self) -> str:
+        """Subject, place, what, and remedy in one line."""
+        where = "" if self.row is None else f"row {self.row}"
+        where += f" of sheet '{self.sheet}'" if self.sheet else ""
+        said = "; ".join(filter(None, (self.what, self.remedy)))
+        return ": ".join(filter(None, (self.subject, where, said)))
+
+    @property
+    def kind(self) -> Kind:
+        return kinds()[self.code]
+
+    @property
+    def what(self) -> str:
+        """What was found, in words."""
+        return _Words(self.kind.words).vformat(self.kind.says, (), self.values)
+
+    @property
+    def remedy(self) -> str:
+        """What to do: an action, or an option by its Python name in backticks."""
+        return _Words(self.kind.words).vformat(self.kind.remedy, (), self.values)
+
+    @property
+    def check(self) -> str:
+        """The name of the rule that found it."""
+        return self.code.partition(".")[0].replace("-", " ")
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is more than a note."""
+        return self.severity != "note"
+
+    @property
+    def is_told(self) -> bool:
+        """Whether it is a note of what was assumed or changed, which the record repeats."""
+        return self.kind.is_told and not self.counts
+
+    def about(self, subject: str) -> Self:
+        """The notice about a file or record."""
+        return replace(self, subject=subject)
+
+    def rated(self, severity: Severity) -> Self:
+        """The notice, more or less severe than usual."""
+        return replace(self, severity=severity)
+
+    def error(self) -> InputError:
+        """The refusal that says it."""
+        return InputError(f"{self}.", notice=self)
+
+
+def notice(code: str, subject: str = "", row: int | None = None, /, **values: Any) -> Notice:
+    """The notice of a code, in its usual severity; what is None is no value of it."""
+    plain = {name: getattr(each, "item", lambda each=each: each)() for name, each in values.items()}
+    given = {name: each for name, each in plain.items() if each is not None}
+    if missing := kinds()[code].missing(given):
+        raise KeyError(f"a notice {code!r} needs {', '.join(sorted(missing))}")
+    return Notice(code, subject, given, kinds()[code].severity, row)
+
+
+def raise_first_error(notices: Iterable[Notice], file: str) -> None:
+    """Raise InputError for the first error among the notices of a file, if there is one."""
+    for each in notices:
+        if each.severity == "error":
+            raise each.about(file).error()

@@ -129,7 +129,7 @@ def _lines(folder: Path) -> Iterator[str]:
             rising_ocv=row.rising,
             fixed=fixed,
             folds=FOLDS if row.held_out_mv else 0,
-            most_cells=0,
+            max_boxes=0,
         )
         records = {name: _prepared(folder, row, name) for name in row.errors_mv}
         fit = barnax.fit_tables([records[name] for name in row.fitted], settings)

@@ -63,7 +63,7 @@ def _section(title: str, prepared: PreparedRecord, truths: int, waviness: float)
     for number in range(truths):
         rng = np.random.default_rng([SEED, number])
         truth = _truth(rng, waviness)
-        fit = fit_tables([_measured(prepared, truth, rng)], TableSettings(folds=0, most_cells=0))
+        fit = fit_tables([_measured(prepared, truth, rng)], TableSettings(folds=0, max_boxes=0))
         for each in fit.intervals:
             if each.soc is None:
                 value = truth.constants[each.name]

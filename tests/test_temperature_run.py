@@ -44,7 +44,7 @@ def result() -> Result:
         validate=at(15.0),
         capacity=CAPACITY_AH,
         nodes=NODES,
-        most_cells=0,
+        max_boxes=0,
         folds=0,
         trust="none",
         **FEW,

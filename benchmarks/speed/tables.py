@@ -32,7 +32,7 @@ from .row import Row
 from .sizes import Sizes
 from .turns import Run, take_turns
 
-SETTINGS = TableSettings(folds=0, most_cells=0)
+SETTINGS = TableSettings(folds=0, max_boxes=0)
 TAU_RANGE_S = (2.0, 1000.0)
 # Seconds between samples of the bundled record, and from its first to its last.
 INTERVAL_S, DURATION_S = 1.0, 19_679.0
@@ -62,12 +62,12 @@ def time_tables(sizes: Sizes) -> list[Row]:
     best = find_best(objective)
     evaluations = counted
     whole = np.zeros(len(objective.penalty))
-    root_v = np.sqrt(2 * _solved(prepared, objective.penalty, whole, best.place).cost)
-    if not abs(root_v / best.root - 1) < 1e-7:
-        raise SystemExit(f"SciPy's sqrt(J) is {root_v} V, not {best.root} V")
+    root_v = np.sqrt(2 * _solved(prepared, objective.penalty, whole, best.log_scales).cost)
+    if not abs(root_v / best.rms_v - 1) < 1e-7:
+        raise SystemExit(f"SciPy's sqrt(J) is {root_v} V, not {best.rms_v} V")
     runs = {
         "ours": Run(lambda: find_best(_objective(prepared, Objective))),
-        "scipy": Run(lambda: _solved(prepared, objective.penalty, whole, best.place)),
+        "scipy": Run(lambda: _solved(prepared, objective.penalty, whole, best.log_scales)),
     }
     taken = take_turns(runs, sizes.turns)
     return [
@@ -165,7 +165,7 @@ def measure_memory(samples: int) -> None:
     lengths have the same box: a faster clock would open a wider one, which needs larger factors.
     """
     box = {f"tau{pair} [s]": TAU_RANGE_S for pair in (1, 2)}
-    settings = replace(SETTINGS, folds=5, most_cells=1000, bounds=box)
+    settings = replace(SETTINGS, folds=5, max_boxes=1000, bounds=box)
     lengths = [LENGTHS[0] // 10, samples]
     first, own = (
         prepare_record(finer(each, DURATION_S / each), bundled_cell(), "so-rc", Window())

@@ -84,7 +84,7 @@ class GlobalPart(Part):
         status: "certified" by branch and bound, or "grid-verified".
         lower_bound_v: No circuit in the box has a lower RMSE.
         proved_gap: The largest share of the RMSE that a better circuit could save.
-        cells: Boxes of time constants that the proof took.
+        boxes: Boxes of time constants that the proof took.
         local_optima: The other optima.
         at_bound: Parameters at a bound.
         median_gap: Optimality gap of the median seed before refinement.
@@ -98,7 +98,7 @@ class GlobalPart(Part):
     status: Literal["certified", "grid-verified"]
     lower_bound_v: Volts
     proved_gap: float
-    cells: Count | None
+    boxes: Count | None
     local_optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
     median_gap: MaybeInfinite = math.inf

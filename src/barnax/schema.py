@@ -43,8 +43,8 @@ UNITS = {
     "percent": "%",
     "degc": "degC",
 }
-# Shorter than their names would give.
-KEYS = {"history_v": "history"}
+# Other than their names would give: shorter, or as stored before.
+KEYS = {"history_v": "history", "boxes": "cells", "max_boxes": "most_cells"}
 # JSON, where a file's name was wanted.
 _TEXT = re.compile(r"\s*[{\[]\s*[\"{\[\]}]")
 _UNIT = re.compile(rf"_({'|'.join(UNITS)})$")

@@ -187,7 +187,7 @@ class TableOptions:
         voltage_ridge: Weight of squared voltages.
         proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
             lowest.
-        most_cells: At most so many boxes of time constants for the proof; 0 means no proof.
+        max_boxes: At most so many boxes of time constants for the proof; 0 means no proof.
         folds: Folds of the cross-validation, blocks held out in turn; 0 means none.
         block_s: Longest held-out block in s, less for a record that has no five of them in a fold.
     """
@@ -201,7 +201,7 @@ class TableOptions:
     resistance_ridge: float = RESISTANCE_RIDGE
     voltage_ridge: float = VOLTAGE_RIDGE
     proved_share: float = 0.01
-    most_cells: int = 1000
+    max_boxes: int = 1000
     folds: int = FOLDS
     block_s: float = BLOCK_S
 

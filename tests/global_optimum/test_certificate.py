@@ -1,6 +1,7 @@
 """The proved bound: never above what any circuit reaches, and as close as it claims."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,13 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import lsq_linear
 
-from barnax.global_optimum.certificate import (
-    CERTIFIED_GAP,
-    THIRD_DERIVATIVE,
-    certify,
-    lowest_of_parabola,
-)
-from barnax.global_optimum.reduced import Axis, Reduced
+from barnax.global_optimum.certificate import CERTIFIED_GAP, certify
+from barnax.global_optimum.reduced import Reduced
+from barnax.global_optimum.remainders import THIRD_DERIVATIVE, lowest_of_parabola
 from barnax.global_optimum.search import landscape_of
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.search_space import Bounds
@@ -49,7 +46,7 @@ def reduced_problem(cell, seed=0, circuit="so-rc", noise_v=1e-3, **given) -> Red
 def least_error(reduced, place):
     """The least RMSE at some time constants, by SciPy."""
     columns = [
-        axis.columns(np.array([at]))[0] for axis, at in zip(reduced.axes, place, strict=True)
+        axis.columns(np.array([at]))[0, :, 0] for axis, at in zip(reduced.axes, place, strict=True)
     ]
     matrix = np.column_stack([reduced.current, *columns])
     low, high = (end[:, 0] for end in reduced.coefficient_box(np.array(place)[:, None]))
@@ -70,14 +67,14 @@ def random_places(reduced, count, seed):
     return np.concatenate([anywhere, near])
 
 
-def settled(reduced, rmse_v, most_cells=MANY):
-    """The certificate of the best error that it comes upon itself, and that error."""
-    while True:
-        certificate = certify(reduced, rmse_v, most_cells)
-        if certificate.better is None:
-            return certificate, rmse_v
-        place = [*certificate.better.tau_s, certificate.better.gamma][: len(reduced.axes)]
-        rmse_v = least_error(reduced, np.log(place))
+def proved(reduced, rmse_v, max_boxes=MANY):
+    """What is proved from that error on; a better circuit counts with its own."""
+
+    def polish(circuit):
+        log_scales = np.log([*circuit.tau_s, circuit.gamma][: len(reduced.axes)])
+        return SimpleNamespace(rmse_v=least_error(reduced, log_scales), circuit=circuit)
+
+    return certify(reduced, SimpleNamespace(rmse_v=rmse_v, circuit=None), polish, max_boxes)
 
 
 def test_the_third_derivative_of_a_pairs_kernel_is_bounded():
@@ -99,14 +96,15 @@ def test_no_response_s_third_derivative_exceeds_its_bound(bundled_cell, tau):
         for k in (-2, -1, 1, 2)
     ]
     third = (responses[3] - 2 * responses[2] + 2 * responses[1] - responses[0]) / (2 * step**3)
-    bound = THIRD_DERIVATIVE * Reduced.of(problem).axes[0].input_rms
+    bound = Reduced.of(problem).remainders[0][0, 0]
     assert np.sqrt(np.mean(third**2)) < bound
 
 
 def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound(bundled_cell):
     window = replace(KNOWN_SOC, score_from_s=40.0, score_to_s=200.0)
     problem = make_problem(made_record(5), bundled_cell, "1rc", window=window)
-    prepared, bound = problem.prepared, Reduced.of(problem).axes[0].input_rms
+    prepared = problem.prepared
+    bound = Reduced.of(problem).remainders[0][0, 0] / THIRD_DERIVATIVE
     scored_s = prepared.time_s[prepared.scored]
     for lag_s in np.random.default_rng(0).uniform(0, 200, 400):
         interval = np.searchsorted(prepared.time_s, scored_s - lag_s, side="right") - 1
@@ -119,29 +117,30 @@ def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound
     wave=st.floats(0.1, 8.0),
     phase=st.floats(0.0, 6.3),
     wrong=st.floats(0.0, 0.3),
-    cells=st.integers(0, 40),
+    boxes=st.integers(0, 40),
 )
-def test_what_a_response_does_between_the_three_places_is_allowed_for(wave, phase, wrong, cells):
+def test_what_a_response_does_between_the_three_scales_is_allowed_for(wave, phase, wrong, boxes):
     # One number that is 2 + r sin(wave u + phase), computed up to `wrong`; no circuit's response is
-    # as wild, so the cells are wide for it.
-    def columns(places):
-        return np.sin(wave * places + phase)[:, None] + wrong
+    # as wild, so the boxes are wide for it.
+    def columns(log_scales):
+        return np.sin(wave * log_scales + phase)[:, None, None] + wrong
 
-    axis = Axis(0.0, 8.0, columns, wave**3 / THIRD_DERIVATIVE, wrong)
+    axis = SimpleNamespace(low=0.0, high=8.0, columns=columns)
     resistances = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.5, 1.0), "tau1 [s]": (1.0, np.exp(8.0))}
     box = Bounds(resistances, resistances["tau1 [s]"], elements=("rc",))
-    reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box)
+    reduced = Reduced(np.array([2.0]), np.array([0.0]), (axis,), box, ())
+    vars(reduced)["remainders"] = [np.array([[wave**3], [wrong]])]
     places = np.linspace(0.0, 8.0, 20_001)
     sine = np.min(np.sin(wave * places + phase))
     lowest = 2 + min(0.5 * sine, sine)
-    assert certify(reduced, 0.9 * lowest, cells).lower_bound_v <= lowest
+    assert proved(reduced, 0.9 * lowest, boxes).lower_bound_v <= lowest
 
 
 @settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
 @given(
     seed=st.integers(0, 10_000),
     noise_v=st.sampled_from([1e-2, 1e-3, 1e-5]),
-    most_cells=st.sampled_from([0, 100, MANY]),
+    max_boxes=st.sampled_from([0, 100, MANY]),
     changes=st.sampled_from(
         [
             {},
@@ -154,24 +153,25 @@ def test_what_a_response_does_between_the_three_places_is_allowed_for(wave, phas
         ]
     ),
 )
-def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, most_cells, changes):
+def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, max_boxes, changes):
     reduced = reduced_problem(bundled_cell, seed, noise_v=noise_v, **changes)
     lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
-    certificate, best_v = settled(reduced, lowest_v, most_cells)
-    bound_v = certificate.lower_bound_v
+    proof = proved(reduced, lowest_v, max_boxes)
+    bound_v = proof.lower_bound_v
     for place in random_places(reduced, 15, seed):
         assert least_error(reduced, place) >= bound_v
-    if most_cells == MANY:
-        assert certificate.cells < MANY
-        assert bound_v >= best_v * (1 - 1.01 * CERTIFIED_GAP)
+    if max_boxes == MANY:
+        assert proof.boxes < MANY
+        assert bound_v >= proof.best.rmse_v * (1 - 1.01 * CERTIFIED_GAP)
 
 
 @pytest.mark.parametrize("circuit", ["3rc", "esc"])
 def test_three_pairs_and_dynamic_hysteresis_are_proved_too(bundled_cell, circuit):
     reduced = reduced_problem(bundled_cell, 1, circuit)
     lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
-    certificate, best_v = settled(reduced, lowest_v)
-    assert best_v * (1 - 1.01 * CERTIFIED_GAP) <= certificate.lower_bound_v <= lowest_v
+    proof = proved(reduced, lowest_v)
+    least_v = proof.best.rmse_v * (1 - 1.01 * CERTIFIED_GAP)
+    assert least_v <= proof.lower_bound_v <= lowest_v
 
 
 def test_a_better_basin_is_met_and_is_really_better(bundled_cell):
@@ -179,16 +179,16 @@ def test_a_better_basin_is_met_and_is_really_better(bundled_cell):
     reduced = Reduced.of(problem)
     landscape = landscape_of(reduced)
     worse_v = 1.2 * np.nanmin(landscape.rmse_v)
-    certificate = certify(reduced, worse_v, MANY)
-    assert certificate.better is not None
-    (better_v,) = rmse_by_scan(problem, [certificate.better])
-    assert certificate.lower_bound_v <= better_v < worse_v
+    proof = proved(reduced, worse_v)
+    (better_v,) = rmse_by_scan(problem, [proof.best.circuit])
+    assert proof.lower_bound_v <= better_v < worse_v
 
 
 def test_a_certificate_has_the_same_bits_every_time(bundled_cell):
     reduced = reduced_problem(bundled_cell)
     lowest_v = np.nanmin(landscape_of(reduced).rmse_v)
-    assert certify(reduced, lowest_v, MANY) == certify(reduced, lowest_v, MANY)
+    first, again = (proved(reduced, lowest_v) for _ in range(2))
+    assert (first.lower_bound_v, first.boxes) == (again.lower_bound_v, again.boxes)
 
 
 def test_a_straight_line_is_lowest_at_an_end_however_large_the_current():

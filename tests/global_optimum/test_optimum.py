@@ -107,15 +107,15 @@ def test_the_proof_finds_the_basin_that_the_grid_missed(short_problem, short_opt
 def test_without_a_proof_nothing_is_claimed(short_problem, short_optimum):
     optimum = find_global_optimum(short_problem, prove=False)
     assert (optimum.status, optimum.lower_bound_v) == ("grid-verified", 0.0)
-    assert optimum.cells is None
+    assert optimum.boxes is None
     assert optimum.rmse_v == short_optimum.rmse_v
 
 
 def test_a_proof_that_ends_early_says_how_far_it_came(short_problem, short_optimum):
-    optimum = find_global_optimum(short_problem, most_cells=60)
+    optimum = find_global_optimum(short_problem, max_boxes=60)
     assert optimum.status == "grid-verified"
     assert 0 < optimum.lower_bound_v < short_optimum.lower_bound_v
-    assert optimum.cells >= 60
+    assert optimum.boxes >= 60
 
 
 def test_a_circuit_with_dynamic_hysteresis_is_certified_too(problem_of):

@@ -78,7 +78,7 @@ def test_time_constants_run_from_half_an_interval_to_the_scored_duration():
     ],
 )
 def test_pairs_are_alike_while_they_have_one_box(ranges, fixed, are_alike):
-    assert box(ranges, fixed).alike_pairs == 2 * are_alike
+    assert box(ranges, fixed).interchangeable_pairs == 2 * are_alike
 
 
 def test_a_change_replaces_the_default_and_leaves_the_earlier_bounds_as_they_were():

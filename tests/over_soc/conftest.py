@@ -12,7 +12,7 @@ from barnax.records import read_record
 # Few nodes and a narrow box, so that a factor is small.
 NODES = (0.3, 0.5, 0.7, 0.85, 1.0)
 BOX = {"tau1 [s]": (5.0, 20.0), "tau2 [s]": (40.0, 200.0)}
-SMALL = TableSettings(nodes=NODES, bounds=BOX, folds=0, most_cells=0)
+SMALL = TableSettings(nodes=NODES, bounds=BOX, folds=0, max_boxes=0)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import pytest
 from barnax.over_soc import TableSettings, errors_on, fit_tables
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
-NO_PROOF = {"most_cells": 0, "folds": 0}
+NO_PROOF = {"max_boxes": 0, "folds": 0}
 KNOWN, FREE = {"ocv_correction": False}, {"rising_ocv": False}
 RISING: dict[str, bool] = {}
 
@@ -70,14 +70,14 @@ def test_the_search_finds_the_accepted_optimum(measured, records, ocv, root_mv, 
 
 
 def test_held_out_blocks_have_the_accepted_errors(measured):
-    fit = fit_tables(measured[:1], TableSettings(most_cells=0, rising_ocv=False))
+    fit = fit_tables(measured[:1], TableSettings(max_boxes=0, rising_ocv=False))
     assert fit.cross_validation is not None
     assert in_mv([fit.cross_validation.tables]) == pytest.approx((13.819, 1.583), rel=1e-3)
     assert fit.cross_validation.tables.above_v < 0.4 * fit.cross_validation.constant.above_v
 
 
 def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
-    settings = TableSettings(fixed=GIVEN, most_cells=0)
+    settings = TableSettings(fixed=GIVEN, max_boxes=0)
     both = fit_tables(measured[:2], settings).cross_validation
     assert both is not None
     for own, other, errors in zip(measured[:2], measured[1::-1], both.by_record, strict=True):
@@ -86,7 +86,7 @@ def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
 
 
 def test_the_interval_of_another_record_holds_what_a_fourth_one_shows(measured):
-    settings, holds, own_holds = TableSettings(fixed=GIVEN, most_cells=0), [], []
+    settings, holds, own_holds = TableSettings(fixed=GIVEN, max_boxes=0), [], []
     for left, record in enumerate(measured):
         others = [each for place, each in enumerate(measured) if place != left]
         shown = {(e.name, e.soc): e.value for e in fit_tables([record], settings).intervals}

@@ -18,7 +18,7 @@ from helpers.problems import drive_a
 from helpers.reference import drop_v, filtered_response, make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
-QUICK = TableSettings(most_cells=0, folds=0)
+QUICK = TableSettings(max_boxes=0, folds=0)
 R0_OHM, R_OHM, TAU_S = 0.05, (0.02, 0.03), (12.0, 150.0)
 SAMPLES = 6000
 

@@ -70,7 +70,7 @@ def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     found = objective.solve(place, exact=True)
     matrix, target, steps = whole(objective, place)
     other = lsq_linear(matrix @ steps, -target, objective.box, method="bvls", tol=1e-14)
-    assert found.root == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
+    assert found.rms_v == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
     assert np.concatenate(found.values) == pytest.approx(steps @ other.x, rel=1e-6, abs=1e-8)
     # The scan of these tables has the error that the factor says.
     tables = objective.tables_at(found)
@@ -130,13 +130,15 @@ def test_a_longer_record_holds_no_more_than_a_few_of_its_arrays(bundled_record, 
         plain = {"temperature_degc": None, "step": None, "row": np.arange(len(at))}
         record = replace(bundled_record, time_s=time_s, **arrays, **plain)
         prepared = prepare_record(record, bundled_cell, "so-rc", Window(score_to_s=9000.5))
-        # Compiling takes memory too.
+        # Compiling takes memory too, and so do the annotations that tests check, now and then.
         fit_tables([prepared.part(slice(0, 5000))], settings)
-        tracemalloc.start()
-        fit_tables([prepared], settings)
-        most = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return most, len(prepared.soc)
+        tried = []
+        for _ in range(2):
+            tracemalloc.start()
+            fit_tables([prepared], settings)
+            tried.append(tracemalloc.get_traced_memory()[1])
+            tracemalloc.stop()
+        return min(tried), len(prepared.soc)
 
     held = {"tau1 [s]": 20.0, "tau2 [s]": 80.0}
     settings = replace(SMALL, nodes=(0.3, 1.0), bounds={}, fixed=held)
@@ -149,14 +151,14 @@ def test_the_normal_equations_are_accurate_enough_to_search_with(prepared):
     for taus in ((6.0, 50.0), (15.0, 180.0)):
         place = tuple(np.log(taus))
         rough, exact = objective.solve(place), objective.solve(place, exact=True)
-        assert rough.root == pytest.approx(exact.root, rel=1e-11)
+        assert rough.rms_v == pytest.approx(exact.rms_v, rel=1e-11)
 
 
 def test_the_slope_is_that_of_the_least_objective(prepared):
     objective, place = objective_of(prepared), np.log([9.0, 120.0])
 
     def least(at):
-        return objective.solve(tuple(at), exact=True).squared
+        return objective.solve(tuple(at), exact=True).objective_v2
 
     slope = objective.slope(objective.solve(tuple(place), exact=True))
     expected = [(least(place + step) - least(place - step)) / 2e-5 for step in 1e-5 * np.eye(2)]
@@ -168,14 +170,14 @@ def test_descents_from_all_over_the_box_find_nothing_better(prepared):
     best = find_best(objective)
     for taus in ((5.5, 45.0), (19.0, 50.0), (6.0, 190.0), (18.0, 180.0)):
         end = polish(objective, objective.solve(tuple(np.log(taus))))
-        assert best.squared <= end.squared * (1 + 1e-9)
+        assert best.objective_v2 <= end.objective_v2 * (1 + 1e-9)
 
 
 def test_folds_together_are_the_record(prepared):
     settings = replace(SMALL, folds=3, block_s=300.0)
     split, one = objective_of(prepared, settings), objective_of(prepared)
     place = (np.log(10.0), np.log(100.0))
-    assert split.solve(place).root == pytest.approx(one.solve(place).root, rel=1e-10)
+    assert split.solve(place).rms_v == pytest.approx(one.solve(place).rms_v, rel=1e-10)
 
 
 def test_bounds_and_held_values_are_kept(prepared):

@@ -86,7 +86,7 @@ def test_shared_time_constants_are_proved_as_closely_where_sharing_them_costs(pr
     times_s = {0.0: (9.0, 90.0), 40.0: (13.0, 130.0)}
     cells = {degc: [made(prepared, degc, 1.0, tau_s)] for degc, tau_s in times_s.items()}
     around = {"tau1 [s]": (8.0, 14.0), "tau2 [s]": (80.0, 140.0)}
-    settings = replace(SMALL, bounds=around, proved_share=0.02, most_cells=1000)
+    settings = replace(SMALL, bounds=around, proved_share=0.02, max_boxes=1000)
     over = fit_temperatures(cells, settings).over_temperature
     assert over.separate_v < 0.97 * over.objective_v
     assert 0.98 * over.objective_v <= over.lower_bound_v <= over.objective_v
@@ -131,7 +131,7 @@ def test_measured_temperatures_share_time_constants_at_no_cost(samsung):
         return samsung(f"{name}_{degc}degC_80soc", temperature_degc=float(degc))
 
     cells = {float(degc): [prepared("dst", degc)] for degc in (0, 25, 45)}
-    settings = TableSettings(bounds=AROUND, folds=0, most_cells=0, rising_ocv=False)
+    settings = TableSettings(bounds=AROUND, folds=0, max_boxes=0, rising_ocv=False)
     fit = fit_temperatures(cells, settings)
     scored = np.array([np.sum(each.scored) for own in cells.values() for each in own])
     own_v = np.array([7.6276e-3, 5.9566e-3, 3.9784e-3])

@@ -47,18 +47,18 @@ class Found:
     rmse_v: float = 0.025
     status: str = "certified"
     proved_gap: float = 4.41e-6
-    cells: int | None = 812
+    boxes: int | None = 812
     local_optima: tuple[Optimum, ...] = ()
 
 
 def optima() -> list[str]:
     other = Optimum(0.02515, CIRCUIT, 3, is_family=False)
-    tried = replace(Found(), status="grid-verified", proved_gap=0.0312, cells=50_000)
+    tried = replace(Found(), status="grid-verified", proved_gap=0.0312, boxes=50_000)
     return [
         optimum_words(Found()),
         optimum_words(replace(Found(), proved_gap=0.0)),
         optimum_words(tried),
-        optimum_words(replace(tried, cells=None)),
+        optimum_words(replace(tried, boxes=None)),
         local_optima_sentence(Found()),
         local_optima_sentence(replace(Found(), local_optima=(other,))),
         local_optima_sentence(

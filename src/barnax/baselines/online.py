@@ -163,7 +163,7 @@ def dual_filter(problem: Problem) -> Answer:
     r = np.stack([middle.r[pair - 1] * factor.get(f"R{pair}", held) for pair in pairs], axis=1)
     tau_s = [middle.tau_s[pair - 1] * factor.get(f"tau{pair}", held) for pair in pairs]
     tau_s = np.stack(tau_s, axis=1)
-    if problem.bounds.alike_pairs:
+    if problem.bounds.interchangeable_pairs:
         # They may change places on their way.
         order = np.argsort(tau_s, axis=1)
         r, tau_s = (np.take_along_axis(each, order, axis=1) for each in (r, tau_s))

@@ -79,7 +79,7 @@ class OuterSearch:
 
     def __init__(self, problem: Problem):
         self.inputs, self.bounds = problem.all_inputs[0], problem.bounds
-        self.pairs, self.ordered = self.bounds.pairs, self.bounds.alike_pairs
+        self.pairs, self.ordered = self.bounds.pairs, self.bounds.interchangeable_pairs
         ranges = [self.bounds.tau_range_s(pair) for pair in range(self.pairs)]
         if self.bounds.gamma_range is not None:
             ranges.append(self.bounds.gamma_range)

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -28,7 +29,8 @@ from ..search.refine import (
     at_bound,
     distinct_optima,
 )
-from .certificate import CERTIFIED_GAP, SMALLEST_RMSE_V, Certificate, certify
+from .certificate import CERTIFIED_GAP, certify
+from .proof import SMALLEST_RMSE_V, Proof
 from .reduced import Reduced, errors_of, normal_equations
 
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
@@ -40,12 +42,11 @@ CHUNK = 8192
 # them than this.
 FACTOR = 1.5
 MOST_MINIMA = 4 * SEEDS_PER_BLOCK
-# Cells of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
-MOST_CELLS = 50_000
-# A circuit that a proof comes upon and that is better than all polished ones; seldom more than one.
-MOST_PROOFS = 8
+# Boxes of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
+MAX_BOXES = 50_000
 
 Status = Literal["certified", "grid-verified"]
+_rmse_v = attrgetter("rmse_v")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,9 +85,11 @@ def landscape_of(reduced: Reduced) -> Landscape:
     places = GRID.places(((axis.low, axis.high) for axis in reduced.axes), pairs)
     # One thread: what a library does with several would change the last bits.
     with one_blas_thread():
-        tables = [axis.columns(place) for axis, place in zip(reduced.axes, places, strict=True)]
+        tables = [
+            axis.columns(place)[..., 0] for axis, place in zip(reduced.axes, places, strict=True)
+        ]
     shape = tuple(len(place) for place in places)
-    points = points_in_order(shape, reduced.ordered, apart=False)
+    points = points_in_order(shape, reduced.interchangeable, apart=False)
     rmse_v = np.full(shape, np.nan)
     resistances_ohm = np.full((pairs + 1, *shape), np.nan)
     for first in range(0, points.shape[1], CHUNK):
@@ -117,13 +120,13 @@ class GlobalOptimum(Brief):
         optima: The distinct local optima up to `FACTOR` times the best, which comes first; their
             errors are computed by the scan.
         at_bound: Parameters of the best at a bound.
-        certificate: The proof, None without one.
+        proof: What the search for a proof came to, None without one.
         landscape: The lowest RMSE over the time constants.
     """
 
     optima: tuple[Optimum, ...]
     at_bound: tuple[AtBound, ...]
-    certificate: Certificate | None
+    proof: Proof[RefinedSeed] | None
     landscape: Landscape
 
     @property
@@ -142,7 +145,7 @@ class GlobalOptimum(Brief):
     @property
     def lower_bound_v(self) -> float:
         """What no circuit in the box has an RMSE below; 0 where nothing was proved."""
-        return 0.0 if self.certificate is None else self.certificate.lower_bound_v
+        return 0.0 if self.proof is None else self.proof.lower_bound_v
 
     @property
     def proved_gap(self) -> float:
@@ -154,9 +157,9 @@ class GlobalOptimum(Brief):
         return "certified" if self.proved_gap <= CERTIFIED_GAP else "grid-verified"
 
     @property
-    def cells(self) -> int | None:
-        """How many cells of time constants the proof took; None where none was asked for."""
-        return None if self.certificate is None else self.certificate.cells
+    def boxes(self) -> int | None:
+        """How many boxes of time constants the proof took; None where none was asked for."""
+        return None if self.proof is None else self.proof.boxes
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
@@ -175,7 +178,7 @@ def optimality_gap(rmse_v: float, optimum_v: float) -> float:
 
 @in_float64
 def find_global_optimum(
-    problem: Problem, *, prove: bool = True, most_cells: int = MOST_CELLS
+    problem: Problem, *, prove: bool = True, max_boxes: int = MAX_BOXES
 ) -> GlobalOptimum:
     """The best circuit in the box, from the refined minima of a grid, and a proof of it.
 
@@ -185,7 +188,7 @@ def find_global_optimum(
         problem: A problem from `make_problem`.
         prove: Add a lower bound on every circuit's RMSE by branch and bound. If it ends within
             `CERTIFIED_GAP` of the best, the status is "certified", else "grid-verified".
-        most_cells: At most so many boxes of time constants for the proof.
+        max_boxes: At most so many boxes of time constants for the proof.
 
     Raises `InputError` if the box is too wide to compress.
     """
@@ -197,17 +200,20 @@ def find_global_optimum(
         ends = _polish(problem, [landscape.circuit(point) for point in starts])
         vars(problem)["minima"] = reduced, landscape, ends
     reduced, landscape, ends = vars(problem)["minima"]
-    certificate = None
-    for _ in range(MOST_PROOFS if prove else 0):
-        certificate = certify(reduced, min(end.rmse_v for end in ends), most_cells)
-        if certificate.better is None:
-            break
-        # The grid can miss a basin; a proof cannot.
-        ends = [*ends, *_polish(problem, [certificate.better])]
+    proof = None
+    if prove:
+        ends = [*ends]
+
+        def polish(met: CircuitParameters) -> RefinedSeed:
+            # The grid can miss a basin; a proof cannot.
+            ends.extend(_polish(problem, [met]))
+            return min(ends, key=_rmse_v)
+
+        proof = certify(reduced, min(ends, key=_rmse_v), polish, max_boxes)
     optima = distinct_optima(ends)
     optima = tuple(each for each in optima if each.rmse_v <= FACTOR * optima[0].rmse_v)
     bounded = at_bound(problem.log_coordinates, optima[0].parameters)
-    return GlobalOptimum(optima, bounded, certificate, landscape)
+    return GlobalOptimum(optima, bounded, proof, landscape)
 
 
 def _polish(problem: Problem, circuits: list[CircuitParameters]) -> list[RefinedSeed]:
@@ -217,7 +223,7 @@ def _polish(problem: Problem, circuits: list[CircuitParameters]) -> list[Refined
     for _ in range(FINAL_ROUNDS):
         starts = [end.parameters for end in ends]
         ends = descent(starts, FINAL_TOLERANCE, holds_bounds=True)
-        if min(ends, key=lambda end: end.rmse_v).has_converged:
+        if min(ends, key=_rmse_v).has_converged:
             break
     return ends
 

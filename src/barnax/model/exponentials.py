@@ -51,6 +51,12 @@ class Span(NamedTuple):
         """The time constants to simulate."""
         return np.exp(self.center + self.half_width * self.nodes[self.skeleton])
 
+    def counts(self, log_tau: Float[np.ndarray, "points"]) -> Float[np.ndarray, "points nodes"]:
+        """What each node's answer counts in those of some tau, as `Lagrange.at` has it."""
+        gaps = ((log_tau - self.center) / self.half_width)[:, None] - self.nodes
+        terms = self.weights / np.where(gaps == 0, np.finfo(float).tiny, gaps)
+        return terms / np.sum(terms, axis=1, keepdims=True)
+
 
 def span_of(lower: float, upper: float, tolerance: float) -> Span:
     """Nodes for time constants from `lower` to `upper`.

@@ -175,7 +175,7 @@ class Problem(Brief):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
             given = one.r0, one.r, one.tau, one.gamma, self.bounds.elements
             found.append(CircuitParameters.of_tau(*given))
-        return [each.ordered() for each in found] if self.bounds.alike_pairs else found
+        return [each.ordered() for each in found] if self.bounds.interchangeable_pairs else found
 
 
 def with_one_more_pair(problem: Problem) -> Problem | None:

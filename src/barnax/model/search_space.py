@@ -156,7 +156,7 @@ class Bounds:
         return low, high
 
     @property
-    def alike_pairs(self) -> int:
+    def interchangeable_pairs(self) -> int:
         """How many RC pairs, the first ones, can be swapped within the box: all, or none."""
         pairs = alike(self.elements)
         names = self.element_names[:pairs]

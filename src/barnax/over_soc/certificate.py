@@ -1,12 +1,12 @@
 """A proof that no time constants of a box give tables that fit much better: branch and bound.
 
-In a cell of time constants around m the error is e = base + sum_p A_p(u_p) x_p with one u_p for
+In a box of time constants around m the error is e = base + sum_p A_p(u_p) x_p with one u_p for
 all nodes of a table. Two relaxations make that convex. First each node may have a u of its own, so
-that its column is any mixture of the cell's. That alone lets sqrt(J) fall in proportion to the
-cell's width; so the nodes' freedom is taxed with multipliers mu: as (u_pj - u_p) x_pj is zero for
+that its column is any mixture of the box's. That alone lets sqrt(J) fall in proportion to the
+box's width; so the nodes' freedom is taxed with multipliers mu: as (u_pj - u_p) x_pj is zero for
 every true circuit, J = J + sum mu_pj (u_pj - m_p) x_pj - sum mu_pj (u_p - m_p) x_pj. The least of
 that over the relaxed circuits is concave in (u_p - m_p), so the lowest of its values at the corners
-of the cell is a lower bound. With mu the slopes of J at the best circuit of m, nothing of first
+of the box is a lower bound. With mu the slopes of J at the best circuit of m, nothing of first
 order is lost.
 
 At a corner, any vectors y, z give J >= 2 (y.e + z.P x) - |y|^2 - |z|^2, linear in x: a bound where
@@ -17,36 +17,25 @@ coefficients positive. What is still negative is paid for with the largest x tha
 could have, which its penalty limits.
 """
 
-import heapq
 import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
-from ..cell.tables import hats
-from ..global_optimum.certificate import (
-    ABSOLUTE_V,
-    LEBESGUE,
-    PARABOLA,
-    RELATIVE,
-    SMALLEST_RMSE_V,
-    THIRD_DERIVATIVE,
-    lowest_of_parabola,
-)
-from ..global_optimum.reduced import earlier_rms
+from ..global_optimum.proof import Boxes, Proof, first_boxes, prove
+from ..global_optimum.remainders import beyond_parabola, lowest_of_parabola, remainders
+from ..model.axes import Axis
 from ..model.box_least_squares import least_in_box
-from ..model.compressed import BLOCK
-from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from .axes import Axis
 from .objective import Objective, Solution
-from .search import Found, Searchable, alike_pairs, polish
+from .search import Found, Searchable, interchangeable_pairs, polish
 from .settings import TableSettings
 
-# Width of the first cells in the logarithm of a time constant: few wider ones have a bound.
+# Width of the first boxes in the logarithm of a time constant: few wider ones have a bound.
 FIRST_WIDTH = 0.4
 # A circuit met on the way counts as better from this share of sqrt(J) on.
 BETTER = 1e-9
@@ -57,177 +46,85 @@ RIDGE = 1e-12
 # Convex programs a corner, each tilted by what the last one lacked.
 PROGRAMS = 6
 
-Cell = tuple[tuple[float, float], ...]
-# Of a cell, the best square known and what would be enough: a bound, and what its middle gives.
-Bound = Callable[[Cell, float, float], tuple[float, Found]]
+# Ends of every axis.
+Box = Sequence[Range]
 
 
-@dataclass(frozen=True, eq=False)
-class Proof:
-    """No tables in the box have a sqrt(J) below `lower_bound_v`; `best` has the lowest met."""
-
-    lower_bound_v: float
-    cells: int
-    best: Solution
-
-
-def certify(objective: Objective, best: Solution) -> Proof:
+def certify(objective: Objective, best: Solution) -> Proof[Solution]:
     """How far below the best known tables any in the box could be.
 
-    It goes on until that is within `settings.proved_share`, or until `settings.most_cells` cells
+    It goes on until that is within `settings.proved_share`, or until `settings.max_boxes` boxes
     have been looked at; nothing is proved where the first ones would be half of those.
     """
-
-    def relax() -> "Bound[Solution]":
-        return _Relaxation(objective, _remainders(objective)).bound
-
-    return Proof(*_branch(objective, objective.settings, relax, best))
+    return _proved(objective, objective.settings, _Relaxation(objective).bound, best)
 
 
 def certify_together(
     together: Searchable[Found],
-    parts: Sequence[tuple[float, Objective, Proof]],
+    parts: Sequence[tuple[float, Objective, Proof[Solution]]],
     best: Found,
     part_squares: Callable[[Found], Sequence[float]],
-) -> tuple[float, int, Found]:
-    """The same for the weighted sum of objectives in one box: a bound on its root in V, the cells
-    looked at, and the best met.
+) -> Proof[Found]:
+    """The same for the weighted sum of objectives in one box.
 
     `parts` have each one's weight and what is proved of it alone; `part_squares` are their own
-    squares at a solution. In every cell each is asked for its share of what is enough.
+    squares at a solution. In every box each is asked for its share of what is enough.
     """
-    settings = parts[0][1].settings
+    relaxed = [
+        (weight, proof.lower_bound_v**2, _Relaxation(objective))
+        for weight, objective, proof in parts
+    ]
 
-    def relax() -> "Bound[Found]":
-        relaxed = [
-            (weight, proof.lower_bound_v**2, _Relaxation(objective, _remainders(objective)))
-            for weight, objective, proof in parts
-        ]
+    def bound(box: Box, objective_v2: float, enough: float) -> tuple[float, Found]:
+        middle = together.solve(tuple((low + high) / 2 for low, high in box))
+        # A little more, or the sum would miss what is enough by its last bit.
+        share = (1 + 1e-12) * enough / middle.objective_v2
+        total = 0.0
+        for (weight, alone, each), own in zip(relaxed, part_squares(middle), strict=True):
+            found = each.bound(box, objective_v2 / weight, share * own)[0] if share < 1 else 0.0
+            total += weight * max(found, alone)
+        return total, middle
 
-        def bound(cell: Cell, squared: float, enough: float) -> tuple[float, Found]:
-            middle = together.solve(tuple((low + high) / 2 for low, high in cell))
-            # A little more, or the sum would miss what is enough by its last bit.
-            share = (1 + 1e-12) * enough / middle.squared
-            total = 0.0
-            for (weight, alone, each), own in zip(relaxed, part_squares(middle), strict=True):
-                found = each.bound(cell, squared / weight, share * own)[0] if share < 1 else 0.0
-                total += weight * max(found, alone)
-            return total, middle
-
-        return bound
-
-    return _branch(together, settings, relax, best)
+    return _proved(together, parts[0][1].settings, bound, best)
 
 
-def _branch(
+def _proved(
     objective: Searchable[Found],
     settings: TableSettings,
-    relax: "Callable[[], Bound[Found]]",
+    bound: Callable[[Box, float, float], tuple[float, Found]],
     best: Found,
-) -> tuple[float, int, Found]:
-    """What the root of J is never below in V, how many cells that took, and the best met."""
-    first = _first_cells(objective)
+) -> Proof[Found]:
+    """What is proved with bounds on J in a box; given are the best J known and what is enough, and
+    what the box's middle gives comes with a bound."""
+    alike = interchangeable_pairs(objective)
+    counts = [math.ceil((axis.high - axis.low) / FIRST_WIDTH) for axis in objective.axes]
+    first = first_boxes(objective.axes, counts, alike)
     # More axes than a proof has the time for.
-    if len(first) > settings.most_cells / 2:
-        return 0.0, 0, best
-    bound = relax()
-    waiting, cells, seen = [], [(0.0, cell) for cell in first], 0
-    while True:
-        root = math.sqrt(best.squared)
-        slack_v = max(RELATIVE * root, ABSOLUTE_V)
-        wanted_v = root - settings.proved_share * max(root, SMALLEST_RMSE_V)
-        enough = max(wanted_v + slack_v, 0.0) ** 2
-        for parent, cell in cells:
-            squared, middle = bound(cell, best.squared, enough)
-            # What holds for a cell holds for its parts.
-            heapq.heappush(waiting, (max(squared, parent), cell))
-            if math.sqrt(middle.squared) < root * (1 - BETTER):
-                found = polish(objective, middle)
-                best = objective.solve(found.place, found.sides, exact=True)
-                root = math.sqrt(best.squared)
-        seen += len(cells)
-        lowest, cell = waiting[0]
-        if lowest >= enough or wanted_v <= 0 or seen >= settings.most_cells:
-            return max(0.0, min(math.sqrt(lowest) - slack_v, root)), seen, best
-        heapq.heappop(waiting)
-        cells = [(lowest, half) for half in _halves(cell, objective)]
+    if len(first) > settings.max_boxes / 2:
+        return Proof(0.0, 0, best)
 
+    def kernel(boxes: Boxes, enough_v: float):
+        nonlocal best
+        bounds_v = []
+        for box in boxes.tolist():
+            lowest_v2, middle = bound(box, best.objective_v2, max(enough_v, 0.0) ** 2)
+            bounds_v.append(math.sqrt(max(lowest_v2, 0.0)))
+            if middle.rms_v < best.rms_v * (1 - BETTER):
+                met = polish(objective, middle)
+                best = objective.solve(met.log_scales, met.sides, exact=True)
+        return np.array(bounds_v), np.argmax(boxes[..., 1] - boxes[..., 0], axis=1), best.rms_v
 
-def _first_cells(objective: Searchable) -> list[Cell]:
-    sides = []
-    for axis in objective.axes:
-        count = max(1, math.ceil((axis.high - axis.low) / FIRST_WIDTH))
-        edges = np.linspace(axis.low, axis.high, count + 1).tolist()
-        sides.append(itertools.pairwise(edges))
-    return [cell for cell in itertools.product(*sides) if _holds_one(cell, objective)]
+    def gap_of(best_v: float, seen: int) -> float:
+        return settings.proved_share
 
-
-def _halves(cell: Cell, objective: Searchable) -> list[Cell]:
-    """The cell halved along its widest side."""
-    widest = max(range(len(cell)), key=lambda index: cell[index][1] - cell[index][0])
-    low, high = cell[widest]
-    middle = (low + high) / 2
-    halves = [
-        (*cell[:widest], half, *cell[widest + 1 :]) for half in ((low, middle), (middle, high))
-    ]
-    return [half for half in halves if _holds_one(half, objective)]
-
-
-def _holds_one(cell: Cell, objective: Searchable) -> bool:
-    """Whether the cell holds time constants that are in order, where all pairs have one box."""
-    taus = cell[: alike_pairs(objective)]
-    return all(
-        first[0] < second[1] or first == second for first, second in itertools.pairwise(taus)
-    )
-
-
-def _remainders(objective: Objective) -> list[Float[np.ndarray, "2 _"]]:
-    """Of each axis's columns: bounds on the RMS of their third derivative by the place, and on
-    that of their own error."""
-    nodes, prepared_records = objective.reduced.layout.nodes, objective.prepared_records
-
-    def shares_of_current(part: PreparedRecord) -> Float[np.ndarray, "samples nodes"]:
-        return hats(part.soc, nodes) * part.held_a[:, None]
-
-    largest_a, _ = _largest_and_rms(prepared_records, shares_of_current)
-    rms_a = np.minimum(largest_a, earlier_rms(prepared_records, shares_of_current))
-    found = []
-    for axis in objective.axes:
-        largest, rms = largest_a, rms_a
-        if axis.direction < 0:
-
-            def amplitude(part: PreparedRecord, table: int | None = axis.table):
-                measured_v = part.hysteresis_amplitude_v
-                if table is None and measured_v is not None:
-                    return part.scored[:, None] * measured_v[:, None]
-                return part.scored[:, None] * hats(part.soc, nodes)
-
-            # What moves the hysteresis is at most 2, from one direction to the other.
-            largest, rms = (2 * each for each in _largest_and_rms(prepared_records, amplitude))
-        found.append(np.array([THIRD_DERIVATIVE * rms, axis.span.error * largest]))
-    return found
-
-
-def _largest_and_rms(
-    prepared_records: Sequence[PreparedRecord],
-    signals: Callable[[PreparedRecord], Float[np.ndarray, "samples signals"]],
-) -> tuple[Float[np.ndarray, "signals"], Float[np.ndarray, "signals"]]:
-    """The largest magnitudes of signals, and the roots of their squares for each scored sample."""
-    largest, squares, scored = np.zeros(1), np.zeros(1), 0
-    for prepared in prepared_records:
-        for part in prepared.parts(BLOCK):
-            values = signals(part)[:BLOCK]
-            largest = np.maximum(largest, np.max(np.abs(values), axis=0))
-            squares = squares + np.sum(values**2, axis=0)
-        scored += int(np.count_nonzero(prepared.scored))
-    return largest, np.sqrt(squares / scored)
+    return Proof(*prove(first, kernel, best.rms_v, gap_of, alike, 1, settings.max_boxes), best)
 
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One axis of a cell: its columns at the lower end, the middle and the upper end.
+    """One axis of a box: its columns at the lower end, the middle and the upper end.
 
-    `tax` are the multipliers of each node's place, `remainder` bounds on the third derivative's
+    `tax` are the multipliers of each node's scale, `remainder` bounds on the third derivative's
     part of y.columns and on its error, for any unit y.
     """
 
@@ -238,17 +135,11 @@ class _Side:
     remainder: Float[np.ndarray, "width"]
 
     @classmethod
-    def of(cls, axis: Axis, ends: Range, middle: Solution, derivatives: np.ndarray, place: float):
+    def of(cls, axis: Axis, ends: Range, middle: Solution, derivatives: np.ndarray, scale: float):
         half_width = (ends[1] - ends[0]) / 2
-        three = np.stack([axis.columns(each) for each in (ends[0], place, ends[1])])
-        third, error = derivatives
-        return cls(
-            axis,
-            half_width,
-            three,
-            -2 * (middle.error @ axis.slopes(place)),
-            PARABOLA * third * half_width**3 + LEBESGUE * error,
-        )
+        three = np.stack([axis.columns_at(each) for each in (ends[0], scale, ends[1])])
+        tax = -2 * (middle.error @ axis.slopes_at(scale))
+        return cls(axis, half_width, three, tax, beyond_parabola(derivatives, half_width))
 
     def least(
         self,
@@ -263,26 +154,31 @@ class _Side:
 
 @dataclass(frozen=True, eq=False)
 class _Relaxation:
-    """What J is never below in the cells of an objective; `derivatives` are its `_remainders`."""
+    """What J is never below in the boxes of an objective."""
 
     objective: Objective
-    derivatives: Sequence[np.ndarray]
 
-    def bound(self, cell: Cell, squared: float, enough: float) -> tuple[float, Solution]:
-        """A bound for tables with at most `squared`, and the best tables of the cell's middle.
+    @cached_property
+    def remainders(self) -> Sequence[Float[np.ndarray, "2 _"]]:
+        objective = self.objective
+        nodes = objective.reduced.layout.nodes
+        return remainders(objective.prepared_records, objective.axes, nodes)
+
+    def bound(self, box: Box, objective_v2: float, enough: float) -> tuple[float, Solution]:
+        """A bound for tables with at most `objective_v2`, and the best tables of the box's middle.
 
         No more is done for a bound than it takes to be `enough`; without a chance of that it is 0.
         """
         objective = self.objective
-        middle = objective.solve(tuple((low + high) / 2 for low, high in cell))
+        middle = objective.solve(tuple((low + high) / 2 for low, high in box))
         sides = [
-            _Side.of(axis, ends, middle, derivatives, place)
-            for axis, ends, derivatives, place in zip(
-                objective.axes, cell, self.derivatives, middle.place, strict=True
+            _Side.of(axis, ends, middle, derivatives, scale)
+            for axis, ends, derivatives, scale in zip(
+                objective.axes, box, self.remainders, middle.log_scales, strict=True
             )
         ]
         fixed = objective.fixed_columns
-        # The first block of a table with an axis is for the cell's lower end, another one, after
+        # The first block of a table with an axis is for the box's lower end, another one, after
         # all tables, for the upper one. The penalty is on their sum.
         lower, upper, upper_penalty, ends = dict(fixed), [], [], []
         base, low, high = objective.base, *(limit.copy() for limit in objective.box)
@@ -313,7 +209,7 @@ class _Relaxation:
         normal = columns.T @ columns + penalty.T @ penalty
         normal[np.diag_indices_from(normal)] *= 1 + RIDGE
         gradient = columns.T @ base
-        limits = self._limits(squared)
+        limits = self._limits(objective_v2)
 
         lowest, guess = math.inf, None
         size = float(np.linalg.norm(middle.error))
@@ -359,11 +255,11 @@ class _Relaxation:
         low, high = limits
         return value + float(np.sum(np.minimum(low * slope, high * slope))), lacking
 
-    def _limits(self, squared: float) -> tuple[np.ndarray, np.ndarray]:
+    def _limits(self, objective_v2: float) -> tuple[np.ndarray, np.ndarray]:
         """How far every unknown of tables with at most this J can be from zero."""
         objective = self.objective
         furthest = [
-            math.sqrt(squared / (ridge * objective.share)) / weight
+            math.sqrt(objective_v2 / (ridge * objective.smoothing_scale)) / weight
             for weight, ridge in objective.weights
         ]
         # A step from node to node is at most the sum of both values.

@@ -166,9 +166,9 @@ def _together(folds: Sequence[Sums]) -> SocErrors:
 def _held_out(objective: Objective, best: Solution, parts: Sequence[Reduced]) -> list[Sums]:
     """What every fold's samples come to, which the tables of the others predict."""
     folds = len(parts) // 2
-    # Of every group's factor only the columns at one place are wanted.
+    # Of every group's factor only the columns at some scales are wanted.
     columns, bases = zip(
-        *(replace(objective, reduced=part).columns(best.place) for part in parts), strict=True
+        *(replace(objective, reduced=part).columns(best.log_scales) for part in parts), strict=True
     )
     scored = np.array([part.scored for part in parts])
     squares = np.zeros(len(parts))
@@ -209,7 +209,7 @@ def with_spread(
     if len(records) < FEWEST_RECORDS or len(parts) != 2 * len(records):
         return tuple(intervals)
     columns, bases = zip(
-        *(replace(objective, reduced=part).columns(best.place) for part in parts), strict=True
+        *(replace(objective, reduced=part).columns(best.log_scales) for part in parts), strict=True
     )
     scored = np.array([part.scored for part in parts])
     rows, visits = [], []

@@ -16,10 +16,11 @@ from ..cell.tables import HALF_HYSTERESIS, LEAST_OHM
 from ..display import Brief
 from ..errors import InputError
 from ..execution import in_float64
+from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord
 from ..model.search_space import RATE_RANGE, Range
 from ..search.refine import AtBound
-from .certificate import Proof, certify
+from .certificate import certify
 from .cross_validation import (
     CrossValidation,
     SocErrors,
@@ -73,7 +74,7 @@ class TableFit(Brief):
         tau_ranges_s: The box of time constants.
         lower_bound_v: No tables with time constants in the box have a smaller sqrt(J).
         status: "certified" where that is within the share asked for, else "grid-verified".
-        cells: Boxes of time constants that the proof took.
+        boxes: Boxes of time constants that the proof took.
         at_bound: Time constants at a bound.
         parameters: Number of values that samples visit and of searched constants.
         intervals: 95 % intervals of visited nodes, then of searched constants.
@@ -87,7 +88,7 @@ class TableFit(Brief):
     tau_ranges_s: tuple[tuple[float, float], ...]
     lower_bound_v: float
     status: Literal["certified", "grid-verified"]
-    cells: int
+    boxes: int
     at_bound: tuple[AtBound, ...]
     parameters: int
     intervals: tuple[NodeInterval, ...]
@@ -141,17 +142,17 @@ def fit_of(
         held_out = cross_validate(objective, best)
     at_bound = _at_bound(objective, best)
     taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)
-    is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.root
+    is_close = proof.lower_bound_v >= (1 - settings.proved_share) * best.rms_v
     return TableFit(
         tables=tables,
-        objective_v=best.root,
+        objective_v=best.rms_v,
         errors=tuple(
             errors_on(each, tables) for each in prepared_records or objective.prepared_records
         ),
         tau_ranges_s=taus_s,
         lower_bound_v=proof.lower_bound_v,
         status="certified" if is_close else "grid-verified",
-        cells=proof.cells,
+        boxes=proof.boxes,
         at_bound=at_bound,
         parameters=sum(int(np.sum(objective.visited_of(n))) for n in range(objective.tables))
         + sum(axis.high > axis.low for axis in objective.axes),
@@ -275,11 +276,11 @@ def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
 
 def _at_bound(objective: Objective, best: Solution) -> tuple[AtBound, ...]:
     found = []
-    for axis, place in zip(objective.axes, best.place, strict=True):
+    for axis, scale in zip(objective.axes, best.log_scales, strict=True):
         near = AT_BOUND * (axis.high - axis.low)
-        if near and place - axis.low <= near:
+        if near and scale - axis.low <= near:
             found.append(AtBound(axis.name, "lower"))
-        elif near and axis.high - place <= near:
+        elif near and axis.high - scale <= near:
             found.append(AtBound(axis.name, "upper"))
     return tuple(found)
 

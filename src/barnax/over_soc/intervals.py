@@ -80,10 +80,11 @@ class NodeInterval:
 @in_float64
 def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ...]:
     """Those of visited nodes, table after table, then of the time constants and gamma."""
-    lighter = replace(objective, share=LIGHT * objective.share)
-    light = lighter.solve(best.place, best.sides, exact=True)
+    lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
+    light = lighter.solve(best.log_scales, best.sides, exact=True)
     is_open = [
-        axis.low < place < axis.high for axis, place in zip(objective.axes, best.place, strict=True)
+        axis.low < scale < axis.high
+        for axis, scale in zip(objective.axes, best.log_scales, strict=True)
     ]
     of_tables = lighter.ways(light)
     ways = np.asarray(block_diag(of_tables, np.eye(len(is_open))[:, is_open]))
@@ -121,10 +122,10 @@ def intervals_of(objective: Objective, best: Solution) -> tuple[NodeInterval, ..
             if name.startswith("R") and each.low is not None:
                 each = replace(each, low=max(each.low, 0.0))
             found.append(each)
-    for number, (axis, place) in enumerate(zip(objective.axes, best.place, strict=True)):
+    for number, (axis, scale) in enumerate(zip(objective.axes, best.log_scales, strict=True)):
         # Of the logarithm, so that the interval is positive.
-        each = interval(axis.name, None, len(best.unknowns) + number, place, place)
-        value = math.exp(place)
+        each = interval(axis.name, None, len(best.unknowns) + number, scale, scale)
+        value = math.exp(scale)
         low, high = (None if end is None else math.exp(end) for end in (each.low, each.high))
         found.append(
             NodeInterval(axis.name, None, value, value * each.standard_error, 0.0, low, high)
@@ -200,11 +201,11 @@ def _linearized(objective: Objective, found: Solution):
     """Columns of all unknowns and of all axes at the scored samples, the base error, and which of
     them come after the first load."""
     pairs, layout = objective.pairs, objective.reduced.layout
-    tau, rate = found.place[:pairs], found.place[pairs:]
+    tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
     rungs = rungs_of(objective.elements)
-    rung_places = [tau[each.element] + math.log(each.ratio) for each in rungs]
+    rung_scales = [tau[each.element] + math.log(each.ratio) for each in rungs]
     layout = replace(
-        layout, in_tau=_around(rung_places, 1), in_rate=_around(rate, -1) if rate else None
+        layout, in_tau=_around(rung_scales, 1), in_rate=_around(rate, -1) if rate else None
     )
     part = replace(objective.reduced, layout=layout)
     for prepared in objective.prepared_records:
@@ -235,8 +236,8 @@ def _linearized(objective: Objective, found: Solution):
             yield columns, base, prepared.informed[block.here][scored]
 
 
-def _around(places: Sequence[float], direction: int) -> Span:
-    """A span whose skeleton is every place and what is one step beside it."""
-    nodes = np.array([direction * (place + step) for place in places for step in (-STEP, 0, STEP)])
+def _around(log_scales: Sequence[float], sign: int) -> Span:
+    """A span whose skeleton is every scale and what is one step beside it."""
+    nodes = np.array([sign * (scale + step) for scale in log_scales for step in (-STEP, 0, STEP)])
     eye = np.eye(len(nodes))
     return Span(0.0, 1.0, nodes, eye[0], eye, np.arange(len(nodes)), eye, 0.0)

@@ -14,20 +14,20 @@ from ..cell.circuits import get_circuit
 from ..cell.elements import RC, Element, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..cell.tables import HALF_HYSTERESIS, OCV_CORRECTION, hats
+from ..model.axes import Axis
 from ..model.box_least_squares import Sides, least_in_box, least_squares_in_box
 from ..model.compressed import BLOCK
 from ..model.exponentials import Span
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from .axes import Axis
 from .reduced import Columns, Reduced
-from .search import Place, Solved
+from .search import LogScales, Solved
 from .settings import OCV, TableSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Solution(Solved):
-    """The best tables at a place: rows of R0, every pair's R, then what else is tabulated.
+    """The best tables at some scales: rows of R0, every pair's R, then what else is tabulated.
 
     `unknowns` are the same as the problem in a box has them (`Objective.to_tables`).
     """
@@ -36,19 +36,14 @@ class Solution(Solved):
     unknowns: Float[np.ndarray, "unknowns"]
     error: Float[np.ndarray, "rows"]
 
-    @property
-    def root(self) -> float:
-        """sqrt(J), in V."""
-        return math.sqrt(self.squared)
-
 
 @dataclass(frozen=True, eq=False)
 class Objective:
     """J of `settings` over some records of a cell, for circuits with so many pairs.
 
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
-    name; places are the logarithms of these. `reduced` is the factor of all scored samples, `parts`
-    those of the groups of `blocks_of`; `share` scales all smoothing weights.
+    name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
+    `parts` those of the groups of `blocks_of`; `smoothing_scale` scales all smoothing weights.
     """
 
     prepared_records: Sequence[PreparedRecord]
@@ -56,7 +51,7 @@ class Objective:
     ranges: Mapping[str, Range]
     reduced: Reduced
     parts: Sequence[Reduced] = ()
-    share: float = 1.0
+    smoothing_scale: float = 1.0
 
     @property
     def elements(self) -> tuple[str, ...]:
@@ -118,12 +113,13 @@ class Objective:
             table: int | None,
             part: np.ndarray,
             span: Span,
-            direction: int,
+            sign: int,
             element: Element = RC,
         ):
             low, high = np.log(self.ranges[name]).tolist()
             flat = part.reshape(len(part), -1)
-            return Axis(name, low, high, table, flat, part.shape[1:], span, direction, element)
+            shape, to_nodes = part.shape[1:], span.from_skeleton
+            return Axis(name, low, high, table, flat, to_nodes, shape, span, sign, element)
 
         axes = [
             axis(names.tau, pair, taus, layout.in_tau, 1, get_element(element))
@@ -191,7 +187,7 @@ class Objective:
             eye = np.eye(len(nodes))
             bent = math.sqrt(self.settings.roughness) * np.diff(eye, 2, axis=0)
             rows = np.concatenate([bent, math.sqrt(ridge) * eye])
-            blocks.append(weight * math.sqrt(self.share) * rows)
+            blocks.append(weight * math.sqrt(self.smoothing_scale) * rows)
         return np.asarray(block_diag(*blocks))
 
     @cached_property
@@ -217,19 +213,21 @@ class Objective:
                 low[self.pairs + 1][1:] = -np.diff(nodes) * np.min(slopes, axis=0)
         return np.concatenate(low), np.concatenate(high)
 
-    def columns(self, place: Place) -> tuple[Columns, Float[np.ndarray, "rows"]]:
-        """Columns of all unknowns at a place, and the base error there."""
+    def columns(self, log_scales: LogScales) -> tuple[Columns, Float[np.ndarray, "rows"]]:
+        """Columns of all unknowns at some scales, and the base error there."""
         blocks, base = dict(self.fixed_columns), self.base
-        for axis, where in zip(self.axes, place, strict=True):
+        for axis, where in zip(self.axes, log_scales, strict=True):
             if axis.table is None:
-                base = base + axis.columns(where)[:, 0]
+                base = base + axis.columns_at(where)[:, 0]
             else:
-                blocks[axis.table] = blocks.get(axis.table, 0.0) + axis.columns(where)
+                blocks[axis.table] = blocks.get(axis.table, 0.0) + axis.columns_at(where)
         return np.concatenate([blocks[table] for table in range(self.tables)], axis=1), base
 
-    def solve(self, place: Place, sides: Sides | None = None, exact: bool = False) -> Solution:
-        """The best tables at a place; `exact` takes the orthogonal factorization's digits."""
-        columns, base = self.columns(place)
+    def solve(
+        self, log_scales: LogScales, sides: Sides | None = None, exact: bool = False
+    ) -> Solution:
+        """The best tables at some scales; `exact` takes the orthogonal factorization's digits."""
+        columns, base = self.columns(log_scales)
         low, high = self.box
         if exact:
             whole = np.concatenate([columns, self.penalty])
@@ -240,10 +238,10 @@ class Objective:
             x, sides = least_in_box(normal, columns.T @ base, low, high, sides)
         error = base + columns @ x
         bent = self.penalty @ x
-        squared = float(error @ error + bent @ bent)
+        objective_v2 = float(error @ error + bent @ bent)
         rows = self.to_tables @ x
         values = tuple(rows[self.block(table)] for table in range(self.tables))
-        return Solution(place, sides, squared, values, x, error)
+        return Solution(log_scales, sides, objective_v2, values, x, error)
 
     def ways(self, found: Solution) -> Float[np.ndarray, "values ways"]:
         """The ways in which tables can move within their bounds, unless no sample is near.
@@ -262,14 +260,14 @@ class Objective:
         return np.asarray(block_diag(*blocks))
 
     def moved(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
-        """The derivatives of the error by every axis's place, at fixed tables."""
+        """The derivatives of the error by every axis's scale, at fixed tables."""
         return [
-            axis.slopes(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
-            for axis, where in zip(self.axes, found.place, strict=True)
+            axis.slopes_at(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
+            for axis, where in zip(self.axes, found.log_scales, strict=True)
         ]
 
     def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of the least J by the place: that at fixed tables, which are optimal."""
+        """The derivative of the least J by the scales: that at fixed tables, which are optimal."""
         return np.array([2 * float(found.error @ each) for each in self.moved(found)])
 
     @property
@@ -293,8 +291,8 @@ class Objective:
     def tables_at(self, found: Solution) -> SocTables:
         """A solution as stored, pairs from fast to slow; an OCV of its own is left out."""
         values = dict(zip(self.names, (tuple(each.tolist()) for each in found.values), strict=True))
-        tau_s = np.exp(found.place[: self.pairs]).tolist()
-        gamma = math.exp(found.place[-1]) if len(found.place) > self.pairs else None
+        tau_s = np.exp(found.log_scales[: self.pairs]).tolist()
+        gamma = math.exp(found.log_scales[-1]) if len(found.log_scales) > self.pairs else None
         return SocTables(
             nodes=self.reduced.layout.nodes,
             tau_s=tuple(tau_s),

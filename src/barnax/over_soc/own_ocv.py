@@ -107,7 +107,7 @@ def fit_with_ocv(
     for each in known:
         _require_on_axis(each, windows[each.name], axes[each.name].initial_soc, axis_ah)
     if len(known) < len(records):
-        quick = replace(own, folds=0, most_cells=0)
+        quick = replace(own, folds=0, max_boxes=0)
         first = _fitted(known, circuit, windows, axes, quick, axis_ah, origin)
         for each in records:
             if each not in known:

@@ -2,6 +2,7 @@
 exactly, for a hundred unknowns.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -20,17 +21,22 @@ MOST_MINIMA = 4
 ROUNDS = 200
 
 # The logarithms of every time constant in s, then that of gamma where there is one.
-Place = tuple[float, ...]
+LogScales = tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What J the best tables at a place have, and the bounds that they are at, where another solve
-    starts."""
+    """What J the best tables at some scales have, and the bounds that they are at, where another
+    solve starts."""
 
-    place: Place
+    log_scales: LogScales
     sides: Any
-    squared: float
+    objective_v2: float
+
+    @property
+    def rms_v(self) -> float:
+        """sqrt(J), in V."""
+        return math.sqrt(self.objective_v2)
 
 
 Found = TypeVar("Found", bound=Solved)
@@ -41,48 +47,48 @@ class Searchable(Protocol[Found]):
 
     @property
     def axes(self) -> Any: ...
-    def solve(self, place: Place, sides: Any = None, exact: bool = False) -> Found: ...
+    def solve(self, log_scales: LogScales, sides: Any = None, exact: bool = False) -> Found: ...
     def slope(self, found: Found) -> Float[np.ndarray, "axes"]: ...
 
 
 def find_best(objective: Searchable[Found]) -> Found:
     """The best tables and time constants that a grid and descents from its minima find."""
     ends = [polish(objective, each) for each in _minima(objective)]
-    best = min(ends, key=lambda end: end.squared)
-    return objective.solve(best.place, best.sides, exact=True)
+    best = min(ends, key=lambda end: end.objective_v2)
+    return objective.solve(best.log_scales, best.sides, exact=True)
 
 
 def polish(objective: Searchable[Found], start: Found) -> Found:
     """Where a descent from a solution ends (L-BFGS-B), with its pairs from fast to slow."""
     best = start
 
-    def measure(place: Float[np.ndarray, "axes"]) -> tuple[float, Float[np.ndarray, "axes"]]:
+    def measure(log_scales: Float[np.ndarray, "axes"]) -> tuple[float, Float[np.ndarray, "axes"]]:
         nonlocal best
-        found = objective.solve(tuple(place.tolist()), best.sides)
-        if found.squared < best.squared:
+        found = objective.solve(tuple(log_scales.tolist()), best.sides)
+        if found.objective_v2 < best.objective_v2:
             best = found
-        unit = start.squared or 1.0
-        return found.squared / unit, objective.slope(found) / unit
+        unit = start.objective_v2 or 1.0
+        return found.objective_v2 / unit, objective.slope(found) / unit
 
     minimize(
         measure,
-        np.array(start.place),
+        np.array(start.log_scales),
         jac=True,
         method="L-BFGS-B",
         bounds=[(axis.low, axis.high) for axis in objective.axes],
         options={"maxiter": ROUNDS, "ftol": 1e-15, "gtol": 1e-9},
     )
-    place = in_order(objective, best.place)
-    return best if place == best.place else objective.solve(place)
+    log_scales = in_order(objective, best.log_scales)
+    return best if log_scales == best.log_scales else objective.solve(log_scales)
 
 
-def in_order(objective: Searchable, place: Place) -> Place:
-    """The same place with its pairs from fast to slow, where all have one box."""
-    alike = alike_pairs(objective)
-    return (*sorted(place[:alike]), *place[alike:])
+def in_order(objective: Searchable, log_scales: LogScales) -> LogScales:
+    """The same with its pairs from fast to slow, where all have one box."""
+    alike = interchangeable_pairs(objective)
+    return (*sorted(log_scales[:alike]), *log_scales[alike:])
 
 
-def alike_pairs(objective: Searchable) -> int:
+def interchangeable_pairs(objective: Searchable) -> int:
     """How many pairs can change places: all RC pairs, where they have one box, else none."""
     boxes = [
         (axis.low, axis.high) for axis in objective.axes if axis.name != RATE and axis.element == RC
@@ -94,12 +100,12 @@ def _minima(objective: Searchable[Found]) -> list[Found]:
     """The lowest of the grid points that no neighbor is below."""
     elements = sum(axis.name != RATE for axis in objective.axes)
     places = GRID.places(((axis.low, axis.high) for axis in objective.axes), elements)
-    squared = np.full([len(axis) for axis in places], np.inf)
+    lowest_v2 = np.full([len(axis) for axis in places], np.inf)
     found: dict[tuple[int, ...], Found] = {}
-    sides = None
+    sides, alike = None, interchangeable_pairs(objective)
     # Two pairs with one time constant are one pair, and searched only where there is no other.
-    for point in points_in_order(squared.shape, alike_pairs(objective), apart=True).T.tolist():
-        place = tuple(float(axis[index]) for axis, index in zip(places, point, strict=True))
-        found[*point] = solution = objective.solve(place, sides)
-        squared[*point], sides = solution.squared, solution.sides
-    return [found[point] for point in minima_of(squared)[:MOST_MINIMA]]
+    for point in points_in_order(lowest_v2.shape, alike, apart=True).T.tolist():
+        log_scales = tuple(float(axis[at]) for axis, at in zip(places, point, strict=True))
+        found[*point] = solution = objective.solve(log_scales, sides)
+        lowest_v2[*point], sides = solution.objective_v2, solution.sides
+    return [found[point] for point in minima_of(lowest_v2)[:MOST_MINIMA]]

@@ -17,15 +17,16 @@ from ..blas import one_blas_thread
 from ..cell import SocTables, TemperatureTables
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..errors import InputError
+from ..global_optimum.proof import Proof
+from ..model.axes import Axis
 from ..model.prepared import PreparedRecord
 from ..search.evaluate import Evaluation
 from ..settings import is_temperature
-from .axes import Axis
-from .certificate import Proof, certify, certify_together
+from .certificate import certify, certify_together
 from .cross_validation import SocErrors
 from .fit import TableFit, box_of, fit_of, pooled_errors, reduced_objective
 from .objective import Objective, Solution
-from .search import Place, Solved, find_best, polish
+from .search import LogScales, Solved, find_best, polish
 from .settings import TableSettings
 from .simulate import evaluate_tables
 
@@ -146,7 +147,7 @@ class TableFits:
 
 @dataclass(frozen=True, eq=False)
 class _JointSolution(Solved):
-    """The best tables of every temperature at a place."""
+    """The best tables of every temperature at some scales."""
 
     parts: tuple[Solution, ...]
 
@@ -166,13 +167,15 @@ class _Joint:
     def axes(self) -> tuple[Axis, ...]:
         return self.objectives[0].axes
 
-    def solve(self, place: Place, sides=None, exact: bool = False) -> _JointSolution:
+    def solve(self, log_scales: LogScales, sides=None, exact: bool = False) -> _JointSolution:
         sides = sides or [None] * len(self.objectives)
         parts = tuple(
-            each.solve(place, own, exact) for each, own in zip(self.objectives, sides, strict=True)
+            each.solve(log_scales, own, exact)
+            for each, own in zip(self.objectives, sides, strict=True)
         )
-        squared = float(self.weights @ [each.squared for each in parts])
-        return _JointSolution(place, tuple(each.sides for each in parts), squared, parts)
+        objective_v2 = float(self.weights @ [each.objective_v2 for each in parts])
+        sides = tuple(each.sides for each in parts)
+        return _JointSolution(log_scales, sides, objective_v2, parts)
 
     def slope(self, found: _JointSolution) -> Float[np.ndarray, "axes"]:
         pairs = zip(self.objectives, found.parts, strict=True)
@@ -205,13 +208,13 @@ def fit_temperatures(
         lower_bound_v, best = _prove_together(joint, best, proofs)
         left_out = _left_out(joint, best, degc)
     fits = tuple(
-        fit_of(objective, Proof(min(proof.lower_bound_v, part.root), proof.cells, part))
+        fit_of(objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part))
         for objective, proof, part in zip(joint.objectives, proofs, best.parts, strict=True)
     )
     over_temperature = OverTemperature(
         temperatures_degc=degc,
-        objective_v=math.sqrt(best.squared),
-        separate_v=joint.root([proof.best.squared for proof in proofs]),
+        objective_v=best.rms_v,
+        separate_v=joint.root([proof.best.objective_v2 for proof in proofs]),
         lower_bound_v=lower_bound_v,
         left_out=left_out,
         reversals=_reversals(fits),
@@ -261,13 +264,14 @@ def _prove_together(
     """
     settings = joint.objectives[0].settings
     alone_v = joint.root([each.lower_bound_v**2 for each in proofs])
-    if not settings.most_cells or alone_v >= (1 - settings.proved_share) * math.sqrt(best.squared):
-        return min(alone_v, math.sqrt(best.squared)), best
+    if not settings.max_boxes or alone_v >= (1 - settings.proved_share) * best.rms_v:
+        return min(alone_v, best.rms_v), best
     parts = zip(joint.weights.tolist(), joint.objectives, proofs, strict=True)
-    together_v, _, best = certify_together(
-        joint, list(parts), best, lambda found: [each.squared for each in found.parts]
+    together = certify_together(
+        joint, list(parts), best, lambda found: [each.objective_v2 for each in found.parts]
     )
-    return min(max(alone_v, together_v), math.sqrt(best.squared)), best
+    best_v = together.best.rms_v
+    return min(max(alone_v, together.lower_bound_v), best_v), together.best
 
 
 def _left_out(joint: _Joint, best: _JointSolution, degc: Sequence[float]) -> tuple[LeftOut, ...]:
@@ -275,7 +279,7 @@ def _left_out(joint: _Joint, best: _JointSolution, degc: Sequence[float]) -> tup
     found = []
     for left, objective in enumerate(joint.objectives):
         others = _Joint(joint.objectives[:left] + joint.objectives[left + 1 :])
-        anew = polish(others, others.solve(best.place))
+        anew = polish(others, others.solve(best.log_scales))
         tables = TemperatureTables(
             (*degc[:left], *degc[left + 1 :]),
             tuple(

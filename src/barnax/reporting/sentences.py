@@ -53,9 +53,9 @@ def optimum_words(optimum: "GlobalOptimum | GlobalPart") -> str:
     if optimum.status == "certified":
         return f"proved, {better}"
     grid = "verified on a grid of time constants"
-    if optimum.cells is None:
+    if optimum.boxes is None:
         return f"{grid}, not proved"
-    return f"{grid}; the proof stopped after {optimum.cells:,} cells: {better}"
+    return f"{grid}; the proof stopped after {optimum.boxes:,} boxes: {better}"
 
 
 def better_than(proved_gap: float) -> str:

@@ -142,7 +142,7 @@ def best_tables(fit: "TableFit", model: str) -> str:
         return f"proved: {gap}"
     if fit.lower_bound_v <= 0:
         return f"{GRID}, not proved."
-    return f"{GRID}; the proof stopped after {fit.cells:,} cells: {gap}"
+    return f"{GRID}; the proof stopped after {fit.boxes:,} boxes: {gap}"
 
 
 def expectation(over: "OverTemperature") -> str:

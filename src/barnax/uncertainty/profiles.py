@@ -75,7 +75,7 @@ def profile(
     best_v = float(np.sqrt(np.mean(linearization.error_v**2)))
     threshold_v = best_v * math.sqrt(1 + rise)
 
-    ordered = problem.bounds.alike_pairs
+    ordered = problem.bounds.interchangeable_pairs
     full = np.zeros(len(linearization.point))
     full[list(linearization.free)] = direction
     # How the others follow to first order: along the white-noise covariance, by which fits move.

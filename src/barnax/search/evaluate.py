@@ -21,6 +21,7 @@ from ..model.prepared import (
 from ..model.problem import rc_parameters
 from ..model.simulate import terminal_voltage
 from ..model.window import Window
+from ..notices import Notice
 from ..records import Record
 
 
@@ -32,13 +33,13 @@ class Evaluation(Brief):
         prepared: The record in its window.
         simulated_v: The terminal voltage at every simulated sample.
         metrics: Errors over the counted samples only.
-        warnings: Sentences about a record to validate on, with what to do.
+        warnings: What is doubtful about a record to validate on, with what to do.
     """
 
     prepared: PreparedRecord
     simulated_v: Float[np.ndarray, "simulated"]
     metrics: Metrics
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
 
     @property
     def error_v(self) -> Float[np.ndarray, "simulated"]:
